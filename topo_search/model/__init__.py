@@ -1,0 +1,37 @@
+"""The nouns: frozen, picklable values that cross the borders between solver, audit and search."""
+
+from topo_search.model.audit import Audit, Clearance, Residual, Status
+from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.design import Design, SolverRecord
+from topo_search.model.exposure import Directional, Exterior, Local, needs_offset
+from topo_search.model.infeasible import Infeasible
+from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
+from topo_search.model.module import AirflowEnvelope, Module
+from topo_search.model.task import EndEffector, ResolvedTask, Search, Task
+from topo_search.model.topology import Topology
+
+__all__ = [
+    "AirflowEnvelope",
+    "Audit",
+    "BadInput",
+    "Clearance",
+    "Design",
+    "Directional",
+    "EndEffector",
+    "Exterior",
+    "Fault",
+    "Infeasible",
+    "LoadCase",
+    "Local",
+    "Module",
+    "Residual",
+    "ResolvedTask",
+    "Search",
+    "SolverRecord",
+    "Status",
+    "Task",
+    "Topology",
+    "Wrench",
+    "needs_offset",
+    "ten_wrenches",
+]

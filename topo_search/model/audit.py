@@ -1,0 +1,78 @@
+"""The audit of a design, as `audit.json` holds it. Numbers are signed: positive is clear."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Any, Literal
+
+from topo_search.model.value import Value
+
+
+class Status(StrEnum):
+    """The verdict on one clearance, or on a whole design."""
+
+    CLEAR = "clear"
+    VIOLATED = "violated"
+    UNDECIDED = "undecided"
+    INCONSISTENT = "inconsistent"
+
+    @classmethod
+    def worst(cls, statuses: Any) -> Status:
+        """Return the gravest of some statuses; clear if there are none."""
+        order = list(cls)
+        return max(statuses, key=order.index, default=cls.CLEAR)
+
+
+Kind = Literal["airflow", "local", "directional", "exterior", "exclusion", "separation", "body", "rod"]
+
+
+class Clearance(Value):
+    """The certified clearance of one pair of volumes."""
+
+    kind: Kind
+    a: int
+    """A module."""
+    b: int
+    """The other module, or the number of the exposure requirement; -1 for p_E."""
+    segment: int | None = None
+    """Index of the capsule in a directional requirement."""
+    status: Status
+    lower_m: float | None
+    """Proven lower bound of the clearance [m]; None when violated."""
+    upper_m: float | None
+    """Proven upper bound [m]; for a violation minus the proven depth."""
+    analytic_m: float
+    """Exact value from the closed form [m]."""
+    level: int
+    """Mesh refinement that decided it."""
+
+
+class Residual(Value):
+    """One checked number of a design: how far it is off, against what is allowed."""
+
+    name: str
+    """What is checked, in the user's words, e.g. `load case 2, torque`."""
+    value: float
+    """Largest deviation, in `unit`; zero when met."""
+    unit: str
+    scaled: float
+    """The deviation in units of its tolerance's scale (m_t g, l_arm m_t g, u_max, relative, rad)."""
+    tolerance: float
+    """Largest `scaled` that passes."""
+    status: Status
+
+
+class Audit(Value):
+    """Everything re-derived from a design alone, and the verdict."""
+
+    format: Literal["topo-search/audit"] = "topo-search/audit"
+    version: Literal[1] = 1
+    verdict: Status
+    pairs: tuple[Clearance, ...]
+    residuals: tuple[Residual, ...]
+    assembly: dict[str, Any]
+    """One row a joint; the end-effector's mount."""
+    allowed_contacts: tuple[dict[str, Any], ...]
+    """Pairs of parts that touch by construction."""
+    versions: dict[str, str]
+    seconds: float

@@ -1,0 +1,80 @@
+"""Load cases: the whole wrench that the rotors must produce, at the end-effector, at the COM, or both.
+
+Gravity is never added. `f_E` is the force that the platform exerts at the end-effector; carrying the weight is a
+load case (or a part of one) like any other, with the COM force [0, 0, m_t g].
+"""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from topo_search.model.value import Positive, Value, Vector
+
+
+class Wrench(Value):
+    """A force and a torque in the task frame, in the units of its load case."""
+
+    force: Vector = (0.0, 0.0, 0.0)
+    torque: Vector = (0.0, 0.0, 0.0)
+
+    def scaled(self, force_unit: float, torque_unit: float) -> Wrench:
+        """Return the wrench with its force and torque in other units."""
+        fx, fy, fz = self.force
+        tx, ty, tz = self.torque
+        return Wrench(
+            force=(fx * force_unit, fy * force_unit, fz * force_unit),
+            torque=(tx * torque_unit, ty * torque_unit, tz * torque_unit),
+        )
+
+
+class LoadCase(Value):
+    """One wrench that the platform must be able to exert, and how much its effort counts."""
+
+    units: Literal["weight", "SI"] = "weight"
+    """`weight`: forces in m_t g, torques in l_arm m_t g; `SI`: N and N m."""
+    end_effector: Wrench | None = None
+    """f_E, tau_E: exerted at the end-effector."""
+    com: Wrench | None = None
+    """f_C, tau_C: exerted at the platform's centre of mass."""
+    weight: Positive = 1.0
+    """lambda_k: weight of this case's effort in the objective."""
+
+    @model_validator(mode="after")
+    def _asks_for_something(self) -> Self:
+        if self.end_effector is None and self.com is None:
+            raise ValueError("a load case must have `end_effector`, `com` or both, but has neither")
+        return self
+
+    @property
+    def at_end_effector(self) -> Wrench:
+        """The wrench at the end-effector; zero if none is asked for."""
+        return self.end_effector or Wrench()
+
+    @property
+    def at_com(self) -> Wrench:
+        """The wrench at the COM; zero if none is asked for."""
+        return self.com or Wrench()
+
+    def to_si(self, force_unit: float, torque_unit: float) -> LoadCase:
+        """Return the same load case in N and N m, given m_t g [N] and l_arm m_t g [N m]."""
+        if self.units == "SI":
+            return self
+        end_effector, com = (
+            wrench and wrench.scaled(force_unit, torque_unit) for wrench in (self.end_effector, self.com)
+        )
+        return LoadCase(units="SI", end_effector=end_effector, com=com, weight=self.weight)
+
+
+def ten_wrenches(task_seed: int) -> tuple[LoadCase, ...]:
+    """Return nine random end-effector wrenches and the hover case (paper, Sec. IV).
+
+    Forces are uniform in [-0.2, 0.2], [-0.2, 0.2], [0.8, 1.2] m_t g, torques in +-0.2 l_arm m_t g, drawn from
+    `numpy.random.default_rng(task_seed)`.
+    """
+    low, high = [-0.2, -0.2, 0.8, -0.2, -0.2, -0.2], [0.2, 0.2, 1.2, 0.2, 0.2, 0.2]
+    rows = np.random.default_rng(task_seed).uniform(low, high, size=(9, 6)).tolist()
+    drawn = [LoadCase(end_effector=Wrench(force=tuple(row[:3]), torque=tuple(row[3:]))) for row in rows]
+    return (*drawn, LoadCase(com=Wrench(force=(0.0, 0.0, 1.0))))

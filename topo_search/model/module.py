@@ -1,0 +1,162 @@
+"""The module: its mass, rotors, connectors, airflow envelope and real body.
+
+| symbol | field | unit |
+|---|---|---|
+| m | mass | kg |
+| l_arm | arm_length | m |
+| l_c | connector_distance | m |
+| k_f | thrust_coefficient | N s^2 |
+| k_tau | torque_coefficient | N m s^2 |
+| u_max | max_thrust_to_weight m g / (4 k_f) | rad^2/s^2 |
+| r_air | airflow.start_radius | m |
+| theta_air | airflow.spread_angle_deg | deg |
+| l_air, dr_air | length of the envelope's axis, growth of its radius | m |
+
+Defaults are this project's choice; k_f and k_tau as reported in arXiv 2602.18344.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from topo_search.model.value import Positive, Value
+
+
+class Airflow(Value):
+    """The airflow envelope of a module as a user states it; lengths left out scale with the arm."""
+
+    start_radius: Positive | None = None
+    """r_air: radius at the module's centre [m]; default: arm_length."""
+    spread_angle_deg: Annotated[float, Field(strict=True, ge=0, le=90)] = 10.0
+    """theta_air: full spreading angle of the jet [deg]."""
+    reach: Positive | None = None
+    """From the module's centre to the far end of the envelope [m]; default: 20 arm_length / sqrt(2)."""
+
+
+class Body(Value):
+    """The rigid parts of a module: hub and arms as boxes, rotor discs as cylinders."""
+
+    rotor_radius: Positive = 0.05
+    """Radius of a rotor disc [m]."""
+    rotor_height: Positive = 0.02
+    """Height of a rotor disc [m]."""
+    arm_width: Positive = 0.02
+    """Width and height of an arm [m]."""
+    hub: tuple[Positive, Positive, Positive] = (0.08, 0.08, 0.04)
+    """Edges of the hub along x, y, z [m]."""
+    inertia: tuple[Positive, Positive, Positive] | None = None
+    """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at one density."""
+
+
+class AirflowEnvelope(Value):
+    """The cone-sphere of one module: balls on a segment, with linearly growing radius."""
+
+    length: Positive
+    """l_air: length of the axis, from the module's centre along -z [m]."""
+    start_radius: Positive
+    """r_air: radius at the module's centre [m]."""
+    growth: Annotated[float, Field(strict=True, ge=0)]
+    """dr_air: growth of the radius along the axis [m]."""
+
+    @property
+    def end_radius(self) -> float:
+        """Radius of the far ball [m]."""
+        return self.start_radius + self.growth
+
+
+class Module(Value):
+    """A quadrotor module with four connectors."""
+
+    mass: Positive = 0.24
+    """m [kg]."""
+    arm_length: Positive = 0.10
+    """l_arm: module centre to rotor [m]."""
+    connector_distance: Positive = 0.15
+    """l_c: module centre to connector, also the end-effector's exclusion radius [m]."""
+    thrust_coefficient: Positive = 3.87e-7
+    """k_f [N s^2]."""
+    torque_coefficient: Positive = 1.06e-8
+    """k_tau [N m s^2]."""
+    max_thrust_to_weight: Positive = 2.5
+    """Largest thrust of a module over its own weight."""
+    airflow: Airflow = Airflow()
+    """The airflow envelope."""
+    body: Body = Body()
+    """The rigid parts."""
+
+    @model_validator(mode="after")
+    def _far_end_beyond_start(self) -> Self:
+        airflow = self.airflow
+        start = self.arm_length if airflow.start_radius is None else airflow.start_radius
+        reach = 20 * self.arm_length / math.sqrt(2) if airflow.reach is None else airflow.reach
+        if reach <= start:
+            raise ValueError(f"`airflow.reach > airflow.start_radius` must hold, but got {reach} <= {start}")
+        return self
+
+    @property
+    def start_radius(self) -> float:
+        """r_air [m]."""
+        given = self.airflow.start_radius
+        return self.arm_length if given is None else given
+
+    @property
+    def reach(self) -> float:
+        """Distance from the module's centre to the far end of its envelope [m]."""
+        given = self.airflow.reach
+        return 20 * self.arm_length / math.sqrt(2) if given is None else given
+
+    @property
+    def envelope(self) -> AirflowEnvelope:
+        """The cone-sphere whose volume ends at `reach`: l_air + r_air + dr_air = reach."""
+        growth_rate = math.tan(math.radians(self.airflow.spread_angle_deg) / 2)
+        length = (self.reach - self.start_radius) / (1 + growth_rate)
+        return AirflowEnvelope(length=length, start_radius=self.start_radius, growth=length * growth_rate)
+
+    def hover_input(self, gravity: float) -> float:
+        """Return the squared rotor speed at which the module carries its own weight [rad^2/s^2]."""
+        return self.mass * gravity / (4 * self.thrust_coefficient)
+
+    def max_input(self, gravity: float) -> float:
+        """u_max: the largest squared rotor speed [rad^2/s^2]."""
+        return self.max_thrust_to_weight * self.hover_input(gravity)
+
+    @property
+    def inertia(self) -> tuple[float, float, float]:
+        """Ixx, Iyy, Izz about the module's centre [kg m^2]."""
+        return self.body.inertia or _inertia_of_shapes(self)
+
+    def resolve(self) -> Module:
+        """Return the same module with every default written out."""
+        return self.model_copy(
+            update={
+                "airflow": self.airflow.model_copy(update={"start_radius": self.start_radius, "reach": self.reach}),
+                "body": self.body.model_copy(update={"inertia": self.inertia}),
+            }
+        )
+
+
+def _inertia_of_shapes(module: Module) -> tuple[float, float, float]:
+    """Return the diagonal inertia of hub, four arms (each from the centre to a rotor) and four rotor discs.
+
+    All parts have one density, chosen so that they weigh the module's mass; overlaps count twice. By the
+    fourfold symmetry of arms and rotors only the hub can make Ixx and Iyy differ.
+    """
+    body, l_arm = module.body, module.arm_length
+    hx, hy, hz = body.hub
+    w = body.arm_width
+    r, h = body.rotor_radius, body.rotor_height
+    volumes = (hx * hy * hz, 4 * l_arm * w * w, 4 * math.pi * r * r * h)
+    m_hub, m_arms, m_rotors = (module.mass * volume / sum(volumes) for volume in volumes)
+    arms_across = m_arms * (w * w / 12 + l_arm * l_arm / 3)  # about an axis through the centre, across the arm
+    arms_along = m_arms * w * w / 6
+    arms_xy = (arms_across + arms_along) / 2
+    rotors_xy = m_rotors * ((3 * r * r + h * h) / 12 + l_arm * l_arm / 2)
+    rotors_z = m_rotors * (r * r / 2 + l_arm * l_arm)
+    return (
+        m_hub * (hy * hy + hz * hz) / 12 + arms_xy + rotors_xy,
+        m_hub * (hx * hx + hz * hz) / 12 + arms_xy + rotors_xy,
+        m_hub * (hx * hx + hy * hy) / 12 + arms_across + rotors_z,
+    )

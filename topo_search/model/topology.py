@@ -1,0 +1,150 @@
+"""A tree of modules: who is bolted to whom, and by which ports.
+
+| symbol | meaning | range |
+|---|---|---|
+| n | number of modules | >= 1 |
+| parent[i] | parent of module i | -1 for the root (module 0), else < i |
+| parent_port[i] = a | port of the parent | 0..3 = +x, +y, -x, -y of the parent's frame; -1 for the root |
+| child_port[i] = b | module i's own port | 0..3; -1 for the root |
+| kappa[i] | (a + 2 - b) mod 4, quarter turns of the child about its z axis | 0..3; 0 = aligned |
+
+A key is the tree's canonical text. It lists the modules in preorder, one digit each. A digit is the set of
+ports that carry a child: bits 0..3 for the ports 0..3 of the root, bits 0..2 for the ports b+1, b+2, b+3 of a
+module entered through its own port b. Children follow in that order. Keys of aligned trees start with `a`. In a
+tree with an odd kappa the key starts with `p`, and bit 3 of a non-root digit is the parity of kappa. A half turn
+of one module (kappa + 2) is the same platform and has the same key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import networkx as nx
+
+Joint = tuple[int, int, int]
+"""(parent, parent_port, child_port) of one module; (-1, -1, -1) for the root."""
+
+ROOT: Joint = (-1, -1, -1)
+
+
+@dataclass(frozen=True)
+class Topology:
+    """A rooted tree of modules with the ports of every joint, parents before children."""
+
+    joints: tuple[Joint, ...]
+    """One (parent, parent_port, child_port) a module, in parent-before-child order."""
+
+    def __post_init__(self) -> None:
+        """Refuse anything that is not a tree of modules joined at distinct ports."""
+        joints = tuple((int(h), int(a), int(b)) for h, a, b in self.joints)
+        object.__setattr__(self, "joints", joints)
+        if not joints:
+            raise ValueError("a topology must have at least one module, but got none")
+        if joints[0] != ROOT:
+            raise ValueError(f"joint 0 must be the root's [-1, -1, -1], but got {list(joints[0])}")
+        taken: dict[tuple[int, int], int] = {}
+        for i, (h, a, b) in enumerate(joints[1:], start=1):
+            if not 0 <= h < i:
+                raise ValueError(f"`0 <= parent < {i}` must hold in joint {i}, but got parent {h}")
+            for name, port, module in (("parent", a, h), ("child", b, i)):
+                if not 0 <= port <= 3:
+                    raise ValueError(f"the {name} port must be 0, 1, 2 or 3 in joint {i}, but got {port}")
+                if (module, port) in taken:
+                    other = taken[module, port]
+                    raise ValueError(
+                        f"port {port} of module {module} carries one joint, but joints {other} and {i} use it"
+                    )
+                taken[module, port] = i
+
+    @property
+    def n(self) -> int:
+        """Number of modules."""
+        return len(self.joints)
+
+    @property
+    def parents(self) -> tuple[int, ...]:
+        """Parent of every module; -1 for the root."""
+        return tuple(h for h, _, _ in self.joints)
+
+    def edges(self) -> Iterator[tuple[int, int, int, int]]:
+        """Yield (parent h, child i, parent port a, child port b) of every joint, in module order."""
+        for i, (h, a, b) in enumerate(self.joints[1:], start=1):
+            yield h, i, a, b
+
+    @property
+    def kappas(self) -> tuple[int, ...]:
+        """Quarter turns of every module relative to the aligned joint; 0 for the root."""
+        return (0, *((a + 2 - b) % 4 for _, a, b in self.joints[1:]))
+
+    @property
+    def aligned(self) -> bool:
+        """Whether no rotor's spin differs from that of the aligned family: every kappa is even."""
+        return all(kappa % 2 == 0 for kappa in self.kappas)
+
+    @cached_property
+    def key(self) -> str:
+        """The canonical text of this rooted tree (see the module's docstring)."""
+        children: dict[tuple[int, int], int] = {}
+        for h, i, a, _ in self.edges():
+            children[h, a] = i
+        parity_bit = 0 if self.aligned else 8
+        digits: list[str] = []
+        stack = [0]
+        while stack:
+            i = stack.pop()
+            b = self.joints[i][2]
+            slots = (0, 1, 2, 3) if i == 0 else tuple((b + turn) % 4 for turn in (1, 2, 3))
+            mask = sum(1 << bit for bit, port in enumerate(slots) if (i, port) in children)
+            if self.kappas[i] % 2:
+                mask |= parity_bit
+            digits.append(f"{mask:x}")
+            stack.extend(children[i, port] for port in reversed(slots) if (i, port) in children)
+        return ("a" if self.aligned else "p") + "".join(digits)
+
+    @classmethod
+    def from_key(cls, key: str) -> Topology:
+        """Return the one concrete rooted tree that a key names; ValueError says what is wrong with it."""
+        if not key or key[0] not in "ap":
+            raise ValueError(f"a topology key starts with `a` or `p`, but got {key!r}")
+        try:
+            masks = [int(digit, 16) for digit in key[1:]]
+        except ValueError:
+            raise ValueError(f"a topology key has hexadecimal digits after its letter, but got {key!r}") from None
+        any_port = key[0] == "p"
+        joints: list[Joint] = []
+        open_slots: list[tuple[int, int]] = [(-1, -1)]
+        for i, mask in enumerate(masks):
+            if not open_slots:
+                raise ValueError(f"key {key!r} describes {i} modules but has {len(masks)} digits")
+            h, a = open_slots.pop()
+            if h < 0:
+                joints.append(ROOT)
+                ports = [port for port in range(4) if mask >> port & 1]
+            else:
+                if mask >= (16 if any_port else 8):
+                    raise ValueError(f"digit {i} of an aligned key must be under 8, but got {key!r}")
+                b = (a + 2 - (mask >> 3)) % 4
+                joints.append((h, a, b))
+                ports = [(b + turn) % 4 for bit, turn in enumerate((1, 2, 3)) if mask >> bit & 1]
+            open_slots.extend((i, port) for port in reversed(ports))
+        if open_slots:
+            raise ValueError(f"key {key!r} ends before {len(open_slots)} of its modules are described")
+        topology = cls(tuple(joints))
+        if topology.key != key:
+            raise ValueError(f"{key!r} is not canonical: the same tree has the key {topology.key!r}")
+        return topology
+
+    @property
+    def bolted(self) -> frozenset[tuple[int, int]]:
+        """The pairs (h, i), h < i, of modules that share a joint."""
+        return frozenset((h, i) for h, i, _, _ in self.edges())
+
+    def graph(self) -> nx.Graph[int]:
+        """Return the tree as a networkx graph; edges carry `ports = {module: port}`."""
+        graph: nx.Graph[int] = nx.Graph()
+        graph.add_nodes_from(range(self.n))
+        for h, i, a, b in self.edges():
+            graph.add_edge(h, i, ports={h: a, i: b})
+        return graph

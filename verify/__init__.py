@@ -1,0 +1,1 @@
+"""The exact audit of a design; shares no code with the solver."""
