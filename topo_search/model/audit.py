@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from topo_search.model.value import Value
+from pydantic import ConfigDict, Field
+
+from topo_search.model.value import Index, NonNegative, Number, Value
 
 
 class Status(StrEnum):
@@ -17,7 +20,7 @@ class Status(StrEnum):
     INCONSISTENT = "inconsistent"
 
     @classmethod
-    def worst(cls, statuses: Any) -> Status:
+    def worst(cls, statuses: Iterable[Status]) -> Status:
         """Return the gravest of some statuses; clear if there are none."""
         order = list(cls)
         return max(statuses, key=order.index, default=cls.CLEAR)
@@ -30,20 +33,20 @@ class Clearance(Value):
     """The certified clearance of one pair of volumes."""
 
     kind: Kind
-    a: int
+    a: Index
     """A module."""
-    b: int
+    b: Annotated[int, Field(strict=True, ge=-1)]
     """The other module, or the number of the exposure requirement; -1 for p_E."""
-    segment: int | None = None
+    segment: Index | None = None
     """Index of the capsule in a directional requirement."""
     status: Status
-    lower_m: float | None
+    lower_m: Number | None
     """Proven lower bound of the clearance [m]; None when violated."""
-    upper_m: float | None
+    upper_m: Number | None
     """Proven upper bound [m]; for a violation minus the proven depth."""
-    analytic_m: float
+    analytic_m: Number
     """Exact value from the closed form [m]."""
-    level: int
+    level: Index
     """Mesh refinement that decided it."""
 
 
@@ -52,18 +55,20 @@ class Residual(Value):
 
     name: str
     """What is checked, in the user's words, e.g. `load case 2, torque`."""
-    value: float
+    value: Number
     """Largest deviation, in `unit`; zero when met."""
     unit: str
-    scaled: float
+    scaled: Number
     """The deviation in units of its tolerance's scale (m_t g, l_arm m_t g, u_max, relative, rad)."""
-    tolerance: float
+    tolerance: NonNegative
     """Largest `scaled` that passes."""
     status: Status
 
 
 class Audit(Value):
     """Everything re-derived from a design alone, and the verdict."""
+
+    model_config = ConfigDict(extra="ignore")
 
     format: Literal["topo-search/audit"] = "topo-search/audit"
     version: Literal[1] = 1
@@ -75,4 +80,4 @@ class Audit(Value):
     allowed_contacts: tuple[dict[str, Any], ...]
     """Pairs of parts that touch by construction."""
     versions: dict[str, str]
-    seconds: float
+    seconds: NonNegative

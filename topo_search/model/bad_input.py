@@ -4,12 +4,35 @@ from __future__ import annotations
 
 import difflib
 import json
-import types
+import re
+import reprlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Union, get_args, get_origin
+from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+
+RULES = {
+    "bool_type": "must be true or false",
+    "dict_type": "must be a table of named fields",
+    "finite_number": "must be a finite number",
+    "float_type": "must be a number",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "int_from_float": "must be a whole number",
+    "int_type": "must be a whole number",
+    "less_than_equal": "must be at most {le:g}",
+    "literal_error": "must be {expected}",
+    "model_attributes_type": "must be a table of named fields",
+    "model_type": "must be a table of named fields",
+    "string_type": "must be a text",
+    "tuple_type": "must be a list",
+    "union_tag_invalid": "must be one of {expected_tags}",
+    "value_error": "{error}",
+}
+"""The rule behind each of pydantic's types of error."""
+
+MISSING = "is required, but missing"
 
 
 @dataclass(frozen=True)
@@ -39,73 +62,89 @@ class BadInput(Exception):
 
 
 def faults_of(error: ValidationError, model: type[BaseModel]) -> list[Fault]:
-    """Return one fault for each thing that pydantic found wrong, in field order, without repeats."""
-    return list(dict.fromkeys(_fault(detail, model) for detail in error.errors(include_url=False)))
+    """Return one fault for each thing that pydantic found wrong; of a file of another format, that alone."""
+    faults = [_fault(detail, model) for detail in error.errors(include_url=False)]
+    return [fault for fault in faults if fault.path in ("format", "version")] or faults
 
 
-def _fault(detail: Any, model: type[BaseModel]) -> Fault:
-    location = tuple(detail["loc"])
-    path, owner = _walk(model, location)
-    kind, given = detail["type"], detail["input"]
-    if kind == "extra_forbidden":
-        unknown = str(location[-1])
-        valid = sorted({name for cls in owner for name in cls.model_fields})
-        near = difflib.get_close_matches(unknown, valid, n=1, cutoff=0.5)
-        hint = f"did you mean `{near[0]}`?" if near else f"valid names are {', '.join(valid)}"
-        return Fault(path, f"unknown field; {hint}")
-    if kind == "missing":
-        return Fault(path, "is required, but missing")
-    message = detail["msg"].removeprefix("Value error, ")
-    message = message[0].lower() + message[1:]
-    if kind == "value_error" and ("but got" in message or isinstance(given, (dict, BaseModel))):
-        return Fault(path, message)
-    return Fault(path, f"{message}, but got {_shown(given)}")
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, BaseModel):
-        value = value.model_dump()
+def shown(value: Any) -> str:
+    """Return a value as a file would write it, in at most 80 characters of one line."""
     try:
-        text = json.dumps(value)
-    except (TypeError, ValueError):
-        text = repr(value)
+        text = json.dumps(value, default=str)
+    except RecursionError:
+        text = reprlib.repr(value)
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def _walk(model: type[BaseModel], location: tuple[Any, ...]) -> tuple[str, list[type[BaseModel]]]:
-    """Turn pydantic's location into a path of the file, and find the models that own its last name.
+def nearest(unknown: str, valid: list[str]) -> str:
+    """Return what to say of an unknown name: the valid one that it resembles, or all of them."""
+    word = unknown.lower().replace("-", "_")
+    alike = [name for name in valid if name[:1] == word[:1]]
+    near = difflib.get_close_matches(word, alike, n=1) or difflib.get_close_matches(word, valid, n=1)
+    return f"did you mean `{near[0]}`?" if near else f"valid names are {', '.join(valid)}"
 
-    Pydantic mixes the names of union members into its locations; only field names and indices are in the file.
+
+def _fault(detail: Any, model: type[BaseModel]) -> Fault:
+    kind, given = detail["type"], detail["input"]
+    parts, owner = _walk(detail["loc"], model)
+    path = _path(parts)
+    if kind == "rule":
+        return Fault(path, detail["msg"])
+    if kind == "missing":
+        return Fault(path, MISSING)
+    if kind == "extra_forbidden":
+        return Fault(path, f"unknown field; {nearest(str(detail['loc'][-1]), list(owner.model_fields))}")
+    if kind == "union_tag_not_found":
+        return Fault(f"{path}.kind", MISSING)
+    if kind == "union_tag_invalid":
+        path, given = f"{path}.kind", given["kind"]
+    context = {name: _quoted(value) for name, value in detail.get("ctx", {}).items()}
+    rule = RULES.get(kind, detail["msg"]).format_map(context)
+    return Fault(path, rule if "but got" in rule else f"{rule}, but got {shown(given)}")
+
+
+def _quoted(value: Any) -> Any:
+    """Turn the single quotes around words that pydantic lists into those of TOML and JSON."""
+    return value.replace("'", '"') if isinstance(value, str) else value
+
+
+def _walk(location: tuple[Any, ...], model: type[BaseModel]) -> tuple[list[Any], type[BaseModel]]:
+    """Split pydantic's location into the names and indices of the file, and find the model that owns the last name.
+
+    Pydantic puts the branches of unions in between: `<...>` (see `value.one_of`), or the `kind` of a table.
     """
-    path, owner = "", [model]
-    for last, part in ((i == len(location) - 1, part) for i, part in enumerate(location)):
+    parts: list[Any] = []
+    owner, inside = model, [model]
+    for part in location:
         if isinstance(part, int):
-            path += f"[{part}]"
-        elif any(part in cls.model_fields for cls in owner):
-            path += f".{part}" if path else part
-            if not last:
-                fields = [cls.model_fields[part].annotation for cls in owner if part in cls.model_fields]
-                owner = list(dict.fromkeys(cls for annotation in fields for cls in _models_in(annotation))) or owner
-        elif last and not _is_union_tag(str(part)):
-            path += f".{part}" if path else str(part)
-        else:
-            named = [cls for cls in owner if _tag(cls) == part]
-            owner = named or owner
-    return path, owner
+            parts.append(part)
+        elif len(inside) > 1:
+            inside = [cls for cls in inside if cls.model_fields["kind"].default == part]
+        elif not _is_branch(part):
+            parts.append(part)
+            owner, fields = inside[0], inside[0].model_fields
+            inside = list(_models_in(fields[part].annotation)) if part in fields else [owner]
+    return parts, owner
 
 
-def _tag(cls: type[BaseModel]) -> str | None:
-    kind = cls.model_fields.get("kind")
-    return None if kind is None else str(kind.default)
-
-
-def _is_union_tag(part: str) -> bool:
-    return "[" in part or part in {"int", "float", "str", "bool", "constrained-int", "constrained-float"}
+def _is_branch(part: Any) -> bool:
+    return isinstance(part, str) and part.startswith("<") and part.endswith(">")
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
-    elif get_origin(annotation) is not None or isinstance(annotation, types.UnionType | type(Union)):
-        for argument in get_args(annotation):
-            yield from _models_in(argument)
+    for argument in get_args(annotation):
+        yield from _models_in(argument)
+
+
+def _path(parts: list[Any]) -> str:
+    """Write names and indices as `load_cases[2].com.force`; quote a name that TOML would quote."""
+    path = ""
+    for part in parts:
+        if isinstance(part, int):
+            path += f"[{part}]"
+        else:
+            name = part if re.fullmatch(r"[A-Za-z0-9_-]+", part) else json.dumps(part)
+            path += f".{name}" if path else name
+    return path

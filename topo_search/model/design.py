@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
-import math
+import json
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    PlainSerializer,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+    model_validator,
+)
 
 from topo_search.model.arrays import Array, read_only
+from topo_search.model.bad_input import shown
 from topo_search.model.task import ResolvedTask, Task
 from topo_search.model.topology import Joint, Topology
-from topo_search.model.value import Number, Value, Vector
+from topo_search.model.value import Index, Number, Value, Vector, refuse
 
 
 def _topology(value: Any) -> Any:
     """Read the file's list of [parent, parent_port, child_port]."""
     if isinstance(value, Topology):
         return value
-    rows = value if isinstance(value, (list, tuple)) else [None]
+    rule = "must be a list of [parent, parent_port, child_port] in whole numbers"
+    if not isinstance(value, list | tuple):
+        raise ValueError(rule)
     joints: list[Joint] = []
-    for row in rows:
-        if not isinstance(row, (list, tuple)) or [type(x) for x in row] != [int, int, int]:
-            raise ValueError("must be a list of [parent, parent_port, child_port] with whole numbers")
+    for i, row in enumerate(value):
+        if not isinstance(row, list | tuple) or [type(x) for x in row] != [int, int, int]:
+            raise ValueError(f"{rule}, but got {shown(row)} for module {i}")
         joints.append((row[0], row[1], row[2]))
     return Topology(tuple(joints))
 
@@ -40,23 +50,28 @@ class SolverRecord(Value):
 
     status: str
     """Ipopt's status word for the best start."""
-    iterations: int
+    iterations: Index
     """Ipopt iterations of the best start."""
-    seconds: float
+    seconds: Number
     """Wall-clock time over all starts [s]."""
     seed: int
-    start: int
+    start: Index
     """Index of the best start."""
-    starts: int
+    starts: Index
     """Number of starts tried."""
-    starts_feasible: int
+    starts_feasible: Index
     """Number of starts that reached a feasible point."""
     versions: dict[str, str]
     """Versions of the libraries that fix the result."""
 
 
 class Design(Value):
-    """A platform that claims to do its task; everything but the claim is derived again by the audit."""
+    """A platform that claims to do its task; everything but the claim is derived again by the audit.
+
+    Fields that a file has beyond these are ignored: other programs may add their own.
+    """
+
+    model_config = ConfigDict(extra="ignore")
 
     format: Literal["topo-search/design"] = "topo-search/design"
     version: Literal[1] = 1
@@ -64,7 +79,7 @@ class Design(Value):
     """The whole task with every default filled in, load cases in N and N m."""
     topology: TopologyRows
     topology_key: str | None = None
-    root_module: Annotated[int, Field(strict=True, ge=0, le=0)] = 0
+    root_module: Literal[0] = 0
     root_orientation_rad: Vector
     """psi, alpha_0, alpha_1: R_root = Rz(psi) Rx(alpha_0) Ry(alpha_1)."""
     hinge_angles_rad: tuple[Number, ...]
@@ -75,8 +90,10 @@ class Design(Value):
     """u_k: 4 n values a load case, module-major [rad^2/s^2]."""
     objective: Number
     """J = sum_k lambda_k ||u_k||^2 [rad^4/s^4]."""
-    lower_bound: float | None = None
-    gap: float | None = None
+    lower_bound: Number | None = None
+    """At most the objective, whatever the topology [rad^4/s^4]."""
+    gap: Number | None = None
+    """1 - lower_bound / objective."""
     solver: dict[str, Any] | None = None
 
     @field_validator("task", mode="before")
@@ -90,27 +107,26 @@ class Design(Value):
 
     @field_validator("topology_key", "lower_bound", "gap", "solver", mode="wrap")
     @classmethod
-    def _informative(cls, value: Any, handler: Any) -> Any:
-        """Drop what cannot be read: a file is never refused for a field that only informs."""
+    def _informative(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        """Drop what cannot be read or written again: a file is never refused for a field that only informs."""
         try:
+            json.dumps(value, allow_nan=False)
             return handler(value)
-        except ValueError:
+        except (TypeError, ValueError, RecursionError):
             return None
 
     @model_validator(mode="after")
     def _counts_agree(self) -> Self:
         n, cases = self.topology.n, len(self.task.load_cases)
-        for rule, expected, got in (
-            ("task.modules must be the number of rows of `topology`", n, self.task.n),
-            ("hinge_angles_rad must have one angle a non-root module", n - 1, len(self.hinge_angles_rad)),
-            ("rotor_speeds_squared must have one list a load case", cases, len(self.rotor_speeds_squared)),
-            *(
-                (f"rotor_speeds_squared[{k}] must have 4 values a module", 4 * n, len(u_k))
-                for k, u_k in enumerate(self.rotor_speeds_squared)
-            ),
-        ):
-            if expected != got:
-                raise ValueError(f"{rule}, {expected}, but got {got}")
+        counts: list[tuple[tuple[str | int, ...], str, int, int]] = [
+            (("task", "modules"), "must be the number of rows of `topology`", n, self.task.n),
+            (("hinge_angles_rad",), "must have one angle a non-root module", n - 1, len(self.hinge_angles_rad)),
+            (("rotor_speeds_squared",), "must have one list a load case", cases, len(self.rotor_speeds_squared)),
+        ]
+        for k, u_k in enumerate(self.rotor_speeds_squared):
+            counts.append((("rotor_speeds_squared", k), "must have four values a module", 4 * n, len(u_k)))
+        wrong = [(field, f"{rule}, {due}, but got {got}") for field, rule, due, got in counts if due != got]
+        refuse("Design", *wrong)
         return self
 
     @property
@@ -121,4 +137,4 @@ class Design(Value):
     @staticmethod
     def gap_of(objective: float, lower_bound: float) -> float | None:
         """Return 1 - lower_bound / objective; None for a task without effort."""
-        return None if math.isclose(objective, 0.0, abs_tol=0.0) else 1.0 - lower_bound / objective
+        return None if objective == 0 else 1.0 - lower_bound / objective

@@ -7,18 +7,22 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, Tag, model_validator
 
-from topo_search.model.value import Positive, Value, Vector, is_zero
+from topo_search.model.value import NonEmpty, Positive, Value, Vector, is_zero, one_of, refuse
 
 
 def _has_direction(vector: Vector) -> Vector:
     if is_zero(vector):
-        raise ValueError("must have a direction, but got [0, 0, 0]")
+        raise ValueError("must have a direction")
     return vector
 
 
 Direction = Annotated[Vector, AfterValidator(_has_direction)]
+Axis = Annotated[
+    Annotated[Literal["com"], Tag("<com>")] | Annotated[Direction, Tag("<list>")],
+    one_of('must be "com" or [x, y, z]'),
+]
 
 
 class Local(Value):
@@ -35,7 +39,7 @@ class Directional(Value):
     kind: Literal["directional"] = "directional"
     radius: Positive = 0.15
     """r_sph [m]."""
-    segments: Annotated[tuple[Direction, ...], Field(min_length=1)] | None = None
+    segments: Annotated[tuple[Direction, ...], NonEmpty] | None = None
     """The end of each path, from p_E [m]."""
     along: Literal["end_effector"] | None = None
     """In place of segments: one path along p_E, away from the COM."""
@@ -44,11 +48,10 @@ class Directional(Value):
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
-        if (self.segments is None) == (self.along is None):
-            given = "neither" if self.segments is None else "both"
-            raise ValueError(f"give `segments` or `along`, but got {given}")
-        if (self.along is None) != (self.length is None):
-            raise ValueError("`length` belongs to `along`: give both or neither")
+        given = [name for name in ("segments", "along", "length") if getattr(self, name) is not None]
+        if given not in (["segments"], ["along", "length"]):
+            but = " and ".join(given) or "neither"
+            refuse("Directional", ((), f"must have either `segments` or `along` with `length`, but got {but}"))
         return self
 
     @property
@@ -63,7 +66,7 @@ class Exterior(Value):
     kind: Literal["exterior"] = "exterior"
     half_angle_deg: Annotated[float, Field(strict=True, gt=0, le=90)] = 60.0
     """theta_con [deg]; at 90 the cone is a half-space."""
-    axis: Literal["com"] | Direction = "com"
+    axis: Axis = "com"
     """d_con: from p_E into the allowed cone; `com` points from p_E to the centre of mass."""
 
 

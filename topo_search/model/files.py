@@ -13,7 +13,8 @@ from typing import Any, TypeVar
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from topo_search.model.bad_input import BadInput, Fault, faults_of
+from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
+from topo_search.model.settings import apply_settings
 from topo_search.model.task import Task
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -37,13 +38,12 @@ def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     if name in examples():
         text = (resources.files("topo_search") / "examples" / f"{name}.toml").read_text(encoding="utf-8")
     else:
-        text = _read_text(Path(path), hint=f"no such file, nor a shipped example ({', '.join(examples())})")
+        text = _read_text(Path(path), hint=f"no such file, nor a shipped example; {nearest(name, examples())}")
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise BadInput(name, [Fault("", f"is not a TOML file: {error}")]) from None
-    for setting in settings:
-        _apply(data, setting)
+    except (ValueError, RecursionError) as error:
+        raise BadInput(name, [Fault("", f"is not a TOML file, or only a part of one: {error}")]) from None
+    apply_settings(data, settings)
     return validate(Task, data, name)
 
 
@@ -64,8 +64,8 @@ def read_json(model: type[Model], path: str | Path) -> Model:
 
 
 def to_toml(task: Task) -> str:
-    """Return a task as the text of a TOML file: what was given, defaults left unwritten."""
-    return tomli_w.dumps(task.model_dump(mode="json", exclude_unset=True, exclude_none=True))
+    """Return a task as the text of a TOML file, with every default but those that derive from other fields."""
+    return tomli_w.dumps(task.model_dump(mode="json", exclude_none=True))
 
 
 def to_json(value: BaseModel) -> str:
@@ -91,38 +91,11 @@ def write_atomically(path: Path, text: str) -> None:
 
 def _read_text(path: Path, *, hint: str) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise BadInput(str(path), [Fault("", hint)]) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(str(path), [Fault("", f"cannot be read: {error}")]) from None
-
-
-def _apply(data: dict[str, Any], setting: str) -> None:
-    """Set one field of a task's data, `search.margin=1e-3` or `load_cases.0.weight=2`."""
-    field, equals, text = setting.partition("=")
-    if not equals or not field.strip():
-        raise BadInput("--set", [Fault("", f"must be FIELD=VALUE, but got {setting!r}")])
-    try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        value = text
-    *parents, last = field.strip().split(".")
-    place: Any = data
-    for name in parents:
-        place = _entry(place, name, setting)
-    if isinstance(place, list):
-        _entry(place, last, setting)
-        place[int(last)] = value
-    elif isinstance(place, dict):
-        place[last] = value
-    else:
-        raise BadInput("--set", [Fault(field, f"is not inside a table, in {setting!r}")])
-
-
-def _entry(place: Any, name: str, setting: str) -> Any:
-    if isinstance(place, dict):
-        return place.setdefault(name, {})
-    if isinstance(place, list) and name.isdigit() and int(name) < len(place):
-        return place[int(name)]
-    raise BadInput("--set", [Fault(name, f"is no entry of the task, in {setting!r}")])
+    except UnicodeDecodeError as error:
+        byte = error.object[error.start]
+        raise BadInput(str(path), [Fault("", f"must be UTF-8 text, but got the byte {byte:#04x}")]) from None
+    except OSError as error:
+        raise BadInput(str(path), [Fault("", f"cannot be read: {error.strerror}")]) from None

@@ -11,7 +11,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import model_validator
 
-from topo_search.model.value import Positive, Value, Vector
+from topo_search.model.value import Positive, Value, Vector, refuse
 
 
 class Wrench(Value):
@@ -45,7 +45,7 @@ class LoadCase(Value):
     @model_validator(mode="after")
     def _asks_for_something(self) -> Self:
         if self.end_effector is None and self.com is None:
-            raise ValueError("a load case must have `end_effector`, `com` or both, but has neither")
+            refuse("LoadCase", ((), "must have `end_effector`, `com` or both, but got neither"))
         return self
 
     @property
@@ -57,6 +57,12 @@ class LoadCase(Value):
     def at_com(self) -> Wrench:
         """The wrench at the COM; zero if none is asked for."""
         return self.com or Wrench()
+
+    @property
+    def largest(self) -> float:
+        """The largest component of force or torque, without sign."""
+        wrenches = self.at_end_effector, self.at_com
+        return max(abs(x) for wrench in wrenches for x in (*wrench.force, *wrench.torque))
 
     def to_si(self, force_unit: float, torque_unit: float) -> LoadCase:
         """Return the same load case in N and N m, given m_t g [N] and l_arm m_t g [N m]."""

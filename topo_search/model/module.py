@@ -22,7 +22,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from topo_search.model.value import Positive, Value
+from topo_search.model.value import NonNegative, Positive, PositiveVector, Value, refuse
 
 
 class Airflow(Value):
@@ -45,10 +45,17 @@ class Body(Value):
     """Height of a rotor disc [m]."""
     arm_width: Positive = 0.02
     """Width and height of an arm [m]."""
-    hub: tuple[Positive, Positive, Positive] = (0.08, 0.08, 0.04)
+    hub: PositiveVector = (0.08, 0.08, 0.04)
     """Edges of the hub along x, y, z [m]."""
-    inertia: tuple[Positive, Positive, Positive] | None = None
+    inertia: PositiveVector | None = None
     """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at one density."""
+
+    @model_validator(mode="after")
+    def _inertia_of_a_body(self) -> Self:
+        if self.inertia is not None and 2 * max(self.inertia) > sum(self.inertia) * (1 + 1e-12):
+            text = f"no moment may exceed the sum of the other two, but got {list(self.inertia)}"
+            refuse("Body", (("inertia",), text))
+        return self
 
 
 class AirflowEnvelope(Value):
@@ -58,7 +65,7 @@ class AirflowEnvelope(Value):
     """l_air: length of the axis, from the module's centre along -z [m]."""
     start_radius: Positive
     """r_air: radius at the module's centre [m]."""
-    growth: Annotated[float, Field(strict=True, ge=0)]
+    growth: NonNegative
     """dr_air: growth of the radius along the axis [m]."""
 
     @property
@@ -89,11 +96,9 @@ class Module(Value):
 
     @model_validator(mode="after")
     def _far_end_beyond_start(self) -> Self:
-        airflow = self.airflow
-        start = self.arm_length if airflow.start_radius is None else airflow.start_radius
-        reach = 20 * self.arm_length / math.sqrt(2) if airflow.reach is None else airflow.reach
-        if reach <= start:
-            raise ValueError(f"`airflow.reach > airflow.start_radius` must hold, but got {reach} <= {start}")
+        if self.reach <= self.start_radius:
+            given = f"reach = {self.reach}, start_radius = {self.start_radius}"
+            refuse("Module", (("airflow",), f"`reach > start_radius` must hold, but got {given}"))
         return self
 
     @property

@@ -10,24 +10,75 @@
 
 from __future__ import annotations
 
+import math
+import re
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Tag, model_validator
 
+from topo_search.model.bad_input import shown
 from topo_search.model.exposure import Exposure, needs_offset
 from topo_search.model.load_case import LoadCase, ten_wrenches
 from topo_search.model.module import Module
-from topo_search.model.value import Count, Positive, Value, Vector
+from topo_search.model.value import (
+    Count,
+    Flag,
+    Index,
+    NonEmpty,
+    NonNegative,
+    Positive,
+    Value,
+    Vector,
+    one_of,
+    refuse,
+)
+
+LEAST_OFFSET = 0.1
+"""Least ||p_E|| over l_arm where a requirement takes its direction from p_E."""
+
+
+def _file_name(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", name):
+        raise ValueError("must be 1 to 64 letters, digits, dots, dashes and underscores, a letter or digit first")
+    return name
+
+
+def _fewest_and_most(sizes: Any) -> Any:
+    if len(sizes) != 2:
+        raise ValueError("must be a whole number of modules or [fewest, most]")
+    return sizes
+
+
+Position = Annotated[
+    Annotated[Literal["free"], Tag("<free>")]
+    | Annotated[Literal["com"], Tag("<com>")]
+    | Annotated[Vector, Tag("<list>")],
+    one_of('must be "free", "com" or [x, y, z]'),
+]
+BodyClearance = Annotated[
+    Annotated[Positive, Tag("<number>")] | Annotated[Literal[False], Tag("<false>")],
+    one_of("must be a length or false"),
+]
+Sizes = Annotated[
+    Annotated[Count, Tag("<number>")]
+    | Annotated[Annotated[tuple[Count, Count], BeforeValidator(_fewest_and_most)], Tag("<list>")],
+    one_of("must be a whole number of modules or [fewest, most]"),
+]
+LoadCases = Annotated[
+    Annotated[Literal["ten-wrenches"], Tag("<ten-wrenches>")]
+    | Annotated[tuple[LoadCase, ...], NonEmpty, Tag("<list>")],
+    one_of('must be a list of load cases or "ten-wrenches"'),
+]
 
 
 class EndEffector(Value):
     """The rigid end-effector."""
 
-    mass: Annotated[float, Field(strict=True, ge=0)] = 0.048
+    mass: NonNegative = 0.048
     """m_E [kg]."""
-    position: Literal["free", "com"] | Vector = "free"
+    position: Position = "free"
     """`free`: optimised; `com`: at the centre of mass; [x, y, z]: fixed, from the COM [m]."""
-    exclusion: bool = True
+    exclusion: Flag = True
     """Whether p_E stays at least connector_distance away from every module's centre."""
 
     @property
@@ -45,57 +96,33 @@ class Search(Value):
     """`free`: any root orientation; `paper`: psi = 0 and both angles within +-90 deg."""
     connectors: Literal["aligned", "any"] = "aligned"
     """`aligned`: parent port a meets child port a + 2; `any`: any port of the child."""
-    margin: Annotated[float, Field(strict=True, ge=0)] = 1.0e-4
+    margin: NonNegative = 1.0e-4
     """Asked of the solver beyond zero for every geometric clearance [m]."""
     interference: Literal["airflow", "separation"] = "airflow"
     """`separation`: the paper's ablation, a minimum distance in place of envelope clearance."""
     separation: Positive | None = None
     """Minimum distance of module centres in the ablation [m]; default: 2 arm_length."""
-    body_clearance: Positive | Literal[False] | None = None
+    body_clearance: BodyClearance | None = None
     """Least distance of centres not bolted together [m]; default: 2 (arm_length + rotor_radius); or false."""
 
     @model_validator(mode="after")
     def _no_body_clearance_in_the_ablation(self) -> Self:
         if self.interference == "separation" and self.body_clearance:
-            raise ValueError(
-                '`body_clearance` must be false (or left out) with interference = "separation", '
-                f"but got {self.body_clearance}"
-            )
+            text = f'must be false or left out with interference = "separation", but got {self.body_clearance}'
+            refuse("Search", (("body_clearance",), text))
         return self
-
-
-def _sizes(value: Any) -> Any:
-    """Read `5` and `[4, 6]`; say what a size is when it is neither."""
-    if isinstance(value, (list, tuple)):
-        if len(value) != 2:
-            raise ValueError("must be one number of modules, or [fewest, most]")
-        return tuple(value)
-    return value
-
-
-def _load_cases(value: Any) -> Any:
-    """Tell a named family from a list of cases."""
-    if isinstance(value, str) and value != "ten-wrenches":
-        raise ValueError('must be a list of load cases or "ten-wrenches"')
-    if isinstance(value, (list, tuple)) and not value:
-        raise ValueError("must have at least one load case")
-    return value
-
-
-Sizes = Annotated[Count | tuple[Count, Count], BeforeValidator(_sizes)]
-LoadCases = Annotated[Literal["ten-wrenches"] | tuple[LoadCase, ...], BeforeValidator(_load_cases)]
 
 
 class Task(Value):
     """A task as a user states it; `resolve` writes every default out for one number of modules."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+    name: Annotated[str, AfterValidator(_file_name)]
     """Letters, digits, dots, dashes and underscores; names the run folder."""
     modules: Sizes
     """n, or [fewest, most]."""
     gravity: Positive = 9.81
     """g [m/s^2]."""
-    task_seed: Annotated[int, Field(strict=True, ge=0)] | None = None
+    task_seed: Index | None = None
     """Seed of the random family; belongs to load_cases = "ten-wrenches"."""
     module: Module = Module()
     """The module that the platform is made of."""
@@ -110,18 +137,29 @@ class Task(Value):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        lo, hi = self.sizes[0], self.sizes[-1]
-        if lo > hi:
-            raise ValueError(f"`modules[0] <= modules[1]` must hold, but got [{lo}, {hi}]")
-        if (self.load_cases == "ten-wrenches") != (self.task_seed is not None):
-            raise ValueError('`task_seed` belongs to load_cases = "ten-wrenches": give both or neither')
-        if self.end_effector.fixed_position == (0.0, 0.0, 0.0):
-            for number, requirement in enumerate(self.exposure):
-                if needs_offset(requirement):
-                    raise ValueError(
-                        f"exposure[{number}] takes its direction from p_E, which end_effector.position puts at "
-                        "the centre of mass, where it has none"
-                    )
+        broken: list[tuple[tuple[str | int, ...], str]] = []
+        if not self.sizes:
+            broken.append((("modules",), f"`fewest <= most` must hold, but got {shown(self.modules)}"))
+        if self.load_cases != "ten-wrenches" and self.task_seed is not None:
+            rule = 'must be left out unless load_cases = "ten-wrenches"'
+            broken.append((("task_seed",), f"{rule}, but got {self.task_seed}"))
+        if self.load_cases == "ten-wrenches" and self.task_seed is None:
+            broken.append((("task_seed",), 'must be given with load_cases = "ten-wrenches", but is missing'))
+        fixed, least = self.end_effector.fixed_position, LEAST_OFFSET * self.module.arm_length
+        if fixed is not None and math.hypot(*fixed) < least:
+            text = (
+                f"takes its direction from p_E: `||end_effector.position|| >= {least:g}` must hold, "
+                f"but got {shown(self.end_effector.position)}"
+            )
+            broken += [(("exposure", e), text) for e, asked in enumerate(self.exposure) if needs_offset(asked)]
+        if self.sizes and self.load_cases != "ten-wrenches":
+            unit = max(self.force_unit(self.sizes[-1]), self.torque_unit(self.sizes[-1]))
+            broken += [
+                (("load_cases", k), f"must stay finite in N and N m, but got {shown(case.largest)} weights")
+                for k, case in enumerate(self.load_cases)
+                if case.units == "weight" and not math.isfinite(case.largest * unit)
+            ]
+        refuse("Task", *broken)
         return self
 
     @property
@@ -135,7 +173,7 @@ class Task(Value):
     def n(self) -> int:
         """The number of modules of a task with a single size; ValueError for a range."""
         if isinstance(self.modules, tuple):
-            raise ValueError(f"the task has a range of sizes, {list(self.modules)}: resolve one of them first")
+            raise ValueError(f"`modules` must be one number here, but got {list(self.modules)}")
         return self.modules
 
     def total_mass(self, n: int) -> float:
@@ -186,11 +224,11 @@ class ResolvedTask(Task):
     """A task for one number of modules that stands alone: no default is left open, load cases are in SI."""
 
     modules: Count
-    load_cases: Annotated[tuple[LoadCase, ...], Field(min_length=1)]
+    load_cases: Annotated[tuple[LoadCase, ...], NonEmpty]
 
     @model_validator(mode="after")
     def _in_si(self) -> Self:
-        for number, case in enumerate(self.load_cases):
-            if case.units != "SI":
-                raise ValueError(f'load_cases[{number}].units must be "SI" in a design, but got "{case.units}"')
+        rule = 'must be "SI" in a design, but got "weight"'
+        weights = [k for k, case in enumerate(self.load_cases) if case.units == "weight"]
+        refuse("ResolvedTask", *((("load_cases", k, "units"), rule) for k in weights))
         return self

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, ValidationError
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 
 class Value(BaseModel):
@@ -13,11 +14,76 @@ class Value(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
+def refuse(model: str, *broken: tuple[tuple[str | int, ...], str]) -> None:
+    """Refuse a value for each broken rule between its fields, if there are any.
+
+    Args:
+        model: name of the value's class.
+        broken: the field to name, and what to say of it (rule and value).
+
+    Raises:
+        ValidationError: one error for each broken rule.
+    """
+    if broken:
+        errors = [
+            InitErrorDetails(type=PydanticCustomError("rule", "{text}", {"text": text}), loc=field, input=None)
+            for field, text in broken
+        ]
+        raise ValidationError.from_exception_data(model, errors)
+
+
+def _branch(value: Any) -> str:
+    """Name the branch of a union that a value was plainly meant for: a word means itself, the rest its shape."""
+    if isinstance(value, bool):
+        return "<true>" if value else "<false>"
+    if isinstance(value, int | float):
+        return "<number>"
+    if isinstance(value, list | tuple):
+        return "<list>"
+    return f"<{value}>" if isinstance(value, str) else "<table>"
+
+
+def one_of(rule: str) -> Discriminator:
+    """Choose among the branches of a union, each with its `Tag`, before looking inside.
+
+    A wrong value is then answered by the one branch that it was meant for, or by `rule` if there is none. Tags:
+    `<number>`, `<list>`, `<false>`, or a word in angle brackets.
+    """
+    return Discriminator(_branch, custom_error_type="branch", custom_error_message=rule)
+
+
+def _not_extreme(value: float) -> float:
+    if not 1e-15 <= value <= 1e15:
+        raise ValueError("must be between 1e-15 and 1e15")
+    return value
+
+
+def _three(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise ValueError("must be a list of three numbers")
+    return value
+
+
+Entries = TypeVar("Entries", bound=tuple[Any, ...])
+
+
+def _not_empty(entries: Entries) -> Entries:
+    if not entries:
+        raise ValueError("must have at least one entry")
+    return entries
+
+
 Number = Annotated[float, Field(strict=True)]
 """A finite number; a string or a boolean is none."""
-Positive = Annotated[float, Field(strict=True, gt=0)]
-Count = Annotated[int, Field(strict=True, ge=1)]
-Vector = tuple[Number, Number, Number]
+NonNegative = Annotated[float, Field(strict=True, ge=0, le=1e15)]
+Positive = Annotated[float, Field(strict=True, gt=0), AfterValidator(_not_extreme)]
+"""A physical quantity; the range keeps every number derived from a few of them finite and not zero."""
+Index = Annotated[int, Field(strict=True, ge=0)]
+Count = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+Flag = Annotated[bool, Field(strict=True)]
+Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_three)]
+PositiveVector = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_three)]
+NonEmpty = AfterValidator(_not_empty)
 
 
 def is_zero(vector: Vector) -> bool:

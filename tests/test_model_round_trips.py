@@ -1,0 +1,290 @@
+"""Values go into files and come back unchanged."""
+
+import json
+import pickle
+import tomllib
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from topo_search.model import (
+    Audit,
+    Design,
+    Directional,
+    Exterior,
+    Infeasible,
+    LoadCase,
+    Local,
+    ResolvedTask,
+    SolverRecord,
+    Task,
+    Topology,
+    Wrench,
+)
+from topo_search.model.files import examples, read_json, read_task, to_json, to_toml, validate, write_atomically
+
+EXAMPLES = [
+    "push",
+    "push-directional",
+    "push-exterior-60",
+    "push-exterior-90",
+    "push-local",
+    "push-two-paths",
+    "ten-wrenches",
+    "ten-wrenches-directional",
+    "ten-wrenches-exterior-60",
+    "ten-wrenches-local",
+]
+
+
+def optional(**fields: st.SearchStrategy[Any]) -> st.SearchStrategy[dict[str, Any]]:
+    return st.fixed_dictionaries({}, optional=fields)
+
+
+coordinate = st.floats(-1e6, 1e6)
+vector = st.lists(coordinate, min_size=3, max_size=3)
+offset = vector.filter(lambda v: np.linalg.norm(v) > 1)
+positive = st.floats(1e-3, 1e3)
+positives = st.lists(positive, min_size=3, max_size=3)
+wrench = optional(force=vector, torque=vector)
+load_case = st.one_of(
+    optional(units=st.sampled_from(["weight", "SI"]), weight=positive, com=wrench).flatmap(
+        lambda case: st.builds(lambda w: {**case, "end_effector": w}, wrench)
+    ),
+    st.builds(lambda w: {"com": w}, wrench),
+)
+exposure = st.one_of(
+    st.builds(lambda more: {"kind": "local", **more}, optional(radius=positive)),
+    st.builds(
+        lambda segments, more: {"kind": "directional", "segments": segments, **more},
+        st.lists(vector.filter(any), min_size=1, max_size=3),
+        optional(radius=positive),
+    ),
+    st.builds(lambda x: {"kind": "directional", "along": "end_effector", "length": x}, positive),
+    st.builds(
+        lambda more: {"kind": "exterior", **more},
+        optional(half_angle_deg=st.floats(1e-3, 90), axis=st.just("com") | vector.filter(any)),
+    ),
+)
+module = optional(
+    mass=positive,
+    connector_distance=positive,
+    arm_length=st.floats(0.02, 1.0),
+    thrust_coefficient=st.floats(1e-9, 1e-3),
+    max_thrust_to_weight=positive,
+    airflow=optional(start_radius=st.floats(0.01, 0.2), spread_angle_deg=st.floats(0, 90)),
+    body=optional(rotor_radius=positive, hub=positives, inertia=st.builds(lambda x: [x, 1.5 * x, 2 * x], positive)),
+)
+search = st.one_of(
+    optional(
+        root=st.sampled_from(["free", "paper"]),
+        connectors=st.sampled_from(["aligned", "any"]),
+        margin=st.floats(0, 1),
+        body_clearance=positive | st.just(False),
+    ),
+    st.fixed_dictionaries({"interference": st.just("separation")}, optional={"separation": positive}),
+)
+count = st.integers(1, 100)
+tasks = st.one_of(
+    st.fixed_dictionaries(
+        {"load_cases": st.lists(load_case, min_size=1, max_size=4)},
+    ),
+    st.fixed_dictionaries({"load_cases": st.just("ten-wrenches"), "task_seed": st.integers(0, 2**63 - 1)}),
+).flatmap(
+    lambda cases: st.fixed_dictionaries(
+        {
+            "name": st.from_regex(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", fullmatch=True),
+            "modules": count | st.lists(count, min_size=2, max_size=2).map(sorted),
+            **{name: st.just(value) for name, value in cases.items()},
+        },
+        optional={
+            "gravity": positive,
+            "module": module,
+            "end_effector": optional(
+                mass=st.floats(0, 10), position=st.just("free") | offset, exclusion=st.booleans()
+            ),
+            "exposure": st.lists(exposure, max_size=3),
+            "search": search,
+        },
+    )
+)
+
+
+def through_toml(task: Task) -> Task:
+    return validate(Task, tomllib.loads(to_toml(task)), "again")
+
+
+def design_of(task: Task, topology: Topology, rng: np.random.Generator, **more: Any) -> Design:
+    resolved = task.resolve(topology.n)
+    return Design(
+        task=resolved,
+        topology=topology,
+        topology_key=topology.key,
+        root_orientation_rad=tuple(rng.uniform(-1, 1, 3).tolist()),
+        hinge_angles_rad=tuple(rng.uniform(-1.5, 1.5, topology.n - 1).tolist()),
+        end_effector_m=tuple(rng.uniform(-1, 1, 3).tolist()),
+        rotor_speeds_squared=rng.uniform(0, 3e6, (len(resolved.load_cases), 4 * topology.n)).tolist(),
+        objective=1.5e13,
+        **more,
+    )
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_comes_back_from_toml_and_json(name: str) -> None:
+    task = read_task(name)
+    assert task.name == name
+    assert through_toml(task) == task
+    assert Task.model_validate(json.loads(to_json(task))) == task
+    assert pickle.loads(pickle.dumps(task)) == task
+
+
+def test_the_shipped_examples_are_those_of_the_design() -> None:
+    assert examples() == EXAMPLES
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_leaves_derived_defaults_open(name: str) -> None:
+    task = read_task(name)
+    assert task.module.airflow.start_radius is None
+    assert task.module.airflow.reach is None
+    assert task.search.body_clearance is None
+    assert task.search.separation is None
+
+
+@settings(max_examples=150, deadline=None)
+@given(tasks)
+def test_a_task_comes_back_from_toml_json_and_pickle(data: dict[str, Any]) -> None:
+    task = Task.model_validate(data)
+    assert through_toml(task) == task
+    assert Task.model_validate(json.loads(to_json(task))) == task
+    assert pickle.loads(pickle.dumps(task)) == task
+
+
+@settings(max_examples=150, deadline=None)
+@given(tasks)
+def test_a_resolved_task_stands_alone(data: dict[str, Any]) -> None:
+    task = Task.model_validate(data)
+    for n in {task.sizes[0], task.sizes[-1]}:
+        resolved = task.resolve(n)
+        assert resolved.resolve(n) == resolved
+        assert ResolvedTask.model_validate(json.loads(to_json(resolved))) == resolved
+        assert Task.model_validate(json.loads(to_json(resolved))).resolve(n) == resolved
+        # only what has no value at all is left open
+        written = resolved.model_dump(mode="json")
+        assert {key for key, value in written.items() if value is None} == {"task_seed"}
+        assert None not in written["search"].values()
+        assert None not in written["module"]["airflow"].values()
+        assert None not in written["module"]["body"].values()
+
+
+def test_a_task_made_in_python_keeps_the_kind_of_its_requirements() -> None:
+    requirements = (Local(), Directional(along="end_effector", length=1.0), Exterior())
+    hover = LoadCase(com=Wrench(force=(0.0, 0.0, 1.0)))
+    task = Task(name="made", modules=3, load_cases=(hover,), exposure=requirements)
+    assert through_toml(task) == task
+
+
+@pytest.mark.parametrize("key", ["a0", "a10", "af0000", "a110"])
+def test_a_design_comes_back_from_its_file(tmp_path: Any, key: str) -> None:
+    topology = Topology.from_key(key)
+    task = read_task("push-two-paths")
+    record = SolverRecord(
+        status="Solve_Succeeded",
+        iterations=61,
+        seconds=0.5,
+        seed=3,
+        start=1,
+        starts=2,
+        starts_feasible=1,
+        versions={"casadi": "3.7"},
+    )
+    design = design_of(
+        task,
+        topology,
+        np.random.default_rng(4),
+        lower_bound=1.4e13,
+        gap=Design.gap_of(1.5e13, 1.4e13),
+        solver=record.model_dump(),
+    )
+    path = tmp_path / "deep" / "design.json"
+    write_atomically(path, to_json(design))
+    again = read_json(Design, path)
+    assert again == design
+    assert pickle.loads(pickle.dumps(design)) == design
+    np.testing.assert_array_equal(again.inputs.ravel(), np.ravel(design.rotor_speeds_squared))
+    assert again.inputs.shape == (3, topology.n, 4)
+    assert not again.inputs.flags.writeable
+    assert SolverRecord.model_validate(again.solver) == record
+    assert [entry.name for entry in path.parent.iterdir()] == ["design.json"]
+
+
+def test_the_fields_of_a_design_file_are_those_of_the_format() -> None:
+    task = read_task("push")
+    written = json.loads(to_json(design_of(task, Topology.from_key("af0000"), np.random.default_rng(0))))
+    assert set(written) == {
+        "format",
+        "version",
+        "task",
+        "topology",
+        "topology_key",
+        "root_module",
+        "root_orientation_rad",
+        "hinge_angles_rad",
+        "end_effector_m",
+        "rotor_speeds_squared",
+        "objective",
+        "lower_bound",
+        "gap",
+        "solver",
+    }
+    assert (written["format"], written["version"], written["root_module"]) == ("topo-search/design", 1, 0)
+    assert written["topology"] == [[-1, -1, -1], [0, 0, 2], [0, 1, 3], [0, 2, 0], [0, 3, 1]]
+    assert written["task"]["modules"] == 5
+    assert [case["units"] for case in written["task"]["load_cases"]] == ["SI"] * 3
+
+
+def test_the_gap_of_a_task_without_effort_is_null() -> None:
+    assert Design.gap_of(0.0, 0.0) is None
+    assert Design.gap_of(4.0, 3.0) == 0.25
+
+
+def test_infeasible_and_audit_come_back_from_json() -> None:
+    infeasible = Infeasible(
+        topology=Topology.from_key("a10"),
+        topology_key="a10",
+        status="infeasible",
+        worst_constraint="load case 2, torque",
+        violation=0.3,
+        unit="N m",
+        message="load case 2 lacks 0.3 N m of torque",
+    )
+    assert Infeasible.model_validate(json.loads(to_json(infeasible))) == infeasible
+    data = {
+        "format": "topo-search/audit",
+        "version": 1,
+        "verdict": "violated",
+        "pairs": [
+            {
+                "kind": "airflow",
+                "a": 0,
+                "b": 1,
+                "segment": None,
+                "status": "violated",
+                "lower_m": None,
+                "upper_m": -0.1,
+                "analytic_m": -0.1,
+                "level": 3,
+            }
+        ],
+        "residuals": [],
+        "assembly": {"joints": []},
+        "allowed_contacts": [],
+        "versions": {},
+        "seconds": 0.25,
+    }
+    audit = Audit.model_validate(data)
+    assert json.loads(to_json(audit)) == data
+    assert Audit.model_validate({**data, "remark": "added by another program"}) == audit

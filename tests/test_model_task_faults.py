@@ -1,0 +1,406 @@
+"""A wrong task file gets one message per fault: the field's path, the rule, the value given."""
+
+import pickle
+import re
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from topo_search.model import BadInput, Fault, Task
+from topo_search.model.files import examples, read_task, validate
+
+TASK = """
+name = "t"
+modules = 5
+[[load_cases]]
+com = { force = [0.0, 0.0, 1.0] }
+"""
+TEN = 'name = "t"\nmodules = 5\ntask_seed = 0\nload_cases = "ten-wrenches"\n'
+CAPSULE = '[[exposure]]\nkind = "directional"\n'
+CONE = '[[exposure]]\nkind = "exterior"\n'
+KIND = 'must be one of "local", "directional", "exterior", but got'
+FORMS = "must have either `segments` or `along` with `length`, but got"
+
+
+def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
+    path = tmp_path / "task.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(BadInput) as caught:
+        read_task(path, settings)
+    assert str(caught.value).splitlines() == [f"{caught.value.source}: {fault}" for fault in caught.value.faults]
+    return [str(fault) for fault in caught.value.faults]
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        # unknown names
+        ("[search]\nmargn = 1", "search.margn: unknown field; did you mean `margin`?"),
+        ("[serch]\nmargin = 1", "serch: unknown field; did you mean `search`?"),
+        ("[module]\narm-length = 0.1", "module.arm-length: unknown field; did you mean `arm_length`?"),
+        ("[module.airflow]\nrech = 1.0", "module.airflow.rech: unknown field; did you mean `reach`?"),
+        (
+            "[module.airflow]\nxyz = 1.0",
+            "module.airflow.xyz: unknown field; valid names are start_radius, spread_angle_deg, reach",
+        ),
+        ("[module.body]\nhubb = 1.0", "module.body.hubb: unknown field; did you mean `hub`?"),
+        ("[end_effector]\nmas = 0.1", "end_effector.mas: unknown field; did you mean `mass`?"),
+        (
+            "[[load_cases]]\nunit = 'SI'\ncom = { force = [0, 0, 1] }",
+            "load_cases[1].unit: unknown field; did you mean `units`?",
+        ),
+        (
+            "[[load_cases]]\ncom = { force = [0, 0, 1], torc = [0, 0, 0] }",
+            "load_cases[1].com.torc: unknown field; did you mean `torque`?",
+        ),
+        (CONE + "half_angel_deg = 60", "exposure[0].half_angel_deg: unknown field; did you mean `half_angle_deg`?"),
+        (
+            CAPSULE + "segment = [[1, 0, 0]]\nsegments = [[1, 0, 0]]",
+            "exposure[0].segment: unknown field; did you mean `segments`?",
+        ),
+        ('[module]\n"mas s" = 1', 'module."mas s": unknown field; did you mean `mass`?'),
+        # ranges
+        ("[module]\nmass = -1", "module.mass: must be greater than 0, but got -1"),
+        ("[module]\nmass = 0.0", "module.mass: must be greater than 0, but got 0.0"),
+        ("[module]\nmass = 1e16", "module.mass: must be between 1e-15 and 1e15, but got 1e+16"),
+        ("[module]\narm_length = nan", "module.arm_length: must be a finite number, but got NaN"),
+        ("[module]\narm_length = inf", "module.arm_length: must be a finite number, but got Infinity"),
+        (
+            "[module.airflow]\nspread_angle_deg = 91",
+            "module.airflow.spread_angle_deg: must be at most 90, but got 91",
+        ),
+        (
+            "[module.airflow]\nspread_angle_deg = -1",
+            "module.airflow.spread_angle_deg: must be at least 0, but got -1",
+        ),
+        (
+            "[module.airflow]\nreach = 0.05",
+            "module.airflow: `reach > start_radius` must hold, but got reach = 0.05, start_radius = 0.1",
+        ),
+        (
+            "[module.body]\ninertia = [1, 1, 3]",
+            "module.body.inertia: no moment may exceed the sum of the other two, but got [1.0, 1.0, 3.0]",
+        ),
+        ("[end_effector]\nmass = -0.1", "end_effector.mass: must be at least 0, but got -0.1"),
+        ("[search]\nmargin = -1e-3", "search.margin: must be at least 0, but got -0.001"),
+        ("[search]\nseparation = 0", "search.separation: must be greater than 0, but got 0"),
+        ("[search]\nbody_clearance = -1", "search.body_clearance: must be greater than 0, but got -1"),
+        (CONE + "half_angle_deg = 0", "exposure[0].half_angle_deg: must be greater than 0, but got 0"),
+        (CONE + "half_angle_deg = 120", "exposure[0].half_angle_deg: must be at most 90, but got 120"),
+        (CAPSULE + "segments = [[0, 0, 0]]", "exposure[0].segments[0]: must have a direction, but got [0, 0, 0]"),
+        (CONE + "axis = [0, 0, 0]", "exposure[0].axis: must have a direction, but got [0, 0, 0]"),
+        (
+            "[[load_cases]]\nweight = 0\ncom = { force = [0, 0, 1] }",
+            "load_cases[1].weight: must be greater than 0, but got 0",
+        ),
+        (
+            "[[load_cases]]\ncom = { force = [0, 0, nan] }",
+            "load_cases[1].com.force[2]: must be a finite number, but got NaN",
+        ),
+        (
+            "[[load_cases]]\ncom = { force = [0, 0, 1e308] }",
+            "load_cases[1]: must stay finite in N and N m, but got 1e+308 weights",
+        ),
+        # lengths
+        (
+            "[[load_cases]]\ncom = { force = [0, 1] }",
+            "load_cases[1].com.force: must be a list of three numbers, but got [0, 1]",
+        ),
+        (
+            "[[load_cases]]\ncom = { force = 3 }",
+            "load_cases[1].com.force: must be a list of three numbers, but got 3",
+        ),
+        ("[module.body]\nhub = [1, 1]", "module.body.hub: must be a list of three numbers, but got [1, 1]"),
+        (
+            "[end_effector]\nposition = [1, 0]",
+            "end_effector.position: must be a list of three numbers, but got [1, 0]",
+        ),
+        (CAPSULE + "segments = []", "exposure[0].segments: must have at least one entry, but got []"),
+        (
+            CAPSULE + "segments = [1, 0, 0]\n[search]\nroot = 'free'",
+            [
+                f"exposure[0].segments[{i}]: must be a list of three numbers, but got {x}"
+                for i, x in enumerate((1, 0, 0))
+            ],
+        ),
+        # types
+        ("[module]\nmass = '0.2'", 'module.mass: must be a number, but got "0.2"'),
+        ("[module]\nmass = true", "module.mass: must be a number, but got true"),
+        ("[module]\nmass = 2024-01-01", 'module.mass: must be a number, but got "2024-01-01"'),
+        ("[end_effector]\nexclusion = 1", "end_effector.exclusion: must be true or false, but got 1"),
+        ("[end_effector]\nexclusion = 'no'", 'end_effector.exclusion: must be true or false, but got "no"'),
+        ("[search]\nbody_clearance = true", "search.body_clearance: must be a length or false, but got true"),
+        ("[search]\nbody_clearance = '0.3'", 'search.body_clearance: must be a length or false, but got "0.3"'),
+        ("[search]\nroot = 'paperr'", 'search.root: must be "free" or "paper", but got "paperr"'),
+        ("[search]\nconnectors = 1", 'search.connectors: must be "aligned" or "any", but got 1'),
+        (
+            "[end_effector]\nposition = 'here'",
+            'end_effector.position: must be "free", "com" or [x, y, z], but got "here"',
+        ),
+        ("[end_effector]\nposition = 1", 'end_effector.position: must be "free", "com" or [x, y, z], but got 1'),
+        (
+            "[end_effector]\nposition = [1, 'a', 0]",
+            'end_effector.position[1]: must be a number, but got "a"',
+        ),
+        (CONE + "axis = 'up'", 'exposure[0].axis: must be "com" or [x, y, z], but got "up"'),
+        ("[[exposure]]\nkind = 'locl'", f'exposure[0].kind: {KIND} "locl"'),
+        ("[[exposure]]\nkind = 3", f"exposure[0].kind: {KIND} 3"),
+        ("[[exposure]]\nradius = 0.1", "exposure[0].kind: is required, but missing"),
+        ("[exposure]\nkind = 'local'", 'exposure: must be a list, but got {"kind": "local"}'),
+        ("[[load_cases]]", "load_cases[1]: must have `end_effector`, `com` or both, but got neither"),
+        (
+            "[[load_cases]]\ncom = 3",
+            "load_cases[1].com: must be a table of named fields, but got 3",
+        ),
+        # rules between fields
+        (CAPSULE, f"exposure[0]: {FORMS} neither"),
+        (CAPSULE + "along = 'end_effector'", f"exposure[0]: {FORMS} along"),
+        (CAPSULE + "length = 1", f"exposure[0]: {FORMS} length"),
+        (CAPSULE + "segments = [[1, 0, 0]]\nlength = 1", f"exposure[0]: {FORMS} segments and length"),
+        (
+            CAPSULE + "segments = [[1, 0, 0]]\nalong = 'end_effector'\nlength = 1",
+            f"exposure[0]: {FORMS} segments and along and length",
+        ),
+        (
+            CONE + "axis = 'com'\n[end_effector]\nposition = 'com'",
+            "exposure[0]: takes its direction from p_E: `||end_effector.position|| >= 0.01` must hold, "
+            'but got "com"',
+        ),
+        (
+            CAPSULE + "along = 'end_effector'\nlength = 1\n[end_effector]\nposition = [0, 0, 0.005]",
+            "exposure[0]: takes its direction from p_E: `||end_effector.position|| >= 0.01` must hold, "
+            "but got [0.0, 0.0, 0.005]",
+        ),
+        (
+            "[search]\ninterference = 'separation'\nbody_clearance = 0.3",
+            'search.body_clearance: must be false or left out with interference = "separation", but got 0.3',
+        ),
+    ],
+)
+def test_a_fault_gets_one_message(tmp_path: Path, more: str, expected: str | list[str]) -> None:
+    assert messages(tmp_path, TASK + more) == ([expected] if isinstance(expected, str) else expected)
+
+
+@pytest.mark.parametrize(
+    ("modules", "expected"),
+    [
+        ("0", "must be at least 1, but got 0"),
+        ("-3", "must be at least 1, but got -3"),
+        ("10001", "must be at most 10000, but got 10001"),
+        ("2.0", "must be a whole number, but got 2.0"),
+        ("true", "must be a whole number of modules or [fewest, most], but got true"),
+        ("'5'", 'must be a whole number of modules or [fewest, most], but got "5"'),
+        ("[5]", "must be a whole number of modules or [fewest, most], but got [5]"),
+        ("[4, 5, 6]", "must be a whole number of modules or [fewest, most], but got [4, 5, 6]"),
+        ("[6, 4]", "`fewest <= most` must hold, but got [6, 4]"),
+    ],
+)
+def test_wrong_numbers_of_modules(tmp_path: Path, modules: str, expected: str) -> None:
+    text = TASK.replace("modules = 5", f"modules = {modules}")
+    assert messages(tmp_path, text) == [f"modules: {expected}"]
+
+
+def test_wrong_entries_of_a_range(tmp_path: Path) -> None:
+    text = TASK.replace("modules = 5", "modules = [0, 4.5]")
+    assert messages(tmp_path, text) == [
+        "modules[0]: must be at least 1, but got 0",
+        "modules[1]: must be a whole number, but got 4.5",
+    ]
+
+
+def test_missing_fields(tmp_path: Path) -> None:
+    required = [f"{name}: is required, but missing" for name in ("name", "modules", "load_cases")]
+    assert messages(tmp_path, "") == required
+    for name, line in (("name", 'name = "t"\n'), ("modules", "modules = 5\n")):
+        assert messages(tmp_path, TASK.replace(line, "")) == [f"{name}: is required, but missing"]
+
+
+@pytest.mark.parametrize(
+    ("load_cases", "expected"),
+    [
+        ("[]", "must have at least one entry, but got []"),
+        ('"ten"', 'must be a list of load cases or "ten-wrenches", but got "ten"'),
+        ("3", 'must be a list of load cases or "ten-wrenches", but got 3'),
+        ("{ weight = 1 }", 'must be a list of load cases or "ten-wrenches", but got {"weight": 1}'),
+    ],
+)
+def test_wrong_load_cases(tmp_path: Path, load_cases: str, expected: str) -> None:
+    text = f'name = "t"\nmodules = 5\nload_cases = {load_cases}'
+    assert messages(tmp_path, text) == [f"load_cases: {expected}"]
+
+
+@pytest.mark.parametrize("name", ["", "x y", "../x", "-x", "x" * 65, "a/b", "a\\nb"])
+def test_a_name_names_a_folder(tmp_path: Path, name: str) -> None:
+    (fault,) = messages(tmp_path, TASK.replace('"t"', f'"{name}"'))
+    rule = "must be 1 to 64 letters, digits, dots, dashes and underscores, a letter or digit first"
+    assert fault.startswith(f"name: {rule}, but got")
+
+
+def test_a_task_seed_belongs_to_ten_wrenches(tmp_path: Path) -> None:
+    assert messages(tmp_path, TEN.replace("task_seed = 0\n", "")) == [
+        'task_seed: must be given with load_cases = "ten-wrenches", but is missing'
+    ]
+    assert messages(tmp_path, "task_seed = 4\n" + TASK) == [
+        'task_seed: must be left out unless load_cases = "ten-wrenches", but got 4'
+    ]
+    assert messages(tmp_path, TEN.replace("= 0", "= -1")) == ["task_seed: must be at least 0, but got -1"]
+    assert messages(tmp_path, TEN.replace("= 0", "= 1.5")) == ["task_seed: must be a whole number, but got 1.5"]
+
+
+def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:
+    text = TASK.replace("= 5", "= 0") + "gravty = 3\n[module]\nmass = -1\n[search]\nroot = 'x'"
+    assert messages(tmp_path, text) == [
+        "modules: must be at least 1, but got 0",
+        "module.mass: must be greater than 0, but got -1",
+        "load_cases[0].gravty: unknown field; valid names are units, end_effector, com, weight",
+        'search.root: must be "free" or "paper", but got "x"',
+    ]
+    text = "task_seed = 4\n" + TASK.replace("= 5", "= [6, 4]") + CONE + "[end_effector]\nposition = 'com'"
+    assert [message.split(":")[0] for message in messages(tmp_path, text)] == [
+        "modules",
+        "task_seed",
+        "exposure[0]",
+    ]
+
+
+def test_half_a_file_is_no_task(tmp_path: Path) -> None:
+    (message,) = messages(tmp_path, TASK[: TASK.index("force") + 3])
+    assert message.startswith("is not a TOML file, or only a part of one: ")
+    (message,) = messages(tmp_path, "x = " + "[" * 100_000)
+    assert message.startswith("is not a TOML file, or only a part of one: ")
+
+
+def test_a_file_that_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "task.toml"
+    for content, expected in (
+        (b"\x89PNG\r\n\x1a\n", "must be UTF-8 text, but got the byte 0x89"),
+        ("name = 'ü'".encode("latin-1"), "must be UTF-8 text, but got the byte 0xfc"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(BadInput) as caught:
+            read_task(path)
+        assert [str(fault) for fault in caught.value.faults] == [expected]
+    with pytest.raises(BadInput, match="cannot be read: Is a directory"):
+        read_task(tmp_path)
+    with pytest.raises(BadInput, match="psuh: no such file, nor a shipped example; did you mean `push`"):
+        read_task("psuh")
+    with pytest.raises(BadInput, match="nor a shipped example; valid names are push, "):
+        read_task("zzz")
+
+
+def test_a_byte_order_mark_and_windows_line_ends_are_no_fault(tmp_path: Path) -> None:
+    path = tmp_path / "task.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + TASK.replace("\n", "\r\n").encode())
+    assert read_task(path).n == 5
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("search.margn=1", "search.margn: unknown field; did you mean `margin`?"),
+        ("serch.margin=1", "serch: unknown field; did you mean `search`?"),
+        ("gravty=1", "gravty: unknown field; did you mean `gravity`?"),
+        ("modules", 'must be FIELD=VALUE, but got "modules"'),
+        ("=5", 'must be FIELD=VALUE, but got "=5"'),
+        ("a..b=5", 'must be FIELD=VALUE, but got "a..b=5"'),
+        ("search.=5", 'must be FIELD=VALUE, but got "search.=5"'),
+        ("load_cases.3.weight=2", "load_cases.3: must be an index under 3, but got 3"),
+        ("load_cases.-1.weight=2", 'must be FIELD=VALUE, but got "load_cases.-1.weight=2"'),
+        ("load_cases.first.weight=2", "load_cases.first: must be an index under 3, but got first"),
+        ("load_cases.7=2", "load_cases.7: must be an index under 3, but got 7"),
+        ("modules.0=2", "modules.0: `modules` must be a table or a list to have fields, but got 5"),
+        ("modules.0.x=2", "modules.0: `modules` must be a table or a list to have fields, but got 5"),
+        ("module.mass=heavy", 'module.mass: must be a number, but got "heavy"'),
+        ("module.mass=-1", "module.mass: must be greater than 0, but got -1"),
+        ("load_cases=[]", "load_cases: must have at least one entry, but got []"),
+        ("exposure.0.kind=local", 'exposure: must be a list, but got {"0": {"kind": "local"}}'),
+        (
+            "modules=5\nname='x'",
+            "modules: must be a whole number of modules or [fewest, most], but got \"5\\nname='x'\"",
+        ),
+    ],
+)
+def test_wrong_settings(setting: str, expected: str) -> None:
+    with pytest.raises(BadInput) as caught:
+        read_task("push", (setting,))
+    assert [str(fault) for fault in caught.value.faults] == [expected]
+
+
+def test_every_wrong_setting_is_told() -> None:
+    with pytest.raises(BadInput) as caught:
+        read_task("push", ("modules", "modules.0=2", "gravity=1"))
+    assert caught.value.source == "--set"
+    assert len(caught.value.faults) == 2
+
+
+def test_settings_override_any_field() -> None:
+    settings = (
+        "search.body_clearance=false",
+        "search.margin = 1e-3",
+        "search.root=paper",
+        "modules=[4,6]",
+        "load_cases.0.weight=2",
+        "load_cases[2].com.force=[0, 0, 2]",
+        "module.airflow.reach=1",
+        'exposure=[{kind="local", radius=0.2}]',
+        "exposure.0.radius=0.3",
+        "end_effector.position=com",
+    )
+    task = read_task("push", settings)
+    assert task.search.body_clearance is False
+    assert task.search.margin == 1e-3
+    assert task.search.root == "paper"
+    assert task.sizes == range(4, 7)
+    assert [case.weight for case in task.load_cases if not isinstance(case, str)] == [2, 1, 1]
+    assert task.load_cases[2].at_com.force == (0, 0, 2)  # type: ignore[union-attr]
+    assert task.module.airflow.reach == 1
+    assert task.exposure[0].radius == 0.3  # type: ignore[union-attr]
+    assert task.end_effector.fixed_position == (0, 0, 0)
+    assert read_task("push", ("modules=4",)).n == 4
+    assert read_task("ten-wrenches", ("task_seed=4",)).task_seed == 4
+    assert read_task("push", ("module.connector_distance=0.30",)).module.connector_distance == 0.3
+
+
+def test_bad_input_crosses_processes() -> None:
+    error = BadInput("file", [Fault("a.b", "must be 1, but got 2"), Fault("", "is empty")])
+    again = pickle.loads(pickle.dumps(error))
+    assert str(again) == str(error) == "file: a.b: must be 1, but got 2\nfile: is empty"
+    assert again.faults == error.faults
+
+
+anything = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
+    max_leaves=8,
+)
+FIELDS = ["name", "modules", "gravity", "task_seed", "module", "end_effector", "load_cases", "exposure", "search"]
+
+
+def faults_in(data: dict[str, object]) -> list[Fault]:
+    """Read a task; if it is one, also resolve it, which may not fail then."""
+    try:
+        task = validate(Task, data, "data")
+    except BadInput as error:
+        return error.faults
+    task.resolve(task.sizes[0])
+    return []
+
+
+@given(st.dictionaries(st.sampled_from([*FIELDS, "other", "<list>"]), anything))
+def test_any_data_is_a_task_or_told_what_is_wrong(data: dict[str, object]) -> None:
+    paths = [fault.path for fault in faults_in(data)]
+    assert len(set(paths)) == len(paths)
+    missing = {"name", "modules", "load_cases"} - set(data)
+    assert missing <= set(paths)
+
+
+@given(st.sampled_from(examples()), st.sampled_from(FIELDS), anything)
+def test_a_spoilt_example_is_refused_for_the_spoilt_field(name: str, field: str, value: object) -> None:
+    text = (resources.files("topo_search") / "examples" / f"{name}.toml").read_text()
+    faults = faults_in({**tomllib.loads(text), field: value})
+    spoilt = {field, "task_seed"} if field == "load_cases" else {field}
+    assert {re.split(r"[.\[]", fault.path)[0] for fault in faults} <= spoilt

@@ -1,0 +1,59 @@
+"""Settings of the command line: `FIELD=VALUE` lays a value over one field of a task's data."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from typing import Any
+
+from topo_search.model.bad_input import BadInput, Fault, shown
+
+SETTING = re.compile(r"\s*([A-Za-z_]\w*(?:\.\w+|\[\d+\])*)\s*=(.*)", re.DOTALL)
+"""`search.margin=1e-3`, `load_cases.0.weight=2`, or the same with `load_cases[0]`."""
+
+
+def apply_settings(data: dict[str, Any], settings: tuple[str, ...]) -> None:
+    """Set fields of a task's data, in order; whether they exist and fit is for the task to say.
+
+    Raises:
+        BadInput: one fault for each setting that is none, or that leads into something without fields.
+    """
+    faults = [fault for setting in settings if (fault := _apply(data, setting))]
+    if faults:
+        raise BadInput("--set", faults)
+
+
+def _apply(data: dict[str, Any], setting: str) -> Fault | None:
+    match = SETTING.fullmatch(setting)
+    if match is None:
+        return Fault("", f"must be FIELD=VALUE, but got {shown(setting)}")
+    field, text = match.groups()
+    return _lay(data, re.findall(r"\w+", field), _value(text), above="")
+
+
+def _lay(place: Any, names: list[str], value: Any, *, above: str) -> Fault | None:
+    """Go down the names from `place`, which is the field `above`, and lay the value at their end."""
+    name, *rest = names
+    path = f"{above}.{name}" if above else name
+    key: str | int = name
+    if isinstance(place, list):
+        if not name.isdecimal() or int(name) >= len(place):
+            return Fault(path, f"must be an index under {len(place)}, but got {name}")
+        key = int(name)
+    elif not isinstance(place, dict):
+        return Fault(path, f"`{above}` must be a table or a list to have fields, but got {shown(place)}")
+    if not rest:
+        place[key] = value
+        return None
+    if isinstance(place, dict):
+        place.setdefault(name, {})
+    return _lay(place[key], rest, value, above=path)
+
+
+def _value(text: str) -> Any:
+    """Read a value as TOML writes it; what is none is a text."""
+    try:
+        read = tomllib.loads(f"value = {text}")
+    except ValueError:
+        return text.strip()
+    return read["value"] if len(read) == 1 else text.strip()
