@@ -12,11 +12,11 @@ from topo_search.model.value import Index, NonNegative, Number, Value
 
 
 class Status(StrEnum):
-    """The verdict on one clearance, or on a whole design."""
+    """The verdict on one clearance, or on a whole design; from mildest to gravest."""
 
     CLEAR = "clear"
-    VIOLATED = "violated"
     UNDECIDED = "undecided"
+    VIOLATED = "violated"
     INCONSISTENT = "inconsistent"
 
     @classmethod
