@@ -36,8 +36,8 @@ def test_the_default_envelope_ends_at_its_reach() -> None:
     envelope = Module().envelope
     # (1.41421356 - 0.1) / (1 + tan 5 deg), tan 5 deg = 0.0874886635
     assert envelope.length == pytest.approx(1.2084848, abs=1e-7)
-    assert envelope.growth == pytest.approx(0.1057289, abs=1e-7)
-    assert envelope.end_radius == pytest.approx(0.2057289, abs=1e-7)
+    assert envelope.growth == pytest.approx(0.1057287, abs=1e-7)
+    assert envelope.end_radius == pytest.approx(0.2057287, abs=1e-7)
     assert envelope.length + envelope.start_radius + envelope.growth == pytest.approx(Module().reach, rel=1e-15)
 
 
