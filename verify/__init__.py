@@ -1,1 +1,28 @@
-"""The exact audit of a design; shares no code with the solver."""
+"""The exact audit of a design; shares no code with the solver.
+
+`audit(design)` derives everything again from a design alone; `poses` is the audit's own forward kinematics.
+Both load on first use, so that importing this package costs nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from verify.design_audit import audit
+    from verify.kinematics import Poses, poses
+
+__all__ = ["Poses", "audit", "poses"]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name on its first use (PEP 562)."""
+    if name == "audit":
+        from verify.design_audit import audit
+
+        return audit
+    if name in {"Poses", "poses"}:
+        from verify import kinematics
+
+        return getattr(kinematics, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

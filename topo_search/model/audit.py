@@ -21,7 +21,10 @@ class Status(StrEnum):
 
     @classmethod
     def worst(cls, statuses: Iterable[Status]) -> Status:
-        """Return the gravest of some statuses; clear if there are none."""
+        """Return the gravest of some statuses, in the order of this class; clear if there are none.
+
+        A proven violation stands whatever else is undecided; a fault of the audit itself stands above all.
+        """
         order = list(cls)
         return max(statuses, key=order.index, default=cls.CLEAR)
 
@@ -63,6 +66,10 @@ class Residual(Value):
     tolerance: NonNegative
     """Largest `scaled` that passes."""
     status: Status
+    stated: Number | None = None
+    """The number that the design states, where it states one."""
+    derived: Number | None = None
+    """The same number or its limit, as the audit derives it."""
 
 
 class Audit(Value):

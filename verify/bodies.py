@@ -1,0 +1,142 @@
+"""The volumes that must keep clear of one another.
+
+| symbol | meaning | shape |
+|---|---|---|
+| K | cone-sphere: union of the balls B(P(eta), r(eta)), eta in [0, 1] | |
+| P(eta) = o + eta d, r(eta) = r + eta dr | centre and radius of a ball | (3,), scalar |
+| h_K(u) | support, the largest u.x over K, for any vector u | |
+| apex, d, theta | infinite cone: apex, unit axis into the cone, half-angle in (0, pi/2] | (3,), (3,), scalar |
+| s(x) | (d.q) sin(theta) - |q - (d.q) d| cos(theta), q = x - apex: distance from inside to the cone's surface | |
+
+A capsule has dr = 0, a ball also d = 0. Lengths are in l_arm in whatever frame the caller keeps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def nearest_on_axis(w: Array, d: Array, dr: Array | float) -> Array:
+    """Return the eta in [0, 1] that minimises |w + eta d| - eta dr, in closed form.
+
+    The function is convex. With foot t and distance h of the line from the origin, and L = |d| > dr, its
+    stationary point is t + h dr / (L sqrt(L^2 - dr^2)); with L <= dr it never increases.
+
+    Args:
+        w: start of the axis, shape (..., 3).
+        d: the axis, shape (..., 3).
+        dr: growth of the radius, shape (...), not negative.
+
+    Returns:
+        eta, shape (...).
+    """
+    L2 = np.sum(d * d, axis=-1)
+    L = np.sqrt(L2)
+    steep = np.asarray(dr) >= L
+    t = -np.sum(w * d, axis=-1) / np.where(steep, 1.0, L2)
+    h = np.linalg.norm(w + t[..., None] * d, axis=-1)
+    slope = np.asarray(dr) / np.where(steep, 1.0, L * np.sqrt(np.where(steep, 1.0, (L - dr) * (L + dr))))
+    return np.where(steep, 1.0, np.clip(t + h * slope, 0.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class ConeSphere:
+    """A ball swept along a segment while its radius grows linearly (paper, Sec. III-A)."""
+
+    o: Array
+    """Centre of the first ball, shape (3,)."""
+    d: Array
+    """From the first ball's centre to the last one's, shape (3,)."""
+    r: float
+    """Radius of the first ball, > 0."""
+    dr: float
+    """Growth of the radius, >= 0."""
+
+    @property
+    def extent(self) -> float:
+        """No two of its points are farther apart than twice this."""
+        return float(np.linalg.norm(self.d)) + self.r + self.dr
+
+    def centre(self, eta: float) -> Array:
+        """Return P(eta), shape (3,)."""
+        return self.o + eta * self.d
+
+    def radius(self, eta: float) -> float:
+        """Return r(eta)."""
+        return self.r + eta * self.dr
+
+    def moved(self, shift: Array) -> ConeSphere:
+        """Return the same body elsewhere."""
+        return replace(self, o=self.o + shift)
+
+    def support(self, u: Array) -> Array:
+        """Return h_K(u) for vectors u of any length, shape (m, 3) to (m,)."""
+        length = np.linalg.norm(u, axis=-1)
+        first = u @ self.o + self.r * length
+        return np.asarray(np.maximum(first, first + u @ self.d + self.dr * length))
+
+    def depth(self, x: Array) -> Array:
+        """Return how deep points lie inside one of the balls, shape (..., 3) to (...); positive is inside."""
+        w = self.o - x
+        eta = nearest_on_axis(w, np.broadcast_to(self.d, w.shape), self.dr)
+        return np.asarray(self.r + eta * self.dr - np.linalg.norm(w + eta[..., None] * self.d, axis=-1))
+
+
+def ball(centre: Array, radius: float) -> ConeSphere:
+    """Return a ball as a cone-sphere."""
+    return ConeSphere(centre, np.zeros(3), radius, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """The infinite cone that airflow may fill; at 90 degrees a half-space."""
+
+    apex: Array
+    axis: Array
+    """Unit vector from the apex into the cone, shape (3,)."""
+    half_angle_deg: float
+    """theta [deg], as the task gives it: at 90 the sine and cosine are exact."""
+
+    @property
+    def sin_cos(self) -> tuple[float, float]:
+        """Sine and cosine of theta."""
+        if self.half_angle_deg == 90.0:
+            return 1.0, 0.0
+        theta = math.radians(self.half_angle_deg)
+        return math.sin(theta), math.cos(theta)
+
+    def s(self, x: Array) -> Array:
+        """Return s of points, shape (..., 3) to (...): positive inside."""
+        sin, cos = self.sin_cos
+        q = x - self.apex
+        along = q @ self.axis
+        across = q - along[..., None] * self.axis
+        return np.asarray(along * sin - np.linalg.norm(across, axis=-1) * cos)
+
+    def across(self, x: Array) -> Array:
+        """Return the unit vector from the axis towards a point, at right angles to the axis, shape (3,)."""
+        q = x - self.apex
+        across = q - (q @ self.axis) * self.axis
+        rho = np.linalg.norm(across)
+        if rho <= 1e-12 * np.linalg.norm(q):  # on the axis: any direction is as near
+            return basis_across(self.axis)[0]
+        across -= (across @ self.axis) * self.axis
+        return np.asarray(across / np.linalg.norm(across))
+
+    def inward_normal(self, x: Array) -> Array:
+        """Return the unit normal m of the supporting half-space m.(y - apex) >= 0 nearest to x, shape (3,)."""
+        sin, cos = self.sin_cos
+        return self.axis * sin - self.across(x) * cos
+
+
+def basis_across(axis: Array) -> tuple[Array, Array]:
+    """Return two unit vectors at right angles to a unit vector and to each other, right-handed with it."""
+    e_1 = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    e_1 /= np.linalg.norm(e_1)
+    return e_1, np.cross(axis, e_1)

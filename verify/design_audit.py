@@ -1,0 +1,96 @@
+"""The audit of a whole design: everything derived again from topology, angles, p'_E and u alone.
+
+The verdict is the gravest status among the residuals and the requirements that count. Searching asks the solver for
+a margin; the audit's own threshold is zero.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import platform as python_platform
+import time
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from topo_search.model import Audit, Clearance, Design, Status
+from verify.bodies import Cone
+from verify.certificate import Certificate, certify_pairs
+from verify.cone_certificate import certify_inside
+from verify.kinematics import Platform, platform
+from verify.requirements import Requirement, Scene
+from verify.residuals import finite, residuals
+
+
+def audit(design: Design) -> Audit:
+    """Return the audit of a design; a pure function of it, but for `seconds`.
+
+    python-fcl is native code that can crash: callers that must survive run this in a child process.
+    """
+    started = time.perf_counter()
+    with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers overflow, and then nothing is proven
+        return _audit(design, started)
+
+
+def _audit(design: Design, started: float) -> Audit:
+    found = platform(design)
+    rows = residuals(design, found)
+    scene = Scene(design, found)
+    requirements = list(scene.requirements())
+    certificates = _certificates(requirements)
+    statuses = [row.status for row in rows]
+    statuses += [c.status for requirement, c in zip(requirements, certificates, strict=True) if requirement.counts]
+    return Audit(
+        verdict=Status.worst(statuses),
+        pairs=tuple(_clearance(*row, scene.l_arm) for row in zip(requirements, certificates, strict=True)),
+        residuals=rows,
+        assembly=_assembly(design, found),
+        allowed_contacts=(),
+        versions=dict(_versions()),
+        seconds=time.perf_counter() - started,
+    )
+
+
+def _certificates(requirements: list[Requirement]) -> list[Certificate]:
+    """Return one certificate a requirement, pairs of bodies all at once."""
+    pairs = [(r.body, r.against) for r in requirements if not isinstance(r.against, Cone)]
+    certified = iter(certify_pairs(pairs))
+    return [
+        certify_inside(r.body, r.against) if isinstance(r.against, Cone) else next(certified) for r in requirements
+    ]
+
+
+def _clearance(requirement: Requirement, certificate: Certificate, l_arm: float) -> Clearance:
+    lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
+    return Clearance(
+        kind=requirement.kind,
+        a=requirement.a,
+        b=requirement.b,
+        segment=requirement.segment,
+        status=certificate.status,
+        lower_m=lower,
+        upper_m=upper,
+        analytic_m=finite(certificate.analytic * l_arm),
+        level=certificate.level,
+    )
+
+
+def _assembly(design: Design, found: Platform) -> dict[str, Any]:
+    """Return what to bolt where, in an order in which every joint's first part is already there."""
+    joints = [
+        {"module": h, "port": a, "child": i, "child_port": b, "angle_deg": finite(math.degrees(alpha))}
+        for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
+    ]
+    end_effector = {
+        "position_m": list(design.end_effector_m),
+        "from_com_m": [finite(x) for x in found.p_e.tolist()],
+    }
+    return {"joints": joints, "end_effector": end_effector}
+
+
+@functools.cache
+def _versions() -> tuple[tuple[str, str], ...]:
+    packages = "topo-search", "numpy", "python-fcl"
+    return (("python", python_platform.python_version()), *((name, metadata.version(name)) for name in packages))

@@ -1,0 +1,116 @@
+"""Forward kinematics in plain numbers, from angles to poses (paper, Sec. II).
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| psi, alpha_0, alpha_1 | root orientation, R_root = Rz(psi) Rx(alpha_0) Ry(alpha_1) | scalars | rad |
+| alpha_i | hinge angle between module i > 0 and its parent h | scalar | rad |
+| a, b | port of the parent, port of the child | | |
+| e_a | direction of port a in the module frame: +x, +y, -x, -y | (3,) | |
+| l_c | module centre to connector | scalar | m |
+| R_i, p_i | orientation and position of module i in W, p_root = 0 | (3,3), (3,) | -, m |
+| z_i | thrust axis, R_i e_z | (3,) | |
+| p_COM, o_i, p_E | platform COM in W; module centre and end-effector from the COM | (3,) | m |
+| delta_q, o_iq | rotor q = 1..4 in the module frame; from the COM, o_i + R_i delta_q | (3,) | m |
+
+A joint turns about an axis that lies in the plane of the parent's arms, across the arm: from the x ports about
+y, from the y ports about x. Half of the step to the child, l_c e_a, lies before the hinge and half behind it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topo_search.model import Design, Topology
+
+Array = NDArray[np.float64]
+
+PORT_DIRECTIONS: Array = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""e_a of the ports 0..3."""
+ROTOR_DIRECTIONS: Array = np.array(
+    [[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]]
+) / math.sqrt(2)
+"""delta_q / l_arm of the rotors q = 1..4 (X layout)."""
+ROTOR_SPINS: Array = np.array([-1.0, 1.0, -1.0, 1.0])
+"""(-1)^q of the rotors q = 1..4."""
+
+
+class Poses(NamedTuple):
+    """Where all modules are, in W."""
+
+    R: Array
+    """Orientations, shape (n, 3, 3)."""
+    p: Array
+    """Positions, shape (n, 3) [unit of l_c]."""
+
+    @property
+    def z(self) -> Array:
+        """Thrust axes z_i, shape (n, 3)."""
+        return self.R[:, :, 2]
+
+
+class Platform(NamedTuple):
+    """A design's geometry about its centre of mass, in W's axes and SI."""
+
+    poses: Poses
+    p_com: Array
+    """Platform COM in W, shape (3,) [m]."""
+    o: Array
+    """Module centres from the COM, shape (n, 3) [m]."""
+    p_e: Array
+    """End-effector from the COM, shape (3,) [m]."""
+    rotors: Array
+    """o_iq, rotor positions from the COM, shape (n, 4, 3) [m]."""
+
+
+def rotation(axis: int, angle: float) -> Array:
+    """Return the rotation by `angle` [rad] about coordinate axis 0, 1 or 2, shape (3, 3)."""
+    c, s = math.cos(angle), math.sin(angle)
+    R = np.eye(3)
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    R[j, j], R[j, k], R[k, j], R[k, k] = c, -s, s, c
+    return R
+
+
+def quarter_turns(kappa: int) -> Array:
+    """Return Rz(kappa pi/2) with exact zeros and ones, shape (3, 3)."""
+    x, y = PORT_DIRECTIONS[kappa % 4], PORT_DIRECTIONS[(kappa + 1) % 4]
+    return np.stack([x, y, np.array([0.0, 0.0, 1.0])], axis=1)
+
+
+def poses(
+    topology: Topology, root_orientation: Sequence[float], hinge_angles: Sequence[float], l_c: float
+) -> Poses:
+    """Return the poses of all modules in W.
+
+    Args:
+        topology: the tree.
+        root_orientation: psi, alpha_0, alpha_1 [rad].
+        hinge_angles: alpha_i of the modules 1..n-1 [rad].
+        l_c: module centre to connector; its unit is the unit of the positions.
+    """
+    psi, alpha_0, alpha_1 = root_orientation
+    R = np.empty((topology.n, 3, 3))
+    p = np.zeros((topology.n, 3))
+    R[0] = rotation(2, psi) @ rotation(0, alpha_0) @ rotation(1, alpha_1)
+    for h, i, a, b in topology.edges():
+        behind_hinge = R[h] @ rotation(1 if a % 2 == 0 else 0, hinge_angles[i - 1])
+        R[i] = behind_hinge @ quarter_turns(a + 2 - b)
+        p[i] = p[h] + l_c * (R[h] + behind_hinge) @ PORT_DIRECTIONS[a]
+    return Poses(R, p)
+
+
+def platform(design: Design) -> Platform:
+    """Return a design's poses, COM, end-effector and rotor positions."""
+    task, module = design.task, design.task.module
+    n = design.topology.n
+    found = poses(design.topology, design.root_orientation_rad, design.hinge_angles_rad, module.connector_distance)
+    p_E_in_W = np.array(design.end_effector_m)
+    p_com = (task.end_effector.mass * p_E_in_W + module.mass * found.p.sum(axis=0)) / task.total_mass(n)
+    o = found.p - p_com
+    deltas = module.arm_length * ROTOR_DIRECTIONS
+    return Platform(found, p_com, o, p_E_in_W - p_com, o[:, None, :] + np.einsum("nij,qj->nqi", found.R, deltas))

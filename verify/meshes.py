@@ -1,0 +1,186 @@
+"""Polytopes that are proven to lie inside or outside a cone-sphere.
+
+| symbol | meaning | shape |
+|---|---|---|
+| V, F | vertices (on the unit sphere) and triangles of an icosphere | (v,3), (f,3) |
+| c | its inradius: conv(V) holds the ball of radius c | scalar |
+| K | the cone-sphere with end balls (p_0, r_0), (p_1, r_1) | |
+| inner, outer | conv of p_k + r_k V, conv of p_k + (r_k / c) V: inner in K, K in outer | |
+| n | a direction to turn the mesh towards: the inner one has a vertex there, the outer one a tangent face | (3,) |
+
+The two ends of a mesh are copies of one polytope in two sizes, so their hull needs no hull algorithm: every face
+belongs to the end that reaches farther along its normal, and a trapezoid bridges each edge between a face of one
+end and a face of the other. Untouched, inner and outer lie within r_max (1/c - 1) of K. Turned towards n, both have
+exactly K's support along n: the local refinement where two bodies nearly touch, without a finer mesh.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from verify.bodies import Array, ConeSphere, basis_across
+
+Indices = NDArray[np.intp]
+
+ROUNDING = 1e-12
+"""Outer meshes are larger and inner ones smaller by this part of the body, to be safe from rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Polytope:
+    """A closed convex surface of triangles that turn counter-clockwise seen from outside."""
+
+    vertices: Array
+    """Shape (v, 3)."""
+    triangles: Indices
+    """Shape (f, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Icosphere:
+    """An icosahedron whose triangles were split in four, `level` times, and put on the unit sphere."""
+
+    vertices: Array
+    triangles: Indices
+    normals: Array
+    """Outward unit normals of the triangles, shape (f, 3)."""
+    offsets: Array
+    """Distance of the triangles' planes from the centre, shape (f,)."""
+    edges: Indices
+    """Start, end, the face where it runs that way, the other face: shape (e, 4)."""
+
+    @property
+    def inradius(self) -> float:
+        """c: the distance of the nearest face."""
+        return float(self.offsets.min())
+
+
+@functools.cache
+def icosphere(level: int) -> Icosphere:
+    """Return the icosphere of a level, 20 * 4^level faces."""
+    if level == 0:
+        vertices, triangles = _icosahedron()
+    else:
+        coarse = icosphere(level - 1)
+        ends = np.sort(coarse.edges[:, :2], axis=1)
+        middles = coarse.vertices[ends].sum(axis=1)
+        vertices = np.concatenate([coarse.vertices, middles / np.linalg.norm(middles, axis=1, keepdims=True)])
+        number = {(int(i), int(j)): len(coarse.vertices) + k for k, (i, j) in enumerate(ends)}
+        split = []
+        for i, j, k in coarse.triangles.tolist():
+            ij, jk, ki = (number[min(pair), max(pair)] for pair in ((i, j), (j, k), (k, i)))
+            split += [(i, ij, ki), (j, jk, ij), (k, ki, jk), (ij, jk, ki)]
+        triangles = np.array(split, dtype=np.intp)
+    corners = vertices[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    face_of = {(row[k], row[k - 2]): f for f, row in enumerate(triangles.tolist()) for k in range(3)}
+    edges = np.array([(i, j, f, face_of[j, i]) for (i, j), f in face_of.items() if i < j], dtype=np.intp)
+    # The least over the three corners, so that rounding never makes a face look farther out than it is.
+    offsets = np.einsum("fkx,fx->fk", corners, normals).min(axis=1)
+    return Icosphere(vertices, triangles, normals, offsets, edges)
+
+
+def _icosahedron() -> tuple[Array, Indices]:
+    phi = (1 + math.sqrt(5)) / 2
+    vertices = np.array([np.roll((0.0, y, z), k) for k in range(3) for y in (-1.0, 1.0) for z in (-phi, phi)])
+    # A triangle is three vertices at the edge length, 2, from one another.
+    near = np.linalg.norm(vertices[:, None] - vertices[None], axis=-1) < 2.1
+    triangles = [
+        (i, j, k) if np.linalg.det(vertices[[i, j, k]]) > 0 else (i, k, j)
+        for i in range(12)
+        for j in range(i + 1, 12)
+        for k in range(j + 1, 12)
+        if near[i, j] and near[j, k] and near[i, k]
+    ]
+    return vertices / math.hypot(1.0, phi), np.array(triangles, dtype=np.intp)
+
+
+def inner_mesh(body: ConeSphere, level: int, n: Array | None = None) -> Polytope:
+    """Return a polytope inside the body, with a vertex in direction `n` if one is given."""
+    sphere = icosphere(level)
+    turn = np.eye(3) if n is None else _turn(sphere.vertices[0], n)
+    slack = ROUNDING * body.extent
+    return _hull(body, sphere, turn, 1.0, -min(slack, 0.5 * body.r))
+
+
+def outer_mesh(body: ConeSphere, level: int, n: Array | None = None) -> Polytope:
+    """Return a polytope around the body, with a face that touches it in direction `n` if one is given."""
+    sphere = icosphere(level)
+    turn = np.eye(3) if n is None else _turn(sphere.normals[np.argmin(sphere.offsets)], n)
+    return _hull(body, sphere, turn, 1.0 / sphere.inradius, ROUNDING * body.extent)
+
+
+def box_below(x: Array, m: Array, size: float) -> Polytope:
+    """Return a box that fills the half-space m.y <= m.x around the point x: `size` deep and twice as wide."""
+    e_1, e_2 = basis_across(m)
+    # Corner 4 i + 2 j + k has the signs i, j, k along m, e_1, e_2.
+    signs = np.array([(i, j, k) for i in (-1, 0) for j in (-1, 1) for k in (-1, 1)])
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = [half for a, b, c, d in faces for half in ((a, b, c), (a, c, d))]
+    return Polytope(x + size * signs @ np.stack([m, e_1, e_2]), np.array(triangles, dtype=np.intp))
+
+
+def _hull(body: ConeSphere, sphere: Icosphere, turn: Array, scale: float, slack: float) -> Polytope:
+    """Return the hull of the turned icosphere at both ends, with radii scale (r + slack)."""
+    unit = sphere.vertices @ turn.T
+    first = body.o + scale * (body.r + slack) * unit
+    last = body.o + body.d + scale * (body.r + body.dr + slack) * unit
+    beyond = sphere.normals @ (turn.T @ body.d) + scale * body.dr * sphere.offsets > 0
+    if beyond.all():
+        return Polytope(last, sphere.triangles)
+    if not beyond.any():
+        return Polytope(first, sphere.triangles)
+    v = len(unit)
+    start, end, left, _ = sphere.edges[beyond[sphere.edges[:, 2]] != beyond[sphere.edges[:, 3]]].T
+    # Let every bridged edge run as in the face that belongs to the first end.
+    start, end = np.where(beyond[left], end, start), np.where(beyond[left], start, end)
+    triangles = np.concatenate(
+        [
+            sphere.triangles[~beyond],
+            sphere.triangles[beyond] + v,
+            np.stack([end, start, start + v], axis=1),
+            np.stack([end, start + v, end + v], axis=1),
+        ]
+    )
+    # FCL walks from vertex to vertex along faces, and would be lost on one that no face has.
+    used, compact = np.unique(triangles, return_inverse=True)
+    return Polytope(np.concatenate([first, last])[used], compact.reshape(-1, 3))
+
+
+def _turn(a: Array, b: Array) -> Array:
+    """Return a rotation that takes the unit vector a to the unit vector b."""
+    if a @ b < 0:  # a half turn first keeps the formula away from its singularity at b = -a
+        across = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        across /= np.linalg.norm(across)
+        half_turn = 2 * np.outer(across, across) - np.eye(3)
+        return _turn(half_turn @ a, b) @ half_turn
+    x, y, z = np.cross(a, b)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + K + K @ K / (1.0 + a @ b))
+
+
+def encloses(mesh: Polytope, body: ConeSphere) -> bool:
+    """Whether every face of an outer mesh lies beyond the body: the mesh's check of itself.
+
+    A bridge between two nearly equal ends is a sliver whose normal has few digits left; each face is allowed
+    what rounding of its corners can do to its plane.
+    """
+    corners = mesh.vertices[mesh.triangles] - body.o
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normals = np.cross(first, second)
+    beyond = np.einsum("fx,fx->f", normals, corners[:, 0]) - body.moved(-body.o).support(normals)
+    edge = np.maximum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1))
+    magnitude = float(np.abs(mesh.vertices).max()) + body.extent
+    allowed = 16 * np.finfo(float).eps * magnitude * edge * (edge + body.extent)
+    return bool(np.all(beyond >= -allowed))
+
+
+def lies_within(mesh: Polytope, body: ConeSphere) -> bool:
+    """Whether every vertex of an inner mesh lies in the body: the mesh's check of itself."""
+    return bool(np.all(body.depth(mesh.vertices) >= 0))

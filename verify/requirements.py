@@ -1,0 +1,127 @@
+"""Every geometric requirement of a design, as pairs of bodies.
+
+Lengths are in l_arm and positions relative to the mean of the module centres, so that scenes are centred and
+tolerances mean the same on every scale. A least distance d of two points is the requirement that balls of radius
+d / 2 around them keep apart; so is the end-effector's, p_E against a ball of radius l_c.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from topo_search.model import Design, Directional, Exterior, Local
+from topo_search.model.audit import Kind
+from verify.bodies import Array, Cone, ConeSphere, ball
+from verify.certificate import Solid
+from verify.kinematics import Platform
+
+
+@dataclass(frozen=True, eq=False)
+class Requirement:
+    """One thing that must keep clear of, or stay inside, another."""
+
+    kind: Kind
+    a: int
+    """A module."""
+    b: int
+    """The other module, or the number of the exposure requirement; -1 for p_E."""
+    body: Solid
+    against: Solid | Cone
+    segment: int | None = None
+    counts: bool = True
+    """Whether it sets the verdict; what does not is measured all the same."""
+
+
+class Scene:
+    """The volumes of a design."""
+
+    def __init__(self, design: Design, platform: Platform) -> None:
+        self.design = design
+        self.l_arm = design.task.module.arm_length
+        middle = platform.o.mean(axis=0)
+        self.centres: Array = (platform.o - middle) / self.l_arm
+        self.p_E: Array = (platform.p_e - middle) / self.l_arm
+        self.offset: Array = platform.p_e / self.l_arm
+        """p_E from the COM, where some requirements take their direction from."""
+        envelope = design.task.module.envelope
+        length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))
+        self.envelopes = [
+            Solid(ConeSphere(o, -length * z, r, dr)) for o, z in zip(self.centres, platform.poses.z, strict=True)
+        ]
+
+    def requirements(self) -> Iterator[Requirement]:
+        """Yield every requirement: airflow, exposure, exclusion, separation."""
+        yield from self._airflow()
+        for number, requirement in enumerate(self.design.task.exposure):
+            if isinstance(requirement, Exterior):
+                yield from self._exterior(number, requirement)
+            else:
+                yield from self._target(number, requirement)
+        yield from self._exclusion()
+        yield from self._separation()
+
+    def _airflow(self) -> Iterator[Requirement]:
+        counts = self.design.task.search.interference == "airflow"
+        for a, b in combinations(range(len(self.envelopes)), 2):
+            yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=counts)
+
+    def _target(self, number: int, requirement: Local | Directional) -> Iterator[Requirement]:
+        r = requirement.radius / self.l_arm
+        if isinstance(requirement, Local):
+            volume = Solid(ball(self.p_E, r))
+            for a, envelope in enumerate(self.envelopes):
+                yield Requirement("local", a, number, envelope, volume)
+            return
+        if requirement.segments is not None:
+            paths = [np.array(segment) / self.l_arm for segment in requirement.segments]
+        elif requirement.length is not None and (outwards := self._outwards()) is not None:
+            paths = [requirement.length / self.l_arm * outwards]
+        else:
+            paths = []
+        for segment, path in enumerate(paths):
+            capsule = Solid(ConeSphere(self.p_E, path, r, 0.0))
+            for a, envelope in enumerate(self.envelopes):
+                yield Requirement("directional", a, number, envelope, capsule, segment)
+
+    def _exterior(self, number: int, requirement: Exterior) -> Iterator[Requirement]:
+        if requirement.axis == "com":
+            outwards = self._outwards()
+            axis = None if outwards is None else -outwards
+        else:
+            axis = _unit(np.array(requirement.axis))
+        if axis is not None:
+            cone = Cone(self.p_E, axis, requirement.half_angle_deg)
+            for a, envelope in enumerate(self.envelopes):
+                yield Requirement("exterior", a, number, envelope, cone)
+
+    def _outwards(self) -> Array | None:
+        """Return p_E / ||p_E||; None where it has no direction, which the residuals report as a violation."""
+        return _unit(self.offset) if np.abs(self.offset).max() > 1e-12 else None
+
+    def _exclusion(self) -> Iterator[Requirement]:
+        if self.design.task.end_effector.exclusion:
+            r = self.design.task.module.connector_distance / self.l_arm / 2
+            tip = Solid(ball(self.p_E, r))
+            for a, centre in enumerate(self.centres):
+                yield Requirement("exclusion", a, -1, Solid(ball(centre, r)), tip)
+
+    def _separation(self) -> Iterator[Requirement]:
+        task = self.design.task
+        ablation = task.search.interference == "separation"
+        distance = task.separation if ablation else task.body_clearance
+        if distance is None:
+            return
+        exempt = frozenset() if ablation else self.design.topology.bolted
+        balls = [Solid(ball(centre, distance / self.l_arm / 2)) for centre in self.centres]
+        for a, b in combinations(range(len(balls)), 2):
+            if (a, b) not in exempt:
+                yield Requirement("separation", a, b, balls[a], balls[b])
+
+
+def _unit(v: Array) -> Array:
+    v = v / np.abs(v).max()  # first, so that squares neither overflow nor vanish
+    return np.asarray(v / np.linalg.norm(v))

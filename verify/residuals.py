@@ -1,0 +1,125 @@
+"""Every number of a design that must meet a limit, beside the clearances.
+
+Deviations are compared in units of their scale: forces in m_t g, torques in l_arm m_t g, inputs in u_max, lengths
+in l_arm, the objective relative to itself, angles in rad. More than 1e-6 of that is a violation.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+
+import numpy as np
+
+from topo_search.model import Design, Residual, Status, needs_offset
+from verify.kinematics import Platform
+from verify.wrench import objective, wrench_errors
+
+TOLERANCE = 1e-6
+"""Largest deviation that passes, in units of its scale."""
+LEAST_OFFSET = 0.1
+"""Least ||p_E|| where a requirement takes its direction from it [l_arm]."""
+
+
+def residuals(design: Design, platform: Platform) -> tuple[Residual, ...]:
+    """Return all residuals of a design, in the order of the task's fields."""
+    return (
+        *_wrenches(design, platform),
+        *_inputs(design),
+        *_angles(design),
+        *_end_effector(design, platform),
+        _ports(design),
+        _objective(design),
+    )
+
+
+def _row(
+    name: str,
+    value: float,
+    unit: str,
+    scale: float,
+    *,
+    tolerance: float = TOLERANCE,
+    stated: float | None = None,
+    derived: float | None = None,
+) -> Residual:
+    scaled = value / scale if scale > 0 else math.inf
+    return Residual(
+        name=name,
+        value=finite(value),
+        unit=unit,
+        scaled=finite(scaled),
+        tolerance=tolerance,
+        status=Status.CLEAR if scaled <= tolerance else Status.VIOLATED,
+        stated=stated,
+        derived=None if derived is None else finite(derived),
+    )
+
+
+def finite(value: float) -> float:
+    """Return the value, or the largest float for what overflowed: JSON has no infinity."""
+    return value if math.isfinite(value) else sys.float_info.max
+
+
+def _wrenches(design: Design, platform: Platform) -> Iterator[Residual]:
+    n = design.topology.n
+    for k, error in enumerate(wrench_errors(design, platform)):
+        force, torque = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+        yield _row(f"load case {k}, force", force, "N", design.task.force_unit(n))
+        yield _row(f"load case {k}, torque", torque, "N m", design.task.torque_unit(n))
+
+
+def _inputs(design: Design) -> Iterator[Residual]:
+    u_max = design.task.module.max_input(design.task.gravity)
+    for k, u in enumerate(design.inputs):
+        most, least = float(u.max()), float(u.min())
+        yield _row(
+            f"load case {k}, largest rotor input",
+            max(0.0, most - u_max),
+            "rad^2/s^2",
+            u_max,
+            stated=most,
+            derived=u_max,
+        )
+        yield _row(f"load case {k}, smallest rotor input", max(0.0, -least), "rad^2/s^2", u_max, stated=least)
+
+
+def _angles(design: Design) -> Iterator[Residual]:
+    def beyond(angle: float, limit: float) -> float:
+        return max(0.0, abs(angle) - limit)
+
+    for i, alpha in enumerate(design.hinge_angles_rad, start=1):
+        yield _row(f"hinge angle of module {i}", beyond(alpha, math.pi / 2), "rad", 1.0, stated=alpha)
+    if design.task.search.root == "paper":
+        for name, angle, limit in zip(
+            ("psi", "alpha_0", "alpha_1"), design.root_orientation_rad, (0.0, math.pi / 2, math.pi / 2), strict=True
+        ):
+            yield _row(f"root orientation, {name}", beyond(angle, limit), "rad", 1.0, stated=angle)
+
+
+def _end_effector(design: Design, platform: Platform) -> Iterator[Residual]:
+    l_arm = design.task.module.arm_length
+    fixed = design.task.end_effector.fixed_position
+    if fixed is not None:
+        yield _row("end-effector position", float(np.linalg.norm(platform.p_e - np.array(fixed))), "m", l_arm)
+    if any(needs_offset(requirement) for requirement in design.task.exposure):
+        offset, least = float(np.linalg.norm(platform.p_e)), LEAST_OFFSET * l_arm
+        yield _row("end-effector's distance from the COM", max(0.0, least - offset), "m", l_arm, derived=offset)
+
+
+def _ports(design: Design) -> Residual:
+    """Return how many joints break `connectors = "aligned"`: a quarter turn does, a half turn changes nothing."""
+    aligned = design.task.search.connectors == "aligned"
+    turned = sum(kappa % 2 for kappa in design.topology.kappas) if aligned else 0
+    return _row(
+        f'joints against connectors = "{design.task.search.connectors}"', turned, "joints", 1.0, tolerance=0.0
+    )
+
+
+def _objective(design: Design) -> Residual:
+    derived = objective(design)
+    off = abs(design.objective - derived)
+    return _row(
+        "objective", off, "rad^4/s^4", max(derived, sys.float_info.min), stated=design.objective, derived=derived
+    )
