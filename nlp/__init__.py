@@ -1,1 +1,9 @@
-"""The inner problem: the best angles, end-effector position and rotor inputs of one topology."""
+"""The inner problem: the best angles, end-effector position and rotor inputs of one topology.
+
+`nlp.problem` states it as the paper does; `nlp.solve` is what a search calls.
+"""
+
+from nlp.bounds import lower_bound, prove_impossible
+from nlp.solve import DEFAULT_STARTS, solve
+
+__all__ = ["DEFAULT_STARTS", "lower_bound", "prove_impossible", "solve"]

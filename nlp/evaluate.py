@@ -1,0 +1,160 @@
+"""Every constraint of a point evaluated again in numpy, exactly: no smoothing, no margin, no word of Ipopt's.
+
+A point is a design when nothing here is violated by more than the tolerances; else the worst violation is the
+reason that a user reads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from nlp import names
+from nlp.geometry import Swept, clearance, cone_clearance
+from nlp.point import Point
+from nlp.problem import LEAST_OFFSET
+from topo_search.model import Directional, Exterior, Local, Module, needs_offset
+from topo_search.model.arrays import Array
+
+WRENCH_TOLERANCE = 1e-8
+"""Largest wrench residual of a design [m_t g, l_arm m_t g]; the audit allows 1e-6."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """How far a point is from meeting one constraint."""
+
+    name: str
+    amount: float
+    """Positive when violated, zero or negative when met, in `unit`."""
+    unit: str
+    scaled: float
+    """The same in l_arm, m_t g, l_arm m_t g or rad, so that different kinds compare."""
+    tolerance: float = 0.0
+    """Largest `scaled` of a met constraint."""
+
+    @property
+    def met(self) -> bool:
+        """Whether the constraint holds; NaN never does."""
+        return bool(self.scaled <= self.tolerance)
+
+
+def violations(point: Point) -> list[Violation]:
+    """Return every constraint of the problem with its violation."""
+    return [*_wrenches(point), *_clearances(point), *_bounds(point)]
+
+
+def worst(checks: list[Violation]) -> Violation:
+    """Return the constraint that is furthest from being met."""
+    return max(checks, key=lambda check: math.inf if math.isnan(check.scaled) else check.scaled - check.tolerance)
+
+
+def wrench_matrix(point: Point) -> Array:
+    """Return A about W's origin, shape (6, 4n): force [N] and torque [N m] of every rotor at unit input."""
+    module, (R, p) = point.task.module, point.poses
+    z = R[:, :, 2]
+    rotors = p[:, None] + np.einsum("iab,qb->iqa", R, rotor_positions(module))
+    thrust_axis = np.broadcast_to(z[:, None], rotors.shape)
+    spin = np.array([-1.0, 1.0, -1.0, 1.0])[None, :, None]
+    torque = module.thrust_coefficient * np.cross(rotors, thrust_axis)
+    torque += spin * module.torque_coefficient * thrust_axis
+    columns = np.concatenate([module.thrust_coefficient * thrust_axis, torque], axis=-1)
+    return columns.reshape(-1, 6).T
+
+
+def rotor_positions(module: Module) -> Array:
+    """Return delta_1..delta_4 in the module frame, shape (4, 3) [m]."""
+    signs = np.array([[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    return signs * module.arm_length / math.sqrt(2)
+
+
+def asked_wrenches(point: Point) -> Array:
+    """Return the wrench of every load case about W's origin, shape (K, 6) [N, N m]."""
+    rows = []
+    for case in point.task.load_cases:
+        tip, com = case.at_end_effector, case.at_com
+        force = np.add(tip.force, com.force)
+        torque = np.add(tip.torque, com.torque) + np.cross(point.p_E, tip.force) + np.cross(point.p_COM, com.force)
+        rows.append(np.concatenate([force, torque]))
+    return np.array(rows)
+
+
+def _wrenches(point: Point) -> Iterator[Violation]:
+    task, n = point.task, point.topology.n
+    units = task.force_unit(n), task.torque_unit(n)
+    K = len(task.load_cases)
+    residual = point.u.reshape(K, -1) @ wrench_matrix(point).T - asked_wrenches(point)
+    # the residual is about W's origin; a force that is missing makes a torque there, so move it to the COM
+    residual[:, 3:] -= np.cross(point.p_COM, residual[:, :3])
+    for k in range(K):
+        force, torque = float(np.linalg.norm(residual[k, :3])), float(np.linalg.norm(residual[k, 3:]))
+        yield Violation(names.force(k), force, "N", force / units[0], WRENCH_TOLERANCE)
+        yield Violation(names.torque(k), torque, "N m", torque / units[1], WRENCH_TOLERANCE)
+
+
+def _clearances(point: Point) -> Iterator[Violation]:
+    for name, gap in _gaps(point):
+        yield Violation(name, -gap, "m", -gap / point.task.module.arm_length)
+
+
+def _gaps(point: Point) -> Iterator[tuple[str, float]]:
+    """Yield the name and the exact clearance [m], positive when clear, of every geometric constraint."""
+    task, n = point.task, point.topology.n
+    R, p = point.poses
+    air = task.module.envelope
+    d = -air.length * R[:, :, 2]
+    i, j = np.array(list(combinations(range(n), 2)), dtype=int).reshape(-1, 2).T
+    if task.search.interference == "airflow":
+        one, other = (Swept(p[side], d[side], air.start_radius, air.growth) for side in (i, j))
+        yield from zip(map(names.airflow, i, j), clearance(one, other), strict=True)
+        distance, bolted = task.body_clearance, point.topology.bolted
+    else:
+        distance, bolted = task.separation, frozenset()
+    if distance is not None:
+        for a, b, length in zip(i.tolist(), j.tolist(), np.linalg.norm(p[i] - p[j], axis=1), strict=True):
+            if (a, b) not in bolted:
+                yield names.separation(a, b), length - distance
+    if task.end_effector.exclusion:
+        gaps = np.linalg.norm(p - point.p_E, axis=1) - task.module.connector_distance
+        yield from ((names.exclusion(a), gap) for a, gap in enumerate(gaps))
+
+    offset = point.p_E - point.p_COM
+    envelopes = Swept(p, d, air.start_radius, air.growth)
+    for number, requirement in enumerate(task.exposure):
+        if needs_offset(requirement):
+            yield names.OFFSET, float(np.linalg.norm(offset)) - LEAST_OFFSET * task.module.arm_length
+        match requirement:
+            case Local():
+                ball = Swept(point.p_E, np.zeros(3), requirement.radius)
+                gaps = clearance(envelopes, ball)
+                yield from ((names.exposure(number, requirement, a), gap) for a, gap in enumerate(gaps))
+            case Directional():
+                along = requirement.length and requirement.length * offset / np.linalg.norm(offset)
+                for segment, path in enumerate(requirement.segments or [along]):
+                    gaps = clearance(envelopes, Swept(point.p_E, np.asarray(path), requirement.radius))
+                    yield from (
+                        (names.exposure(number, requirement, a, segment), gap) for a, gap in enumerate(gaps)
+                    )
+            case Exterior():
+                axis = -offset if requirement.axis == "com" else np.asarray(requirement.axis)
+                half_angle = math.radians(requirement.half_angle_deg)
+                gaps = cone_clearance(envelopes, point.p_E, axis / np.linalg.norm(axis), half_angle)
+                yield from ((names.exposure(number, requirement, a), gap) for a, gap in enumerate(gaps))
+
+
+def _bounds(point: Point) -> Iterator[Violation]:
+    task = point.task
+    u_max = task.module.max_input(task.gravity)
+    excess = float(max(np.max(point.u) - u_max, -np.min(point.u)))
+    yield Violation("rotor inputs", excess, "rad^2/s^2", excess / u_max)
+    angles = point.alpha if task.search.root == "free" else np.concatenate([point.alpha, point.root[1:]])
+    excess = float(np.max(np.abs(angles), initial=0.0)) - math.pi / 2
+    yield Violation("hinge angles", excess, "rad", excess)
+    position = task.end_effector.fixed_position
+    if position is not None:
+        excess = float(np.linalg.norm(point.p_E - point.p_COM - position))
+        yield Violation("end-effector position", excess, "m", excess / task.module.arm_length, 1e-9)

@@ -1,0 +1,121 @@
+"""Poses and exact clearances as numbers: what the starts are drawn with and what the answer is checked with.
+
+Nothing here shares code with the symbols of the problem. Lengths in metres.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| R, p | orientations and positions of all modules in W | (n,3,3), (n,3) | -, m |
+| P(eta) = o + eta d, r_0 + eta dr | axis and radius of a swept ball | (...,3), scalars | m |
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from topo_search.model import Topology
+from topo_search.model.arrays import Array
+
+PORTS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""e_a of the ports 0..3."""
+
+
+def rotation(axis: ArrayLike, angle: float) -> Array:
+    """Return the rotation about a unit axis (Rodrigues' formula)."""
+    x, y, z = np.asarray(axis, dtype=float)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    R: Array = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
+    return R
+
+
+def root_rotation(root: ArrayLike) -> Array:
+    """Return Rz(psi) Rx(alpha_0) Ry(alpha_1)."""
+    psi, alpha_0, alpha_1 = np.asarray(root, dtype=float)
+    R: Array = rotation([0, 0, 1], psi) @ rotation([1, 0, 0], alpha_0) @ rotation([0, 1, 0], alpha_1)
+    return R
+
+
+def root_angles(R: Array) -> Array:
+    """Return psi in +-pi, alpha_0 in +-pi/2, alpha_1 in +-pi of a rotation."""
+    alpha_0 = np.arctan2(R[2, 1], np.hypot(R[0, 1], R[1, 1]))
+    return np.array([np.arctan2(-R[0, 1], R[1, 1]), alpha_0, np.arctan2(-R[2, 0], R[2, 2])])
+
+
+def poses(topology: Topology, R_root: Array, alpha: Array, l_c: float) -> tuple[Array, Array]:
+    """Return R and p of all modules for hinge angles alpha of the modules 1..n-1 [rad]."""
+    R, p = np.empty((topology.n, 3, 3)), np.zeros((topology.n, 3))
+    R[0] = R_root
+    for (h, i, a, _), kappa in zip(topology.edges(), topology.kappas[1:], strict=True):
+        hinge_axis = [0, 1, 0] if a % 2 == 0 else [1, 0, 0]
+        R_hinge = R[h] @ rotation(hinge_axis, alpha[i - 1])
+        p[i] = p[h] + l_c * (R[h] + R_hinge) @ PORTS[a]
+        R[i] = R_hinge @ rotation([0, 0, 1], kappa * np.pi / 2)
+    return R, p
+
+
+@dataclass(frozen=True)
+class Swept:
+    """Balls swept along segments with linearly growing radius; leading shapes broadcast."""
+
+    o: Array
+    d: Array
+    r_0: float
+    dr: float = 0.0
+
+
+def clearance(one: Swept, other: Swept) -> Array:
+    """Return a clearance with the exact sign of min ||P_i - P_j|| - r_i - r_j [m].
+
+    It is the gap at the minimiser of f = ||P_i - P_j||^2 - (r_i + r_j)^2 over [0, 1]^2, which lies among f's
+    stationary point, the stationary points of its edges and its corners. f and the gap have one sign
+    everywhere, so the gap at that point is negative exactly if some gap is; it is never under the least gap.
+    """
+    w = one.o - other.o
+    r = one.r_0 + other.r_0
+    A = _dot(one.d, one.d) - one.dr**2
+    B = _dot(other.d, other.d) - other.dr**2
+    C = -2 * (_dot(one.d, other.d) + one.dr * other.dr)
+    D = 2 * _dot(one.d, w) - 2 * r * one.dr
+    E = -2 * _dot(other.d, w) - 2 * r * other.dr
+    det = 4 * A * B - C**2
+    candidates: list[tuple[Array | float, Array | float]]
+    candidates = [(_ratio(C * E - 2 * B * D, det), _ratio(C * D - 2 * A * E, det))]
+    candidates += [(_ratio(-(C * gamma + D), 2 * A), gamma) for gamma in (0.0, 1.0)]
+    candidates += [(eta, _ratio(-(C * eta + E), 2 * B)) for eta in (0.0, 1.0)]
+    candidates += [(eta, gamma) for eta in (0.0, 1.0) for gamma in (0.0, 1.0)]
+    gaps, values = [], []
+    for eta, gamma in candidates:
+        eta, gamma = (np.broadcast_to(x, w.shape[:-1])[..., None] for x in (eta, gamma))
+        distance = np.linalg.norm(w + eta * one.d - gamma * other.d, axis=-1)
+        reach = r + (eta * one.dr + gamma * other.dr)[..., 0]
+        gaps.append(distance - reach)
+        values.append((distance - reach) * (distance + reach))
+    least = np.argmin(values, axis=0)
+    result: Array = np.take_along_axis(np.array(gaps), least[None], axis=0)[0]
+    return result
+
+
+def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float) -> Array:
+    """Return min over both end balls of s - r: positive inside the cone, a signed violation outside [m]."""
+    ends = []
+    for eta in (0.0, 1.0):
+        q = envelope.o + eta * envelope.d - apex
+        along = q @ axis
+        across = np.linalg.norm(q - along[..., None] * axis, axis=-1)
+        ends.append(along * np.sin(half_angle) - across * np.cos(half_angle) - envelope.r_0 - eta * envelope.dr)
+    least: Array = np.minimum(*ends)
+    return least
+
+
+def _dot(a: Array, b: Array) -> Array:
+    result: Array = np.sum(a * b, axis=-1)
+    return result
+
+
+def _ratio(numerator: Array, denominator: Array) -> Array:
+    """Return numerator / denominator bounded to [0, 1]; 0 where the denominator vanishes."""
+    safe = np.where(denominator == 0, 1.0, denominator)
+    result: Array = np.clip(np.where(denominator == 0, 0.0, numerator / safe), 0.0, 1.0)
+    return result

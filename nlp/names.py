@@ -1,0 +1,38 @@
+"""The constraints' names, the same in the problem, in its independent evaluation and in failure reports."""
+
+from __future__ import annotations
+
+from topo_search.model import Directional, Exterior, Local
+
+OFFSET = "end-effector's offset from the centre of mass"
+
+
+def force(k: int) -> str:
+    """Name the force balance of load case k."""
+    return f"load case {k}, force"
+
+
+def torque(k: int) -> str:
+    """Name the torque balance of load case k."""
+    return f"load case {k}, torque"
+
+
+def airflow(i: int, j: int) -> str:
+    """Name the clearance of two airflow envelopes."""
+    return f"airflow of modules {i} and {j}"
+
+
+def separation(i: int, j: int) -> str:
+    """Name the least distance of two modules' centres."""
+    return f"separation of modules {i} and {j}"
+
+
+def exclusion(i: int) -> str:
+    """Name the end-effector's exclusion ball of module i."""
+    return f"end-effector exclusion of module {i}"
+
+
+def exposure(number: int, requirement: Local | Directional | Exterior, i: int, segment: int | None = None) -> str:
+    """Name the clearance of module i's envelope from one exposure requirement."""
+    part = "" if segment is None else f", segment {segment}"
+    return f"exposure {number} ({requirement.kind}{part}) of module {i}"

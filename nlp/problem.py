@@ -1,0 +1,186 @@
+r"""The inner problem of one topology, as the paper prints it (paper, Eq. opti).
+
+Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `nlp.units`):
+
+| symbol | meaning | shape |
+|---|---|---|
+| root | psi, alpha_0, alpha_1: orientation of the root | (3,) |
+| alpha | hinge angles alpha_i | (n-1,) |
+| p'_E | end-effector position in W | (3,) |
+| u_k | squared rotor speeds of load case k | (4n,) each |
+
+.. math::
+
+    \min_{u, \alpha, p'_E} \quad & \sum_k \lambda_k \|u_k\|^2                                        & (1) \\
+    \text{s.t.} \quad & \sum_{iq} f_{iq} z_i = f_E + f_C                     \quad \forall k         & (2) \\
+    & \sum_{iq} (f_{iq}\, p_{iq} \times z_i + \tau_{iq} z_i)
+      = \tau_E + p'_E \times f_E + \tau_C + p_{COM} \times f_C               \quad \forall k         & (3) \\
+    & \tilde\phi_{ij}(\beta) \ge 0                                           \quad \forall i < j     & (4) \\
+    & \|p_i - p_j\| \ge d                          \quad \forall i < j \text{ not bolted together}   & (5) \\
+    & \|p_i - p'_E\| \ge l_c                                                 \quad \forall i         & (6) \\
+    & \tilde\phi_{i,\mathrm{sph}}(\beta),\ \tilde\phi_{i,\mathrm{cap}}(\beta) \ge 0,
+      \text{ and the cone}                                                   \quad \forall i         & (7) \\
+    & 0 \le u_k \le u_{max}, \quad -\pi/2 \le \alpha \le \pi/2                                       & (8)
+
+(3) is the paper's torque balance about the origin of W instead of the COM: the same constraint, since it differs
+from it by p_COM x (2), and much sparser. (5) is this project's body clearance; in the paper's ablation it holds for
+all pairs, with the separation as d, in place of (4). Every clearance of (4) to (7) keeps the margin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import casadi as ca
+
+from nlp import names
+from nlp.envelope import ConeSphere, clearance
+from nlp.exposure import exposure_clearances
+from nlp.kinematics import Pose, poses
+from nlp.units import Units
+from nlp.wrench import force_residual, scaled, torque_residual
+from topo_search.model import ResolvedTask, Topology, needs_offset
+
+LEAST_OFFSET = 0.1
+"""Least ||p_E|| where a requirement takes its direction from p_E [l_arm]."""
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """A named group of rows, `lower <= expression <= upper`, dimensionless."""
+
+    name: str
+    expression: ca.SX
+    lower: float
+    upper: float = math.inf
+
+
+@dataclass(frozen=True)
+class Variables:
+    """The unknowns of the problem."""
+
+    root: ca.SX
+    alpha: ca.SX
+    p_E: ca.SX
+    """p'_E; empty when the task fixes the position from the COM."""
+    u: list[ca.SX]
+
+    def vector(self) -> ca.SX:
+        """Return all unknowns as one column."""
+        return ca.vertcat(self.root, self.alpha, self.p_E, *self.u)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The whole nonlinear program of one task and topology."""
+
+    variables: Variables
+    beta: ca.SX
+    """Sharpness of the log-sum-exp; a parameter of the program."""
+    objective: ca.SX
+    constraints: list[Constraint]
+    lower: list[float]
+    upper: list[float]
+    """Bounds on the variables, in the order of `variables.vector()`."""
+
+
+def problem(task: ResolvedTask, topology: Topology) -> Problem:
+    """Return the nonlinear program of a task for one topology."""
+    n, K = topology.n, len(task.load_cases)
+    module, unit = task.module, Units.of(task)
+    l_c = module.connector_distance / unit.length
+    m_E = task.end_effector.mass / module.mass
+
+    # variables
+    position = task.end_effector.fixed_position
+    variables = Variables(
+        root=ca.SX.sym("root", 3),
+        alpha=ca.SX.sym("alpha", n - 1),
+        p_E=ca.SX.sym("p_E", 3 if position is None else 0),
+        u=[ca.SX.sym(f"u_{k}", 4 * n) for k in range(K)],
+    )
+    beta = ca.SX.sym("beta")
+
+    # the platform
+    modules = poses(topology, variables.root, variables.alpha, l_c)
+    centroid = ca.sum2(ca.horzcat(*(pose.p for pose in modules))) / n
+    p_E = variables.p_E
+    if position is not None:  # given from the COM, which it moves: p'_E = centroid + (m_t / n m) p_E
+        p_E = centroid + (n + m_E) / n * scaled(position, unit.length)
+    p_COM = (m_E * p_E + n * centroid) / (n + m_E)
+
+    # (1) objective
+    weights = [case.weight for case in task.load_cases]
+    effort = ca.SX(0)
+    for weight, u_k in zip(weights, variables.u, strict=True):
+        effort += weight * ca.sumsqr(u_k)
+    objective = effort / (4 * n * sum(weights))
+
+    # (2)-(3) wrench balance of every load case
+    constraints: list[Constraint] = []
+    for k, (case, u_k) in enumerate(zip(task.load_cases, variables.u, strict=True)):
+        force = force_residual(case, modules, u_k, unit)
+        torque = torque_residual(case, modules, u_k, unit, p_E=p_E, p_COM=p_COM, module=module)
+        constraints.append(Constraint(names.force(k), force / n, 0.0, 0.0))
+        constraints.append(Constraint(names.torque(k), torque / n, 0.0, 0.0))
+
+    # (4)-(7) clearances
+    margin = task.search.margin / unit.length
+    for name, gap in _clearances(task, topology, modules, p_E=p_E, p_EB=p_E - p_COM, beta=beta, unit=unit):
+        constraints.append(Constraint(name, gap, margin))
+    if any(needs_offset(requirement) for requirement in task.exposure):
+        gap = distance_gap(p_E - p_COM, LEAST_OFFSET)
+        constraints.append(Constraint(names.OFFSET, gap, 0.0))
+
+    # (8) bounds
+    free, right = (-math.inf, math.inf), (-math.pi / 2, math.pi / 2)
+    bounds = [free, free, free] if task.search.root == "free" else [(0.0, 0.0), right, right]
+    bounds += [right] * (n - 1) + [free] * variables.p_E.numel()
+    bounds += [(0.0, module.max_thrust_to_weight)] * (4 * n * K)
+    lower, upper = (list(side) for side in zip(*bounds, strict=True))
+    return Problem(variables, beta, objective, constraints, lower, upper)
+
+
+def _clearances(
+    task: ResolvedTask,
+    topology: Topology,
+    modules: list[Pose],
+    *,
+    p_E: ca.SX,
+    p_EB: ca.SX,
+    beta: ca.SX,
+    unit: Units,
+) -> Iterator[tuple[str, ca.SX]]:
+    """Yield the name and the expression of every clearance, in l_arm near contact."""
+    air = task.module.envelope
+    length, r_air, dr_air = (value / unit.length for value in (air.length, air.start_radius, air.growth))
+    envelopes = [ConeSphere(pose.p, -length * pose.z, r_air, dr_air) for pose in modules]
+    pairs = list(combinations(range(topology.n), 2))
+
+    if task.search.interference == "airflow":  # (4)
+        for i, j in pairs:
+            yield names.airflow(i, j), clearance(envelopes[i], envelopes[j], beta)
+        distance, separated = task.body_clearance, [pair for pair in pairs if pair not in topology.bolted]
+    else:
+        distance, separated = task.separation, pairs
+    if distance is not None:  # (5)
+        for i, j in separated:
+            gap = distance_gap(modules[i].p - modules[j].p, distance / unit.length)
+            yield names.separation(i, j), gap
+    if task.end_effector.exclusion:  # (6)
+        for i, pose in enumerate(modules):
+            gap = distance_gap(pose.p - p_E, task.module.connector_distance / unit.length)
+            yield names.exclusion(i), gap
+    for number, requirement in enumerate(task.exposure):  # (7)
+        for i, envelope in enumerate(envelopes):
+            gaps = exposure_clearances(requirement, envelope, p_E=p_E, p_EB=p_EB, beta=beta, unit=unit)
+            for segment, gap in gaps:
+                yield names.exposure(number, requirement, i, segment), gap
+
+
+def distance_gap(offset: ca.SX, distance: float) -> ca.SX:
+    """Return ||offset|| - distance, smooth everywhere and exact to first order at contact."""
+    return (ca.dot(offset, offset) - distance**2) / (2 * distance)

@@ -1,0 +1,125 @@
+"""One topology solved from many starts: a design, or the reason why there is none."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+
+import numpy as np
+
+from nlp.bounds import lower_bound
+from nlp.evaluate import Violation, violations, worst
+from nlp.finish import finish
+from nlp.ipopt import Answer, Program
+from nlp.point import Point
+from nlp.starts import draw, generator
+from topo_search.model import Design, Infeasible, ResolvedTask, SolverRecord, Topology
+
+DEFAULT_STARTS = 24
+"""Starts a topology when nobody says otherwise."""
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """One start's outcome."""
+
+    start: int
+    answer: Answer
+    point: Point
+    worst: Violation
+    objective: float
+
+    @property
+    def rank(self) -> tuple[bool, float, int]:
+        """Feasible first, then the least objective or the least violation; the earlier start breaks ties."""
+        met = self.worst.met
+        return not met, self.objective if met else self.worst.scaled, self.start
+
+
+def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -> Design | Infeasible:
+    """Return the best design of a topology over some starts, or the start that came closest to one.
+
+    The program is built once. Starts are independent: the best of range(0, 8) and of range(8, 16) is the result
+    of range(0, 16).
+
+    Args:
+        task: the task, resolved for `topology.n` modules.
+        topology: the tree of modules.
+        starts: indices of the starts to try; at least one.
+        seed: draws the starts, together with the task, the topology and the index.
+
+    Raises:
+        ValueError: no starts, or a task of another size.
+    """
+    if task.n != topology.n:
+        raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
+    if not starts:
+        raise ValueError(f"`starts` must have at least one index, but got {starts}")
+    began = time.perf_counter()
+    program = Program(task, topology)
+    trials = [_trial(program, draw(task, topology, generator(task, topology, s, seed)), s) for s in starts]
+    best = min(trials, key=lambda trial: trial.rank)
+    record = SolverRecord(
+        status=best.answer.status,
+        iterations=best.answer.iterations,
+        seconds=time.perf_counter() - began,
+        seed=seed,
+        start=best.start,
+        starts=len(trials),
+        starts_feasible=sum(trial.worst.met for trial in trials),
+        versions=_versions(),
+    )
+    return _design(best, record) if best.worst.met else _infeasible(best, record)
+
+
+def _trial(program: Program, start: Point, index: int) -> _Trial:
+    answer = program.solve(start)
+    point = finish(answer.point) if np.all(np.isfinite(answer.point.pack())) else answer.point
+    weights = [case.weight for case in point.task.load_cases]
+    objective = float(np.sum(np.array(weights) * np.sum(point.u**2, axis=(1, 2))))
+    return _Trial(index, answer, point, worst(violations(point)), objective)
+
+
+def _design(best: _Trial, record: SolverRecord) -> Design:
+    point, J = best.point, best.objective
+    bound = min(lower_bound(point.task), J)  # equal up to rounding when the bound is attained
+    return Design(
+        task=point.task,
+        topology=point.topology,
+        topology_key=point.topology.key,
+        root_orientation_rad=_vector(point.root),
+        hinge_angles_rad=tuple(point.alpha.tolist()),
+        end_effector_m=_vector(point.p_E),
+        rotor_speeds_squared=tuple(tuple(u_k) for u_k in point.u.reshape(len(point.u), -1).tolist()),
+        objective=J,
+        lower_bound=bound,
+        gap=Design.gap_of(J, bound),
+        solver=record.model_dump(),
+    )
+
+
+def _infeasible(best: _Trial, record: SolverRecord) -> Infeasible:
+    reason = best.worst
+    starts = "the only start" if record.starts == 1 else f"the closest of {record.starts} starts"
+    return Infeasible(
+        topology=best.point.topology,
+        topology_key=best.point.topology.key,
+        status="infeasible",
+        worst_constraint=reason.name,
+        violation=reason.amount,
+        unit=reason.unit,
+        message=f"{starts} misses `{reason.name}` by {reason.amount:.3g} {reason.unit}",
+        solver=record,
+    )
+
+
+def _vector(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return {name: version(name) for name in ("topo-search", "casadi", "numpy")}
