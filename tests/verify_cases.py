@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from topo_search.model import Design, Task, Topology
 from verify.bodies import ConeSphere
+from verify.clearance import clearances
 from verify.kinematics import platform
 from verify.wrench import objective, required_wrench, wrench_map
 
@@ -137,3 +138,14 @@ def fan(task: dict[str, Any] | None = None, **given: Any) -> Design:
 def changed(given: Design, **fields: Any) -> Design:
     """The design of a file in which some fields were overwritten."""
     return Design.model_validate({**given.model_dump(mode="json"), **fields})
+
+
+def at_clearance(A: ConeSphere, B: ConeSphere, d: float) -> tuple[ConeSphere, ConeSphere]:
+    """The pair with B moved along the witness until the clearance is d."""
+    for _ in range(60):
+        found, eta, gamma = (float(column[0]) for column in clearances([(A, B)]))
+        w = B.centre(gamma) - A.centre(eta)
+        if abs(found - d) < 1e-14 or not w.any():
+            break
+        B = B.moved((d - found) * w / np.linalg.norm(w))
+    return A, B

@@ -76,7 +76,7 @@ class ConeSphere:
         return replace(self, o=self.o + shift)
 
     def support(self, u: Array) -> Array:
-        """Return h_K(u) for vectors u of any length, shape (m, 3) to (m,)."""
+        """Return h_K(u) for vectors u of any length, shape (..., 3) to (...)."""
         length = np.linalg.norm(u, axis=-1)
         first = u @ self.o + self.r * length
         return np.asarray(np.maximum(first, first + u @ self.d + self.dr * length))

@@ -5,7 +5,7 @@
 | A, B | two cone-spheres, lengths in l_arm |
 | d | exact signed clearance, from the closed form |
 | n | unit vector from A to B where they are nearest: the witness normal |
-| lower | min over B's outer mesh of n.x, minus max over A's: the gap of a separating plane, so d >= lower |
+| lower | gap of a plane across n: min of n.x over B's outer mesh, minus max over A's, so d >= lower |
 | upper | distance of a point proven in A to one proven in B, or minus the depth of one proven in both: d <= upper |
 
 A pair is `clear` when numpy finds the plane (lower > 0) and FCL finds the outer meshes apart; `violated` when
@@ -18,7 +18,6 @@ which lose nothing there, and on finer ones. What stays unproven is `undecided` 
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -112,7 +111,7 @@ def judge(d: float, upper: float | None, proof: Callable[[int], float | None], l
     Args:
         d: the closed form's value.
         upper: a proven upper bound, or None.
-        proof: from the level to a proven lower bound, -inf if an overlap is proven; None if the proof fails.
+        proof: from the level to a proven lower bound, positive if clear; None if the proof fails.
         levels: number of levels to try.
     """
     for level in range(levels if upper is not None else 0):
@@ -121,7 +120,7 @@ def judge(d: float, upper: float | None, proof: Callable[[int], float | None], l
             proven = Status.CLEAR if lower > 0 else Status.VIOLATED
             agrees = lower - ROUNDING <= d <= upper + ROUNDING
             status = proven if agrees else Status.INCONSISTENT
-            return Certificate(status, lower if math.isfinite(lower) else None, upper, d, level)
+            return Certificate(status, lower if proven == Status.CLEAR else None, upper, d, level)
     unproven = Status.UNDECIDED if abs(d) <= FLOOR else Status.INCONSISTENT
     return Certificate(unproven, None, upper, d, levels - 1)
 
@@ -144,12 +143,15 @@ def _separating_gap(A: Solid, B: Solid, n: Array, x: Array, level: int) -> float
 
 
 def _common_point(A: Solid, B: Solid, n: Array, x: Array, level: int) -> float | None:
-    """Return -inf if FCL sees the inner meshes of a level overlap."""
-    if level == 0:
-        return -math.inf if A.inner is not None and B.inner is not None and A.inner.overlaps(B.inner) else None
+    """Return the supports' (negative) gap along n, if FCL sees the inner meshes of a level overlap."""
     body_A, body_B = A.body.moved(-x), B.body.moved(-x)
-    mesh_A = inner_mesh(body_A, TURNED_LEVELS[level - 1], n)
-    mesh_B = inner_mesh(body_B, TURNED_LEVELS[level - 1], -n)
-    if not (lies_within(mesh_A, body_A) and lies_within(mesh_B, body_B)):
+    if level == 0:
+        shape_A, shape_B = A.inner, B.inner
+    else:
+        mesh_A = inner_mesh(body_A, TURNED_LEVELS[level - 1], n)
+        mesh_B = inner_mesh(body_B, TURNED_LEVELS[level - 1], -n)
+        shape_A = Shape(mesh_A) if lies_within(mesh_A, body_A) else None
+        shape_B = Shape(mesh_B) if lies_within(mesh_B, body_B) else None
+    if shape_A is None or shape_B is None or not shape_A.overlaps(shape_B):
         return None
-    return -math.inf if Shape(mesh_A).overlaps(Shape(mesh_B)) else None
+    return -float(body_A.support(n) + body_B.support(-n))

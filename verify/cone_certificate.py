@@ -44,18 +44,29 @@ def certify_inside(solid: Solid, cone: Cone) -> Certificate:
     if not (solid.in_range and np.all(np.abs(cone.apex) < FARTHEST / 16)):
         return Certificate(Status.UNDECIDED, None, None, d, 0)
     x = body.centre(worst) - body.radius(worst) * cone.inward_normal(body.centre(worst))
-    upper = float(cone.s(x)) if body.depth(x) > -ROUNDING else None
-    if d > 0:
-        return judge(d, upper, functools.partial(_least_s, body, cone), levels=len(SIDES))
-    if upper is not None and upper > -ROUNDING:
-        upper = None
-    return judge(d, upper, lambda _: -math.inf if _reaches_beyond(body, cone, worst) else None, levels=1)
+    upper = float(cone.s(x))
+    proven = body.depth(x) > -ROUNDING and (d > 0 or upper < -ROUNDING)
+    proof = functools.partial(_inside, body, cone) if d > 0 else functools.partial(_outside, body, cone, worst)
+    return judge(d, upper if proven else None, proof, levels=len(SIDES))
 
 
-def _least_s(body: ConeSphere, cone: Cone, level: int) -> float | None:
-    """Return the least s over the vertices of a level, if it is positive and FCL sees the body inside too."""
+def _inside(body: ConeSphere, cone: Cone, level: int) -> float | None:
+    """Return the least s over a mesh of a level, if it is positive and FCL sees the body inside too."""
+    least = _least_s(body, cone, SIDES[level])
+    return least if least > ROUNDING and all(_keeps_off(body, cone, eta) for eta in (0.0, 1.0)) else None
+
+
+def _outside(body: ConeSphere, cone: Cone, worst: float, level: int) -> float | None:
+    """Return the least s over a mesh of a level, if FCL sees the body reach beyond the cone at its worst end."""
+    m, near, beyond = _half_space(body, cone, worst)
+    mesh = inner_mesh(near, COMMON_LEVEL, -m)
+    return _least_s(body, cone, SIDES[level]) if lies_within(mesh, near) and Shape(mesh).overlaps(beyond) else None
+
+
+def _least_s(body: ConeSphere, cone: Cone, sides: int) -> float:
+    """Return the least s over the vertices of polytopes of revolution around both end balls: around the body."""
     sin, cos = cone.sin_cos
-    radial, axial, azimuth = lathe(math.atan2(sin, cos), SIDES[level])
+    radial, axial, azimuth = lathe(math.atan2(sin, cos), sides)
     least = math.inf
     for eta in (0.0, 1.0):
         centre = body.centre(eta)
@@ -64,7 +75,7 @@ def _least_s(body: ConeSphere, cone: Cone, level: int) -> float | None:
         unit = np.outer(radial * np.cos(azimuth), e_1) + np.outer(radial * np.sin(azimuth), e_2)
         unit += np.outer(axial, cone.axis)
         least = min(least, float(cone.s(centre + body.radius(eta) * unit).min()))
-    return least if least > ROUNDING and all(_keeps_off(body, cone, eta) for eta in (0.0, 1.0)) else None
+    return least
 
 
 def _keeps_off(body: ConeSphere, cone: Cone, eta: float) -> bool:
@@ -74,24 +85,17 @@ def _keeps_off(body: ConeSphere, cone: Cone, eta: float) -> bool:
     return encloses(mesh, near) and not Shape(mesh).overlaps(beyond)
 
 
-def _reaches_beyond(body: ConeSphere, cone: Cone, eta: float) -> bool:
-    """Whether FCL sees the body's inner mesh reach into the half-space beyond the cone nearest to an end ball."""
-    m, near, beyond = _half_space(body, cone, eta)
-    mesh = inner_mesh(near, COMMON_LEVEL, -m)
-    return lies_within(mesh, near) and Shape(mesh).overlaps(beyond)
-
-
 def _half_space(body: ConeSphere, cone: Cone, eta: float) -> tuple[Array, ConeSphere, Shape]:
     """Return the supporting half-space nearest to an end ball: its normal, the body and what lies beyond.
 
     Both are given with the ball's nearest point as origin. Beyond is a box on the plane, large enough that the body
-    cannot pass it by: no point of the body is farther from the origin than twice its extent.
+    cannot pass it by or through: no point of the body is farther from the origin than twice its extent.
     """
     centre = body.centre(eta)
     m = cone.inward_normal(centre)
     x = centre - body.radius(eta) * m
-    foot = -(m @ (x - cone.apex)) * m
-    return m, body.moved(-x), Shape(box_below(foot, m, 4 * body.extent))
+    height = float(m @ (x - cone.apex))
+    return m, body.moved(-x), Shape(box_below(-height * m, m, 4 * body.extent + abs(height)))
 
 
 def lathe(theta: float, sides: int) -> tuple[Array, Array, Array]:

@@ -1,0 +1,104 @@
+"""What python-fcl gets wrong, by name: each test fails if the audit falls into the trap again."""
+
+import ast
+import pathlib
+
+import fcl
+import numpy as np
+import pytest
+from verify_cases import at_clearance, random_pair
+
+import verify.fcl_queries
+from topo_search.model import Status
+from verify.bodies import ConeSphere, ball
+from verify.certificate import Solid, certify_pairs
+from verify.fcl_queries import Shape
+from verify.meshes import Polytope, inner_mesh, outer_mesh
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def envelope(x: float, y: float, axis=DOWN) -> ConeSphere:
+    return ConeSphere(np.array([x, y, 0.0]), 12.1 * np.array(axis), 1.0, 1.06)
+
+
+def judged(A: ConeSphere, B: ConeSphere) -> Status:
+    return certify_pairs([(Solid(A), Solid(B))])[0].status
+
+
+def test_only_the_query_that_is_right_is_used():
+    used = set()
+    for path in pathlib.Path(verify.fcl_queries.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "fcl":
+                used.add(node.attr)
+    assert used == {"Convex", "CollisionObject", "Transform", "collide", "CollisionRequest", "CollisionResult"}
+
+
+def test_distance_of_convex_bodies_is_not_reported():
+    # On a grid of parallel envelopes fcl.distance is too large by parts of an arm.
+    for gap in np.arange(4.2, 9.0, 0.3):
+        for x, y in ((gap, 0.0), (0.0, gap), (gap, gap)):
+            A, B = envelope(0.0, 0.0), envelope(x, y)
+            exact = float(np.hypot(x, y) - 2 * 2.06)
+            (certificate,) = certify_pairs([(Solid(A), Solid(B))])
+            assert certificate.status == Status.CLEAR
+            assert certificate.lower <= exact + 1e-9
+            assert certificate.upper == pytest.approx(exact, abs=1e-9)
+
+
+def test_a_body_inside_another_is_found():
+    # A surface inside another surface does not touch it: meshes as BVH would call this clear.
+    outer, inside = envelope(0.0, 0.0), ball(np.array([0.1, 0.0, -6.0]), 0.05)
+    assert judged(outer, inside) == judged(inside, outer) == Status.VIOLATED
+
+
+def test_identical_bodies_overlap():
+    assert judged(envelope(0.0, 0.0), envelope(0.0, 0.0)) == Status.VIOLATED
+
+
+def test_thin_bodies_are_found():
+    rng = np.random.default_rng(31)
+    for _ in range(40):
+        A, B = random_pair("thin", rng)
+        for gap, status in ((1e-5, Status.CLEAR), (-1e-5, Status.VIOLATED)):
+            assert judged(*at_clearance(A, B, gap)) == status
+
+
+def test_bodies_far_from_the_origin_keep_their_verdict():
+    rng = np.random.default_rng(32)
+    for far in (0.0, 1e2, 1e4):
+        shift = np.array([far, -far, far])
+        for gap, status in ((1e-6, Status.CLEAR), (-1e-6, Status.VIOLATED)):
+            A, B = at_clearance(*random_pair("generic", rng), gap)
+            assert judged(A.moved(shift), B.moved(shift)) == status
+
+
+def test_queries_remember_nothing():
+    A, B, C = (Shape(outer_mesh(ball(np.array([x, 0.0, 0.0]), 1.0), 2)) for x in (0.0, 1.0, 9.0))
+    for _ in range(3):
+        assert A.overlaps(B)
+        assert not A.overlaps(C)
+        assert not C.overlaps(B)
+        assert B.overlaps(A)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e12])
+def test_coordinates_that_give_nonsense_are_refused(bad):
+    mesh = inner_mesh(ball(np.zeros(3), 1.0), 1)
+    vertices = mesh.vertices.copy()
+    vertices[3, 1] = bad
+    with pytest.raises(ValueError, match="finite and within"):
+        Shape(Polytope(vertices, mesh.triangles))
+
+
+def test_faces_are_packed_with_their_counts(monkeypatch):
+    given = []
+    convex = fcl.Convex
+    monkeypatch.setattr(fcl, "Convex", lambda *arguments: given.append(arguments) or convex(*arguments))
+    mesh = outer_mesh(envelope(0.0, 0.0), 2)
+    Shape(mesh)
+    ((vertices, count, faces),) = given
+    assert count == len(mesh.triangles)
+    assert faces.reshape(-1, 4)[:, 0].tolist() == [3] * count
+    assert faces.reshape(-1, 4)[:, 1:].max() == len(vertices) - 1
