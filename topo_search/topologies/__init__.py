@@ -1,0 +1,17 @@
+"""Trees of modules: enumerated, counted and drawn, each design once."""
+
+from topo_search.topologies.candidates import Candidate, candidate_of, candidates, count, sample
+from topo_search.topologies.symmetry import Connectors, Root, Symmetry
+from topo_search.topologies.task_symmetry import improper_isometry
+
+__all__ = [
+    "Candidate",
+    "Connectors",
+    "Root",
+    "Symmetry",
+    "candidate_of",
+    "candidates",
+    "count",
+    "improper_isometry",
+    "sample",
+]

@@ -1,0 +1,138 @@
+"""The candidates of a search: enumerated, counted, looked up and drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from random import Random
+
+from topo_search.model import ResolvedTask, Topology
+from topo_search.topologies import counts
+from topo_search.topologies.enumeration import rooted_at
+from topo_search.topologies.quotient import Quotient
+from topo_search.topologies.rooted import key_of, rooted_of, text_of
+from topo_search.topologies.sampling import draw_tree
+from topo_search.topologies.symmetry import Connectors, Group, Root, Symmetry, group_of
+from topo_search.topologies.task_symmetry import improper_isometry
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One tree that stands for all those that a quotient takes for the same."""
+
+    key: str
+    """The least key among them."""
+    orbit: int
+    """Number of classes of the exact quotient that it stands for; 1 without a symmetry."""
+
+    @property
+    def topology(self) -> Topology:
+        """The tree that the key names."""
+        return Topology.from_key(self.key)
+
+
+def candidates(
+    n: int,
+    *,
+    symmetry: Symmetry = "c2",
+    connectors: Connectors = "aligned",
+    root: Root = "free",
+    task: ResolvedTask | None = None,
+) -> Iterator[Candidate]:
+    """Return the candidates of n modules one by one, in ascending order of their keys.
+
+    Their number is `count`; the orbits add up to the number of exact classes (half turns; for any port quarter
+    turns with spin flip; the paper's root: rooted trees), with `none` to the number of candidates.
+
+    Args:
+        n: number of modules.
+        symmetry: which trees are one candidate. `none`: trees that differ in their root alone; `c2` to `d4`:
+            also turned or mirrored ones; `task`: the coarsest quotient that is exact for the task. With connectors
+            of any port every name but `none` and `task` means the quarter turn with spin flip.
+        connectors: `aligned`, or `any` port of the child, which counts by its parity.
+        root: `free`, or `paper`: trees with different roots differ.
+        task: needed by `task`.
+
+    Raises:
+        ValueError: n < 1, an unknown name, or `task` without a task.
+    """
+    quotient = Quotient(_group(n, symmetry, connectors, root, task), root)
+    return _listed(n, quotient, connectors)
+
+
+def count(
+    n: int,
+    *,
+    symmetry: Symmetry = "c2",
+    connectors: Connectors = "aligned",
+    root: Root = "free",
+    task: ResolvedTask | None = None,
+) -> int:
+    """Return the number of candidates, by closed form; arguments and errors as `candidates`."""
+    return counts.classes(n, _group(n, symmetry, connectors, root, task), connectors=connectors, root=root)
+
+
+def sample(
+    n: int,
+    m: int,
+    seed: int,
+    *,
+    symmetry: Symmetry = "c2",
+    connectors: Connectors = "aligned",
+    root: Root = "free",
+    task: ResolvedTask | None = None,
+) -> list[Topology]:
+    """Return m candidates, drawn independently and uniformly, so that one may come twice.
+
+    The first draws of a longer sample are those of a shorter one. Arguments and errors as `candidates`, and:
+
+    Args:
+        n: number of modules.
+        m: number of draws.
+        seed: draws them.
+        symmetry: as `candidates`.
+        connectors: as `candidates`.
+        root: as `candidates`.
+        task: as `candidates`.
+    """
+    quotient = Quotient(_group(n, symmetry, connectors, root, task), root)
+    random = Random(seed)
+    drawn = (draw_tree(random, n, quotient, connectors) for _ in range(m))
+    return [Topology.from_key(key_of(text_of(tree))) for tree in drawn]
+
+
+def candidate_of(
+    topology: Topology,
+    *,
+    symmetry: Symmetry = "c2",
+    connectors: Connectors = "aligned",
+    root: Root = "free",
+    task: ResolvedTask | None = None,
+) -> Candidate:
+    """Return the candidate that stands for a topology; arguments and errors as `candidates`.
+
+    Raises:
+        ValueError: also if the family is aligned and the topology is not.
+    """
+    if connectors == "aligned" and not topology.aligned:
+        raise ValueError(f"an aligned topology has even kappas alone, but got {list(topology.kappas)}")
+    quotient = Quotient(_group(topology.n, symmetry, connectors, root, task), root)
+    listed = quotient.representative(rooted_of(topology.key))
+    return Candidate(key_of(text_of(listed)), quotient.orbit(listed))
+
+
+def _group(n: int, symmetry: Symmetry, connectors: Connectors, root: Root, task: ResolvedTask | None) -> Group:
+    if n < 1:
+        raise ValueError(f"`n >= 1` must hold, but got n = {n}")
+    mirrors = None if task is None or symmetry != "task" else improper_isometry(task) is not None
+    return group_of(symmetry, connectors=connectors, root=root, mirrors=mirrors)
+
+
+def _listed(n: int, quotient: Quotient, connectors: Connectors) -> Iterator[Candidate]:
+    """Yield the aligned candidates, keys `a...`, then (for any port) those with an odd kappa, keys `p...`."""
+    families: tuple[Connectors, ...] = ("aligned",) if connectors == "aligned" else ("aligned", "any")
+    for family in families:
+        for tree in rooted_at(quotient.root, n, family):
+            key = key_of(text_of(tree))
+            if (key[0] == "a") == (family == "aligned") and quotient.lists(tree):
+                yield Candidate(key, quotient.orbit(tree))

@@ -1,0 +1,41 @@
+"""Every tree of one size in ascending order of its text, in bounded memory.
+
+A key's root digit comes first, then the codes at its ports; codes are prefix-free, so texts ascend when the codes
+do, port by port. With the root at a centroid no port carries more than half of the modules: each tree is a
+combination of short codes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from topo_search.topologies.codes import codes
+from topo_search.topologies.rooted import Rooted
+from topo_search.topologies.symmetry import Connectors, Root
+
+
+def rooted_at(root: Root, n: int, connectors: Connectors) -> Iterator[Rooted]:
+    """Yield the rooted trees of n modules in ascending order of their texts.
+
+    With the free root: those with the root at a centroid, so that a tree with two centroids comes twice.
+    """
+    most = n - 1 if root == "paper" else n // 2
+    for mask in range(16):
+        ports = tuple(port for port in range(4) if mask >> port & 1)
+        for at_ports in _rows(len(ports), n - 1, most, connectors):
+            rooted = ["", "", "", ""]
+            for port, code in zip(ports, at_ports, strict=True):
+                rooted[port] = code
+            yield rooted[0], rooted[1], rooted[2], rooted[3]
+
+
+def _rows(ports: int, modules: int, most: int, connectors: Connectors) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of `ports` codes of at most `most` modules each and `modules` in all, in ascending order."""
+    if ports == 0:
+        if modules == 0:
+            yield ()
+        return
+    least = max(1, modules - (ports - 1) * most)
+    for code in codes(least, min(most, modules - ports + 1), connectors):
+        for row in _rows(ports - 1, modules - len(code), most, connectors):
+            yield (code, *row)

@@ -1,0 +1,61 @@
+"""Which rooted trees are one candidate, which of them is listed, and how many exact classes it stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from topo_search.topologies.rooted import Rooted, centred, moved, other_centroid, reflected, text_of, turned
+from topo_search.topologies.symmetry import GROUPS, Group, Root
+
+
+@dataclass(frozen=True)
+class Quotient:
+    """Trees taken for one candidate.
+
+    With the paper's root a tree is its rooted tree. With the free root a tree is represented by the trees rooted at
+    its centroids, of which there are one or (next to each other, for even n) two.
+    """
+
+    group: Group
+    """The turns and mirrors under which trees are one."""
+    root: Root
+    """`free`: trees are one also if only their root differs."""
+
+    def representative(self, rooted: Rooted) -> Rooted:
+        """Return the tree with the least text among those that are one candidate with a given one."""
+        return min(self.same(rooted if self.root == "paper" else centred(rooted)), key=text_of)
+
+    def lists(self, rooted: Rooted) -> bool:
+        """Whether a tree (free root: one rooted at a centroid) is its own representative."""
+        text = text_of(rooted)
+        return rooted in self._rootings(rooted) and all(text <= text_of(other) for other in self.same(rooted))
+
+    def orbit(self, rooted: Rooted) -> int:
+        """Return the number of exact classes that are one candidate with a tree (free root: rooted at a centroid).
+
+        Exact are half turns with the free root (for any port: quarter turns with spin flip), and the identity with
+        the paper's root. Without any symmetry asked for the answer is 1.
+        """
+        exact = Quotient("c1" if self.root == "paper" or self.group == "c1" else "c2", self.root)
+        if exact == self:
+            return 1
+        return len({text_of(exact.representative(other)) for other in self.same(rooted)})
+
+    def same(self, rooted: Rooted) -> Iterator[Rooted]:
+        """Yield the rooted trees that are one candidate with a given one (free root: rooted at a centroid)."""
+        for tree in self._rootings(rooted):
+            for quarters, mirror in GROUPS[self.group]:
+                yield turned(reflected(tree) if mirror else tree, quarters)
+
+    def _rootings(self, rooted: Rooted) -> tuple[Rooted, ...]:
+        """Return the tree rooted at each of its centroids."""
+        port = None if self.root == "paper" else other_centroid(rooted)
+        if port is None:
+            return (rooted,)
+        other = moved(rooted, port)
+        if self.group == "c1" and rooted[port] >= "8":
+            # Centroids of unlike spins see the tree a quarter turn apart, so no frame is common to both. The one
+            # with the lesser key up to a half turn is the root, and its two half turns are listed.
+            return (min(rooted, other, key=lambda tree: min(text_of(tree), text_of(turned(tree, 2)))),)
+        return (rooted, other)

@@ -1,0 +1,172 @@
+"""Mirror symmetry of a task: an improper isometry that maps all of its requirements onto themselves.
+
+| symbol | meaning | shape |
+|---|---|---|
+| O | improper isometry, det O = -1: force -> O f, torque -> -O tau | (3, 3) |
+| P = -O | the rotation that takes its place: force -> -P f, torque -> P tau | (3, 3) |
+| f_E, f_C | force at the end-effector and at the COM | (3,) |
+| tau | sum of both torques of a load case: a torque is the same wherever it acts | (3,) |
+| p_E | end-effector from the COM, if the task fixes it | (3,) |
+
+A mirrored platform is a platform of the same family: the mirror image of a module is the module with two opposite
+ports exchanged, and its rotors turn as its own do there (a mirror in a plane along the thrust axis exchanges two
+rotors and reverses all spins). Its tree is the axis mirror of the tree. So if O leaves the task as it is, the two
+trees have the same optimum.
+
+Two independent vectors and their images fix a rotation. If all vectors of the task lie on one line, turns about it
+change nothing, and either half turn of a pair of perpendicular frames will do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topo_search.model import Directional, Exterior, LoadCase, ResolvedTask
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1.0e-9
+"""Largest difference of two things that count as equal, relative to the largest of their kind."""
+
+
+class _Feature(NamedTuple):
+    """One requirement of the task in the form that an isometry acts on; lengths and wrenches without unit."""
+
+    kind: str
+    scalars: tuple[float, ...]
+    """What no isometry changes."""
+    polar: Array
+    """Vectors that go to O v, shape (m, 3)."""
+    axial: Array
+    """Vectors that go to -O v, shape (k, 3)."""
+
+    def rotated(self, P: Array) -> _Feature:
+        """Return the image under O = -P."""
+        return self._replace(polar=-self.polar @ P.T, axial=self.axial @ P.T)
+
+    @property
+    def vectors(self) -> Array:
+        """All vectors, shape (m + k, 3)."""
+        return np.vstack([self.polar, self.axial])
+
+    def equals(self, other: _Feature) -> bool:
+        """Whether two features are the same within the tolerance."""
+        return (
+            self.kind == other.kind
+            and bool(np.allclose(self.scalars, other.scalars, rtol=TOLERANCE, atol=0.0))
+            and bool(np.all(np.linalg.norm(self.vectors - other.vectors, axis=1) <= TOLERANCE))
+        )
+
+
+def improper_isometry(task: ResolvedTask) -> Array | None:
+    """Return an improper isometry that maps the task onto itself, shape (3, 3), or None if there is none.
+
+    Load cases must be mapped onto load cases with the same weight (equal load cases count as one with the sum of
+    their weights), segments, cone axes and a fixed p_E onto themselves. Balls, paths along p_E and cones about the
+    COM axis go with p_E and allow every isometry. Among several the one nearest to a plain reflection is returned.
+    """
+    features = _features(task)
+    found = None
+    for P in _rotations(features):
+        images = [feature.rotated(P) for feature in features]
+        if all(any(image.equals(feature) for feature in features) for image in images) and (
+            found is None or np.trace(P) < np.trace(found) - TOLERANCE
+        ):
+            found = P
+    if found is None:
+        return None
+    O = -found
+    O.flags.writeable = False
+    return O
+
+
+def _features(task: ResolvedTask) -> list[_Feature]:
+    """Return what an isometry must map onto itself, each feature once."""
+    wanted = _load_cases(task)
+    paths = [e for e in task.exposure if isinstance(e, Directional) and e.segments is not None]
+    points = [(np.array(end), e.radius) for e in paths for end in e.segments or ()]
+    p_E = task.end_effector.fixed_position
+    lengths = [float(np.linalg.norm(end)) for end, _ in points] + [float(np.linalg.norm(p_E or 0.0))]
+    longest = max(lengths) or 1.0
+    none = np.zeros((0, 3))
+    wanted += [_Feature("segment", (radius,), end[None] / longest, none) for end, radius in points]
+    for exposure in task.exposure:
+        if isinstance(exposure, Exterior) and exposure.axis != "com":
+            axis = np.array([exposure.axis]) / np.linalg.norm(exposure.axis)
+            wanted.append(_Feature("axis", (exposure.half_angle_deg,), axis, none))
+    if p_E is not None:
+        wanted.append(_Feature("p_E", (), np.array([p_E]) / longest, none))
+    return wanted
+
+
+def _load_cases(task: ResolvedTask) -> list[_Feature]:
+    """Return the load cases, forces over the largest force and torques over that times l_arm (or the like)."""
+    at_com = task.end_effector.fixed_position == (0.0, 0.0, 0.0)
+    features: list[_Feature] = []
+    cases = [(case, *_wrench(case, at_com)) for case in task.load_cases]
+    l_arm = task.module.arm_length
+    largest = max(max(np.linalg.norm(f, axis=1).max(), np.linalg.norm(tau) / l_arm) for _, f, tau in cases) or 1.0
+    for case, f, tau in cases:
+        feature = _Feature("load case", (), f / largest, tau[None] / (l_arm * largest))
+        equal = next((i for i, other in enumerate(features) if other._replace(scalars=()).equals(feature)), None)
+        if equal is None:
+            features.append(feature._replace(scalars=(case.weight,)))
+        else:
+            features[equal] = features[equal]._replace(scalars=(features[equal].scalars[0] + case.weight,))
+    return features
+
+
+def _wrench(case: LoadCase, at_com: bool) -> tuple[Array, Array]:
+    """Return f_E and f_C, shape (2, 3) [N] (their sum alone, (1, 3), if p_E is the COM), and tau, (3,) [N m]."""
+    forces = np.array([case.at_end_effector.force, case.at_com.force])
+    torque = np.array(case.at_end_effector.torque) + np.array(case.at_com.torque)
+    return (forces.sum(axis=0, keepdims=True) if at_com else forces), torque
+
+
+def _rotations(features: list[_Feature]) -> Iterator[Array]:
+    """Yield every rotation P that may map the task onto itself: those that map two vectors onto possible images.
+
+    The first vector is the longest, the second the one farthest from its line; then no error grows on the way.
+    """
+    located = [(feature, slot) for feature in features for slot in range(len(feature.vectors))]
+    vectors = np.array([feature.vectors[slot] for feature, slot in located]).reshape(-1, 3)
+    if not np.any(np.linalg.norm(vectors, axis=1) > TOLERANCE):
+        yield np.diag([-1.0, -1.0, 1.0])
+        return
+    first = int(np.argmax(np.linalg.norm(vectors, axis=1)))
+    x = vectors[first] / np.linalg.norm(vectors[first])
+    across = vectors - np.outer(vectors @ x, x)
+    second = int(np.argmax(np.linalg.norm(across, axis=1)))
+    if np.linalg.norm(across[second]) <= TOLERANCE:
+        y = np.eye(3)[np.argmin(np.abs(x))]
+        for image in _images(features, *located[first]):
+            for sign in (1.0, -1.0):
+                yield _frame(image, sign * y) @ _frame(x, y).T
+        return
+    gram = vectors[first] @ vectors[second]
+    frame = _frame(vectors[first], vectors[second])
+    for image in _images(features, *located[first]):
+        for other in _images(features, *located[second]):
+            if abs(image @ other - gram) <= 4 * TOLERANCE:
+                yield _frame(image, other) @ frame.T
+
+
+def _images(features: list[_Feature], feature: _Feature, slot: int) -> Iterator[Array]:
+    """Yield what P v can be for the vector v in a slot of a feature: that of a like feature, reversed if polar."""
+    sign = -1.0 if slot < len(feature.polar) else 1.0
+    length = np.linalg.norm(feature.vectors[slot])
+    for other in features:
+        if other.kind == feature.kind and abs(np.linalg.norm(other.vectors[slot]) - length) <= 2 * TOLERANCE:
+            yield sign * other.vectors[slot]
+
+
+def _frame(along: Array, beside: Array) -> Array:
+    """Return the right-handed orthonormal frame of two independent vectors, columns, shape (3, 3)."""
+    x = along / np.linalg.norm(along)
+    z = np.cross(x, beside)
+    z /= np.linalg.norm(z)
+    return np.column_stack([x, np.cross(z, x), z])
