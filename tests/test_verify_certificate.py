@@ -53,7 +53,7 @@ def test_no_verdict_is_wrong_and_none_is_missing(family):
 @pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_no_verdict_is_wrong_and_none_is_missing_at_length(family):
-    check_family(family, seed=22, count=300)
+    check_family(family, seed=22, count=120)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
