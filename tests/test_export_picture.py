@@ -1,0 +1,225 @@
+"""Pictures of designs: files of both kinds, every kind of exposure, small and large, and what is drawn where."""
+
+import itertools
+import math
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from topo_search.export import outlines, parts
+from topo_search.export.picture import draw, figure_of, title
+from topo_search.export.poses import poses
+from topo_search.export.scene import Scene
+from topo_search.export.tree_plot import flat_layout, layered_layout
+from topo_search.model import Design, Module, Topology
+from topo_search.model.files import examples, read_task
+
+
+def design(topology: Topology, name: str = "push", *settings: str, **given: Any) -> Design:
+    n = topology.n
+    task = read_task(name, (f"modules={n}", *settings)).resolve(n)
+    rng = np.random.default_rng(n)
+    numbers: dict[str, Any] = {
+        "root_orientation_rad": rng.uniform(-0.5, 0.5, 3).tolist(),
+        "hinge_angles_rad": rng.uniform(-1, 1, n - 1).tolist(),
+        "end_effector_m": [0.6, 0.2, 0.4],
+        "rotor_speeds_squared": [[1e6] * (4 * n)] * len(task.load_cases),
+        "objective": 1.2345e13,
+        "gap": 0.0932,
+    }
+    return Design.model_validate({"task": task, "topology": topology, **numbers, **given})
+
+
+def grown(n: int) -> Topology:
+    """Return an aligned tree with modules added at random free ports."""
+    rng = np.random.default_rng(n)
+    joints, free = [(-1, -1, -1)], [(0, port) for port in range(4)]
+    for i in range(1, n):
+        h, a = free.pop(int(rng.integers(len(free))))
+        b = (a + 2) % 4
+        joints.append((h, a, b))
+        free += [(i, port) for port in range(4) if port != b]
+    return Topology(tuple(joints))
+
+
+CROSS = Topology.from_key("af0000")
+
+
+def ink(path: Path) -> float:
+    """Return the share of pixels that are not white."""
+    pixels = matplotlib.image.imread(path)[..., :3]
+    assert pixels.shape[:2] == (1360, 2100)
+    return float(np.mean(np.any(pixels < 0.99, axis=-1)))
+
+
+@pytest.mark.parametrize("name", ["push", "push-local", "push-two-paths", "push-exterior-60", "push-exterior-90"])
+def test_every_kind_of_exposure_is_drawn(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "deep" / "picture.png"
+    draw(design(CROSS, name), path)
+    assert 0.03 < ink(path) < 0.6
+
+
+@pytest.mark.parametrize("name", [name for name in examples() if name.startswith("push")])
+def test_the_legend_explains_the_exposure(name: str) -> None:
+    texts = [text.get_text() for text in figure_of(design(CROSS, name)).legends[0].get_texts()]
+    volumes = "local" in name or "directional" in name or "two-paths" in name
+    assert ("to be kept out of the airflow" in texts) == volumes
+    assert ("cone to hold all airflow" in texts) == ("exterior" in name)
+
+
+def test_several_requirements_and_a_path_along_p_e(tmp_path: Path) -> None:
+    several = (
+        'exposure=[{kind="local"}, {kind="directional", along="end_effector", length=0.5}, '
+        '{kind="exterior", axis=[0, 0, -1], half_angle_deg=45}]'
+    )
+    draw(design(CROSS, "push", several), tmp_path / "several.png")
+    assert ink(tmp_path / "several.png") > 0.03
+
+
+@pytest.mark.parametrize("n", [1, 2, 30])
+def test_any_size(tmp_path: Path, n: int) -> None:
+    path = tmp_path / "picture.svg"
+    draw(design(grown(n), "push-local"), path)
+    root = ElementTree.parse(path).getroot()
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert len(list(root.iter("{http://www.w3.org/2000/svg}path"))) > 150 * n
+
+
+def test_the_end_effector_at_the_centre_of_mass_has_no_direction_to_fail_on(tmp_path: Path) -> None:
+    at_com = design(Topology.from_key("a0"), "push-local", end_effector_m=[0.0, 0.0, 0.0])
+    draw(at_com, tmp_path / "picture.png")
+    assert ink(tmp_path / "picture.png") > 0.02
+
+
+def test_the_same_design_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.svg", "b.svg"):
+        draw(design(CROSS), tmp_path / name)
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+
+
+def test_the_format_is_given_or_told_by_the_name(tmp_path: Path) -> None:
+    draw(design(CROSS), tmp_path / "picture.dat", format="png")
+    assert (tmp_path / "picture.dat").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(ValueError, match=r"must end in \.png or \.svg, but got picture\.pdf"):
+        draw(design(CROSS), tmp_path / "picture.pdf")
+    assert not (tmp_path / "picture.pdf").exists()
+
+
+def test_the_title_names_size_objective_and_gap() -> None:
+    assert title(design(CROSS)) == r"push   $n$ = 5   $J$ = 1.234$\times$10$^{13}$ rad$^4$/s$^4$   gap 9.3 %"
+    assert "gap" not in title(design(CROSS, gap=None))
+
+
+@pytest.mark.parametrize("n", [1, 5, 30])
+def test_all_axes_have_one_scale_and_hold_everything(n: int) -> None:
+    figure = figure_of(design(grown(n), "push-two-paths"))
+    for axes in figure.axes[:2]:
+        limits: Any = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])  # type: ignore[attr-defined]
+        per_metre = axes._box_aspect / np.ptp(limits, axis=1)  # type: ignore[attr-defined]
+        np.testing.assert_allclose(per_metre, per_metre[0])
+        labels = axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()  # type: ignore[attr-defined]
+        assert labels == ("$x$ [m]", "$y$ [m]", "$z$ [m]")
+
+
+def test_numbers_of_modules_do_not_overlap() -> None:
+    figure = figure_of(design(grown(30)))
+    figure.draw_without_rendering()
+    close: Any = figure.axes[1]
+    boxes = [Text.get_window_extent(text) for text in close.texts]  # of an annotation without its line
+    assert [text.get_text() for text in close.texts] == [str(i) for i in range(30)]
+    touching = sum(bool(one.overlaps(other)) for one, other in itertools.combinations(boxes, 2))
+    assert touching == 0
+
+
+@pytest.mark.parametrize("r_1", [0.1, 0.2])
+@pytest.mark.parametrize("length", [0.0, 0.05, 1.2])
+def test_the_outline_is_the_edge_of_all_balls(r_1: float, length: float) -> None:
+    rng = np.random.default_rng(3)
+    v = rng.normal(size=3)
+    v /= np.linalg.norm(v)
+    P_0, axis = rng.normal(size=3), rng.normal(size=3)
+    P_1 = P_0 + length * axis / np.linalg.norm(axis)
+    outline = outlines.cone_sphere(P_0, 0.1, P_1, r_1, v)
+    eta = np.linspace(0, 1, 2001)[:, None]
+    centres, radii = P_0 + eta * (P_1 - P_0), 0.1 + eta[:, 0] * (r_1 - 0.1)
+    across = np.eye(3) - np.outer(v, v)
+    for point in outline:
+        gaps = np.linalg.norm((point - centres) @ across, axis=1) - radii
+        assert gaps.min() == pytest.approx(0, abs=1e-4)
+
+
+def test_a_cone_has_its_half_angle() -> None:
+    apex, d = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.0, -0.8])
+    for degrees in (30, 60, 90):
+        triangles = outlines.cone(apex, d, math.radians(degrees), 2.0)
+        np.testing.assert_allclose(triangles[:, 0], np.broadcast_to(apex, (48, 3)))
+        rim = triangles[:, 1] - apex
+        np.testing.assert_allclose(np.linalg.norm(rim, axis=1), 2.0)
+        np.testing.assert_allclose(rim @ d, 2.0 * math.cos(math.radians(degrees)), atol=1e-12)
+
+
+def volume(faces: np.ndarray) -> float:
+    """Return the volume inside closed faces around the origin's side, whatever their orientation."""
+    centre = faces.reshape(-1, 3).mean(axis=0)
+    corners = faces - centre
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals += np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 0])
+    return float(np.abs(np.einsum("fi,fi->f", normals / 2, corners[:, 0])).sum() / 3)
+
+
+def test_the_parts_have_the_sizes_of_the_module() -> None:
+    module = Module()
+    frame, rotors = parts.frame(module), parts.rotors(module)
+    assert volume(frame[:6]) == pytest.approx(0.08 * 0.08 * 0.04)
+    assert volume(frame[6:12]) == pytest.approx(0.10 * 0.02 * 0.02)
+    assert volume(rotors[:30]) == pytest.approx(0.02 * 16 / 2 * math.sin(math.tau / 16) * 0.05**2)
+    # the paper's X layout: rotor 1 at +x -y, then clockwise seen from above
+    centres = rotors.reshape(4, -1, 3).mean(axis=1)
+    np.testing.assert_allclose(
+        centres, 0.1 / math.sqrt(2) * np.array([[1, -1, 0], [-1, -1, 0], [-1, 1, 0], [1, 1, 0]]), atol=1e-12
+    )
+
+
+def test_the_flat_layout_follows_the_ports() -> None:
+    cells, turns = flat_layout(CROSS)
+    np.testing.assert_array_equal(cells, [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]])
+    assert turns == [0] * 5
+    # the child is bolted by its own +y port to the parent's +x: it is a quarter turn round, and its +y points back
+    quarter = Topology(((-1, -1, -1), (0, 0, 1), (1, 0, 2)))
+    cells, turns = flat_layout(quarter)
+    assert turns == [0, 1, 1]
+    np.testing.assert_array_equal(cells, [[0, 0], [1, 0], [1, 1]])
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 40])
+def test_the_layered_layout_keeps_modules_apart(n: int) -> None:
+    topology = grown(n)
+    place = layered_layout(topology)
+    gaps = np.linalg.norm(place[:, None] - place, axis=-1)[~np.eye(n, dtype=bool)]
+    assert gaps.min(initial=1.0) >= 1.0 - 1e-12
+    for h, i, _, _ in topology.edges():
+        assert place[i, 1] < place[h, 1]
+
+
+def test_overlapping_trees_are_laid_in_layers() -> None:
+    square = Topology(((-1, -1, -1), (0, 0, 2), (1, 1, 3), (0, 1, 3), (3, 0, 2)))
+    cells, _ = flat_layout(square)
+    assert len(np.unique(cells, axis=0)) < 5
+    words = [text.get_text() for text in figure_of(design(square)).axes[2].texts]
+    assert words.count("+x") == 2
+    assert words.count("−y") == 2
+
+
+@pytest.mark.parametrize("angle_deg", range(0, 360, 15))
+def test_the_viewer_looks_across_the_offset(angle_deg: int) -> None:
+    angle = math.radians(angle_deg)
+    sideways = design(Topology.from_key("a0"), end_effector_m=[math.cos(angle), math.sin(angle), 0.0])
+    scene = Scene(Figure(), (0.0, 0.0, 1.0, 1.0), sideways, poses(sideways))
+    assert np.linalg.norm(scene.v) == pytest.approx(1)
+    assert abs(scene.v @ sideways.end_effector_m) < 0.75

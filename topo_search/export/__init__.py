@@ -1,0 +1,1 @@
+"""Designs for other eyes and tools: pictures and files of other formats."""

@@ -1,0 +1,108 @@
+"""A picture of a design without a display: the platform with its airflow, a close-up, and its tree.
+
+Drawn as the paper draws it, in the axes of the task frame W and in metres.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import matplotlib as mpl
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from topo_search.export import palette
+from topo_search.export.poses import poses
+from topo_search.export.scene import Scene
+from topo_search.export.tree_plot import draw_tree
+from topo_search.model.design import Design
+from topo_search.model.exposure import Exterior
+
+
+def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | None = None) -> None:
+    """Write a picture of a design.
+
+    Args:
+        design: any design, audited or not.
+        path: the file; its folder is made if need be.
+        format: the kind of file; default: by the end of its name.
+
+    Raises:
+        ValueError: neither `format` nor the name says `png` or `svg`.
+    """
+    path = Path(path)
+    kind = format or path.suffix.removeprefix(".").lower()
+    if kind not in ("png", "svg"):
+        raise ValueError(f"the picture's name must end in .png or .svg, but got {path.name}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context({"svg.hashsalt": "topo-search", "font.size": 8}):
+        metadata = {"Date": None} if kind == "svg" else None
+        figure_of(design).savefig(path, format=kind, dpi=200, metadata=metadata)
+
+
+def figure_of(design: Design) -> Figure:
+    """Return the picture as a matplotlib figure."""
+    figure = Figure(figsize=(10.5, 6.8))
+    at = poses(design)
+    whole = Scene(figure, (0.0, 0.10, 0.58, 0.82), design, at)
+    whole.exposure()
+    whole.airflow()
+    whole.platform()
+    whole.finish()
+    close = Scene(figure, (0.58, 0.47, 0.42, 0.45), design, at)
+    close.platform()
+    close.finish()
+    close.number_modules()
+    draw_tree(figure.add_axes((0.62, 0.11, 0.35, 0.30)), design)
+    for x, y, text in ((0.29, 0.915, "airflow"), (0.79, 0.915, "platform"), (0.79, 0.43, _short(design))):
+        figure.text(x, y, text, fontsize=9, ha="center")
+    figure.suptitle(title(design), y=0.98, fontsize=11)
+    figure.legend(handles=_legend(design), loc="lower center", ncols=6, frameon=False)
+    return figure
+
+
+def title(design: Design) -> str:
+    """Return name, size, topology, objective and gap in one line."""
+    mantissa, exponent = f"{design.objective:.3e}".split("e")
+    parts = [
+        design.task.name,
+        f"$n$ = {design.topology.n}",
+        rf"$J$ = {mantissa}$\times$10$^{{{int(exponent)}}}$ rad$^4$/s$^4$",
+    ]
+    if design.gap is not None:
+        parts.append(f"gap {100 * design.gap:.1f} %")
+    return "   ".join(parts)
+
+
+def _short(design: Design) -> str:
+    key = design.topology.key
+    return f"topology {key}" if len(key) <= 44 else f"topology {key[:40]}..."
+
+
+def _legend(design: Design) -> list[Artist]:
+    def dot(colour: str, label: str) -> Artist:
+        return Line2D([], [], marker="o", linestyle="", color=colour, markeredgecolor="black", label=label)
+
+    def volume(colour: str, alpha: float, label: str) -> Artist:
+        return Patch(facecolor=(colour, alpha), edgecolor=colour, label=label)
+
+    entries: list[Artist] = [
+        Patch(color=palette.MODULE, label="module"),
+        Line2D([], [], color=palette.THRUST_AXIS, marker=">", label="thrust axis"),
+        Line2D([], [], color=palette.CONNECTOR, linewidth=2, label="joint (hinge angle)"),
+        Line2D([], [], marker="s", linestyle="", color=palette.FREE_PORT, label="free connector"),
+        Line2D([], [], marker=".", linestyle="", color=palette.THRUST_AXIS, label="side of port $+x$"),
+        volume(palette.AIRFLOW, 0.3, "airflow envelope"),
+        dot(palette.END_EFFECTOR, "end-effector"),
+        dot(palette.CENTRE_OF_MASS, "centre of mass"),
+        Line2D([], [], color=palette.OFFSET, linewidth=2.5, label="$p_E$"),
+    ]
+    cones = [isinstance(requirement, Exterior) for requirement in design.task.exposure]
+    if not all(cones):
+        entries.append(volume(palette.EXPOSURE, 0.3, "to be kept out of the airflow"))
+    if any(cones):
+        entries.append(volume(palette.EXPOSURE, 0.12, "cone to hold all airflow"))
+    return entries

@@ -1,0 +1,232 @@
+"""A design in three dimensions on matplotlib axes: modules, airflow envelopes, exposure regions, end-effector."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D, proj3d
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+from topo_search.export import outlines, palette, parts
+from topo_search.export.poses import PORTS, Poses
+from topo_search.model.arrays import Array
+from topo_search.model.design import Design
+from topo_search.model.exposure import Directional, Exterior
+
+LIGHT = np.array([0.27, -0.18, 0.95])
+"""Towards the light, for the shading of faces."""
+ELEVATION_DEG = 20.0
+AZIMUTHS_DEG = (-60, -30, 30, 60)
+"""Of the viewer; none is close to an axis, whose labels would then run into each other."""
+MARGIN = np.array([1.3, 0.8])
+"""Left for the labels of the axes, in width and height [in]."""
+ASIDE = np.array(sorted(itertools.product(range(-4, 5), repeat=2), key=lambda step: math.hypot(*step)))
+"""Where a number may move to, nearest first, in font sizes."""
+HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
+"""Keeps a number readable over whatever lies behind it."""
+
+
+class Scene:
+    """One drawing of a design in a part of a figure; all that is drawn sets the limits."""
+
+    def __init__(self, figure: Figure, part: tuple[float, float, float, float], design: Design, at: Poses) -> None:
+        left, bottom, width, height = part
+        inches_wide, inches_high = figure.get_size_inches()
+        self.size = np.array([width * inches_wide, height * inches_high])
+        """Of the part [in]."""
+        side = self.size.max()  # the axes are a square around the part: what they hold is clipped at their edges
+        w, h = side / inches_wide, side / inches_high
+        square = (left + (width - w) / 2, bottom + (height - h) / 2, w, h)
+        axes: Axes3D = figure.add_axes(square, projection="3d")
+        self.axes = axes
+        self.design = design
+        self.at = at
+        azimuth_deg = _azimuth_deg(at)
+        axes.view_init(elev=ELEVATION_DEG, azim=azimuth_deg)
+        axes.set_proj_type("ortho")
+        axes.computed_zorder = False
+        axes.patch.set_visible(False)
+        elevation, azimuth = math.radians(ELEVATION_DEG), math.radians(azimuth_deg)
+        across = math.cos(elevation)
+        self.v = np.array([across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)])
+        """Unit vector towards the viewer."""
+        self._drawn: list[Array] = []
+
+    def airflow(self) -> None:
+        """Draw the envelope of every module: its outline, and the circle where its far ball is widest."""
+        envelope = self.design.task.module.envelope
+        ends = self.at.p - envelope.length * self.at.z
+        radii = envelope.start_radius, envelope.end_radius
+        self._volumes(
+            [
+                outlines.cone_sphere(p, radii[0], end, radii[1], self.v)
+                for p, end in zip(self.at.p, ends, strict=True)
+            ],
+            palette.AIRFLOW,
+        )
+        rings = [outlines.circle(end, radii[1], z) for end, z in zip(ends, self.at.z, strict=True)]
+        self._lines(rings, palette.AIRFLOW, 0.5)
+
+    def exposure(self) -> None:
+        """Draw every region that the airflow must not reach; of a cone, the surface that encloses all airflow."""
+        apex = self.at.end_effector
+        for requirement in self.design.task.exposure:
+            if isinstance(requirement, Exterior):
+                self._cone(requirement)
+                continue
+            ends = [apex]
+            if isinstance(requirement, Directional):
+                ends = [apex + segment for segment in self._segments(requirement)]
+            r = requirement.radius
+            self._volumes([outlines.cone_sphere(apex, r, end, r, self.v) for end in ends], palette.EXPOSURE, 0.3)
+            self._lines([outlines.circle(end, r, np.array([0.0, 0.0, 1.0])) for end in ends], palette.EXPOSURE, 0.8)
+
+    def platform(self) -> None:
+        """Draw modules, joints and thrust axes, the centre of mass, the end-effector and the line between them."""
+        module, at = self.design.task.module, self.at
+        for h, i, a, _ in self.design.topology.edges():
+            joint = at.p[h] + module.connector_distance * at.R[h] @ PORTS[a]
+            self._lines([np.stack([at.p[h], joint, at.p[i]])], palette.CONNECTOR, 2.0)
+        frame, rotors = parts.frame(module), parts.rotors(module)
+        one = np.concatenate([frame, rotors])
+        faces = np.concatenate([one @ R.T + p for R, p in zip(at.R, at.p, strict=True)])
+        tints = [to_rgb(palette.MODULE)] * len(frame) + [to_rgb(palette.ROTOR)] * len(rotors)
+        self._solid(faces, np.tile(tints, (len(at.p), 1)))
+        self._arrows(at.p, 1.6 * module.arm_length * at.z)
+        self._lines([np.stack([at.p_com, at.end_effector])], palette.OFFSET, 2.5)
+        for place, colour in ((at.p_com, palette.CENTRE_OF_MASS), (at.end_effector, palette.END_EFFECTOR)):
+            self.axes.plot(*place[:, None], "o", color=colour, markeredgecolor="black", markersize=7, zorder=8)
+
+    def finish(self) -> None:
+        """Set equal scales on all axes, so large that everything drawn fits into the part."""
+        points = np.concatenate(self._drawn)
+        low, high = points.min(axis=0), points.max(axis=0)
+        half = np.maximum(high - low, 0.6 * (high - low).max()) / 2
+        middle = (low + high) / 2
+        self.axes.set(
+            xlim=(middle[0] - half[0], middle[0] + half[0]),
+            ylim=(middle[1] - half[1], middle[1] + half[1]),
+            zlim=(middle[2] - half[2], middle[2] + half[2]),
+        )
+        self.axes.set_box_aspect(tuple(half))
+        corners = middle + half * np.array(list(itertools.product((-1, 1), repeat=3)))
+        zoom = (self.size - MARGIN) * 72 / np.ptp(self._on_page(corners), axis=0)
+        self.axes.set_box_aspect(tuple(half), zoom=float(zoom.min()))
+        for name, share in zip("xyz", half / half.max(), strict=True):
+            axis = getattr(self.axes, f"{name}axis")
+            axis.set_major_locator(MaxNLocator(round(3 * share) + 2, steps=[1, 2, 5, 10], prune="both"))
+            axis.set_label_text(f"${name}$ [m]")
+            axis.set_tick_params(pad=5 if name == "z" else 2)
+            axis.labelpad = 10 if name == "z" else 6
+            axis.set_pane_color((1, 1, 1, 0))
+            axis._axinfo["grid"].update(color="0.9", linewidth=0.5)
+
+    def number_modules(self) -> None:
+        """Write every module's number at its thrust axis, moved aside where two would overlap; after `finish`."""
+        anchors = self.at.p + 2.0 * self.design.task.module.arm_length * self.at.z
+        size = float(np.clip(40 / len(anchors), 5, 8))
+        taken = list(self._on_page(np.stack([self.at.p_com, self.at.end_effector])))
+        for i, (on_axes, on_page) in enumerate(zip(self._projected(anchors), self._on_page(anchors), strict=True)):
+            aside = next(
+                (step * size for step in ASIDE if not _overlap(on_page + step * size, taken, size)), np.zeros(2)
+            )
+            taken.append(on_page + aside)
+            self.axes.annotate(
+                str(i),
+                on_axes,
+                xytext=tuple(aside),
+                textcoords="offset points",
+                fontsize=size,
+                ha="center",
+                va="center",
+                path_effects=HALO,
+                arrowprops={"arrowstyle": "-", "linewidth": 0.3, "shrinkA": 0, "shrinkB": 0}
+                if aside.any()
+                else None,
+                zorder=9,
+            )
+
+    def _projected(self, points: Array) -> Array:
+        """Return where points lie on the flat axes, (m, 2)."""
+        x, y, _ = proj3d.proj_transform(*points.T, self.axes.get_proj())
+        return np.stack([x, y], axis=1)
+
+    def _on_page(self, points: Array) -> Array:
+        """Return where points lie on the page, (m, 2) [pt]."""
+        pixels = self.axes.transData.transform(self._projected(points))
+        return np.asarray(pixels * 72 / self.axes.figure.dpi)
+
+    def _segments(self, requirement: Directional) -> list[Array]:
+        if requirement.segments is not None:
+            return [np.array(segment) for segment in requirement.segments]
+        assert requirement.length is not None  # given with `along`
+        return [requirement.length * _unit(self.at.p_E)]
+
+    def _cone(self, requirement: Exterior) -> None:
+        apex = self.at.end_effector
+        d = _unit(-self.at.p_E if requirement.axis == "com" else np.array(requirement.axis))
+        slant = float(np.linalg.norm(self.at.p - apex, axis=1).max()) + 2 * self.design.task.module.reach / 3
+        surface = outlines.cone(apex, d, math.radians(requirement.half_angle_deg), slant)
+        self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
+        self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
+        self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
+
+    def _volumes(self, polygons: list[Array], colour: str, alpha: float = 0.16, *, edge: float = 0.7) -> None:
+        collection = Poly3DCollection(
+            polygons,
+            facecolors=(*to_rgb(colour), alpha),
+            edgecolors=(*to_rgb(colour), 0.8),
+            linewidths=edge,
+        )
+        self.axes.add_collection3d(collection)
+        self._keep(polygons)
+
+    def _solid(self, faces: Array, tints: Array) -> None:
+        normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1])
+        cosine = np.abs(normals @ LIGHT) / np.linalg.norm(normals, axis=1)
+        tints = tints * (0.7 + 0.3 * cosine[:, None])
+        self.axes.add_collection3d(
+            Poly3DCollection(faces, facecolors=tints, edgecolors=tints, linewidths=0.2, zorder=5)
+        )
+        self._keep([faces])
+
+    def _lines(self, lines: list[Array], colour: str, width: float) -> None:
+        self.axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=width, zorder=4))
+        self._keep(lines)
+
+    def _arrows(self, tails: Array, vectors: Array) -> None:
+        self.axes.quiver(
+            *tails.T, *vectors.T, color=palette.THRUST_AXIS, linewidth=1.4, arrow_length_ratio=0.3, zorder=7
+        )
+        self._keep([tails + vectors])
+
+    def _keep(self, drawn: list[Array]) -> None:
+        self._drawn.extend(np.asarray(points).reshape(-1, 3) for points in drawn)
+
+
+def _unit(vector: Array) -> Array:
+    length = np.linalg.norm(vector)
+    return vector / length if length else np.array([0.0, 0.0, 1.0])
+
+
+def _overlap(at: Array, taken: list[Array], size: float) -> bool:
+    """Whether a number of a font size [pt] at a place on the page would touch one of those there already."""
+    gaps = np.abs(np.array(taken) - at)
+    return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
+
+
+def _azimuth_deg(at: Poses) -> float:
+    """Look across the line from the centre of mass to the end-effector, and along no axis."""
+    x, y, _ = at.p_E
+    return max(AZIMUTHS_DEG, key=lambda azimuth: abs(_across(x, y, math.radians(azimuth))))
+
+
+def _across(x: float, y: float, azimuth: float) -> float:
+    """Return the part of a horizontal vector that a viewer at an azimuth sees across the picture."""
+    return y * math.cos(azimuth) - x * math.sin(azimuth)
