@@ -53,6 +53,11 @@ def test_lengths_left_out_scale_with_the_arm() -> None:
     assert resolved.envelope == Module().envelope
 
 
+def test_an_envelope_as_short_as_numbers_allow() -> None:
+    module = Module(airflow=Airflow(start_radius=0.1, reach=math.nextafter(0.1, 1)))
+    assert 0 < module.envelope.length < 1e-16
+
+
 def boxes_and_discs(module: Module, cells: int) -> tuple[float, np.ndarray]:
     """Sum over small cells of hub, arms and discs: volume, and the integrals of y^2+z^2, x^2+z^2, x^2+y^2."""
     body, l_arm = module.body, module.arm_length

@@ -154,7 +154,7 @@ def test_an_example_leaves_derived_defaults_open(name: str) -> None:
     assert task.search.separation is None
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(tasks)
 def test_a_task_comes_back_from_toml_json_and_pickle(data: dict[str, Any]) -> None:
     task = Task.model_validate(data)
@@ -163,7 +163,7 @@ def test_a_task_comes_back_from_toml_json_and_pickle(data: dict[str, Any]) -> No
     assert pickle.loads(pickle.dumps(task)) == task
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(tasks)
 def test_a_resolved_task_stands_alone(data: dict[str, Any]) -> None:
     task = Task.model_validate(data)

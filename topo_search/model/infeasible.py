@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from topo_search.model.design import SolverRecord, TopologyRows
-from topo_search.model.value import NonNegative, Value
+from topo_search.model.value import Number, Value
 
 
 class Infeasible(Value):
@@ -20,7 +20,7 @@ class Infeasible(Value):
     """`infeasible`: no start reached a feasible point; `impossible`: proven, whatever the start."""
     worst_constraint: str
     """The most violated constraint of the start that came closest, in the user's words."""
-    violation: NonNegative
+    violation: Number
     """By how much it is missed, positive, in `unit`."""
     unit: str
     message: str

@@ -22,7 +22,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from topo_search.model.value import NonNegative, Positive, PositiveVector, Value, refuse
+from topo_search.model.value import Number, Positive, PositiveVector, Value, refuse
 
 
 class Airflow(Value):
@@ -61,11 +61,11 @@ class Body(Value):
 class AirflowEnvelope(Value):
     """The cone-sphere of one module: balls on a segment, with linearly growing radius."""
 
-    length: Positive
+    length: Number
     """l_air: length of the axis, from the module's centre along -z [m]."""
     start_radius: Positive
     """r_air: radius at the module's centre [m]."""
-    growth: NonNegative
+    growth: Number
     """dr_air: growth of the radius along the axis [m]."""
 
     @property
