@@ -1,1 +1,31 @@
 """Best topology of a modular aerial manipulator for a task, with an exact audit of every airflow clearance."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from topo_search.compose import audit, search, solve
+    from topo_search.model.files import read_json, read_task
+
+__all__ = ["audit", "read_json", "read_task", "search", "solve"]
+
+_HOMES = {
+    "audit": "topo_search.compose",
+    "read_json": "topo_search.model.files",
+    "read_task": "topo_search.model.files",
+    "search": "topo_search.compose",
+    "solve": "topo_search.compose",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load the solver and the audit when they are first asked for (PEP 562)."""
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,129 @@
+import csv
+import sqlite3
+
+import toy_problem
+from toy_problem import toy_run
+
+from topo_search.model import Design
+from topo_search.model.files import read_json
+
+
+class Notes:
+    def __init__(self):
+        self.texts = []
+
+    def size(self, n, candidates, lower_bound):
+        pass
+
+    def settled(self, incumbent):
+        pass
+
+    def note(self, text):
+        self.texts.append(text)
+
+
+def table(path):
+    with (path / "candidates.csv").open(newline="") as stream:
+        return {row["key"]: row for row in csv.DictReader(stream)}
+
+
+def keys_by_rank(tmp_path):
+    toy_run(tmp_path / "plain")
+    return list(table(tmp_path / "plain"))
+
+
+def margins(path, key):
+    database = sqlite3.connect(path / "ledger.sqlite")
+    found = [m for (m,) in database.execute("SELECT margin FROM candidates WHERE key = ? ORDER BY margin", (key,))]
+    database.close()
+    return found
+
+
+def test_a_design_that_fails_is_solved_again_with_a_larger_margin_and_ranked_anew(tmp_path, monkeypatch):
+    keys = keys_by_rank(tmp_path)
+    monkeypatch.setenv("TOY_VIOLATED", keys[0])
+    monkeypatch.setenv("TOY_MARGIN", "1e-2")
+    notes = Notes()
+    answer = toy_run(tmp_path / "run", observer=notes)
+    rows = table(tmp_path / "run")
+    assert margins(tmp_path / "run", keys[0]) == [1e-4, 1e-3, 1e-2]
+    again = read_json(Design, tmp_path / "run" / "designs" / f"{keys[0]}.json")
+    assert again.task.search.margin == 1e-2
+    assert float(rows[keys[0]]["objective"]) == again.objective > float(rows[keys[1]]["objective"])
+    assert rows[keys[0]]["audit"] == "clear"
+    assert answer.best.key == keys[1]
+    assert notes.texts == [
+        f"{keys[0]}: the audit of the design with margin {m} m is violated" for m in ("0.0001", "0.001")
+    ]
+    assert any(
+        remark.startswith(f"{keys[0]}: solved again with margin 0.01 m") for remark in answer.sizes[0].remarks
+    )
+
+
+def test_a_design_that_never_passes_is_passed_over_visibly(tmp_path, monkeypatch):
+    keys = keys_by_rank(tmp_path)
+    monkeypatch.setenv("TOY_VIOLATED", keys[0])
+    answer = toy_run(tmp_path / "run")
+    assert margins(tmp_path / "run", keys[0]) == [1e-4, 1e-3, 1e-2, 1e-1]
+    assert table(tmp_path / "run")[keys[0]]["audit"] == "violated"
+    assert answer.best.key == keys[1]
+    assert answer.exit_status == 0
+    assert any(
+        keys[0] in remark and "passed over, its audit is violated" in remark for remark in answer.sizes[0].remarks
+    )
+
+
+def test_audits_go_down_the_ranking_until_one_is_clear(tmp_path, monkeypatch):
+    keys = keys_by_rank(tmp_path)
+    assert len(keys) < 20
+    toy_run(tmp_path / "plain", modules=3)
+    four = list(_four(tmp_path))
+    monkeypatch.setenv("TOY_VIOLATED", ",".join(four[:12]))
+    answer = toy_run(tmp_path / "run", modules=4)
+    rows = table(tmp_path / "run")
+    assert answer.best.key == four[12]
+    assert {rows[key]["audit"] for key in four[:12]} == {"violated"}
+
+
+def _four(tmp_path):
+    toy_run(tmp_path / "four", modules=4)
+    return table(tmp_path / "four")
+
+
+def test_none_that_passes_is_status_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_VIOLATED", "*")
+    answer = toy_run(tmp_path / "run")
+    assert answer.exit_status == 1
+    assert {row["audit"] for row in table(tmp_path / "run").values()} == {"violated"}
+    assert not (tmp_path / "run" / "best.json").exists()
+    assert toy_run(tmp_path / "run") == answer
+
+
+def test_an_audit_that_crashes_passes_over_its_design_alone(tmp_path, monkeypatch):
+    keys = keys_by_rank(tmp_path)
+    monkeypatch.setenv("TOY_AUDIT_SEGFAULT", keys[0])
+    answer = toy_run(tmp_path / "run", workers=1)
+    assert answer.best.key == keys[1]
+    assert table(tmp_path / "run")[keys[0]]["audit"] == ""
+    assert any("its audit failed" in remark and "SIGSEGV" in remark for remark in answer.sizes[0].remarks)
+
+
+def test_a_margin_of_zero_is_raised_too():
+    from topo_search.study import larger_margin
+
+    assert larger_margin(0.0) == 1e-4
+    assert larger_margin(1e-4) == 1e-3
+
+
+def test_the_base_row_of_a_design_keeps_its_own_audit(tmp_path, monkeypatch):
+    keys = keys_by_rank(tmp_path)
+    monkeypatch.setenv("TOY_VIOLATED", keys[0])
+    monkeypatch.setenv("TOY_MARGIN", "1e-3")
+    toy_run(tmp_path / "run")
+    database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
+    rows = database.execute(
+        "SELECT margin, audit, standing FROM candidates WHERE key = ? ORDER BY margin", (keys[0],)
+    )
+    assert list(rows) == [(1e-4, "violated", 0), (1e-3, "clear", 1)]
+    database.close()
+    assert toy_problem.BOUND == 1.0

@@ -1,0 +1,200 @@
+import csv
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import toy_problem
+from toy_problem import solved_keys, toy_run
+
+from topo_search.model import BadInput
+from topo_search.study import COLUMNS
+
+HERE = Path(__file__).parent
+
+
+def eventually(condition, seconds=120.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "the condition did not come true"
+        time.sleep(0.02)
+
+
+def recorded(folder):
+    """The keys that the ledger holds, read from beside."""
+    path = folder / "ledger.sqlite"
+    if not path.exists():
+        return []
+    database = sqlite3.connect(path)
+    try:
+        return [key for (key,) in database.execute("SELECT key FROM candidates")]
+    except sqlite3.OperationalError:  # begun, but still without its tables
+        return []
+    finally:
+        database.close()
+
+
+def ranking(folder):
+    with (folder / "candidates.csv").open(newline="") as stream:
+        return [[row[name] for name in COLUMNS if name != "seconds"] for row in csv.DictReader(stream)]
+
+
+def processes_with(mark):
+    """Running processes that were started with a text in their environment."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            try:
+                ended = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0] in "ZX"
+                if not ended and mark.encode() in (entry / "environ").read_bytes():
+                    found.append(int(entry.name))
+            except (FileNotFoundError, ProcessLookupError, PermissionError):
+                continue
+    return found
+
+
+class Coordinator:
+    """A run in a process of its own."""
+
+    def __init__(self, tmp_path, **environment):
+        self.folder, self.log = tmp_path / "run", tmp_path / "log"
+        self.log.touch()
+        self.environment = {**os.environ, "TOY_LOG": str(self.log), "PYTHONFAULTHANDLER": "0", **environment}
+        paths = [str(HERE), os.environ.get("PYTHONPATH", "")]
+        self.environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
+        self.process = None
+
+    def start(self):
+        command = [sys.executable, str(HERE / "toy_problem.py"), str(self.folder), "--modules", "4"]
+        self.process = subprocess.Popen(
+            command, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+        )
+        return self.process
+
+    def wait_for(self, rows):
+        eventually(lambda: len(recorded(self.folder)) >= rows or self.process.poll() is not None)
+        assert self.process.poll() is None, self.process.communicate()
+
+    def finish(self):
+        out, err = self.process.communicate(timeout=300)
+        return self.process.returncode, out, err
+
+
+@pytest.fixture
+def coordinator(tmp_path):
+    coordinator = Coordinator(tmp_path, TOY_SLEEP="0.15")
+    yield coordinator
+    for pid in processes_with(str(coordinator.log)):
+        os.kill(pid, signal.SIGKILL)
+    coordinator.process.communicate()
+
+
+def test_kill_9_loses_only_what_was_running_and_leaves_no_process(coordinator, tmp_path):
+    for rows in (3, 7):
+        kept = recorded(coordinator.folder)
+        logged = len(solved_keys(coordinator.log))
+        coordinator.start()
+        coordinator.wait_for(rows)
+        os.kill(coordinator.process.pid, signal.SIGKILL)
+        coordinator.finish()
+        eventually(lambda: processes_with(str(coordinator.log)) == [])
+        assert not set(kept) & set(solved_keys(coordinator.log)[logged:])
+    kept = recorded(coordinator.folder)
+    assert len(kept) >= 7
+    logged = len(solved_keys(coordinator.log))
+    coordinator.start()
+    assert coordinator.finish()[0] == 0
+    assert not set(kept) & set(solved_keys(coordinator.log)[logged:])
+    toy_run(tmp_path / "whole", modules=4)
+    assert ranking(coordinator.folder) == ranking(tmp_path / "whole")
+    assert (coordinator.folder / "best.json").read_text() == (tmp_path / "whole" / "best.json").read_text()
+
+
+def test_kill_9_of_a_worker_is_made_good(coordinator, tmp_path):
+    coordinator.start()
+    coordinator.wait_for(2)
+    os.kill(int(coordinator.log.read_text().split()[-1]), signal.SIGKILL)
+    status, _, err = coordinator.finish()
+    assert status == 0, err
+    toy_run(tmp_path / "whole", modules=4)
+    assert ranking(coordinator.folder) == ranking(tmp_path / "whole")
+
+
+def test_ctrl_c_keeps_all_results_and_stops_the_workers(coordinator):
+    coordinator.start()
+    coordinator.wait_for(3)
+    os.killpg(coordinator.process.pid, signal.SIGINT)  # as a terminal does, to all of them
+    status, _, err = coordinator.finish()
+    assert status != 0
+    assert err.count(b"KeyboardInterrupt") == 1, err.decode()  # the coordinator's own
+    eventually(lambda: processes_with(str(coordinator.log)) == [])
+    assert {row[0] for row in ranking(coordinator.folder)} == set(recorded(coordinator.folder))
+
+
+def test_a_second_coordinator_is_refused_with_the_reason(coordinator):
+    coordinator.start()
+    coordinator.wait_for(1)
+    with pytest.raises(BadInput, match=f"another run works in this folder .process {coordinator.process.pid}."):
+        toy_run(coordinator.folder, modules=4)
+    assert coordinator.finish()[0] == 0
+
+
+@pytest.mark.parametrize("keep", [10, 3000, 5000])
+def test_a_torn_ledger_is_named_and_left_alone(tmp_path, keep):
+    toy_run(tmp_path / "run")
+    path = tmp_path / "run" / "ledger.sqlite"
+    torn = path.read_bytes()[:keep]
+    path.write_bytes(torn)
+    with pytest.raises(BadInput, match=r"ledger\.sqlite: is damaged"):
+        toy_run(tmp_path / "run")
+    assert path.read_bytes() == torn
+
+
+def test_a_ledger_with_a_damaged_page_is_named(tmp_path):
+    toy_run(tmp_path / "run", modules=4)
+    path = tmp_path / "run" / "ledger.sqlite"
+    content = bytearray(path.read_bytes())
+    content[4096 * 3 : 4096 * 3 + 200] = b"\xff" * 200
+    path.write_bytes(content)
+    with pytest.raises(BadInput, match="is damaged"):
+        toy_run(tmp_path / "run", modules=4)
+    assert path.read_bytes() == content
+
+
+def test_the_ledger_of_another_program_is_left_alone(tmp_path):
+    database = sqlite3.connect(tmp_path / "ledger.sqlite")
+    database.execute("CREATE TABLE accounts (owner TEXT)")
+    database.commit()
+    database.close()
+    before = (tmp_path / "ledger.sqlite").read_bytes()
+    with pytest.raises(BadInput, match="is an SQLite file of another program"):
+        toy_run(tmp_path)
+    assert (tmp_path / "ledger.sqlite").read_bytes() == before
+
+
+def test_a_full_disk_ends_the_run_with_nothing_lost(tmp_path, monkeypatch):
+    from topo_search.study import Ledger
+
+    record, written = Ledger.record, []
+
+    def record_three(self, context, rows):
+        if len(written) == 3:
+            self._database.execute("PRAGMA max_page_count = 1")  # SQLite's own way to be full
+        record(self, context, rows)
+        written.append(rows[0][0].key)
+
+    monkeypatch.setattr(Ledger, "record", record_three)
+    with pytest.raises(sqlite3.OperationalError, match="full"):
+        toy_run(tmp_path / "run", modules=4)
+    monkeypatch.undo()
+    kept = recorded(tmp_path / "run")
+    assert set(written) <= set(kept)
+    assert toy_run(tmp_path / "run", modules=4).exit_status == 0
+
+
+def test_the_value_of_a_start_depends_on_itself_alone():
+    assert toy_problem.value("a0", 3, 0, 1e-4) != toy_problem.value("a0", 4, 0, 1e-4)

@@ -1,0 +1,191 @@
+import csv
+import json
+
+import pytest
+import toy_problem
+from toy_problem import solved_keys, toy_run
+
+from topo_search.model import Audit, BadInput, Design
+from topo_search.model.files import read_json, read_task
+from topo_search.study import COLUMNS
+
+
+@pytest.fixture
+def log(tmp_path, monkeypatch):
+    path = tmp_path / "log"
+    path.touch()
+    monkeypatch.setenv("TOY_LOG", str(path))
+    return path
+
+
+def table(path):
+    with (path / "candidates.csv").open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def ranking(path):
+    """All that the number of workers and interruptions must not change."""
+    return [{name: row[name] for name in COLUMNS if name != "seconds"} for row in table(path)]
+
+
+def test_a_run_leaves_what_the_format_says(tmp_path, log):
+    answer = toy_run(tmp_path / "run")
+    folder = tmp_path / "run"
+    rows = table(folder)
+    assert tuple(rows[0]) == COLUMNS
+    assert answer.exit_status == 0
+    objectives = [float(row["objective"]) for row in rows]
+    assert objectives == sorted(objectives)
+    assert sorted(solved_keys(log)) == sorted(row["key"] for row in rows)
+    best = read_json(Design, folder / "best.json")
+    assert best.topology.key == rows[0]["key"] == answer.best.key
+    assert best.objective == objectives[0] == min(objectives)
+    assert [float(row["gap"]) for row in rows] == [1 - toy_problem.BOUND / J for J in objectives]
+    assert {path.stem for path in (folder / "designs").iterdir()} == {row["key"] for row in rows}
+    audited = [row["key"] for row in rows if row["audit"]]
+    assert audited == [row["key"] for row in rows[:10]]
+    for key in audited:
+        assert read_json(Audit, folder / "audits" / f"{key}.json").verdict == "clear"
+    assert read_task(folder / "task.toml") == toy_problem.toy_task()
+    assert answer.sizes[0].feasible == sum(int(row["orbit"]) for row in rows)
+
+
+def test_the_number_of_workers_changes_nothing(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_VIOLATED", "*")
+    monkeypatch.setenv("TOY_MARGIN", "1e-3")
+    for workers in (1, 2):
+        toy_run(tmp_path / str(workers), workers=workers)
+    assert ranking(tmp_path / "1") == ranking(tmp_path / "2")
+    texts = [json.loads((tmp_path / str(workers) / "best.json").read_text()) for workers in (1, 2)]
+    assert texts[0] == texts[1]
+
+
+def test_the_same_again_solves_nothing_and_answers_the_same(tmp_path, log):
+    first = toy_run(tmp_path / "run")
+    solved = solved_keys(log)
+    second = toy_run(tmp_path / "run")
+    assert second == first
+    assert solved_keys(log) == solved
+
+
+def test_more_starts_extend_the_rows(tmp_path, log):
+    toy_run(tmp_path / "grown", starts=2)
+    toy_run(tmp_path / "grown", starts=6)
+    toy_run(tmp_path / "whole", starts=6)
+    grown, whole = ranking(tmp_path / "grown"), ranking(tmp_path / "whole")
+    for row in (*grown, *whole):
+        del row["audit"]  # the ten best of two starts were audited too
+    assert grown == whole
+    assert (tmp_path / "grown" / "best.json").read_text() == (tmp_path / "whole" / "best.json").read_text()
+
+
+def test_more_starts_ask_for_a_new_audit_only_where_they_found_a_better_design(tmp_path, monkeypatch):
+    log = tmp_path / "audits"
+    monkeypatch.setenv("TOY_AUDIT_LOG", str(log))
+    toy_run(tmp_path / "run", starts=2)
+    before = {row["key"]: float(row["objective"]) for row in table(tmp_path / "run")}
+    assert sorted(log.read_text().split()) == sorted(before)
+    log.write_text("")
+    toy_run(tmp_path / "run", starts=6)
+    better = [row["key"] for row in table(tmp_path / "run") if float(row["objective"]) < before[row["key"]]]
+    assert 0 < len(better) < len(before)
+    assert sorted(log.read_text().split()) == sorted(better)
+
+
+def test_infeasible_candidates_give_the_smallest_shortfall(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_NONE", "*")
+    answer = toy_run(tmp_path / "run")
+    rows = table(tmp_path / "run")
+    assert answer.exit_status == 3
+    assert {row["status"] for row in rows} == {"infeasible"}
+    least = min(rows, key=lambda row: float(row["violation"]))
+    assert answer.sizes[0].reason == (
+        f"none of {len(rows)} candidates is feasible; the smallest shortfall, of {least['key']}: "
+        f"load case 0, torque, {float(least['violation']):.3g} N m"
+    )
+    assert not (tmp_path / "run" / "best.json").exists()
+
+
+def test_a_proof_spares_the_solving(tmp_path, monkeypatch, log):
+    monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
+    answer = toy_run(tmp_path / "run")
+    assert answer.exit_status == 3
+    assert answer.sizes[0].reason == "three modules can lift 3.1 times less than asked"
+    rows = table(tmp_path / "run")
+    assert len(rows) == answer.sizes[0].candidates > 0
+    assert {row["status"] for row in rows} == {"impossible"}
+    assert solved_keys(log) == []
+    assert toy_run(tmp_path / "run") == answer
+
+
+def test_failed_candidates_keep_their_reason_and_are_left_alone(tmp_path, monkeypatch, log):
+    toy_run(tmp_path / "plain")
+    keys = [row["key"] for row in table(tmp_path / "plain")]
+    for variable, key in zip(("TOY_SEGFAULT", "TOY_MEMORY", "TOY_RAISE"), keys, strict=False):
+        monkeypatch.setenv(variable, key)
+    log.write_text("")
+    answer = toy_run(tmp_path / "run", workers=2)
+    rows = {row["key"]: row for row in table(tmp_path / "run")}
+    assert answer.best.key == keys[3]
+    assert "SIGSEGV" in rows[keys[0]]["worst_constraint"]
+    assert rows[keys[1]]["worst_constraint"] == "out of memory"
+    assert rows[keys[2]]["worst_constraint"] == "ValueError: `toy` must hold, but got no toy"
+    assert {rows[key]["status"] for key in keys[:3]} == {"failed"}
+    assert {rows[key]["status"] for key in keys[3:]} == {"feasible"}
+    attempts = {key: solved_keys(log).count(key) for key in keys[:4]}
+    assert attempts == dict(zip(keys, (2, 2, 1, 1), strict=False))
+    log.write_text("")
+    assert toy_run(tmp_path / "run") == answer
+    assert solved_keys(log) == []
+    assert any(remark.startswith(f"{keys[0]}: failed") for remark in answer.sizes[0].remarks)
+
+
+def test_sizes_are_searched_smallest_first_and_the_smallest_feasible_wins(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_IMPOSSIBLE", "2")
+    answer = toy_run(tmp_path / "run", modules=(2, 4))
+    folder = tmp_path / "run"
+    assert [size.modules for size in answer.sizes] == [2, 3, 4]
+    assert [size.best is None for size in answer.sizes] == [True, False, False]
+    assert answer.best.modules == 3
+    assert not (folder / "best-n2.json").exists()
+    assert (folder / "best.json").read_text() == (folder / "best-n3.json").read_text()
+    assert read_json(Design, folder / "best-n4.json").topology.n == 4
+    assert [int(row["modules"]) for row in table(folder)] == sorted(int(row["modules"]) for row in table(folder))
+
+
+def test_a_time_limit_keeps_what_ended_and_the_next_run_goes_on(tmp_path, monkeypatch, log):
+    monkeypatch.setenv("TOY_SLEEP", "0.2")
+    first = toy_run(tmp_path / "run", modules=4, workers=1, time_limit=3.0)
+    assert not first.sizes[0].complete
+    done = [row["key"] for row in table(tmp_path / "run")]
+    monkeypatch.setenv("TOY_SLEEP", "0")
+    log.write_text("")
+    second = toy_run(tmp_path / "run", modules=4)
+    assert second.sizes[0].complete
+    assert not set(done) & set(solved_keys(log))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"modules": 4}, "another task"),
+        ({"seed": 1}, "seed 0, not 1"),
+        ({"symmetry": "none"}, "symmetry c2, not none"),
+    ],
+)
+def test_a_folder_of_another_run_is_refused(tmp_path, change, message):
+    toy_run(tmp_path / "run")
+    before = {path: path.read_bytes() for path in (tmp_path / "run").glob("*.*") if "sqlite" not in path.name}
+    with pytest.raises(BadInput, match=message):
+        toy_run(tmp_path / "run", **change)
+    assert before == {path: path.read_bytes() for path in before}
+    assert toy_run(tmp_path / "run").exit_status == 0
+
+
+def test_a_folder_of_something_else_is_refused_untouched(tmp_path):
+    (tmp_path / "task.toml").write_text("mine")
+    with pytest.raises(BadInput, match=r"has a task\.toml but no ledger\.sqlite"):
+        toy_run(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["task.toml"]
+    with pytest.raises(BadInput, match="is a file"):
+        toy_run(tmp_path / "task.toml")

@@ -1,0 +1,181 @@
+"""A problem without physics for tests of the search: values follow from keys, and keys can be told to misbehave.
+
+Environment variables reach the worker processes. TOY_LOG names a file that gets a line `key margin pid` for every
+solve, TOY_AUDIT_LOG one that gets the key for every audit; TOY_SLEEP is the time a solve takes [s]. TOY_SEGFAULT,
+TOY_HANG, TOY_RAISE, TOY_MEMORY, TOY_NONE and TOY_VIOLATED name keys (`*` for all) that crash, never end, raise, run
+out of memory, are infeasible, or fail their audit while the margin is under TOY_MARGIN.
+"""
+
+import argparse
+import hashlib
+import math
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from unittest.mock import patch
+
+from topo_search.engine import Verbs, Workers
+from topo_search.model import (
+    Audit,
+    Design,
+    Infeasible,
+    LoadCase,
+    ResolvedTask,
+    SolverRecord,
+    Task,
+    Topology,
+    Wrench,
+)
+from topo_search.study import Request, Silent, run, runner
+
+BOUND = 1.0
+"""Every objective lies above."""
+
+
+def toy_task(modules=3):
+    return Task(name="toy", modules=modules, load_cases=(LoadCase(com=Wrench(force=(0.0, 0.0, 1.0))),))
+
+
+def _told(variable: str, key: str) -> bool:
+    return key in (names := os.environ.get(variable, "").split(",")) or "*" in names
+
+
+def value(key: str, start: int, seed: int, margin: float) -> float:
+    """The objective of one start; a larger margin costs a little."""
+    drawn = hashlib.sha256(f"{key} {start} {seed}".encode()).digest()[0] / 256
+    return BOUND + 1 + drawn + 100 * margin
+
+
+def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -> Design | Infeasible:
+    key, margin = topology.key, task.search.margin
+    if log := os.environ.get("TOY_LOG"):
+        with Path(log).open("a") as stream:
+            stream.write(f"{key} {margin:g} {os.getpid()}\n")
+    if _told("TOY_SEGFAULT", key):
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if _told("TOY_MEMORY", key):
+        raise MemoryError
+    if _told("TOY_RAISE", key):
+        raise ValueError("`toy` must hold, but got no toy")
+    while _told("TOY_HANG", key):
+        time.sleep(0.1)
+    time.sleep(float(os.environ.get("TOY_SLEEP", "0")))
+    feasible = not _told("TOY_NONE", key)
+    best = min(starts, key=lambda s: (value(key, s, seed, margin), s))
+    record = SolverRecord(
+        status="Solve_Succeeded",
+        iterations=1,
+        seconds=0.5 * len(starts),
+        seed=seed,
+        start=best,
+        starts=len(starts),
+        starts_feasible=len(starts) if feasible else 0,
+        versions={},
+    )
+    if not feasible:
+        missed = value(key, best, seed, margin)
+        return Infeasible(
+            topology=topology,
+            topology_key=key,
+            status="infeasible",
+            worst_constraint="load case 0, torque",
+            violation=missed,
+            unit="N m",
+            message=f"load case 0, torque is missed by {missed:.3g} N m",
+            solver=record,
+        )
+    return Design(
+        task=task,
+        topology=topology,
+        topology_key=key,
+        root_orientation_rad=(0.0, 0.0, 0.0),
+        hinge_angles_rad=(0.0,) * (topology.n - 1),
+        end_effector_m=(0.0, 0.0, 1.0),
+        rotor_speeds_squared=((1.0,) * (4 * topology.n),) * len(task.load_cases),
+        objective=value(key, best, seed, margin),
+        lower_bound=BOUND,
+        gap=None,
+        solver=record.model_dump(),
+    )
+
+
+def audit(design: Design) -> Audit:
+    key = design.topology.key
+    if log := os.environ.get("TOY_AUDIT_LOG"):
+        with Path(log).open("a") as stream:
+            stream.write(f"{key}\n")
+    if _told("TOY_AUDIT_SEGFAULT", key):
+        os.kill(os.getpid(), signal.SIGSEGV)
+    short = design.task.search.margin < float(os.environ.get("TOY_MARGIN", "inf"))
+    return Audit(
+        verdict="violated" if _told("TOY_VIOLATED", key) and short else "clear",
+        pairs=(),
+        residuals=(),
+        assembly={},
+        allowed_contacts=(),
+        versions={},
+        seconds=0.0,
+    )
+
+
+def lower_bound(task: ResolvedTask) -> float:
+    return BOUND
+
+
+def prove_impossible(task: ResolvedTask) -> Infeasible | None:
+    if not _told("TOY_IMPOSSIBLE", str(task.n)):
+        return None
+    return Infeasible(
+        topology=None,
+        topology_key=None,
+        status="impossible",
+        worst_constraint="load case 0, force",
+        violation=1.0,
+        unit="N",
+        message="three modules can lift 3.1 times less than asked",
+    )
+
+
+VERBS = Verbs(solve=solve, audit=audit, lower_bound=lower_bound, prove_impossible=prove_impossible)
+
+
+class InProcess:
+    """Stands in for the worker processes where they are not what is tested."""
+
+    def __init__(self, count):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        pass
+
+    def run(self, function, jobs, *, deadline, until=math.inf):
+        for job in jobs:
+            if time.monotonic() >= until:
+                return
+            yield job, function(job)
+
+
+def toy_run(path, *, modules=3, symmetry="c2", starts=2, seed=0, workers=None, observer=None, **options):
+    """Run the toy problem, in worker processes if their number is given."""
+    request = Request(toy_task(modules), symmetry, starts, seed)
+    with patch.object(runner, "Workers", Workers if workers else InProcess):
+        return run(request, Path(path), VERBS, workers=workers or 1, observer=observer or Silent(), **options)
+
+
+def solved_keys(log) -> list[str]:
+    return [line.split()[0] for line in Path(log).read_text().splitlines()]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("path")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--modules", type=int, default=3)
+    arguments = parser.parse_args()
+    answer = toy_run(arguments.path, modules=arguments.modules, workers=arguments.workers)
+    sys.exit(answer.exit_status)

@@ -1,0 +1,59 @@
+"""Options that several commands share, and how they change a task."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
+
+set_field = click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="FIELD=VALUE",
+    help="Override a field of the task, e.g. search.margin=1e-3 (repeatable).",
+)
+seed = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Draws the starts.")
+starts = click.option(
+    "--starts", type=click.IntRange(min=1), help="Random starts of each topology (default: the solver's)."
+)
+time_limit = click.option(
+    "--time-limit",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    help="End the work with the best design so far, audited.",
+)
+connectors = click.option("--connectors", type=click.Choice(["aligned", "any"]), help="Ports that a child may use.")
+root = click.option("--root", type=click.Choice(["free", "paper"]), help="Orientations of the root module.")
+as_json = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
+
+
+def _sizes(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    """Turn `5` or `4-6` into the value of a task's field."""
+    if value is None:
+        return None
+    match = re.fullmatch(r"(\d+)(?:-(\d+))?", value)
+    if match is None:
+        raise click.BadParameter(f"must be N or LO-HI, but got {value!r}", context, parameter)
+    return match[1] if match[2] is None else f"[{match[1]}, {match[2]}]"
+
+
+def modules(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the option for the number of modules."""
+    return click.option("--modules", callback=_sizes, metavar="N|LO-HI", help="Number of modules.")(function)
+
+
+def overrides(settings: tuple[str, ...], **fields: str | None) -> tuple[str, ...]:
+    """Return `--set` settings with those that other options stand for; dots are written as two underscores."""
+    given = {name.replace("__", "."): value for name, value in fields.items() if value is not None}
+    return (*settings, *(f"{name}={value}" for name, value in given.items()))
+
+
+def echo_json(value: Any) -> None:
+    """Print a value as JSON."""
+    click.echo(json.dumps(value, indent=1, allow_nan=False))

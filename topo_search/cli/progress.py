@@ -1,0 +1,106 @@
+"""How a run shows its progress: a bar on a terminal, a plain line now and then elsewhere; both on stderr."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import click
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from topo_search.study import Observer, Row
+
+EVERY = 10.0
+"""Least time between two plain lines [s]."""
+
+
+@contextmanager
+def shown_progress() -> Iterator[Observer]:
+    """Show the progress of a run on stderr while the block runs."""
+    if not sys.stderr.isatty():
+        yield Lines()
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[incumbent]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        yield Bar(progress)
+
+
+class Bar:
+    """A progress bar for each size, with the incumbent, its gap and the time left."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._task = progress.add_task("", visible=False, incumbent="")
+
+    def size(self, n: int, candidates: int, lower_bound: float) -> None:
+        """Begin the bar of one size."""
+        self._task = self._progress.add_task(_modules(n), total=candidates, incumbent="")
+
+    def settled(self, incumbent: Row | None) -> None:
+        """Move the bar on."""
+        self._progress.update(self._task, advance=1, incumbent=describe(incumbent))
+
+    def note(self, text: str) -> None:
+        """Print a line above the bar."""
+        self._progress.console.print(text, markup=False, highlight=False)
+
+
+class Lines:
+    """Plain lines, a few a minute."""
+
+    def __init__(self) -> None:
+        self._done = self._candidates = 0
+        self._began = self._last = time.monotonic()
+        self._size = ""
+
+    def size(self, n: int, candidates: int, lower_bound: float) -> None:
+        """Say how many candidates there are."""
+        self._size, self._done, self._candidates = _modules(n), 0, candidates
+        self._began = time.monotonic()
+        click.echo(f"{self._size}: {candidates} candidates", err=True)
+
+    def settled(self, incumbent: Row | None) -> None:
+        """Say how far it is, unless that was said lately."""
+        self._done += 1
+        now = time.monotonic()
+        if now - self._last < EVERY:
+            return
+        self._last = now
+        left = (now - self._began) / self._done * (self._candidates - self._done)
+        click.echo(
+            f"{self._size}: {self._done} of {self._candidates}, {describe(incumbent)}, about {left:.0f} s left",
+            err=True,
+        )
+
+    def note(self, text: str) -> None:
+        """Print a line."""
+        click.echo(text, err=True)
+
+
+def describe(incumbent: Row | None) -> str:
+    """Return the best design so far in a few words."""
+    if incumbent is None:
+        return "no design yet"
+    gap = "" if incumbent.gap is None else f", gap {100 * incumbent.gap:.1f} %"
+    return f"best {incumbent.key} J {incumbent.objective:.6g}{gap}"
+
+
+def _modules(n: int) -> str:
+    return "1 module" if n == 1 else f"{n} modules"

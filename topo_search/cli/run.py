@@ -1,0 +1,97 @@
+"""`topo-search run`: the search."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from topo_search.cli import options
+from topo_search.cli.errors import INTERRUPTED, explained
+
+if TYPE_CHECKING:
+    from topo_search.study import Answer
+
+
+@click.command(epilog="Example: topo-search run push --set search.body_clearance=false --out push-literal")
+@click.argument("task")
+@options.modules
+@options.set_field
+@click.option(
+    "--symmetry",
+    type=click.Choice(["task", *options.SYMMETRIES]),
+    default="task",
+    show_default=True,
+    help="Trees that count as one; `task` is the coarsest exact choice.",
+)
+@options.starts
+@options.seed
+@click.option("--workers", type=click.IntRange(min=1), help="Worker processes (default: the cores available).")
+@click.option("--out", type=click.Path(path_type=Path), help="The run's folder (default: runs/NAME-HASH).")
+@options.root
+@options.connectors
+@options.time_limit
+@options.as_json
+def run(
+    task: str,
+    modules: str | None,
+    settings: tuple[str, ...],
+    symmetry: Any,
+    starts: int | None,
+    seed: int,
+    workers: int | None,
+    out: Path | None,
+    root: str | None,
+    connectors: str | None,
+    time_limit: float | None,
+    as_json: bool,
+) -> None:
+    """Search every topology for TASK (a file, or the name of a shipped example) and audit the best.
+
+    Typing the same command again resumes a stopped run, or prints the answer of a finished one.
+
+    Exit status: 0 audited design found; 1 designs found, but none passed its audit;
+    2 bad input; 3 no design found, with the reasons.
+    """
+    with explained():
+        from topo_search.cli.progress import shown_progress
+        from topo_search.compose import search
+        from topo_search.model.files import read_task
+
+        changes = options.overrides(settings, modules=modules, search__root=root, search__connectors=connectors)
+        asked = read_task(task, changes)
+        try:
+            with shown_progress() as observer:
+                answer = search(
+                    asked,
+                    out=out,
+                    symmetry=symmetry,
+                    starts=starts,
+                    seed=seed,
+                    workers=workers,
+                    time_limit=math.inf if time_limit is None else time_limit,
+                    observer=observer,
+                )
+        except KeyboardInterrupt:
+            click.echo("stopped; all results are kept, and the same command resumes", err=True)
+            raise SystemExit(INTERRUPTED) from None
+        if as_json:
+            options.echo_json(answer_as_json(answer))
+        else:
+            from topo_search.cli.tables import print_answer
+
+            print_answer(answer)
+        raise SystemExit(answer.exit_status)
+
+
+def answer_as_json(answer: Answer) -> dict[str, Any]:
+    """Return an answer as a JSON value."""
+    return {
+        "folder": str(answer.folder),
+        "exit_status": answer.exit_status,
+        "best": answer.best and asdict(answer.best),
+        "sizes": [{**asdict(size), "complete": size.complete} for size in answer.sizes],
+    }

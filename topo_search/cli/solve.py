@@ -1,0 +1,110 @@
+"""`topo-search solve`: one topology."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from topo_search.cli import options
+from topo_search.cli.errors import INTERRUPTED, explained
+
+if TYPE_CHECKING:
+    from topo_search.compose import Solved
+    from topo_search.model import Task, Topology
+
+
+@click.command(epilog="Example: topo-search solve push --topology af0000 --out design.json")
+@click.argument("task")
+@click.option("--topology", "key", metavar="KEY", help="A key, as `topo-search topologies` prints them.")
+@click.option(
+    "--sample-seed",
+    type=click.IntRange(min=0),
+    metavar="S",
+    help="The tree of `topologies N --sample 1 --seed S`.",
+)
+@options.modules
+@options.set_field
+@options.starts
+@options.seed
+@options.time_limit
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Where to write the design.")
+@options.as_json
+def solve(
+    task: str,
+    key: str | None,
+    sample_seed: int | None,
+    modules: str | None,
+    settings: tuple[str, ...],
+    starts: int | None,
+    seed: int,
+    time_limit: float | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Solve TASK for one topology and audit the design; it ends when more starts stop paying.
+
+    With --json the design (or why there is none) is printed. Exit status as of `run`.
+    """
+    with explained():
+        from topo_search import compose
+        from topo_search.cli.tables import print_solved, standing
+        from topo_search.model import Design
+        from topo_search.model.files import read_task, to_json, write_atomically
+
+        asked = read_task(task, options.overrides(settings, modules=modules))
+        topology = _topology(asked, key, sample_seed, sized=modules is not None)
+        try:
+            solved = compose.solve(
+                asked,
+                topology,
+                starts=starts,
+                seed=seed,
+                time_limit=time_limit,
+                progress=lambda best: click.echo(standing(best), err=True),
+            )
+        except KeyboardInterrupt:
+            click.echo("stopped", err=True)
+            raise SystemExit(INTERRUPTED) from None
+        if out is not None and isinstance(solved.outcome, Design):
+            write_atomically(out, to_json(solved.outcome))
+        if as_json:
+            _print_json(solved)
+        else:
+            print_solved(solved, out)
+        raise SystemExit(solved.exit_status)
+
+
+def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bool) -> Topology:
+    """Return the tree that the options name."""
+    from topo_search.model import BadInput, Fault, Topology
+    from topo_search.topologies import sample
+
+    if key is not None and sample_seed is None:
+        try:
+            topology = Topology.from_key(key)
+        except ValueError as error:
+            raise BadInput("--topology", [Fault("", str(error))]) from None
+        if sized and topology.n not in task.sizes:
+            rule = f"must have the number of modules of --modules, but got {topology.n} in {key}"
+            raise BadInput("--topology", [Fault("", rule)])
+        return topology
+    if key is None and sample_seed is not None:
+        if len(task.sizes) > 1:
+            raise BadInput("--sample-seed", [Fault("", "needs one number of modules: choose it with --modules N")])
+        search = task.search
+        (topology,) = sample(task.sizes[0], 1, sample_seed, connectors=search.connectors, root=search.root)
+        return topology
+    raise click.UsageError("give --topology or --sample-seed, one of them")
+
+
+def _print_json(solved: Solved) -> None:
+    """Print the design, or what there is instead."""
+    from topo_search.engine import Failed
+    from topo_search.model.files import to_json
+
+    if isinstance(solved.outcome, Failed):
+        options.echo_json({"status": "failed", "reason": solved.outcome.reason})
+    else:
+        click.echo(to_json(solved.outcome), nl=False)

@@ -1,0 +1,114 @@
+"""What the commands print for a person."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from topo_search.compose import Solved
+from topo_search.engine import Failed, Outcome
+from topo_search.model import Audit, Design, Infeasible
+from topo_search.study import Answer, Row, SizeAnswer
+
+NARROW = 100
+"""Width of tables that do not go to a terminal."""
+
+
+def print_answer(answer: Answer) -> None:
+    """Print what a run found, and where it is."""
+    for size in answer.sizes:
+        _print_size(size)
+    best = answer.best
+    if best is not None:
+        click.echo(f"best design: {best.key}, {best.modules} modules, {_effort(best)}, audit {best.audit}")
+    elif answer.exit_status == 1:
+        click.echo("designs were found, but none passed its audit")
+    else:
+        click.echo("no design was found")
+    click.echo(f"everything is in {answer.folder}")
+
+
+def _print_size(size: SizeAnswer) -> None:
+    """Print the table of one size."""
+    counts = ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items()))
+    click.echo(
+        f"{size.modules} modules: {size.settled} of {size.candidates} candidates"
+        + (f" ({counts})" if counts else "")
+    )
+    if size.feasible:
+        click.echo(f"feasible trees, each counted with those that it stands for: {size.feasible}")
+        _print_rows(size.top)
+    if not size.complete:
+        click.echo("the time limit came first; the same command goes on")
+    for remark in size.remarks:
+        click.echo(remark)
+    if size.reason is not None:
+        click.echo(size.reason)
+
+
+def _print_rows(rows: tuple[Row, ...]) -> None:
+    table = Table(box=None, pad_edge=False)
+    for name in ("key", "objective", "over bound", "gap", "stands for", "audit"):
+        table.add_column(name, justify="left" if name in ("key", "audit") else "right")
+    for row in rows:
+        table.add_row(
+            row.key,
+            f"{row.objective:.6g}",
+            f"{row.objective / row.lower_bound:.4f}" if row.objective and row.lower_bound else "",
+            "" if row.gap is None else f"{100 * row.gap:.2f} %",
+            str(row.orbit),
+            row.audit or ("failed" if row.audit_failure else ""),
+        )
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=NARROW)
+    console.print(table)
+
+
+def _effort(row: Row) -> str:
+    gap = "" if row.gap is None else f", gap to the lower bound {100 * row.gap:.2f} %"
+    return f"J = {row.objective:.6g} rad^4/s^4{gap}"
+
+
+def standing(outcome: Outcome) -> str:
+    """Return the state of one topology in a line."""
+    if isinstance(outcome, Failed):
+        return f"failed: {outcome.reason}"
+    if isinstance(outcome, Infeasible):
+        return outcome.message
+    tried = (outcome.solver or {}).get("starts")
+    starts = "" if tried is None else f" after {tried} starts"
+    gap = "" if outcome.gap is None else f", gap to the lower bound {100 * outcome.gap:.2f} %"
+    return f"J = {outcome.objective:.6g} rad^4/s^4{gap}{starts}"
+
+
+def print_solved(solved: Solved, out: Path | None) -> None:
+    """Print what became of one topology."""
+    for note in solved.notes:
+        click.echo(note)
+    click.echo(standing(solved.outcome))
+    if isinstance(solved.outcome, Design):
+        if isinstance(solved.audit, Audit):
+            print_audit(solved.outcome.topology.key, solved.audit)
+        if out is not None:
+            click.echo(f"the design is in {out}")
+
+
+def print_audit(name: str, audit: Audit) -> None:
+    """Print a verdict, and everything that is not clear."""
+    nearest = min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
+    least = (
+        ""
+        if nearest is None
+        else f"; least clearance {nearest.analytic_m:.6g} m, {nearest.kind} {nearest.a}-{nearest.b}"
+    )
+    click.echo(f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{least}")
+    for pair in audit.pairs:
+        if pair.status != "clear":
+            click.echo(f"  {pair.kind} {pair.a}-{pair.b}: {pair.status}, {pair.analytic_m:.6g} m")
+    for residual in audit.residuals:
+        if residual.status != "clear":
+            click.echo(f"  {residual.name}: {residual.status}, off by {residual.value:.3g} {residual.unit}")

@@ -1,0 +1,55 @@
+"""`topo-search topologies`: the trees of a size."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from topo_search.cli import options
+from topo_search.cli.errors import explained
+
+
+@click.command(epilog="Example: topo-search topologies 8 --count")
+@click.argument("n", type=click.IntRange(min=1), metavar="N")
+@click.option("--count", "only_count", is_flag=True, help="Print their number alone.")
+@click.option("--sample", "size", type=click.IntRange(min=1), metavar="M", help="Print M drawn uniformly.")
+@options.seed
+@click.option(
+    "--symmetry",
+    type=click.Choice(options.SYMMETRIES),
+    default="c2",
+    show_default=True,
+    help="Trees that count as one.",
+)
+@options.connectors
+@options.root
+@options.as_json
+def topologies(
+    n: int,
+    only_count: bool,
+    size: int | None,
+    seed: int,
+    symmetry: Any,
+    connectors: Any,
+    root: Any,
+    as_json: bool,
+) -> None:
+    """Print the keys of all topologies of N modules, one a line."""
+    with explained():
+        from topo_search.topologies import candidates, count, sample
+
+        family = {"symmetry": symmetry, "connectors": connectors or "aligned", "root": root or "free"}
+        if only_count:
+            number = count(n, **family)
+            click.echo(number)
+            return
+        if size is None:
+            keys = (candidate.topology.key for candidate in candidates(n, **family))
+        else:
+            keys = (topology.key for topology in sample(n, size, seed, **family))
+        if as_json:
+            options.echo_json(list(keys))
+            return
+        for key in keys:
+            click.echo(key)

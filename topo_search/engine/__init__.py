@@ -1,0 +1,25 @@
+"""The search engine: solves candidates in worker processes and hands their outcomes on, storing nothing."""
+
+from topo_search.engine.exhaustive import Job, exhaustive, solved
+from topo_search.engine.merging import merge, record_of
+from topo_search.engine.shortfall import scaled_violation
+from topo_search.engine.verbs import AuditDesign, Failed, Outcome, Solve, Verbs
+from topo_search.engine.workers import Workers, WorkersLost, audit_deadline, solve_deadline
+
+__all__ = [
+    "AuditDesign",
+    "Failed",
+    "Job",
+    "Outcome",
+    "Solve",
+    "Verbs",
+    "Workers",
+    "WorkersLost",
+    "audit_deadline",
+    "exhaustive",
+    "merge",
+    "record_of",
+    "scaled_violation",
+    "solve_deadline",
+    "solved",
+]

@@ -1,0 +1,203 @@
+"""Worker processes: pure functions run in children that may crash, hang or be killed without harm to the rest."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import signal
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from types import TracebackType
+from typing import Any, Generic, Self, TypeVar
+
+from pebble import ProcessExpired, ProcessPool
+
+from topo_search.engine.child import ONE_THREAD, die_with_parent
+from topo_search.engine.verbs import Failed
+
+J = TypeVar("J")
+R = TypeVar("R")
+
+ATTEMPTS = 2
+"""How often a job that crashes or hangs is tried."""
+LOOK = 1.0
+"""How often the pool itself is looked at while jobs run [s]."""
+
+
+def solve_deadline(n: int, starts: int) -> float:
+    """Return the time after which a solve counts as hung [s]: far above what one takes (n = 5: 1 s a start)."""
+    return 120.0 + starts * max(20.0, 0.2 * n**2)
+
+
+def audit_deadline(n: int) -> float:
+    """Return the time after which an audit counts as hung [s]: far above what one takes (n = 100: seconds)."""
+    return 300.0 + 0.2 * n**2
+
+
+class WorkersLost(RuntimeError):
+    """Worker processes end before they take a job, again and again."""
+
+
+@dataclass
+class _Try(Generic[J]):
+    job: J
+    attempt: int = 1
+
+
+class Workers:
+    """A pool of worker processes, started with the first job and stopped at the end of the `with` block.
+
+    A job that crashes its worker (segmentation fault, kill, out of memory) or passes its deadline is tried
+    twice, then comes back as Failed; the other jobs go on. One worker is a process too, so that it can be stopped.
+    """
+
+    def __init__(self, count: int) -> None:
+        if count < 1:
+            raise ValueError(f"`workers >= 1` must hold, but got {count}")
+        self.count = count
+        self._pool: ProcessPool | None = None
+        self._breaks = 0
+        self._environment: dict[str, str | None] = {}
+
+    def __enter__(self) -> Self:
+        self._environment = {name: os.environ.get(name) for name in ONE_THREAD}
+        os.environ.update(ONE_THREAD)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop()
+        for name, value in self._environment.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+    def run(
+        self,
+        function: Callable[[J], R],
+        jobs: Iterable[J],
+        *,
+        deadline: Callable[[J], float],
+        until: float = math.inf,
+    ) -> Iterator[tuple[J, R | Failed]]:
+        """Yield (job, result) as jobs end, in any order; at most two jobs a worker are drawn from `jobs` ahead.
+
+        Args:
+            function: importable and pure.
+            jobs: picklable values, drawn lazily.
+            deadline: seconds that a job may take.
+            until: time.monotonic() at which to stop: what runs then is dropped and no more is begun.
+
+        Raises:
+            WorkersLost: no worker lives long enough to take a job.
+        """
+        waiting: deque[_Try[J]] = deque()
+        running: dict[Future[Any], _Try[J]] = {}
+        source = iter(jobs)
+        try:
+            while time.monotonic() < until:
+                if self._pool is not None and not self._pool.active:
+                    self._break()
+                    waiting.extendleft(running.values())
+                    running.clear()
+                while len(running) < 2 * self.count:
+                    if not waiting:
+                        waiting.extend(_Try(job) for job in islice(source, 1))
+                    if not waiting:
+                        break
+                    future = self._submit(function, waiting[0].job, deadline(waiting[0].job))
+                    if future is None:
+                        break
+                    running[future] = waiting.popleft()
+                if not running and not waiting:
+                    return
+                ended = wait(running, min(LOOK, max(0.0, until - time.monotonic())), FIRST_COMPLETED).done
+                for future in ended:
+                    error = future.exception()
+                    if isinstance(error, BrokenProcessPool):
+                        continue  # stays in `running`; the pool is no longer active and is replaced above
+                    trial = running.pop(future)
+                    self._breaks = 0
+                    result: R | Failed = future.result() if error is None else _failure(error, deadline(trial.job))
+                    if isinstance(result, Failed) and result.may_pass and trial.attempt < ATTEMPTS:
+                        waiting.appendleft(_Try(trial.job, trial.attempt + 1))
+                    else:
+                        yield trial.job, result
+        finally:
+            if running:
+                self._stop()
+
+    def one(self, function: Callable[[J], R], job: J, *, deadline: float, until: float = math.inf) -> R | Failed:
+        """Return the result of a single job."""
+        for _, result in self.run(function, [job], deadline=lambda _: deadline, until=until):
+            return result
+        return Failed("timeout", "the time limit came first")
+
+    def _submit(self, function: Callable[[J], R], job: J, deadline: float) -> Future[Any] | None:
+        """Hand a job to the pool; None if the pool has just broken."""
+        if self._pool is None:
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPool(
+                self.count, initializer=die_with_parent, initargs=(os.getpid(),), context=context
+            )
+            with _interrupts_blocked():
+                started = self._pool.active
+            if not started:
+                raise WorkersLost("no worker process could be started")
+        try:
+            future: Future[Any] = self._pool.schedule(function, args=(job,), timeout=deadline)
+        except RuntimeError:
+            if self._pool.active:
+                raise
+            return None
+        return future
+
+    def _break(self) -> None:
+        """Give up a pool that lost an idle worker or could not start one."""
+        self._stop()
+        self._breaks += 1
+        if self._breaks > 2:
+            raise WorkersLost(
+                f"{self._breaks} times in a row all worker processes ended before they finished a job: no memory, "
+                'or a script that calls the search without `if __name__ == "__main__":`'
+            )
+
+    def _stop(self) -> None:
+        if self._pool is not None:
+            pool: Any = self._pool
+            self._pool = None
+            pool.stop()
+            pool.join()
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C: workers, and the thread that replaces them, inherit that; the coordinator handles it."""
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _failure(error: BaseException, deadline: float) -> Failed:
+    """Say what ended a job."""
+    if isinstance(error, ProcessExpired):
+        code = error.exitcode
+        if code >= 0:
+            return Failed("crash", f"the worker process ended with status {code}")
+        return Failed("crash", f"the worker process was ended by {signal.Signals(-code).name}")
+    if isinstance(error, TimeoutError):
+        return Failed("timeout", f"still running at its deadline of {deadline:.0f} s")
+    if isinstance(error, MemoryError):
+        return Failed("memory", "out of memory")
+    return Failed("error", " ".join(f"{type(error).__name__}: {error}".split()))

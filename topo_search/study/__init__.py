@@ -1,0 +1,28 @@
+"""A run and its folder: what was asked, every candidate's row in the ledger, and the answer."""
+
+from topo_search.study.answer import Answer, SizeAnswer, reason
+from topo_search.study.audits import AUDITED, audit_best
+from topo_search.study.folder import RunFolder
+from topo_search.study.identity import LARGER_MARGINS, Request, larger_margin
+from topo_search.study.ledger import Ledger
+from topo_search.study.observer import Observer, Silent
+from topo_search.study.row import COLUMNS, Row
+from topo_search.study.runner import run
+
+__all__ = [
+    "AUDITED",
+    "COLUMNS",
+    "LARGER_MARGINS",
+    "Answer",
+    "Ledger",
+    "Observer",
+    "Request",
+    "Row",
+    "RunFolder",
+    "Silent",
+    "SizeAnswer",
+    "audit_best",
+    "larger_margin",
+    "reason",
+    "run",
+]

@@ -1,0 +1,147 @@
+"""What a run found: read from the ledger, so that it is the same whenever it is asked for."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from topo_search.engine import scaled_violation
+from topo_search.model import Infeasible, ResolvedTask
+from topo_search.study.row import Row
+
+SHOWN = 10
+"""Number of rows in the table of the best."""
+
+
+@dataclass(frozen=True)
+class SizeAnswer:
+    """What was found with one number of modules."""
+
+    modules: int
+    candidates: int
+    """How many candidates there are."""
+    settled: int
+    """How many of them were taken up."""
+    statuses: dict[str, int]
+    """How many ended with which status."""
+    feasible: int
+    """Number of classes of the exact quotient with a design: the sum of their orbits."""
+    lower_bound: float
+    """[rad^4/s^4]"""
+    best: Row | None
+    """The best design whose audit is clear."""
+    top: tuple[Row, ...]
+    """The best designs, whatever their audit."""
+    remarks: tuple[str, ...]
+    """What happened to designs whose audit was not clear, and to candidates that failed."""
+    reason: str | None
+    """Why there is no design, if there is none."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether every candidate was taken up."""
+        return self.settled >= self.candidates
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a run found."""
+
+    folder: Path
+    sizes: tuple[SizeAnswer, ...]
+    """Smallest first."""
+
+    @property
+    def best(self) -> Row | None:
+        """The best audited design of the smallest size that has one."""
+        return next((size.best for size in self.sizes if size.best is not None), None)
+
+    @property
+    def exit_status(self) -> int:
+        """0: audited design found; 1: designs, but none passed its audit; 3: no design."""
+        if self.best is not None:
+            return 0
+        return 1 if any(size.feasible for size in self.sizes) else 3
+
+
+def size_answer(
+    rows: Iterable[Row],
+    task: ResolvedTask,
+    *,
+    candidates: int,
+    lower_bound: float,
+    proof: Infeasible | None,
+    lossy: str | None = None,
+) -> SizeAnswer:
+    """Sum up the ranked rows of one size, in one pass."""
+    statuses: Counter[str] = Counter()
+    feasible = 0
+    best, closest, nearness = None, None, math.inf
+    top: list[Row] = []
+    remarks = [] if lossy is None else [lossy_remark(lossy)]
+    for row in rows:
+        statuses[row.status] += 1
+        if row.feasible:
+            feasible += row.orbit
+            if best is None and row.clear:
+                best = row
+            if len(top) < SHOWN:
+                top.append(row)
+            remarks.extend(_remark(row))
+        elif row.violation is not None:
+            scaled = scaled_violation(row.violation, row.unit or "", task)
+            if scaled < nearness:
+                closest, nearness = row, scaled
+        elif row.status == "failed" and statuses["failed"] <= SHOWN:
+            remarks.append(f"{row.key}: failed, {row.worst_constraint}")
+    return SizeAnswer(
+        modules=task.n,
+        candidates=candidates,
+        settled=candidates if proof else statuses.total(),
+        statuses=dict(statuses),
+        feasible=feasible,
+        lower_bound=lower_bound,
+        best=best,
+        top=tuple(top),
+        remarks=tuple(remarks),
+        reason=None if feasible else reason(proof, closest, statuses),
+    )
+
+
+def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
+    """Say why there is no design: the proof, or over all candidates and starts the smallest shortfall."""
+    if proof is not None:
+        return proof.message
+    tried = f"none of {statuses.total()} candidates is feasible"
+    if statuses["failed"]:
+        tried += f" ({statuses['failed']} of them failed)"
+    if closest is None:
+        return tried
+    return (
+        f"{tried}; the smallest shortfall, of {closest.key}: {closest.worst_constraint}, "
+        f"{closest.violation:.3g} {closest.unit}"
+    )
+
+
+def lossy_remark(symmetry: str) -> str:
+    """Say what a quotient that is not exact means."""
+    return (
+        f"symmetry {symmetry} is lossy here: of trees that can differ in what they cost "
+        "it takes some for the same, and looks at one of them"
+    )
+
+
+def _remark(row: Row) -> list[str]:
+    """Say what an audit led to, if it was not clear at once."""
+    again = f"solved again with margin {row.margin:g} m after an audit that was not clear" if row.step else ""
+    if row.audit_failure is not None:
+        over = f"passed over, its audit failed: {row.audit_failure}"
+    elif row.audit is not None and not row.clear:
+        over = f"passed over, its audit is {row.audit}"
+    else:
+        over = ""
+    text = "; ".join(part for part in (again, over) if part)
+    return [f"{row.key}: {text}"] if text else []

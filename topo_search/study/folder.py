@@ -1,0 +1,115 @@
+"""The run folder: the ledger, and files made from it for people and other programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Self
+
+from topo_search.model import BadInput, Fault
+from topo_search.model.files import to_toml, write_atomically
+from topo_search.study.audits import best_clear
+from topo_search.study.identity import Request
+from topo_search.study.ledger import Ledger
+from topo_search.study.lock import locked
+from topo_search.study.row import COLUMNS, Row
+
+LEDGER = "ledger.sqlite"
+
+
+class RunFolder:
+    """The folder of one request, held by this process alone."""
+
+    def __init__(self, path: Path, request: Request, ledger: Ledger) -> None:
+        self.path = path
+        self.request = request
+        self.ledger = ledger
+
+    @classmethod
+    @contextmanager
+    def opened(cls, path: Path, request: Request) -> Iterator[Self]:
+        """Make a run's folder, or take it up again.
+
+        Raises:
+            BadInput: it holds another run or something else, or another process works in it; it is left as it is.
+        """
+        _check(path)
+        path.mkdir(parents=True, exist_ok=True)
+        with locked(path), Ledger.opened(path / LEDGER) as ledger:
+            held = ledger.claim(request.identity)
+            for name, value in request.identity.items():
+                if held.get(name) != value:
+                    shown = "another task" if name == "task" else f"a run with {name} {held.get(name)}, not {value}"
+                    raise _refused(path, f"holds {shown}")
+            ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
+            folder = cls(path, request, ledger)
+            _write(path / "task.toml", to_toml(request.task))
+            yield folder
+
+    def write(self) -> None:
+        """Bring all files of the folder up to the ledger."""
+        for folder in ("designs", "audits"):
+            (self.path / folder).mkdir(exist_ok=True)
+        table = io.StringIO()
+        writer = csv.writer(table, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        valid: set[Path] = set()
+        for n in self.request.task.sizes:
+            contexts = self.request.contexts(n)
+            for row in self.ledger.ranked(n):
+                writer.writerow([getattr(row, name) for name in COLUMNS])
+                if row.feasible:
+                    valid |= self._write_texts(
+                        row.key,
+                        designs=self.ledger.design(contexts[row.step], row.key),
+                        audits=self.ledger.audit(contexts[row.step], row.key),
+                    )
+        write_atomically(self.path / "candidates.csv", table.getvalue())
+        for path in (*self.path.glob("designs/*.json"), *self.path.glob("audits/*.json")):
+            if path not in valid:
+                path.unlink()
+        self._write_best()
+
+    def _write_best(self) -> None:
+        """Write `best.json`, and `best-nN.json` of every size where there are several."""
+        sizes = self.request.task.sizes
+        best: dict[int, Row | None] = {n: best_clear(self.ledger, n) for n in sizes}
+        files = {f"best-n{n}.json": row for n, row in best.items()} if len(sizes) > 1 else {}
+        files["best.json"] = next((row for row in best.values() if row is not None), None)
+        for name, row in files.items():
+            if row is None:
+                (self.path / name).unlink(missing_ok=True)
+                continue
+            text = self.ledger.design(self.request.contexts(row.modules)[row.step], row.key)
+            _write(self.path / name, text or "")
+
+    def _write_texts(self, key: str, **texts: str | None) -> set[Path]:
+        """Write a candidate's file into each folder that there is a text for; return their paths."""
+        paths = {self.path / folder / f"{key}.json": text for folder, text in texts.items() if text is not None}
+        for path, text in paths.items():
+            _write(path, text)
+        return set(paths)
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file unless it holds the text already."""
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        write_atomically(path, text)
+
+
+def _check(path: Path) -> None:
+    """Refuse a place that is not for a run."""
+    if path.exists() and not path.is_dir():
+        raise _refused(path, "is a file")
+    if (path / LEDGER).exists():
+        return
+    for name in ("task.toml", "candidates.csv", "best.json"):
+        if (path / name).exists():
+            raise _refused(path, f"has a {name} but no {LEDGER}: it is no run's folder, and would be overwritten")
+
+
+def _refused(path: Path, what: str) -> BadInput:
+    return BadInput(str(path), [Fault("", f"{what}; choose another folder with --out")])

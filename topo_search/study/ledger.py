@@ -1,0 +1,213 @@
+"""The ledger: one row a candidate in an SQLite file, the truth about a run.
+
+A row's key is its context (a digest of the task with its margin, the seed and the library versions) and its
+topology's key. Each row is on the disk before the next job's result is taken up (WAL, synchronous = FULL).
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Self
+
+from topo_search.model import Audit, BadInput, Design, Fault, Infeasible
+from topo_search.model.files import to_json
+from topo_search.study.identity import Context
+from topo_search.study.row import Row
+
+APPLICATION_ID = 0x746F706F
+"""`topo`, in the header of the file."""
+VERSION = 1
+
+SCHEMA = f"""
+BEGIN;
+PRAGMA application_id = {APPLICATION_ID};
+PRAGMA user_version = {VERSION};
+CREATE TABLE run (identity TEXT NOT NULL);
+CREATE TABLE contexts (
+    context TEXT PRIMARY KEY, modules INTEGER NOT NULL, step INTEGER NOT NULL, margin REAL NOT NULL,
+    fixed_by TEXT NOT NULL, lower_bound REAL NOT NULL, proof TEXT
+) WITHOUT ROWID;
+CREATE TABLE candidates (
+    context TEXT NOT NULL, key TEXT NOT NULL, modules INTEGER NOT NULL, orbit INTEGER NOT NULL,
+    status TEXT NOT NULL,
+    objective REAL, lower_bound REAL, gap REAL, worst_constraint TEXT, violation REAL, unit TEXT,
+    starts INTEGER NOT NULL, starts_feasible INTEGER NOT NULL, seconds REAL NOT NULL,
+    audit TEXT, asked INTEGER NOT NULL, audit_failure TEXT, margin REAL NOT NULL, step INTEGER NOT NULL,
+    standing INTEGER NOT NULL, result TEXT, audit_result TEXT,
+    PRIMARY KEY (context, key)
+) WITHOUT ROWID;
+CREATE INDEX ranking ON candidates (context, objective, key);
+COMMIT;
+"""
+"""`standing`: this row speaks for its candidate, not one with another margin."""
+
+_FIELDS = tuple(field.name for field in fields(Row))
+_SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
+_WRITTEN = (*_FIELDS, "context", "standing", "result")
+_UPSERT = f"""
+INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * len(_WRITTEN))})
+ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in _WRITTEN)},
+audit_result = CASE WHEN excluded.audit IS NULL THEN NULL ELSE audit_result END
+"""
+_STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (SELECT context FROM current)"
+
+
+class Ledger:
+    """The rows of one run folder."""
+
+    def __init__(self, database: sqlite3.Connection) -> None:
+        self._database = database
+
+    @classmethod
+    @contextmanager
+    def opened(cls, path: Path) -> Iterator[Self]:
+        """Open a ledger, or begin one where there is none.
+
+        Raises:
+            BadInput: the file is damaged, or no ledger of this version; it is left as it is.
+        """
+        database = sqlite3.connect(path, isolation_level=None)
+        try:
+            _begin(database, path)
+            yield cls(database)
+        finally:
+            database.close()
+
+    def claim(self, identity: dict[str, Any]) -> dict[str, Any]:
+        """Return the identity of the run that the ledger holds; a new ledger takes the one given."""
+        found = self._database.execute("SELECT identity FROM run").fetchone()
+        if found is None:
+            self._database.execute("INSERT INTO run VALUES (?)", (json.dumps(identity),))
+            return identity
+        held: dict[str, Any] = json.loads(found[0])
+        return held
+
+    def bound(self, context: Context) -> tuple[float, Infeasible | None] | None:
+        """Return the lower bound and the proof of impossibility of a context, if it was begun."""
+        query = "SELECT lower_bound, proof FROM contexts WHERE context = ?"
+        found = self._database.execute(query, (context.name,)).fetchone()
+        if found is None:
+            return None
+        return found[0], found[1] and Infeasible.model_validate_json(found[1])
+
+    def begin(self, context: Context, lower_bound: float, proof: Infeasible | None) -> None:
+        """Record a context."""
+        values = (context.name, context.task.n, context.step, context.margin, json.dumps(context.fixed_by))
+        self._database.execute(
+            "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?)",
+            (*values, lower_bound, None if proof is None else to_json(proof)),
+        )
+
+    def row(self, context: Context, key: str) -> Row | None:
+        """Return one candidate's row in a context."""
+        found = self._database.execute(f"{_SELECT} WHERE context = ? AND key = ?", (context.name, key)).fetchone()
+        return None if found is None else Row(*found)
+
+    def result(self, context: Context, key: str) -> Design | Infeasible | None:
+        """Return one candidate's result so far; None if every attempt failed."""
+        text = self._text("result", context, key)
+        if text is None:
+            return None
+        model: type[Design] | type[Infeasible] = Design if '"topo-search/design"' in text[:60] else Infeasible
+        return model.model_validate_json(text)
+
+    def audit(self, context: Context, key: str) -> str | None:
+        """Return the audit of a candidate's design as JSON text."""
+        return self._text("audit_result", context, key)
+
+    def design(self, context: Context, key: str) -> str | None:
+        """Return a candidate's result as JSON text."""
+        return self._text("result", context, key)
+
+    def record(self, context: Context, rows: Sequence[tuple[Row, Design | Infeasible | None]]) -> None:
+        """Write rows of candidates that were solved, all or none, with what is known of their designs.
+
+        The last row with a design speaks for its candidate; the first one does when there is none. An audit stays
+        if `row` still has its verdict.
+        """
+        with self._database:
+            self._database.execute("BEGIN IMMEDIATE")
+            for row, result in rows:
+                standing = row.feasible or context.step == 0
+                if standing:
+                    self._database.execute(_STEP_DOWN, (row.key,))
+                values = [getattr(row, name) for name in _FIELDS]
+                text = None if result is None else to_json(result)
+                self._database.execute(_UPSERT, (*values, context.name, standing, text))
+
+    def record_audit(self, context: Context, key: str, audit: Audit) -> None:
+        """Write the audit of a candidate's design."""
+        self._database.execute(
+            "UPDATE candidates SET audit = ?, audit_result = ? WHERE context = ? AND key = ?",
+            (str(audit.verdict), to_json(audit), context.name, key),
+        )
+
+    def record_audit_failure(self, context: Context, key: str, reason: str) -> None:
+        """Write why a candidate's design has no audit."""
+        self._database.execute(
+            "UPDATE candidates SET audit_failure = ? WHERE context = ? AND key = ?", (reason, context.name, key)
+        )
+
+    def settle(self, context: Context, key: str, asked: int) -> None:
+        """Write that a candidate with a result is not to be solved from starts under `asked` any more."""
+        self._database.execute(
+            "UPDATE candidates SET asked = ? WHERE context = ? AND key = ?", (asked, context.name, key)
+        )
+
+    def consider(self, contexts: Sequence[Context]) -> None:
+        """Choose the contexts that rankings are made of: those of the present request and library versions."""
+        self._database.execute("CREATE TEMP TABLE IF NOT EXISTS current (context TEXT PRIMARY KEY)")
+        self._database.execute("DELETE FROM current")
+        self._database.executemany("INSERT INTO current VALUES (?)", [(context.name,) for context in contexts])
+
+    def ranked(self, n: int) -> Iterator[Row]:
+        """Yield the row that stands for each candidate of n modules: by objective, ties by key, then the rest."""
+        query = (
+            f"{_SELECT} WHERE standing AND modules = ? AND context IN (SELECT context FROM current) "
+            "ORDER BY objective IS NULL, objective, key"
+        )
+        for values in self._database.execute(query, (n,)):
+            yield Row(*values)
+
+    def best_designs(self, context: Context, first: int, count: int) -> list[Row]:
+        """Return a context's designs from place `first` on, by objective, ties by key."""
+        query = f"{_SELECT} WHERE context = ? AND objective IS NOT NULL ORDER BY objective, key LIMIT ? OFFSET ?"
+        return [Row(*values) for values in self._database.execute(query, (context.name, count, first))]
+
+    def _text(self, column: str, context: Context, key: str) -> str | None:
+        query = f"SELECT {column} FROM candidates WHERE context = ? AND key = ?"
+        found = self._database.execute(query, (context.name, key)).fetchone()
+        return None if found is None else found[0]
+
+
+def _begin(database: sqlite3.Connection, path: Path) -> None:
+    """Check what the file is before anything is written to it; fill an empty one."""
+    try:
+        application = database.execute("PRAGMA application_id").fetchone()[0]
+        version = database.execute("PRAGMA user_version").fetchone()[0]
+        tables = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+        empty = tables == 0 and application == 0
+        if not empty and application != APPLICATION_ID:
+            raise _refused(path, "is an SQLite file of another program")
+        if not empty and version != VERSION:
+            raise _refused(path, f"has version {version}, but this program reads version {VERSION}")
+        if not empty and (fault := database.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
+            raise _refused(path, f"is damaged ({fault})")
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("PRAGMA synchronous = FULL")
+        if empty:
+            database.executescript(SCHEMA)
+    except sqlite3.DatabaseError as error:
+        if isinstance(error, sqlite3.OperationalError):
+            raise  # the disk, not the file's content
+        raise _refused(path, f"is damaged or no ledger ({error})") from None
+
+
+def _refused(path: Path, what: str) -> BadInput:
+    advice = "it is left as it is: choose another folder with --out, or move it away"
+    return BadInput(str(path), [Fault("", f"{what}; {advice}")])

@@ -1,0 +1,33 @@
+"""Who is told how a run goes on."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from topo_search.study.row import Row
+
+
+class Observer(Protocol):
+    """Shows the progress of a run."""
+
+    def size(self, n: int, candidates: int, lower_bound: float) -> None:
+        """The candidates of one size are taken up."""
+
+    def settled(self, incumbent: Row | None) -> None:
+        """One more candidate of this size needs no more solving; `incumbent` is the best so far."""
+
+    def note(self, text: str) -> None:
+        """Something that the user should see happened."""
+
+
+class Silent:
+    """Shows nothing."""
+
+    def size(self, n: int, candidates: int, lower_bound: float) -> None:
+        """Ignore the start of a size."""
+
+    def settled(self, incumbent: Row | None) -> None:
+        """Ignore progress."""
+
+    def note(self, text: str) -> None:
+        """Ignore a note."""

@@ -1,0 +1,102 @@
+"""One candidate's row, as the ledger keeps it and `candidates.csv` shows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from topo_search.engine import Failed, Outcome, record_of
+from topo_search.model import Design, Infeasible
+
+COLUMNS = (
+    "key",
+    "modules",
+    "orbit",
+    "status",
+    "objective",
+    "lower_bound",
+    "gap",
+    "worst_constraint",
+    "violation",
+    "unit",
+    "starts",
+    "starts_feasible",
+    "seconds",
+    "audit",
+)
+"""The columns of `candidates.csv`."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of one candidate."""
+
+    key: str
+    modules: int
+    orbit: int
+    """Number of classes of the exact quotient that the candidate stands for."""
+    status: str
+    """feasible, infeasible, impossible or failed."""
+    asked: int
+    """Number of starts that need no more solving: tried, or given up with the reason."""
+    lower_bound: float | None
+    """[rad^4/s^4]"""
+    objective: float | None = None
+    """J [rad^4/s^4]."""
+    gap: float | None = None
+    worst_constraint: str | None = None
+    """The constraint that was missed; for `failed` the reason."""
+    violation: float | None = None
+    unit: str | None = None
+    starts: int = 0
+    starts_feasible: int = 0
+    seconds: float = 0.0
+    audit: str | None = None
+    """The verdict, once there is one."""
+    audit_failure: str | None = None
+    """Why there is no verdict though an audit was tried."""
+    margin: float = 0.0
+    """The margin that the solver was asked for [m]."""
+    step: int = 0
+    """How often that margin was raised."""
+
+    @property
+    def feasible(self) -> bool:
+        """Whether there is a design."""
+        return self.status == "feasible"
+
+    @property
+    def clear(self) -> bool:
+        """Whether there is a design and its audit passed."""
+        return self.audit == "clear"
+
+    @property
+    def audit_ended(self) -> bool:
+        """Whether an audit need not be tried (again)."""
+        return self.audit is not None or self.audit_failure is not None
+
+
+def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, asked: int, lower_bound: float) -> Row:
+    """Return the row of a candidate that was solved from its first `asked` starts, or given up."""
+    candidate = Row(key=key, modules=modules, orbit=orbit, status="failed", asked=asked, lower_bound=lower_bound)
+    if isinstance(outcome, Failed):
+        return replace(candidate, worst_constraint=outcome.reason)
+    if record := record_of(outcome):
+        candidate = replace(
+            candidate, starts=record.starts, starts_feasible=record.starts_feasible, seconds=record.seconds
+        )
+    if isinstance(outcome, Infeasible):
+        return replace(
+            candidate,
+            status=outcome.status,
+            worst_constraint=outcome.worst_constraint,
+            violation=outcome.violation,
+            unit=outcome.unit,
+        )
+    bound = lower_bound if outcome.lower_bound is None else outcome.lower_bound
+    return replace(
+        candidate,
+        status="feasible",
+        objective=outcome.objective,
+        lower_bound=bound,
+        gap=Design.gap_of(outcome.objective, bound),
+    )

@@ -1,0 +1,154 @@
+"""A run, from a request to its answer: sizes smallest first, every candidate in the ledger as it ends."""
+
+from __future__ import annotations
+
+import math
+import time
+from itertools import islice
+from pathlib import Path
+
+from topo_search.engine import Verbs, Workers, exhaustive
+from topo_search.model import Infeasible
+from topo_search.study.answer import Answer, SizeAnswer, lossy_remark, size_answer
+from topo_search.study.audits import audit_best
+from topo_search.study.folder import RunFolder
+from topo_search.study.identity import Context, Request
+from topo_search.study.ledger import Ledger
+from topo_search.study.observer import Observer
+from topo_search.study.recording import record
+from topo_search.study.row import row_of
+
+MOST_ROWS_OF_A_PROOF = 100_000
+"""A proof holds for every candidate; beyond this number they are not written one by one."""
+
+
+def run(
+    request: Request,
+    path: Path,
+    verbs: Verbs,
+    *,
+    workers: int,
+    observer: Observer,
+    time_limit: float = math.inf,
+) -> Answer:
+    """Do what is still to be done of a run, and return its answer.
+
+    Args:
+        request: what is asked.
+        path: the run's folder; made if there is none, taken up again if there is.
+        verbs: solver, audit and bounds.
+        workers: number of worker processes; they change nothing but the time it takes.
+        observer: is told of the progress.
+        time_limit: seconds after which no more is solved; the best designs are audited all the same.
+
+    Raises:
+        BadInput: the folder cannot be used.
+        KeyboardInterrupt: after Ctrl-C, with all results kept and all files written.
+    """
+    until = time.monotonic() + time_limit
+    with RunFolder.opened(path, request) as folder, Workers(workers) as pool:
+        try:
+            for n in request.task.sizes:
+                _search_size(folder.ledger, request, n, verbs, pool, observer, until)
+        except KeyboardInterrupt:
+            folder.write()
+            raise
+        folder.write()
+        return Answer(path, tuple(_sum_up(folder.ledger, request, n) for n in request.task.sizes))
+
+
+def _search_size(
+    ledger: Ledger,
+    request: Request,
+    n: int,
+    verbs: Verbs,
+    workers: Workers,
+    observer: Observer,
+    until: float,
+) -> None:
+    """Solve the candidates of one size that are not in the ledger yet, and audit the best."""
+    contexts = request.contexts(n)
+    context = contexts[0]
+    bound = ledger.bound(context)
+    if bound is None:
+        bound = verbs.lower_bound(context.task), verbs.prove_impossible(context.task)
+        ledger.begin(context, *bound)
+    lower_bound, proof = bound
+    observer.size(n, request.count(n), lower_bound)
+    if request.lossy(n):
+        observer.note(lossy_remark(request.symmetry))
+    if proof is not None:
+        _record_proof(ledger, request, context, proof, lower_bound)
+        return
+
+    def settled() -> None:
+        observer.settled(next(iter(ledger.best_designs(context, 0, 1)), None))
+
+    def tried(key: str) -> int:
+        row = ledger.row(context, key)
+        if row is None:
+            return 0
+        if row.asked >= request.starts:
+            settled()
+        return row.asked
+
+    outcomes = exhaustive(
+        context.task,
+        request.candidates(n),
+        starts=request.starts,
+        seed=request.seed,
+        tried=tried,
+        solve=verbs.solve,
+        workers=workers,
+        until=until,
+    )
+    for job, outcome in outcomes:
+        record(ledger, context, job, outcome, lower_bound=lower_bound)
+        settled()
+    audit_best(
+        ledger,
+        contexts,
+        verbs,
+        workers,
+        starts=request.starts,
+        lower_bound=lower_bound,
+        observer=observer,
+        until=until,
+    )
+
+
+def _record_proof(
+    ledger: Ledger, request: Request, context: Context, proof: Infeasible, lower_bound: float
+) -> None:
+    """Write a row for every candidate that a proof rules out."""
+    n = context.task.n
+    if request.count(n) > MOST_ROWS_OF_A_PROOF:
+        return
+    candidates = request.candidates(n)
+    while batch := list(islice(candidates, 1000)):
+        rows = [
+            row_of(
+                proof,
+                key=candidate.key,
+                modules=n,
+                orbit=candidate.orbit,
+                asked=request.starts,
+                lower_bound=lower_bound,
+            )
+            for candidate in batch
+        ]
+        ledger.record(context, [(row, None) for row in rows])
+
+
+def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
+    """Read the answer of one size from the ledger."""
+    context = request.contexts(n)[0]
+    lower_bound, proof = ledger.bound(context) or (0.0, None)
+    return size_answer(
+        ledger.ranked(n),
+        context.task,
+        candidates=request.count(n),
+        lower_bound=lower_bound,
+        proof=proof,
+        lossy=request.symmetry if request.lossy(n) else None,
+    )
