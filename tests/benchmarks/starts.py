@@ -1,0 +1,90 @@
+"""How many solves end feasible: splayed starts against uniformly random ones, in one run.
+
+    python tests/benchmarks/starts.py [EXAMPLE] [--starts N]
+
+Every tree of the example up to a half turn, the same program, the same number of starts of each kind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlp.evaluate import violations, worst
+from nlp.finish import finish
+from nlp.ipopt import Program
+from nlp.point import Point
+from nlp.starts import draw, generator
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.files import read_task
+from topo_search.topologies import candidates
+
+Draw = Callable[[ResolvedTask, Topology, np.random.Generator], Point]
+
+
+def uniform(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
+    """Return a start with uniform angles, a normal end-effector position and every rotor at the hover input."""
+    n, right = topology.n, np.pi / 2
+    root = rng.uniform([-np.pi, -right, -np.pi], [np.pi, right, np.pi])
+    alpha = rng.uniform(-right, right, n - 1)
+    p_E = rng.normal(scale=3 * task.module.arm_length, size=3)
+    u = np.full((len(task.load_cases), n, 4), task.module.hover_input(task.gravity))
+    return Point(task, topology, root, alpha, p_E, u)
+
+
+@dataclass
+class Tally:
+    """What one kind of start reached."""
+
+    feasible: int = 0
+    solves: int = 0
+    iterations: int = 0
+    seconds: float = 0.0
+    best: dict[str, float] | None = None
+
+    def add(self, program: Program, task: ResolvedTask, start: Point, key: str) -> None:
+        """Solve from a start and count what came of it."""
+        began = time.perf_counter()
+        answer = program.solve(start)
+        self.seconds += time.perf_counter() - began
+        self.solves += 1
+        self.iterations += answer.iterations
+        point = finish(answer.point)
+        if worst(violations(point)).met:
+            self.feasible += 1
+            weights = np.array([case.weight for case in task.load_cases])
+            J = float(weights @ np.sum(point.u**2, axis=(1, 2)))
+            self.best = self.best or {}
+            self.best[key] = min(J, self.best.get(key, np.inf))
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("example", nargs="?", default="push")
+    parser.add_argument("--starts", type=int, default=8, help="starts of each kind and tree")
+    arguments = parser.parse_args()
+    stated = read_task(arguments.example)
+    task = stated.resolve(stated.n)
+    kinds: dict[str, Draw] = {"uniform": uniform, "splayed": draw}
+    tallies = {name: Tally() for name in kinds}
+    for candidate in candidates(task.n, symmetry="c2", connectors="aligned", root="free"):
+        program = Program(task, candidate.topology)
+        for start in range(arguments.starts):
+            for name, kind in kinds.items():
+                point = kind(task, candidate.topology, generator(task, candidate.topology, start, 0))
+                tallies[name].add(program, task, point, candidate.topology.key)
+    print(f"{arguments.example}, n = {task.n}, {arguments.starts} starts a tree")
+    print(f"{'starts':10}{'feasible solves':>16}{'feasible trees':>16}{'iterations a solve':>20}{'s a solve':>12}")
+    for name, tally in tallies.items():
+        share, trees = tally.feasible / tally.solves, len(tally.best or {})
+        iterations, seconds = tally.iterations / tally.solves, tally.seconds / tally.solves
+        print(f"{name:10}{share:>16.1%}{trees:>16}{iterations:>20.0f}{seconds:>12.3f}")
+
+
+if __name__ == "__main__":
+    main()
