@@ -28,7 +28,7 @@ from topo_search.model import (
     Topology,
     Wrench,
 )
-from topo_search.study import Request, Silent, run, runner
+from topo_search.study import Request, Row, Silent, run, runner
 
 BOUND = 1.0
 """Every objective lies above."""
@@ -159,12 +159,21 @@ class InProcess:
                 return
             yield job, function(job)
 
+    def one(self, function, job, *, deadline, until=math.inf):
+        return function(job)
+
 
 def toy_run(path, *, modules=3, symmetry="c2", starts=2, seed=0, workers=None, observer=None, **options):
     """Run the toy problem, in worker processes if their number is given."""
     request = Request(toy_task(modules), symmetry, starts, seed)
     with patch.object(runner, "Workers", Workers if workers else InProcess):
         return run(request, Path(path), VERBS, workers=workers or 1, observer=observer or Silent(), **options)
+
+
+def toy_row(key, *, objective, gap):
+    return Row(
+        key=key, modules=3, orbit=1, status="feasible", asked=1, lower_bound=BOUND, objective=objective, gap=gap
+    )
 
 
 def solved_keys(log) -> list[str]:

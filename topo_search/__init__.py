@@ -7,11 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from topo_search.compose import audit, search, solve
+    from topo_search.model import Design, Task, Topology
     from topo_search.model.files import read_json, read_task
 
-__all__ = ["audit", "read_json", "read_task", "search", "solve"]
+__all__ = ["Design", "Task", "Topology", "audit", "read_json", "read_task", "search", "solve"]
 
 _HOMES = {
+    "Design": "topo_search.model",
+    "Task": "topo_search.model",
+    "Topology": "topo_search.model",
     "audit": "topo_search.compose",
     "read_json": "topo_search.model.files",
     "read_task": "topo_search.model.files",

@@ -108,7 +108,6 @@ def solve(
     seed: int = 0,
     time_limit: float | None = None,
     progress: Callable[[Outcome], None] = lambda _: None,
-    verbs: Verbs = VERBS,
 ) -> Solved:
     """Find the best design of one topology and audit it, both in a child process.
 
@@ -121,7 +120,6 @@ def solve(
         seed: draws them.
         time_limit: seconds after which no more is solved.
         progress: is told the best outcome after each round.
-        verbs: solver, audit and bounds.
 
     Raises:
         BadInput: the task cannot be used, or its connectors do not allow the topology.
@@ -131,7 +129,7 @@ def solve(
         rule = f'{topology.key} needs search.connectors = "any", but the task has "aligned"'
         raise BadInput(resolved.name, [Fault("topology", rule)])
     until = math.inf if time_limit is None else time.monotonic() + time_limit
-    proof = verbs.prove_impossible(resolved)
+    proof = VERBS.prove_impossible(resolved)
     if proof is not None:
         return Solved(proof, None, ())
     notes: list[str] = []
@@ -139,10 +137,10 @@ def solve(
     with Workers(1) as worker:
         for _ in range(LARGER_MARGINS + 1):
             rounds = _rounds(starts, timed=time_limit is not None)
-            outcome = _best_of(resolved, topology, rounds, seed, verbs, worker, until, progress)
+            outcome = _best_of(resolved, topology, rounds, seed, worker, until, progress)
             if not isinstance(outcome, Design):
                 break
-            audit = worker.one(verbs.audit, outcome, deadline=audit_deadline(topology.n))
+            audit = worker.one(VERBS.audit, outcome, deadline=audit_deadline(topology.n))
             kept = outcome, audit
             if isinstance(audit, Failed):
                 notes.append(f"the audit failed: {audit.reason}")
@@ -158,14 +156,14 @@ def solve(
 
 def audit(design: Design) -> Audit:
     """Return the exact audit of a design, made in this process."""
-    return verify.audit(design)
+    return VERBS.audit(design)
 
 
-def audits(designs: list[Design], *, audit: Callable[[Design], Audit] = verify.audit) -> Iterator[Audit | Failed]:
+def audits(designs: list[Design]) -> Iterator[Audit | Failed]:
     """Yield the audit of each design in turn, made in a child process."""
     with Workers(1) as worker:
         for design in designs:
-            yield worker.one(audit, design, deadline=audit_deadline(design.topology.n))
+            yield worker.one(VERBS.audit, design, deadline=audit_deadline(design.topology.n))
 
 
 def available_cores() -> int:
@@ -192,7 +190,6 @@ def _best_of(
     topology: Topology,
     rounds: Iterator[range],
     seed: int,
-    verbs: Verbs,
     worker: Workers,
     until: float,
     progress: Callable[[Outcome], None],
@@ -203,7 +200,7 @@ def _best_of(
     for starts in rounds:
         job = Job(task, topology, 1, starts, seed)
         outcome = next(
-            (end for _, end in solved(iter([job]), solve=verbs.solve, workers=worker, until=until)), None
+            (end for _, end in solved(iter([job]), solve=VERBS.solve, workers=worker, until=until)), None
         )
         if outcome is None:  # the time limit
             return best

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Self
 
 import click
 from rich.console import Console
@@ -27,19 +28,11 @@ EVERY = 10.0
 @contextmanager
 def shown_progress() -> Iterator[Observer]:
     """Show the progress of a run on stderr while the block runs."""
-    if not sys.stderr.isatty():
+    if sys.stderr.isatty():
+        with Bar.shown(Console(stderr=True)) as bar:
+            yield bar
+    else:
         yield Lines()
-        return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[incumbent]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        yield Bar(progress)
 
 
 class Bar:
@@ -48,6 +41,21 @@ class Bar:
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
         self._task = progress.add_task("", visible=False, incumbent="")
+
+    @classmethod
+    @contextmanager
+    def shown(cls, console: Console) -> Iterator[Self]:
+        """Show bars on a terminal while the block runs."""
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[incumbent]}"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=console) as progress:
+            yield cls(progress)
 
     def size(self, n: int, candidates: int, lower_bound: float) -> None:
         """Begin the bar of one size."""

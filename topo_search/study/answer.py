@@ -97,6 +97,8 @@ def size_answer(
                 closest, nearness = row, scaled
         elif row.status == "failed" and statuses["failed"] <= SHOWN:
             remarks.append(f"{row.key}: failed, {row.worst_constraint}")
+    if statuses["failed"]:
+        remarks.append("candidates failed that may not fail the next time: this run is not reproducible")
     return SizeAnswer(
         modules=task.n,
         candidates=candidates,

@@ -37,7 +37,10 @@ class RunFolder:
             BadInput: it holds another run or something else, or another process works in it; it is left as it is.
         """
         _check(path)
-        path.mkdir(parents=True, exist_ok=True)
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except (PermissionError, NotADirectoryError, FileExistsError) as error:
+            raise _refused(path, f"cannot be made: {error.strerror}") from None
         with locked(path), Ledger.opened(path / LEDGER) as ledger:
             held = ledger.claim(request.identity)
             for name, value in request.identity.items():

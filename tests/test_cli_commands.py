@@ -1,0 +1,299 @@
+import errno
+import json
+import sqlite3
+from itertools import pairwise
+
+import pytest
+import toy_problem
+from click.testing import CliRunner
+
+from topo_search import compose
+from topo_search.cli import main
+from topo_search.cli.progress import Bar, Lines
+from topo_search.model import Audit, Design, Infeasible
+from topo_search.model.files import examples, read_json
+from topo_search.study import folder, runner
+from topo_search.topologies import candidates, count, sample
+
+TOY = """
+name = "toy"
+modules = 3
+[[load_cases]]
+com = { force = [0.0, 0.0, 1.0] }
+"""
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """The command line on the toy problem, in this process and in an empty folder with a task file."""
+    for module in (runner, compose):
+        monkeypatch.setattr(module, "Workers", toy_problem.InProcess)
+    monkeypatch.setattr(compose, "VERBS", toy_problem.VERBS)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "toy.toml").write_text(TOY)
+    return lambda *words: CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
+
+
+def files(path):
+    return {file.name for file in path.rglob("*")}
+
+
+def test_run_tells_the_best_and_where_everything_is(command, tmp_path):
+    first = command("run", "toy.toml")
+    assert first.exit_code == 0
+    (path,) = (tmp_path / "runs").iterdir()
+    assert path.name.startswith("toy-")
+    assert first.stdout.splitlines()[-1] == f"everything is in runs/{path.name}"
+    best = read_json(Design, path / "best.json")
+    assert f"best design: {best.topology.key}, 3 modules" in first.stdout
+    assert command("run", "toy.toml").stdout == first.stdout
+
+
+def test_run_as_json_holds_the_best_row_and_the_status(command, monkeypatch):
+    answer = json.loads(command("run", "toy.toml", "--json").stdout)
+    assert answer["exit_status"] == 0
+    assert answer["best"]["audit"] == "clear"
+    monkeypatch.setenv("TOY_NONE", "*")
+    result = command("run", "toy.toml", "--json", "--seed", 1)
+    assert result.exit_code == json.loads(result.stdout)["exit_status"] == 3
+
+
+def test_the_default_folder_is_one_of_task_options_and_seed(command, tmp_path):
+    for words in ([], ["--seed", 1], ["--starts", 3], ["--symmetry", "none"], ["--set", "search.margin=1e-3"]):
+        assert command("run", "toy.toml", *words).exit_code == 0
+    assert len(list((tmp_path / "runs").iterdir())) == 5
+    for words in (["--workers", 1], ["--time-limit", 1000], ["--modules", 3]):
+        assert command("run", "toy.toml", *words).exit_code == 0
+    assert len(list((tmp_path / "runs").iterdir())) == 5
+
+
+@pytest.mark.parametrize(
+    ("told", "status", "said"),
+    [
+        ({}, 0, "best design"),
+        ({"TOY_VIOLATED": "*"}, 1, "none passed its audit"),
+        ({"TOY_NONE": "*"}, 3, "the smallest shortfall"),
+        ({"TOY_IMPOSSIBLE": "3"}, 3, "three modules can lift 3.1 times less than asked"),
+    ],
+)
+def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, told, status, said):
+    for name, value in told.items():
+        monkeypatch.setenv(name, value)
+    for _ in range(2):
+        result = command("run", "toy.toml", "--out", "out")
+        assert result.exit_code == status
+        assert said in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "nowhere.toml"], "nowhere.toml: no such file, nor a shipped example"),
+        (["run", "toy.toml", "--set", "module.mas=1"], "module.mas: unknown field; did you mean `mass`?"),
+        (["run", "toy.toml", "--modules", "6-4"], "`fewest <= most` must hold, but got [6, 4]"),
+        (["run", "toy.toml", "--modules", "many"], "must be N or LO-HI, but got 'many'"),
+        (["run", "toy.toml", "--workers", "0"], "0 is not in the range"),
+        (["run", "toy.toml", "--time-limit", "0"], "0.0 is not in the range"),
+        (["run", "toy.toml", "--out", "toy.toml"], "is a file"),
+        (["run", "toy.toml", "--out", "toy.toml/deeper"], "cannot be made"),
+        (["solve", "toy.toml", "--topology", "b00"], "a topology key starts with `a` or `p`, but got 'b00'"),
+        (
+            ["solve", "toy.toml", "--topology", "a10", "--modules", "3"],
+            "must have the number of modules of --modules",
+        ),
+        (["solve", "toy.toml", "--topology", "p18"], 'needs search.connectors = "any"'),
+        (["solve", "toy.toml"], "give --topology or --sample-seed"),
+        (["solve", "toy.toml", "--topology", "a10", "--sample-seed", "1"], "give --topology or --sample-seed"),
+        (["solve", "toy.toml", "--sample-seed", "1", "--modules", "3-4"], "needs one number of modules"),
+        (["topologies", "0"], "0 is not in the range"),
+        (["topologies", "3", "--symmetry", "task"], "'task' is not one of"),
+    ],
+)
+def test_bad_input_is_status_two_and_leaves_nothing(command, tmp_path, words, said):
+    before = files(tmp_path)
+    result = command(*words)
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.split())
+    assert result.stdout == ""
+    assert files(tmp_path) == before
+
+
+def test_another_run_s_folder_is_status_two(command):
+    assert command("run", "toy.toml", "--out", "out").exit_code == 0
+    result = command("run", "toy.toml", "--out", "out", "--seed", 1)
+    assert result.exit_code == 2
+    assert result.stderr == "out: holds a run with seed 0, not 1; choose another folder with --out\n"
+
+
+def test_options_stand_for_fields_of_the_task(command, tmp_path):
+    words = ["--modules", "2-3", "--root", "paper", "--connectors", "any", "--out", "out"]
+    assert command("run", "toy.toml", *words).exit_code == 0
+    text = (tmp_path / "out" / "task.toml").read_text()
+    assert 'root = "paper"' in text
+    assert 'connectors = "any"' in text
+    keys = {path.stem for path in (tmp_path / "out" / "designs").iterdir()}
+    wanted = (candidates(n, symmetry="none", connectors="any", root="paper") for n in (2, 3))
+    assert keys == {candidate.key for some in wanted for candidate in some}
+
+
+def test_a_lossy_symmetry_says_so(command):
+    for symmetry, lossy in (("none", False), ("c2", False), ("c4", True), ("d4", True)):
+        assert ("is lossy" in command("run", "toy.toml", "--symmetry", symmetry).stdout) == lossy
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.ENOSPC, "", "candidates.csv"), "No space left on device (candidates.csv)"),
+        (sqlite3.OperationalError("database or disk is full"), "database or disk is full"),
+    ],
+)
+def test_a_full_disk_is_told_from_all_that_can_be_repaired_by_typing(command, monkeypatch, error, said):
+    def full(*_):
+        raise error
+
+    with monkeypatch.context() as patched:
+        patched.setattr(folder, "write_atomically", full)
+        result = command("run", "toy.toml", "--out", "out")
+        assert result.exit_code == 74
+        assert said in result.stderr
+        assert "the same command resumes" in result.stderr
+    assert command("run", "toy.toml", "--out", "out").exit_code == 0
+
+
+def test_ctrl_c_keeps_what_was_found(command, tmp_path, monkeypatch):
+    solve, calls = toy_problem.solve, []
+
+    def interrupted(task, topology, *, starts, seed):
+        calls.append(topology.key)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return solve(task, topology, starts=starts, seed=seed)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            compose, "VERBS", toy_problem.Verbs(interrupted, *list(vars(toy_problem.VERBS).values())[1:])
+        )
+        result = command("run", "toy.toml", "--out", "out")
+    assert result.exit_code == 130
+    assert "all results are kept" in result.stderr
+    assert len((tmp_path / "out" / "candidates.csv").read_text().splitlines()) == 1 + 2
+    assert command("run", "toy.toml", "--out", "out").exit_code == 0
+
+
+def test_solve_writes_the_design_and_says_what_the_audit_says(command, tmp_path):
+    result = command("solve", "toy.toml", "--topology", "a110", "--starts", 4, "--out", "design.json")
+    assert result.exit_code == 0
+    design = read_json(Design, tmp_path / "design.json")
+    assert design.topology.key == "a110"
+    assert design.solver["starts"] == 4
+    assert "a110: clear" in result.stdout
+    printed = command("solve", "toy.toml", "--topology", "a110", "--starts", 4, "--json").stdout
+    assert printed == (tmp_path / "design.json").read_text()
+
+
+def test_solve_stops_when_more_starts_do_not_pay(command):
+    design = json.loads(command("solve", "toy.toml", "--topology", "a110", "--json").stdout)
+    starts, one = design["solver"]["starts"], compose.nlp.DEFAULT_STARTS
+    assert starts % one == 0
+    best = [min(toy_problem.value("a110", s, 0, 1e-4) for s in range(k * one)) for k in range(1, starts // one + 1)]
+    idle = [before - after <= 1e-4 * before for before, after in pairwise(best)]
+    assert idle[-3:] == [True, True, True]
+    assert all(not all(idle[k : k + 3]) for k in range(len(idle) - 3))
+
+
+def test_solve_draws_the_tree_that_topologies_prints(command):
+    design = json.loads(command("solve", "toy.toml", "--sample-seed", 5, "--starts", 1, "--json").stdout)
+    assert [design["topology_key"]] == command("topologies", 3, "--sample", 1, "--seed", 5).stdout.split()
+
+
+def test_solve_has_the_statuses_of_run(command, monkeypatch):
+    words = ["solve", "toy.toml", "--topology", "a110", "--starts", 1]
+    monkeypatch.setenv("TOY_VIOLATED", "*")
+    result = command(*words)
+    assert result.exit_code == 1
+    assert result.stdout.count("is violated") == 4
+    monkeypatch.setenv("TOY_MARGIN", "1e-3")
+    design = json.loads(command(*words, "--json").stdout)
+    assert design["task"]["search"]["margin"] == 1e-3
+    monkeypatch.setenv("TOY_NONE", "*")
+    result = command(*words)
+    assert result.exit_code == 3
+    assert "load case 0, torque is missed by" in result.stdout
+    assert Infeasible.model_validate_json(command(*words, "--json").stdout).status == "infeasible"
+    monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
+    assert command(*words).stdout == "three modules can lift 3.1 times less than asked\n"
+
+
+def test_audit_takes_the_gravest_of_its_files(command, tmp_path, monkeypatch):
+    for key in ("a110", "a120"):
+        command("solve", "toy.toml", "--topology", key, "--starts", 1, "--out", f"{key}.json")
+    (tmp_path / "half.json").write_text((tmp_path / "a110.json").read_text()[:100])
+    monkeypatch.setenv("TOY_VIOLATED", "a120")
+    assert command("audit", "a110.json").exit_code == 0
+    assert command("audit", "a110.json", "a120.json").exit_code == 1
+    result = command("audit", "half.json", "a120.json", "missing.json", "a110.json")
+    assert result.exit_code == 2
+    assert "half.json: is not a JSON file, or only a part of one" in result.stderr
+    assert "missing.json: no such file" in result.stderr
+    assert "a120.json: violated" in result.stdout
+    assert "a110.json: clear" in result.stdout
+
+
+def test_audit_prints_what_the_file_would_hold(command):
+    for key in ("a110", "a120"):
+        command("solve", "toy.toml", "--topology", key, "--starts", 1, "--out", f"{key}.json")
+    one = json.loads(command("audit", "a110.json", "--json").stdout)
+    assert Audit.model_validate(one).verdict == "clear"
+    assert json.loads(command("audit", "a110.json", "a120.json", "--json").stdout) == [one, one]
+
+
+def test_topologies_prints_keys_and_their_number(command):
+    keys = command("topologies", 4).stdout.split()
+    assert keys == [candidate.key for candidate in candidates(4, symmetry="c2")]
+    assert json.loads(command("topologies", 4, "--json").stdout) == keys
+    for symmetry in ("none", "c2", "d2", "c4", "d4"):
+        words = ["--symmetry", symmetry, "--count"]
+        assert int(command("topologies", 6, *words).stdout) == count(6, symmetry=symmetry)
+    assert int(command("topologies", 5, "--root", "paper", "--symmetry", "none", "--count").stdout) == 455
+    assert int(command("topologies", 5, "--connectors", "any", "--count").stdout) == 742
+    drawn = command("topologies", 9, "--sample", 4, "--seed", 7).stdout.split()
+    assert drawn == [topology.key for topology in sample(9, 4, 7)]
+
+
+def test_examples_are_listed(command):
+    assert command("examples").stdout.split() == examples()
+    assert json.loads(command("examples", "--json").stdout) == examples()
+
+
+def test_a_bar_shows_the_incumbent_its_gap_and_the_count():
+    import io
+
+    from rich.console import Console
+
+    stream = io.StringIO()
+    console = Console(file=stream, force_terminal=True, width=140)
+    with Bar.shown(console) as bar:
+        toy_row = toy_problem.toy_row("a110", objective=4.0, gap=0.25)
+        bar.size(3, 2, 3.0)
+        bar.settled(None)
+        bar.settled(toy_row)
+        bar.note("something happened")
+    shown = stream.getvalue()
+    assert "best a110 J 4, gap 25.0 %" in shown
+    assert "2/2" in shown
+    assert "something happened" in shown
+
+
+def test_plain_lines_come_now_and_then(capsys, monkeypatch):
+    now = 0.0
+    monkeypatch.setattr("topo_search.cli.progress.time.monotonic", lambda: now)
+    lines = Lines()
+    lines.size(3, 100, 3.0)
+    for _ in range(50):
+        now += 1.0
+        lines.settled(toy_problem.toy_row("a110", objective=4.0, gap=0.25))
+    told = capsys.readouterr().err.splitlines()
+    assert told[0] == "3 modules: 100 candidates"
+    assert told[1] == "3 modules: 10 of 100, best a110 J 4, gap 25.0 %, about 90 s left"
+    assert len(told) == 1 + 5

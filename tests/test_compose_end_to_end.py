@@ -1,0 +1,84 @@
+"""The whole way with the real solver and the real audit, on platforms small enough for seconds."""
+
+import csv
+import json
+import subprocess
+import sys
+
+import pytest
+
+import topo_search
+from topo_search.model import Design
+from topo_search.model.files import read_json, read_task
+from topo_search.study import COLUMNS
+
+
+def ranking(folder):
+    with (folder / "candidates.csv").open(newline="") as stream:
+        return [[row[name] for name in COLUMNS if name != "seconds"] for row in csv.DictReader(stream)]
+
+
+def platform(path):
+    """All of a design but how long it took."""
+    return read_json(Design, path).model_copy(update={"solver": None})
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """The four-module push task, searched with one worker."""
+    path = tmp_path_factory.mktemp("push")
+    task = read_task("push", ("modules=4",))
+    return task, topo_search.search(task, out=path, starts=4, workers=1)
+
+
+def test_the_best_of_four_modules_is_audited_and_its_file_stands_alone(found):
+    _, answer = found
+    assert answer.exit_status == 0
+    design = read_json(Design, answer.folder / "best.json")
+    assert design.objective == answer.best.objective
+    assert 0 < answer.best.gap < 0.1
+    assert topo_search.audit(design).verdict == "clear"
+    done = subprocess.run(
+        [sys.executable, "-m", "topo_search", "audit", str(answer.folder / "best.json"), "--json"],
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, json.loads(done.stdout)["verdict"]) == (0, "clear"), done.stderr
+
+
+def test_two_workers_find_the_same(found, tmp_path):
+    task, one = found
+    two = topo_search.search(task, out=tmp_path / "two", starts=4, workers=2)
+    assert ranking(two.folder) == ranking(one.folder)
+    assert platform(two.folder / "best.json") == platform(one.folder / "best.json")
+
+
+def test_the_mirror_image_need_not_be_solved_because_it_costs_the_same(found, tmp_path):
+    """Push is unchanged by exchanging x and y: every tree of the half-turn quotient costs what its mirror does."""
+    task, merged = found
+    whole = topo_search.search(task, out=tmp_path / "c2", starts=4, symmetry="c2", workers=2)
+    assert whole.sizes[0].candidates == 14
+    assert merged.sizes[0].candidates == 10
+    assert merged.best.objective == pytest.approx(whole.best.objective, rel=1e-6)
+
+
+def test_one_topology_is_solved_as_in_the_search(found):
+    task, answer = found
+    design = read_json(Design, answer.folder / "best.json")
+    alone = topo_search.solve(task, design.topology, starts=4)
+    assert alone.exit_status == 0
+    assert alone.outcome.model_copy(update={"solver": None}) == design.model_copy(update={"solver": None})
+
+
+def test_what_no_platform_can_lift_is_said_in_words(tmp_path):
+    task = read_task("push", ("modules=3", "module.max_thrust_to_weight=0.5"))
+    answer = topo_search.search(task, out=tmp_path / "heavy", workers=1)
+    assert answer.exit_status == 3
+    assert "times less than load case" in answer.sizes[0].reason
+    assert {row[COLUMNS.index("status")] for row in ranking(answer.folder)} == {"impossible"}
+
+
+def test_a_time_limit_still_ends_with_an_audited_design():
+    task = read_task("push", ("modules=3",))
+    solved = topo_search.solve(task, topo_search.Topology.from_key("a300"), time_limit=8.0)
+    assert solved.exit_status == 0
