@@ -1,0 +1,128 @@
+"""Tasks, trees and points for the tests of the inner problem."""
+
+import math
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from nlp.point import Point, fixed_end_effector
+from topo_search.model import Design, Infeasible, ResolvedTask, Task, Topology
+
+Array = NDArray[np.float64]
+Table = dict[str, Any]
+
+ROOT = (-1, -1, -1)
+HOVER: Table = {"com": {"force": [0.0, 0.0, 1.0]}}
+PUSH: list[Table] = [
+    {"end_effector": {"force": [0.5, 0.0, 0.5]}},
+    {"end_effector": {"force": [0.0, 0.5, 0.5]}},
+    HOVER,
+]
+
+LOCAL: Table = {"kind": "local", "radius": 0.15}
+PATH: Table = {"kind": "directional", "radius": 0.15, "segments": [[1.0, 0.0, 0.0]]}
+TWO_PATHS: Table = {"kind": "directional", "radius": 0.15, "segments": [[1.0, 0.0, 0.0], [1.0, 1.0, -1.0]]}
+OUTWARDS: Table = {"kind": "directional", "radius": 0.15, "along": "end_effector", "length": 1.0}
+CONE: Table = {"kind": "exterior", "half_angle_deg": 60.0, "axis": "com"}
+HALF_SPACE: Table = {"kind": "exterior", "half_angle_deg": 90.0, "axis": "com"}
+CONE_DOWN: Table = {"kind": "exterior", "half_angle_deg": 60.0, "axis": [0.0, 0.0, -1.0]}
+HALF_SPACE_DOWN: Table = {"kind": "exterior", "half_angle_deg": 90.0, "axis": [0.1, -0.2, -2.0]}
+
+FEATURES: dict[str, Table] = {
+    "push": {},
+    "local": {"exposure": [LOCAL]},
+    "one path": {"exposure": [PATH]},
+    "two paths": {"exposure": [TWO_PATHS]},
+    "a path along the end-effector": {"exposure": [OUTWARDS]},
+    "60 degree cone": {"exposure": [CONE]},
+    "half-space": {"exposure": [HALF_SPACE]},
+    "60 degree cone with a fixed axis": {"exposure": [CONE_DOWN]},
+    "half-space with a fixed axis": {"exposure": [HALF_SPACE_DOWN]},
+    "several requirements": {"exposure": [LOCAL, OUTWARDS, HALF_SPACE]},
+    "paper root": {"search": {"root": "paper"}},
+    "no body clearance": {"search": {"body_clearance": False}},
+    "ablation": {"search": {"interference": "separation"}},
+    "no exclusion": {"end_effector": {"exclusion": False}},
+    "end-effector at the COM": {"end_effector": {"position": "com", "exclusion": False}},
+    "fixed end-effector": {"end_effector": {"position": [0.1, 0.1, 0.3]}},
+    "any port": {"search": {"connectors": "any"}},
+}
+"""What a task can ask for: fields laid over the push task."""
+
+
+def push(n: int = 5, **fields: Any) -> ResolvedTask:
+    """The push task of the paper for n modules, with other fields beside or instead."""
+    return Task.model_validate({"name": "push", "modules": n, "load_cases": PUSH, **fields}).resolve(n)
+
+
+def hover(n: int, **fields: Any) -> ResolvedTask:
+    """Nothing but the platform's weight, at its centre of mass."""
+    return push(n, **{"load_cases": [HOVER], **fields})
+
+
+def random_tree(n: int, rng: np.random.Generator, *, aligned: bool = False) -> Topology:
+    """A tree that grows by one module at a random free port at a time."""
+    joints, free = [ROOT], [(0, port) for port in range(4)]
+    for i in range(1, n):
+        h, a = free.pop(rng.integers(len(free)))
+        b = (a + 2) % 4 if aligned else int(rng.integers(4))
+        joints.append((h, a, b))
+        free += [(i, port) for port in range(4) if port != b]
+    return Topology(tuple(joints))
+
+
+@st.composite
+def trees(draw: st.DrawFn, most: int = 12) -> Topology:
+    """Trees of any ports, the same half turned or in another order included."""
+    joints, free = [ROOT], [(0, port) for port in range(4)]
+    for i in range(1, draw(st.integers(1, most))):
+        h, a = free.pop(draw(st.integers(0, len(free) - 1)))
+        b = draw(st.integers(0, 3))
+        joints.append((h, a, b))
+        free += [(i, port) for port in range(4) if port != b]
+    return Topology(tuple(joints))
+
+
+def random_point(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
+    """Any values of all variables, within their bounds."""
+    n, K = topology.n, len(task.load_cases)
+    right = math.pi / 2
+    root = rng.uniform([-math.pi, -right, -math.pi], [math.pi, right, math.pi])
+    if task.search.root == "paper":
+        root = np.array([0.0, root[1], root[2] / 2])
+    alpha = rng.uniform(-right, right, n - 1)
+    p_E = rng.normal(size=3) * 5 * task.module.arm_length
+    if task.end_effector.fixed_position is not None:
+        p_E = fixed_end_effector(task, topology, root, alpha)
+    u = rng.uniform(0.0, task.module.max_input(task.gravity), (K, n, 4))
+    return Point(task, topology, root, alpha, p_E, u)
+
+
+def as_design(point: Point) -> Design:
+    """The point as a design, whether it meets its constraints or not: what the audit reads."""
+    weights = np.array([case.weight for case in point.task.load_cases])
+    return Design(
+        task=point.task,
+        topology=point.topology,
+        root_orientation_rad=tuple(point.root.tolist()),
+        hinge_angles_rad=tuple(point.alpha.tolist()),
+        end_effector_m=tuple(point.p_E.tolist()),
+        rotor_speeds_squared=tuple(tuple(u_k.ravel().tolist()) for u_k in point.u),
+        objective=float(weights @ np.sum(point.u**2, axis=(1, 2))),
+    )
+
+
+def as_point(design: Design) -> Point:
+    """A design as a point of the problem."""
+    root, alpha, p_E = (
+        np.array(values) for values in (design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m)
+    )
+    return Point(design.task, design.topology, root, alpha, p_E, np.array(design.inputs))
+
+
+def solved(result: Design | Infeasible) -> Design:
+    """The result, which must be a design."""
+    assert isinstance(result, Design), result.message
+    return result

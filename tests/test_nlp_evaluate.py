@@ -1,0 +1,214 @@
+"""The stated constraints, the check that decides what a design is, and the audit: one list, one set of numbers."""
+
+import dataclasses
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from nlp_cases import FEATURES, HOVER, as_design, hover, push, random_point, random_tree
+
+from nlp import names
+from nlp.evaluate import Violation, violations, worst
+from nlp.ipopt import BETA
+from nlp.point import Point
+from nlp.problem import problem
+from nlp.units import Units
+from topo_search.model import Exterior, Topology
+from verify.bodies import Cone
+from verify.clearance import clearances, cone_clearance
+from verify.kinematics import platform
+from verify.requirements import Scene
+from verify.residuals import residuals
+
+BOUNDS = {"rotor inputs", "hinge angles", "end-effector position"}
+"""Not constraints of the problem but bounds of its variables, or met by construction."""
+
+
+def cases(name, count=12):
+    """Random points of the push task with a feature."""
+    fields, rng = FEATURES[name], np.random.default_rng(23)
+    topology = random_tree(5, rng, aligned=name != "any port")
+    task = push(5, **fields)
+    return task, topology, [random_point(task, topology, rng) for _ in range(count)]
+
+
+def smooth_values(task, topology, points):
+    """Each constraint's name and, for every point, its least value in SI."""
+    stated = problem(task, topology)
+    f = ca.Function("g", [stated.variables.vector(), stated.beta], [c.expression for c in stated.constraints])
+    values = [f(point.pack(), BETA) for point in points]
+    values = [rows if isinstance(rows, tuple) else (rows,) for rows in values]
+    least = np.array([[np.array(row).min() for row in rows] for rows in values])
+    return dict(zip((c.name for c in stated.constraints), least.T * Units.of(task).length, strict=True))
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_every_stated_constraint_is_checked_and_nothing_else(name):
+    task, topology, points = cases(name, count=1)
+    stated = [c.name for c in problem(task, topology).constraints]
+    checked = [check.name for check in violations(points[0])]
+    assert len(set(stated)) == len(stated)
+    assert sorted(set(checked) - BOUNDS) == sorted(stated)
+    assert ("end-effector position" in checked) == (task.end_effector.fixed_position is not None)
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_stated_clearances_have_the_sign_of_the_checked_ones(name):
+    """A stated clearance may ask for log(9) / beta more; from 1e-4 m on it hides nothing (test_nlp_clearance)."""
+    task, topology, points = cases(name)
+    stated = smooth_values(task, topology, points)
+    compared = 0
+    for at, point in enumerate(points):
+        for check in violations(point):
+            if check.unit != "m" or check.name in BOUNDS:
+                continue
+            smooth = stated[check.name][at]
+            assert check.amount < 0 or smooth < 1e-4
+            # the smooth one shrinks with r / s of an envelope (1.03 arms more at the far end) and by log(9) / beta
+            assert check.amount > -0.02 * task.module.arm_length or smooth > 0
+            compared += 1
+    assert compared >= len(points) * topology.n or name == "no exclusion"
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_checked_clearances_are_the_audits(name):
+    """Equal where both measure a distance; for two envelopes the check promises the sign alone."""
+    _, _, points = cases(name)
+    for point in points:
+        design = as_design(point)
+        checked = {check.name: -check.amount for check in violations(point) if check.unit == "m"}
+        audited = audited_clearances(design)
+        assert set(audited) == set(checked) - BOUNDS - {names.OFFSET}
+        for key, c in audited.items():
+            exact = not key.startswith("airflow") and "directional" not in key and "local" not in key
+            if exact:
+                assert checked[key] == pytest.approx(c, abs=1e-12)
+            assert math.copysign(1, checked[key]) == math.copysign(1, c) or abs(c) < 1e-10
+
+
+def audited_clearances(design):
+    """The audit's exact clearances [m] by the solver's names; what sets no verdict is left out."""
+    found = {}
+    task = design.task
+    for r in Scene(design, platform(design)).requirements():
+        if not r.counts:
+            continue
+        if r.kind in ("airflow", "separation"):
+            name = getattr(names, r.kind)(r.a, r.b)
+        elif r.kind == "exclusion":
+            name = names.exclusion(r.a)
+        else:
+            name = names.exposure(r.b, task.exposure[r.b], r.a, r.segment)
+        inside = isinstance(r.against, Cone)
+        assert inside == (r.kind == "exterior")
+        c = (
+            cone_clearance(r.body.body, r.against)[0]
+            if inside
+            else clearances([(r.body.body, r.against.body)]).d[0]
+        )
+        found[name] = float(c) * task.module.arm_length
+    return found
+
+
+@pytest.mark.parametrize("axis", ["com", (0.0, 0.6, -0.8)])
+def test_a_cone_asks_for_both_conditions_of_the_paper(axis):
+    """s >= r alone is stated; d.q >= r, the paper's other condition, follows from it."""
+    rng = np.random.default_rng(29)
+    task = hover(3, exposure=[{"kind": "exterior", "half_angle_deg": 75.0, "axis": axis}])
+    (requirement,) = task.exposure
+    assert isinstance(requirement, Exterior)
+    topology, air, inside = random_tree(3, rng, aligned=True), task.module.envelope, 0
+    for _ in range(1000):
+        point = random_point(task, topology, rng)
+        offset = point.p_E - point.p_COM
+        d = -offset / np.linalg.norm(offset) if axis == "com" else np.array(axis)
+        (R, p), checks = point.poses, {check.name: check.amount for check in violations(point)}
+        for i in range(3):
+            if checks[names.exposure(0, requirement, i)] <= 0:
+                inside += 1
+                for eta in (0.0, 1.0):
+                    q = p[i] - eta * air.length * R[i, :, 2] - point.p_E
+                    assert d @ q >= air.start_radius + eta * air.growth
+    assert inside > 10
+
+
+def test_bounds_are_checked_in_their_units():
+    task = push(2, search={"root": "paper"})
+    topology = Topology.from_key("a10")
+    u_max = task.module.max_input(task.gravity)
+    inside = random_point(task, topology, np.random.default_rng(0))
+
+    def check(name, **changes):
+        point = dataclasses.replace(inside, **changes)
+        (found,) = [c for c in violations(point) if c.name == name]
+        return found
+
+    for value, excess in ((1.25 * u_max, 0.25 * u_max), (-0.5 * u_max, 0.5 * u_max)):
+        u = inside.u.copy()
+        u[1, 0, 2] = value
+        found = check("rotor inputs", u=u)
+        assert (found.met, found.unit) == (False, "rad^2/s^2")
+        assert (found.amount, found.scaled) == pytest.approx((excess, excess / u_max))
+    assert check("rotor inputs").met
+    assert check("hinge angles").met
+    assert not check("hinge angles", alpha=np.array([math.pi / 2 + 1e-9])).met
+    for root in ([0.0, 1.6, 0.0], [0.0, 0.0, -1.6]):
+        found = check("hinge angles", root=np.array(root))
+        assert not found.met
+        assert found.amount == pytest.approx(1.6 - math.pi / 2)
+    loose = dataclasses.replace(inside, task=push(2), root=np.array([3.0, 1.5, -3.0]))
+    assert all(c.met for c in violations(loose) if c.name == "hinge angles")
+
+
+def test_a_moved_end_effector_breaks_a_fixed_position():
+    task = push(2, end_effector={"position": [0.1, 0.0, 0.3]})
+    point = random_point(task, Topology.from_key("a10"), np.random.default_rng(0))
+    # p_COM follows the end-effector by m_E / m_t
+    moved = dataclasses.replace(point, p_E=point.p_E + np.array([0.0, 0.01, 0.0]))
+    before, after = (
+        next(check for check in violations(p) if check.name == "end-effector position") for p in (point, moved)
+    )
+    assert before.met
+    assert not after.met
+    assert after.amount == pytest.approx(0.01 * (1 - 0.048 / task.total_mass(2)))
+
+
+def test_nothing_that_is_not_a_number_meets_a_constraint():
+    task, topology = push(2, load_cases=[HOVER], exposure=[{"kind": "local"}]), Topology.from_key("a10")
+    good = random_point(task, topology, np.random.default_rng(0))
+    for name in ("root", "alpha", "p_E", "u"):
+        values = getattr(good, name).copy()
+        values.flat[0] = math.nan
+        bad = dataclasses.replace(good, **{name: values})
+        with np.errstate(invalid="ignore"):
+            checks = violations(bad)
+        assert not worst(checks).met
+        assert math.isnan(worst(checks).scaled)
+
+
+def test_the_worst_constraint_is_the_one_furthest_beyond_its_tolerance():
+    met = Violation("a", -1.0, "m", -10.0)
+    within = Violation("b", 1e-9, "N", 1e-9, 1e-8)
+    over = Violation("c", 1e-7, "N m", 1e-7, 1e-8)
+    assert worst([met, within]) is within
+    assert worst([over, met, within]) is over
+    assert [check.met for check in (met, within, over)] == [True, True, False]
+
+
+def test_equal_and_opposite_errors_do_not_cancel_in_the_check():
+    """A missing force at one module shows as force; about the COM its moment shows as torque, not the origin's."""
+    task, topology = hover(1), Topology(((-1, -1, -1),))
+    u = np.full((1, 1, 4), task.total_mass(1) * task.gravity / (4 * task.module.thrust_coefficient))
+    p_E = np.array([0.0, 0.0, 0.4])
+    point = Point(task, topology, np.zeros(3), np.empty(0), p_E, u)
+    checks = {c.name: c for c in violations(point)}
+    assert checks["load case 0, force"].met
+    assert checks["load case 0, torque"].met
+    short = {c.name: c for c in violations(dataclasses.replace(point, u=0.75 * u))}
+    weight = task.force_unit(1)
+    assert short["load case 0, force"].amount == pytest.approx(weight / 4)
+    assert short["load case 0, force"].scaled == pytest.approx(1 / 4)
+    assert short["load case 0, torque"].amount == pytest.approx(0.0, abs=1e-12)
+    rows = {r.name: r for r in residuals(as_design(point), platform(as_design(point)))}
+    assert rows["load case 0, force"].scaled < 1e-12

@@ -1,0 +1,112 @@
+"""The poses as symbols, as the solver's numbers and as the audit's: three routes to one platform."""
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from nlp_cases import random_tree, trees
+
+from nlp import geometry, kinematics
+from nlp.geometry import root_angles, root_rotation
+from topo_search.model import Topology
+from verify import poses as audited_poses
+
+L_C = 1.7
+
+
+def symbolic_poses(topology, root, alpha, l_c):
+    """R and p of all modules from the symbols of the problem."""
+    root_x, alpha_x = ca.SX.sym("root", 3), ca.SX.sym("alpha", topology.n - 1)
+    modules = kinematics.poses(topology, root_x, alpha_x, l_c)
+    f = ca.Function("poses", [root_x, alpha_x], [ca.horzcat(*(ca.horzcat(m.R, m.p) for m in modules))])
+    blocks = np.array(f(root, alpha)).T.reshape(topology.n, 4, 3)
+    return blocks[:, :3].transpose(0, 2, 1), blocks[:, 3]
+
+
+def angles_of(topology, rng):
+    """Root and hinge angles, the root's beyond their ranges too: the problem leaves them free."""
+    return rng.uniform(-7.0, 7.0, 3), rng.uniform(-math.pi / 2, math.pi / 2, topology.n - 1)
+
+
+@settings(max_examples=80, deadline=None)
+@given(trees(most=12), st.integers(0, 2**32))
+def test_three_kinematics_agree(topology, seed):
+    root, alpha = angles_of(topology, np.random.default_rng(seed))
+    R, p = geometry.poses(topology, root_rotation(root), alpha, L_C)
+    for other_R, other_p in (symbolic_poses(topology, root, alpha, L_C), audited_poses(topology, root, alpha, L_C)):
+        np.testing.assert_allclose(other_R, R, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(other_p, p, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 5, 40])
+def test_three_kinematics_agree_on_any_size(n):
+    rng = np.random.default_rng(n)
+    topology = random_tree(n, rng)
+    root, alpha = angles_of(topology, rng)
+    R, p = geometry.poses(topology, root_rotation(root), alpha, L_C)
+    for other_R, other_p in (symbolic_poses(topology, root, alpha, L_C), audited_poses(topology, root, alpha, L_C)):
+        np.testing.assert_allclose(other_R, R, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(other_p, p, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("kappa", range(4))
+@pytest.mark.parametrize("a", range(4))
+def test_a_joint_by_hand(a, kappa):
+    """A hinge of +90 deg at a port on x turns about y, so that the child's half step goes to -z from +x."""
+    joint = Topology(((-1, -1, -1), (0, a, (a + 2 - kappa) % 4)))
+    R, p = symbolic_poses(joint, np.zeros(3), np.array([math.pi / 2]), 1.0)
+    half_step, thrust_axis = {
+        0: ([0, 0, -1], [1, 0, 0]),
+        1: ([0, 0, 1], [0, -1, 0]),
+        2: ([0, 0, 1], [1, 0, 0]),
+        3: ([0, 0, -1], [0, -1, 0]),
+    }[a]
+    port = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+    assert p[1] == pytest.approx(port[a] + half_step, abs=1e-15)
+    assert R[1][:, 2] == pytest.approx(thrust_axis, abs=1e-15)
+    # the port that is bolted is where the joint is, whatever its number
+    assert p[1] + R[1] @ port[joint.joints[1][2]] == pytest.approx(port[a], abs=1e-15)
+
+
+@given(st.tuples(*[st.floats(-20.0, 20.0)] * 3))
+def test_root_angles_give_the_rotation_back_in_their_ranges(root):
+    R = root_rotation(root)
+    psi, alpha_0, alpha_1 = angles = root_angles(R)
+    assert abs(psi) <= math.pi
+    assert abs(alpha_0) <= math.pi / 2
+    assert abs(alpha_1) <= math.pi
+    np.testing.assert_allclose(root_rotation(angles), R, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("alpha_0", [math.pi / 2, -math.pi / 2])
+@pytest.mark.parametrize("short", [0.0, 1e-15, 1e-12, 1e-9, 1e-6])
+def test_root_angles_give_the_rotation_back_at_the_gimbal_lock(alpha_0, short):
+    """At alpha_0 = +-90 deg only psi +- alpha_1 is determined; the rotation is, all the same."""
+    R = root_rotation([0.7, alpha_0 * (1 - short), -1.9])
+    np.testing.assert_allclose(root_rotation(root_angles(R)), R, rtol=0, atol=1e-12)
+
+
+@given(
+    st.floats(-math.pi, math.pi),
+    st.floats(-math.pi / 2 + 1e-3, math.pi / 2 - 1e-3),
+    st.floats(-math.pi, math.pi),
+)
+def test_angles_in_their_ranges_come_back_themselves(psi, alpha_0, alpha_1):
+    back = root_angles(root_rotation([psi, alpha_0, alpha_1]))
+    apart = np.abs(back - [psi, alpha_0, alpha_1])
+    apart = np.minimum(apart, np.abs(apart - 2 * math.pi))  # -pi and pi are one angle
+    assert np.all(apart < 1e-11)
+
+
+@given(st.integers(0, 2**32), st.floats(-3, 3))
+def test_a_rotation_about_an_axis_leaves_it_and_turns_the_rest(seed, angle):
+    axis = np.random.default_rng(seed).normal(size=3)
+    axis /= np.linalg.norm(axis)
+    R = geometry.rotation(axis, angle)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(R @ axis, axis, rtol=0, atol=1e-14)
+    assert np.trace(R) == pytest.approx(1 + 2 * math.cos(angle), abs=1e-14)
+    assert np.linalg.det(R) == pytest.approx(1.0, abs=1e-14)
