@@ -6,6 +6,7 @@ import click
 
 from topo_search.cli.audit import audit
 from topo_search.cli.examples import examples
+from topo_search.cli.export import export
 from topo_search.cli.run import run
 from topo_search.cli.solve import solve
 from topo_search.cli.topologies import topologies
@@ -20,5 +21,5 @@ def main() -> None:
     """Find the best topology of a modular aerial manipulator for a task, and audit it exactly."""
 
 
-for command in (run, solve, audit, topologies, examples):
+for command in (run, solve, audit, topologies, export, examples):
     main.add_command(command)

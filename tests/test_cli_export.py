@@ -1,0 +1,84 @@
+"""`topo-search export`: what it writes, and what it says when it cannot."""
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import matplotlib.image
+import pytest
+from click.testing import CliRunner
+
+from topo_search.cli import main
+from topo_search.model import Design, Topology
+from topo_search.model.files import read_task, to_json
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """The command in an empty folder with a design of two modules and with half of its file."""
+    monkeypatch.chdir(tmp_path)
+    task = read_task("push", ("modules=2",)).resolve(2)
+    design = Design(
+        task=task,
+        topology=Topology(((-1, -1, -1), (0, 0, 2))),
+        root_orientation_rad=(0.1, 0.2, 0.3),
+        hinge_angles_rad=(0.4,),
+        end_effector_m=(0.5, 0.0, 0.2),
+        rotor_speeds_squared=((1e6,) * 8,) * len(task.load_cases),
+        objective=2.4e13,
+    )
+    (tmp_path / "design.json").write_text(to_json(design))
+    (tmp_path / "half.json").write_text(to_json(design)[:300])
+    return lambda *words: CliRunner().invoke(main, ["export", *words], catch_exceptions=False)
+
+
+def test_the_kind_of_picture_is_told_by_the_name_or_by_the_option(command, tmp_path):
+    for words in (["--out", "a.png"], ["--out", "a.PNG"], ["--out", "deep/a.dat", "--format", "png"]):
+        result = command("design.json", *words)
+        assert (result.exit_code, result.stdout) == (0, f"the picture is in {words[1]}\n")
+        assert matplotlib.image.imread(tmp_path / words[1], format="png").shape == (1360, 2100, 4)
+    for words in (["--out", "a.svg"], ["--out", "a.dat", "--format", "svg"]):
+        assert command("design.json", *words).exit_code == 0
+        assert ElementTree.parse(tmp_path / words[1]).getroot().tag.endswith("svg")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["half.json", "--out", "new.png"], "half.json: is not a JSON file, or only a part of one"),
+        (["none.json", "--out", "new.png"], "none.json: no such file"),
+        (
+            ["design.json", "--out", "new.pdf"],
+            "--out: must end in .png or .svg, or --format be given, but got new.pdf",
+        ),
+        (["design.json", "--out", "new"], "but got new"),
+        (["design.json", "--out", "new.png", "--format", "glb"], "'glb' is not one of 'png', 'svg'"),
+        (["design.json", "--out", "."], "is a directory"),
+        (["design.json"], "Missing option '--out'"),
+    ],
+)
+def test_bad_input_is_status_two_and_writes_nothing(command, tmp_path, words, said):
+    result = command(*words)
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.split())
+    assert result.stdout == ""
+    assert {path.name for path in tmp_path.iterdir()} == {"design.json", "half.json"}
+
+
+def test_without_matplotlib_the_answer_is_how_to_install_it(command, tmp_path, monkeypatch):
+    monkeypatch.delitem(sys.modules, "topo_search.export.picture", raising=False)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    result = command("design.json", "--out", "new.png")
+    assert result.exit_code == 2
+    assert result.stderr.endswith('is not installed; type: pip install "topo-search[viz]"\n')
+    assert not (tmp_path / "new.png").exists()
+
+
+def test_help_loads_no_matplotlib_and_has_an_example():
+    code = (
+        "import sys\nfrom topo_search.cli import main\n"
+        "try:\n    main(['export', '--help'])\nexcept SystemExit:\n    print('matplotlib' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "False"
+    assert "Example: topo-search export" in done.stdout
