@@ -1,5 +1,6 @@
 import errno
 import json
+import signal
 import sqlite3
 from itertools import pairwise
 
@@ -161,13 +162,14 @@ def test_a_full_disk_is_told_from_all_that_can_be_repaired_by_typing(command, mo
     assert command("run", "toy.toml", "--out", "out").exit_code == 0
 
 
-def test_ctrl_c_keeps_what_was_found(command, tmp_path, monkeypatch):
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_a_scheduler_s_signal_keep_what_was_found(command, tmp_path, monkeypatch, sent):
     solve, calls = toy_problem.solve, []
 
     def interrupted(task, topology, *, starts, seed):
         calls.append(topology.key)
         if len(calls) == 3:
-            raise KeyboardInterrupt
+            signal.raise_signal(sent)
         return solve(task, topology, starts=starts, seed=seed)
 
     with monkeypatch.context() as patched:

@@ -127,3 +127,16 @@ def test_the_base_row_of_a_design_keeps_its_own_audit(tmp_path, monkeypatch):
     assert list(rows) == [(1e-4, "violated", 0), (1e-3, "clear", 1)]
     database.close()
     assert toy_problem.BOUND == 1.0
+
+
+def test_after_the_time_limit_nothing_is_solved_again_but_audits_go_on(tmp_path, monkeypatch):
+    toy_run(tmp_path / "run", modules=4)
+    keys = list(table(tmp_path / "run"))
+    monkeypatch.setenv("TOY_VIOLATED", ",".join(keys[:10]))
+    database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
+    with database:
+        database.execute("UPDATE candidates SET audit = NULL, audit_result = NULL")
+    database.close()
+    answer = toy_run(tmp_path / "run", modules=4, time_limit=1e-9)
+    assert answer.best.key == keys[10]
+    assert margins(tmp_path / "run", keys[0]) == [1e-4]

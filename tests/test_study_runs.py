@@ -154,8 +154,8 @@ def test_sizes_are_searched_smallest_first_and_the_smallest_feasible_wins(tmp_pa
 
 
 def test_a_time_limit_keeps_what_ended_and_the_next_run_goes_on(tmp_path, monkeypatch, log):
-    monkeypatch.setenv("TOY_SLEEP", "0.2")
-    first = toy_run(tmp_path / "run", modules=4, workers=1, time_limit=3.0)
+    monkeypatch.setenv("TOY_SLEEP", "0.3")
+    first = toy_run(tmp_path / "run", modules=4, time_limit=1.0)
     assert not first.sizes[0].complete
     done = [row["key"] for row in table(tmp_path / "run")]
     monkeypatch.setenv("TOY_SLEEP", "0")

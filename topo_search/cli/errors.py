@@ -1,16 +1,20 @@
-"""Errors with a message and an exit status of their own."""
+"""Errors with a message and an exit status of their own, in place of a traceback."""
 
 from __future__ import annotations
 
 import errno
 import os
+import signal
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NoReturn
 
 import click
 
 BAD_INPUT = 2
+SOFTWARE = 70
+"""EX_SOFTWARE of <sysexits.h>: worker processes do not start."""
 INPUT_OUTPUT = 74
 """EX_IOERR of <sysexits.h>: the disk is full, or cannot be written to."""
 INTERRUPTED = 130
@@ -18,28 +22,40 @@ INTERRUPTED = 130
 
 
 @contextmanager
-def explained() -> Iterator[None]:
-    """Turn what is wrong with the input, the disk or the user's patience into a message and an exit status."""
+def explained(stopped: str = "stopped") -> Iterator[None]:
+    """Turn what is wrong with the input, the disk or the user's patience into a message and an exit status.
+
+    Args:
+        stopped: what to say after Ctrl-C, or after the SIGTERM with which a scheduler ends a job.
+    """
+    from topo_search.engine import WorkersLost
     from topo_search.model import BadInput
 
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     except BadInput as error:
         _end(str(error), BAD_INPUT)
+    except KeyboardInterrupt:
+        _end(stopped, INTERRUPTED)
+    except WorkersLost as error:
+        _end(str(error), SOFTWARE)
     except sqlite3.OperationalError as error:
         _end(
             f"the ledger cannot be written: {error}; what it holds is safe, and the same command resumes",
             INPUT_OUTPUT,
         )
     except OSError as error:
-        if error.errno in (errno.EPIPE, None):  # the reader of our output went away, or no error of a file
+        if error.errno is None or error.errno == errno.EPIPE:  # no file's error; the reader of our output left
             raise
         where = f" ({error.filename})" if error.filename else ""
         _end(
             f"{os.strerror(error.errno)}{where}; finished work is safe, and the same command resumes", INPUT_OUTPUT
         )
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
-def _end(text: str, status: int) -> None:
+def _end(text: str, status: int) -> NoReturn:
     click.echo(text, err=True)
     raise SystemExit(status)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import INTERRUPTED, explained
+from topo_search.cli.errors import explained
 
 if TYPE_CHECKING:
     from topo_search.study import Answer
@@ -56,28 +56,24 @@ def run(
     Exit status: 0 audited design found; 1 designs found, but none passed its audit;
     2 bad input; 3 no design found, with the reasons.
     """
-    with explained():
+    with explained(stopped="stopped; all results are kept, and the same command resumes"):
         from topo_search.cli.progress import shown_progress
         from topo_search.compose import search
         from topo_search.model.files import read_task
 
         changes = options.overrides(settings, modules=modules, search__root=root, search__connectors=connectors)
         asked = read_task(task, changes)
-        try:
-            with shown_progress() as observer:
-                answer = search(
-                    asked,
-                    out=out,
-                    symmetry=symmetry,
-                    starts=starts,
-                    seed=seed,
-                    workers=workers,
-                    time_limit=math.inf if time_limit is None else time_limit,
-                    observer=observer,
-                )
-        except KeyboardInterrupt:
-            click.echo("stopped; all results are kept, and the same command resumes", err=True)
-            raise SystemExit(INTERRUPTED) from None
+        with shown_progress() as observer:
+            answer = search(
+                asked,
+                out=out,
+                symmetry=symmetry,
+                starts=starts,
+                seed=seed,
+                workers=workers,
+                time_limit=math.inf if time_limit is None else time_limit,
+                observer=observer,
+            )
         if as_json:
             options.echo_json(answer_as_json(answer))
         else:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import INTERRUPTED, explained
+from topo_search.cli.errors import explained
 
 if TYPE_CHECKING:
     from topo_search.compose import Solved
@@ -55,18 +55,14 @@ def solve(
 
         asked = read_task(task, options.overrides(settings, modules=modules))
         topology = _topology(asked, key, sample_seed, sized=modules is not None)
-        try:
-            solved = compose.solve(
-                asked,
-                topology,
-                starts=starts,
-                seed=seed,
-                time_limit=time_limit,
-                progress=lambda best: click.echo(standing(best), err=True),
-            )
-        except KeyboardInterrupt:
-            click.echo("stopped", err=True)
-            raise SystemExit(INTERRUPTED) from None
+        solved = compose.solve(
+            asked,
+            topology,
+            starts=starts,
+            seed=seed,
+            time_limit=time_limit,
+            progress=lambda best: click.echo(standing(best), err=True),
+        )
         if out is not None and isinstance(solved.outcome, Design):
             write_atomically(out, to_json(solved.outcome))
         if as_json:

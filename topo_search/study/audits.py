@@ -57,7 +57,7 @@ def audit_best(
             if context.step:
                 jobs = _jobs(ledger, context, rows, starts)
                 if jobs and time.monotonic() >= until:
-                    return
+                    break
                 ledger.begin(context, lower_bound, None)
                 for job, outcome in solved(iter(jobs), solve=verbs.solve, workers=workers, until=until):
                     record(ledger, context, job, outcome, lower_bound=lower_bound)
@@ -72,11 +72,6 @@ def audit_best(
 def best_clear(ledger: Ledger, n: int) -> Row | None:
     """Return the best row of n modules whose audit is clear."""
     return next((row for row in ledger.ranked(n) if row.clear), None)
-
-
-def audit_one(audit: AuditDesign, workers: Workers, design: Design) -> Audit | Failed:
-    """Audit a design in a worker process."""
-    return workers.one(audit, design, deadline=audit_deadline(design.topology.n))
 
 
 def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], starts: int) -> list[Job]:
