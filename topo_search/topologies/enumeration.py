@@ -31,9 +31,10 @@ def rooted_at(root: Root, n: int, connectors: Connectors) -> Iterator[Rooted]:
 
 def _rows(ports: int, modules: int, most: int, connectors: Connectors) -> Iterator[tuple[str, ...]]:
     """Yield the rows of `ports` codes of at most `most` modules each and `modules` in all, in ascending order."""
+    if not ports <= modules <= ports * most:
+        return
     if ports == 0:
-        if modules == 0:
-            yield ()
+        yield ()
         return
     least = max(1, modules - (ports - 1) * most)
     for code in codes(least, min(most, modules - ports + 1), connectors):

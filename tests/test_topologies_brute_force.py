@@ -1,0 +1,162 @@
+"""The listed keys against trees grown module by module and compared from every root, turned and mirrored."""
+
+import random
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import pytest
+
+from topo_search.model import Topology
+from topo_search.model.files import read_task
+from topo_search.topologies import Connectors, Symmetry, candidate_of, candidates
+
+TURNS = {
+    "none": [(0, False)],
+    "c2": [(0, False), (2, False)],
+    "d2": [(q, mirror) for q in (0, 2) for mirror in (False, True)],
+    "c4": [(q, False) for q in range(4)],
+    "d4": [(q, mirror) for q in range(4) for mirror in (False, True)],
+}
+"""Quarter turns after an optional mirror in the x axis."""
+
+
+class Grid(NamedTuple):
+    """A tree on the grid: which module lies in which of four directions of which, and the spin of each."""
+
+    neighbours: tuple[dict[int, int], ...]
+    spins: tuple[int, ...]
+
+    def leaves_added(self, spins: tuple[int, ...]) -> Iterator["Grid"]:
+        n = len(self.spins)
+        for module in range(n):
+            for direction in {0, 1, 2, 3} - self.neighbours[module].keys():
+                for spin in spins:
+                    grown = [dict(around) for around in self.neighbours] + [{(direction + 2) % 4: module}]
+                    grown[module][direction] = n
+                    yield Grid(tuple(grown), (*self.spins, spin))
+
+    def seen_from(self, module: int, came: int | None, quarters: int, mirror: bool, flip: bool) -> tuple[Any, ...]:
+        around: list[Any] = [()] * 4
+        for direction, other in self.neighbours[module].items():
+            if other != came:
+                image = ((-direction if mirror else direction) + quarters) % 4
+                around[image] = self.seen_from(other, module, quarters, mirror, flip)
+        spin = self.spins[module] ^ (quarters % 2 if flip else 0)
+        return (spin, *around)
+
+    def canonical(self, turns: list[tuple[int, bool]], flip: bool) -> tuple[Any, ...]:
+        """The same value for every root and every turn; with `flip` a quarter turn reverses the spins."""
+        roots = range(len(self.spins))
+        return min(self.seen_from(root, None, q, mirror, flip) for root in roots for q, mirror in turns)
+
+
+def grid_of(topology: Topology) -> Grid:
+    """Place a topology on the grid, its root in standard position and spin 0, all hinges flat."""
+    neighbours: list[dict[int, int]] = [{} for _ in range(topology.n)]
+    frames = [0] * topology.n
+    for (h, i, a, _), kappa in zip(topology.edges(), topology.kappas[1:], strict=True):
+        direction = (frames[h] + a) % 4
+        frames[i] = frames[h] + kappa
+        neighbours[h][direction] = i
+        neighbours[i][(direction + 2) % 4] = h
+    return Grid(tuple(neighbours), tuple(frame % 2 for frame in frames))
+
+
+def grown(n: int, turns: list[tuple[int, bool]], spins: tuple[int, ...], flip: bool) -> set[tuple[Any, ...]]:
+    """All classes of trees of n modules, each grown from all classes of one module less."""
+    trees = {None: Grid(({},), (0,))}
+    for _ in range(n - 1):
+        leaves = (leaf for tree in trees.values() for leaf in tree.leaves_added(spins))
+        trees = {leaf.canonical(turns, flip): leaf for leaf in leaves}  # type: ignore[misc]
+    return {tree.canonical(turns, flip) for tree in trees.values()}
+
+
+@pytest.mark.parametrize("symmetry", ["none", "c2", "d2", "c4", "d4"])
+@pytest.mark.parametrize("n", range(1, 7))
+def test_aligned_candidates_are_the_classes_of_grown_trees(n: int, symmetry: Symmetry) -> None:
+    turns = TURNS[symmetry]
+    found = [grid_of(candidate.topology).canonical(turns, False) for candidate in candidates(n, symmetry=symmetry)]
+    assert len(set(found)) == len(found)
+    assert set(found) == grown(n, turns, (0,), False)
+
+
+@pytest.mark.parametrize("n", range(1, 6))
+def test_any_port_candidates_are_the_classes_of_grown_spin_labelled_trees(n: int) -> None:
+    found = [
+        grid_of(candidate.topology).canonical(TURNS["c4"], True) for candidate in candidates(n, connectors="any")
+    ]
+    assert len(set(found)) == len(found)
+    assert set(found) == grown(n, TURNS["c4"], (0, 1), True)
+
+
+@pytest.mark.parametrize("n", range(1, 6))
+def test_any_port_candidates_of_a_symmetric_task_are_classes_up_to_mirrors(n: int) -> None:
+    task = read_task("push").resolve(n)
+    listed = list(candidates(n, symmetry="task", connectors="any", task=task))
+    found = [grid_of(candidate.topology).canonical(TURNS["d4"], True) for candidate in listed]
+    assert len(set(found)) == len(found)
+    assert set(found) == grown(n, TURNS["d4"], (0, 1), True)
+
+
+@pytest.mark.parametrize("n", range(1, 6))
+def test_without_symmetry_any_port_misses_no_design(n: int) -> None:
+    classes = Counter(
+        grid_of(candidate.topology).canonical(TURNS["c4"], True)
+        for candidate in candidates(n, symmetry="none", connectors="any")
+    )
+    assert set(classes) == grown(n, TURNS["c4"], (0, 1), True)
+    assert set(classes.values()) <= {1, 2}  # a tree and its half turn
+
+
+@pytest.mark.parametrize("symmetry", ["none", "c2", "d2", "c4", "d4"])
+@pytest.mark.parametrize("n", range(1, 6))
+def test_the_least_key_at_a_centroid_is_listed_with_its_number_of_half_turn_classes(
+    n: int, symmetry: Symmetry
+) -> None:
+    keys = defaultdict(list)
+    half_turn_classes = defaultdict(set)
+    for rooted in candidates(n, symmetry="none", root="paper"):
+        topology = rooted.topology
+        grid = grid_of(topology)
+        name = grid.canonical(TURNS[symmetry], False)
+        half_turn_classes[name].add(grid.canonical(TURNS["c2"], False))
+        if 2 * max(branch_sizes(topology)) <= n:
+            keys[name].append(topology.key)
+    expected = {min(keys[name]): 1 if symmetry == "none" else len(half_turn_classes[name]) for name in keys}
+    assert {candidate.key: candidate.orbit for candidate in candidates(n, symmetry=symmetry)} == expected
+
+
+def branch_sizes(topology: Topology) -> list[int]:
+    """Number of modules at each port of the root."""
+    branch = [0]
+    for h, i, _, _ in topology.edges():
+        branch.append(branch[h] if h else i)
+    return list(Counter(branch[1:]).values()) or [0]
+
+
+@pytest.mark.parametrize("connectors", ["aligned", "any"])
+def test_every_tree_finds_the_candidate_of_its_class(connectors: Connectors) -> None:
+    aligned = connectors == "aligned"
+    rng = random.Random(7)
+    for _ in range(200):
+        n = rng.randint(1, 14)
+        topology = random_topology(rng, n, aligned)
+        for symmetry in ("c2", "d2", "c4", "d4") if aligned else ("c2",):
+            candidate = candidate_of(topology, symmetry=symmetry, connectors=connectors)
+            turns = TURNS[symmetry if aligned else "c4"]
+            assert grid_of(topology).canonical(turns, not aligned) == grid_of(candidate.topology).canonical(
+                turns, not aligned
+            )
+            assert candidate_of(candidate.topology, symmetry=symmetry, connectors=connectors) == candidate
+
+
+def random_topology(rng: random.Random, n: int, aligned: bool) -> Topology:
+    joints = [(-1, -1, -1)]
+    free = [(0, port) for port in range(4)]
+    for i in range(1, n):
+        h, a = free.pop(rng.randrange(len(free)))
+        b = (a + 2) % 4 if aligned else rng.randrange(4)
+        joints.append((h, a, b))
+        free += [(i, port) for port in range(4) if port != b]
+    return Topology(tuple(joints))

@@ -1,0 +1,165 @@
+"""Enumeration, closed forms and published numbers agree."""
+
+from itertools import islice
+from math import comb, factorial
+from typing import get_args
+
+import pytest
+
+from topo_search.model import Topology
+from topo_search.topologies import Connectors, Root, Symmetry, candidate_of, candidates, count, sample
+from topo_search.topologies.counts import fixed_trees, rooted_trees, ternary_trees
+
+SIZES = (2, 3, 4, 5, 6, 7, 8, 9, 11)
+TABLE: dict[Symmetry, tuple[int, ...]] = {
+    "none": (2, 6, 22, 91, 408, 1938, 9614, 49335, 1402440),
+    "c2": (2, 4, 14, 49, 216, 984, 4862, 24739, 701584),
+    "d2": (2, 3, 10, 28, 120, 507, 2486, 12441, 351156),
+    "c4": (1, 2, 7, 25, 108, 492, 2431, 12371, 350792),
+    "d4": (1, 2, 5, 16, 60, 261, 1243, 6257, 175760),
+}
+ANY_PORT = (3, 14, 94, 742, 6576, 62136, 615736, 6316024)
+NAMED: tuple[Symmetry, ...] = ("none", "c2", "d2", "c4", "d4")
+
+
+@pytest.mark.parametrize("symmetry", NAMED)
+def test_closed_forms_give_the_table(symmetry: Symmetry) -> None:
+    assert tuple(count(n, symmetry=symmetry) for n in SIZES) == TABLE[symmetry]
+
+
+def test_closed_forms_give_the_table_for_any_port() -> None:
+    assert tuple(count(n, connectors="any") for n in range(2, 10)) == ANY_PORT
+    for symmetry in ("d2", "c4", "d4"):
+        assert count(7, symmetry=symmetry, connectors="any") == count(7, connectors="any")
+
+
+def test_oeis() -> None:
+    assert [fixed_trees(n) for n in range(1, 8)] == [1, 2, 6, 22, 91, 408, 1938]  # A000139
+    assert [rooted_trees(n) for n in range(1, 8)] == [1, 4, 18, 88, 455, 2448, 13566]  # A006629
+    assert [ternary_trees(k) for k in range(8)] == [1, 1, 3, 12, 55, 273, 1428, 7752]  # A001764
+    assert [count(n, symmetry="c4") for n in range(1, 8)] == [1, 1, 2, 7, 25, 108, 492]  # A005034
+    assert [count(n, symmetry="d4") for n in range(1, 8)] == [1, 1, 2, 5, 16, 60, 261]  # A005036
+
+
+@pytest.mark.parametrize("n", range(1, 41))
+def test_burnside_sums_have_their_closed_forms(n: int) -> None:
+    fixed = 2 * factorial(3 * n) // (factorial(2 * n + 1) * factorial(n + 1))
+    m, odd = divmod(n, 2)
+    half_turn = 2 * comb(3 * m + 2, m) // (3 * m + 2) if odd else 2 * comb(3 * m, m) // (2 * m + 1)
+    k, rest = divmod(n, 4)
+    quarter = comb(3 * k, k) // (2 * k + 1) if rest == 1 else 0
+    a047749 = comb(3 * m + 1, m + 1) // (2 * m + 1) if odd else comb(3 * m, m) // (2 * m + 1)
+    c4 = (fixed + half_turn + 2 * quarter) // 4
+    assert count(n, symmetry="none") == fixed
+    assert count(n, symmetry="c2") == (fixed + half_turn) // 2
+    assert count(n, symmetry="d2") == (fixed + 3 * half_turn) // 4
+    assert count(n, symmetry="c4") == c4
+    assert count(n, symmetry="d4") == (c4 + a047749) // 2
+    assert count(n, connectors="any") == (2**n * fixed + 2 ** (n - n // 2) * half_turn) // 4
+    assert count(n, connectors="any", symmetry="none") == 2 ** (n - 1) * fixed
+    assert count(n, root="paper", symmetry="none") == n * fixed == 4 * comb(3 * n + 1, n - 1) // (3 * n + 1)
+
+
+def enumerate_and_check(n: int, symmetry: Symmetry, connectors: Connectors, root: Root) -> None:
+    """Every listed key is a tree of n modules, ascending, its own representative; numbers and orbits add up."""
+    keys = orbits = 0
+    before = ""
+    for candidate in candidates(n, symmetry=symmetry, connectors=connectors, root=root):
+        assert before < candidate.key
+        before = candidate.key
+        keys += 1
+        orbits += candidate.orbit
+        if keys % 37 == 1:
+            topology = candidate.topology
+            assert topology.n == n
+            assert topology.key == candidate.key
+            assert candidate_of(topology, symmetry=symmetry, connectors=connectors, root=root) == candidate
+    assert keys == count(n, symmetry=symmetry, connectors=connectors, root=root)
+    exact: Symmetry = "none" if symmetry == "none" or root == "paper" else "c2"
+    assert orbits == count(n, symmetry=exact, connectors=connectors, root=root)
+
+
+@pytest.mark.parametrize("symmetry", NAMED)
+@pytest.mark.parametrize("n", range(1, 9))
+def test_enumeration_agrees_with_the_closed_forms(n: int, symmetry: Symmetry) -> None:
+    enumerate_and_check(n, symmetry, "aligned", "free")
+
+
+@pytest.mark.parametrize("symmetry", NAMED)
+@pytest.mark.parametrize("n", range(1, 7))
+def test_enumeration_of_rooted_trees_agrees_with_the_closed_forms(n: int, symmetry: Symmetry) -> None:
+    enumerate_and_check(n, symmetry, "aligned", "paper")
+
+
+@pytest.mark.parametrize("symmetry", ["none", "c2"])
+@pytest.mark.parametrize("root", get_args(Root))
+@pytest.mark.parametrize("n", range(1, 6))
+def test_enumeration_of_any_port_agrees_with_the_closed_forms(n: int, symmetry: Symmetry, root: Root) -> None:
+    enumerate_and_check(n, symmetry, "any", root)
+
+
+def test_any_port_to_six() -> None:
+    enumerate_and_check(6, "c2", "any", "free")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("symmetry", NAMED)
+def test_enumeration_of_nine(symmetry: Symmetry) -> None:
+    enumerate_and_check(9, symmetry, "aligned", "free")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [7, 8])
+def test_any_port_beyond_six(n: int) -> None:
+    enumerate_and_check(n, "c2", "any", "free")
+
+
+@pytest.mark.slow
+def test_every_fixed_tree_of_eleven() -> None:
+    enumerate_and_check(11, "none", "aligned", "free")
+
+
+@pytest.mark.parametrize("connectors", get_args(Connectors))
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
+def test_a_quotient_is_a_part_of_what_it_divides(n: int, connectors: Connectors) -> None:
+    none, c2, d2, c4, d4 = (
+        {candidate.key for candidate in candidates(n, symmetry=symmetry, connectors=connectors)}
+        for symmetry in NAMED
+    )
+    assert d4 <= c4 <= c2 <= none
+    assert d4 <= d2 <= c2
+
+
+def test_rooted_trees_of_five() -> None:
+    keys = {candidate.key for candidate in candidates(5, symmetry="none", root="paper")}
+    assert len(keys) == 455
+    assert len({candidate_of(Topology.from_key(key), symmetry="none").key for key in keys}) == 91
+
+
+def test_large_sizes_begin_at_once_and_keep_the_keys_short() -> None:
+    for n in (100, 101):
+        first = [candidate.key for candidate in islice(candidates(n, connectors="any"), 20)]
+        assert first == sorted(set(first))
+        assert all(len(key) == n + 1 < 200 for key in first)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"n": 0}, "`n >= 1` must hold, but got n = 0"),
+        ({"symmetry": "d3"}, "symmetry must be one of task, none, c2, d2, c4, d4, but got 'd3'"),
+        ({"connectors": "some"}, "connectors must be one of aligned, any, but got 'some'"),
+        ({"root": "tree"}, "root must be one of free, paper, but got 'tree'"),
+        ({"symmetry": "task"}, 'symmetry "task" is found from a task, but none was given'),
+    ],
+)
+def test_wrong_arguments_are_refused_before_the_first_tree(wrong: dict[str, object], words: str) -> None:
+    arguments = {"n": 3, **wrong}
+    for function in (candidates, count, lambda n, **more: sample(n, 1, 0, **more)):
+        with pytest.raises(ValueError, match=words):
+            function(**arguments)  # type: ignore[arg-type]
+
+
+def test_an_aligned_family_refuses_an_odd_kappa() -> None:
+    with pytest.raises(ValueError, match="even kappas"):
+        candidate_of(Topology.from_key("p18"))

@@ -1,0 +1,274 @@
+"""Which tasks are their own mirror image, and what follows for the candidates."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from topo_search.model import (
+    Directional,
+    EndEffector,
+    Exterior,
+    LoadCase,
+    Local,
+    ResolvedTask,
+    Search,
+    Task,
+    Wrench,
+)
+from topo_search.model.files import read_task
+from topo_search.topologies import candidates, count, improper_isometry, resolve_symmetry
+
+Array = NDArray[np.float64]
+PUSH = (([0.5, 0, 0.5], None), ([0, 0.5, 0.5], None))
+EXCHANGE = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])
+
+
+def task_of(
+    *cases: tuple[Any, Any],
+    com: tuple[Any, ...] = (),
+    weights: Sequence[float] | None = None,
+    position: Any = "free",
+    exposure: tuple[Any, ...] = (),
+    **search: Any,
+) -> ResolvedTask:
+    """A task with these (force, torque) at the end-effector, then at the COM."""
+    wrenches = [
+        {place: Wrench(force=tuple(map(float, f)), torque=tuple(map(float, tau if tau is not None else (0, 0, 0))))}
+        for place, rows in (("end_effector", cases), ("com", com))
+        for f, tau in rows
+    ]
+    weights = weights or [1.0] * len(wrenches)
+    return Task(
+        name="made",
+        modules=5,
+        load_cases=tuple(
+            LoadCase(**wrench, weight=weight) for wrench, weight in zip(wrenches, weights, strict=True)
+        ),
+        end_effector=EndEffector(position=position),
+        exposure=exposure,
+        search=Search(**search),
+    ).resolve(5)
+
+
+def maps_load_cases_onto_themselves(O: Array, task: ResolvedTask) -> bool:
+    """Straight from the definition, on raw load cases: force -> O f, torque -> det(O) O tau."""
+
+    def rows(image: Array, sign: float) -> list[Array]:
+        return [
+            np.concatenate(
+                [
+                    image @ case.at_end_effector.force,
+                    image @ case.at_com.force,
+                    sign * image @ np.add(case.at_end_effector.torque, case.at_com.torque) / 0.1,
+                    [case.weight],
+                ]
+            )
+            for case in task.load_cases
+        ]
+
+    before, after = rows(np.eye(3), 1.0), rows(O, np.linalg.det(O))
+    return all(sum(np.allclose(a, b, atol=1e-7) for b in before) == 1 for a in after)
+
+
+def random_rotation(rng: np.random.Generator) -> Array:
+    Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return Q * np.linalg.det(Q)
+
+
+@pytest.mark.parametrize(
+    ("name", "classes"),
+    [
+        ("push", 28),
+        ("push-local", 28),
+        ("push-exterior-60", 28),
+        ("push-exterior-90", 28),
+        ("push-directional", 49),
+        ("push-two-paths", 49),
+        ("ten-wrenches", 49),
+        ("ten-wrenches-local", 49),
+        ("ten-wrenches-directional", 49),
+        ("ten-wrenches-exterior-60", 49),
+    ],
+)
+def test_shipped_examples(name: str, classes: int) -> None:
+    task = read_task(name).resolve(5)
+    O = improper_isometry(task)
+    assert (O is None) == (classes == 49)
+    if O is not None:
+        np.testing.assert_allclose(O, EXCHANGE, atol=1e-12)
+    listed = list(candidates(5, symmetry="task", task=task))
+    assert len(listed) == count(5, symmetry="task", task=task) == classes
+    assert sum(candidate.orbit for candidate in listed) == 49
+
+
+def test_the_sizes_of_the_push_task() -> None:
+    for n, mirrored in ((4, 10), (6, 120), (7, 507)):
+        assert count(n, symmetry="task", task=read_task("push").resolve(n)) == mirrored
+
+
+def test_connectors_and_root_of_a_symmetric_task() -> None:
+    any_port = task_of(*PUSH, connectors="any")
+    listed = list(candidates(4, symmetry="task", connectors="any", task=any_port))
+    assert len(listed) == 58
+    assert Counter(candidate.orbit for candidate in listed) == {1: 22, 2: 36}
+    assert resolve_symmetry(any_port).exact
+    paper = task_of(*PUSH, root="paper")
+    rooted = list(candidates(5, symmetry="task", root="paper", task=paper))
+    assert len(rooted) == 455
+    assert {candidate.orbit for candidate in rooted} == {1}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_turning_the_task_turns_its_isometry(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    R = random_rotation(rng)
+    torques = rng.normal(size=3)
+    mirrored = -EXCHANGE @ torques
+    task = task_of(
+        (R @ [0.5, 0, 0.5], R @ torques),
+        (R @ [0, 0.5, 0.5], R @ mirrored),
+        com=((R @ [0, 0, 1.0], None),),
+        exposure=(Directional(segments=(tuple(R @ [1, 0, 0]), tuple(R @ [0, 1, 0]))), Local()),
+    )
+    O = improper_isometry(task)
+    assert O is not None
+    np.testing.assert_allclose(O, R @ EXCHANGE @ R.T, atol=1e-9)
+    assert maps_load_cases_onto_themselves(O, task)
+    assert not O.flags.writeable
+
+
+@pytest.mark.parametrize("kind", ["reflection", "point reflection", "rotary reflection"])
+@pytest.mark.parametrize("seed", range(4))
+def test_orbits_of_any_improper_isometry_are_symmetric_and_torques_are_pseudovectors(kind: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    R = random_rotation(rng)
+    plain = {
+        "reflection": np.diag([1.0, 1, -1]),
+        "point reflection": -np.eye(3),
+        "rotary reflection": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, -1]]),
+    }[kind]
+    O = R @ plain @ R.T
+    order = 4 if kind == "rotary reflection" else 2
+    drawn = rng.normal(size=(3, 2, 3))
+    right, wrong = [], []
+    for force, torque in drawn:
+        for _ in range(order):
+            right.append((force, torque))
+            force, torque = O @ force, -O @ torque
+        for _ in range(order):
+            wrong.append((force, torque))
+            force, torque = O @ force, O @ torque
+    order_of_cases = rng.permutation(len(right))
+    task = task_of(*(right[i] for i in order_of_cases))
+    found = improper_isometry(task)
+    assert found is not None
+    assert np.linalg.det(found) == pytest.approx(-1)
+    np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-12)
+    assert maps_load_cases_onto_themselves(found, task)
+    words = {"reflection": "the reflection along", "rotary reflection": "with a turn of 90 deg"}.get(kind, kind)
+    assert words in resolve_symmetry(task).reason
+    assert improper_isometry(task_of(*wrong)) is None
+
+
+@pytest.mark.parametrize(
+    ("cases", "symmetric"),
+    [
+        ([([0, 0, 1], None)], True),  # on a line: every plane that holds it
+        ([([0, 0, 1], [0, 0, 1])], False),  # a screw has a handedness
+        ([([0, 0, 1], [0, 0, 1]), ([0, 0, 1], [0, 0, -1])], True),
+        ([([0, 0, 1], [1, 0, 0])], True),  # a torque is mirrored in the planes along it with a change of sign
+        ([([0, 0, 0], [0, 0, 1])], True),  # a pure torque: the plane across it
+        ([([0, 0, 0], None)], True),
+        ([([1, 0, 0], None), ([0.3, 0, 1], None)], True),  # forces in a plane
+        ([([1, 0, 0], None), ([0.3, 0, 1], [0, 0.2, 0])], True),  # torque across the plane: kept
+        ([([1, 0, 0], None), ([0.3, 0, 1], [0.2, 0, 0])], False),  # torque in the plane: reversed
+        ([([1, 0, 0], None), ([0.3, 0, 1], [0.2, 0, 0]), ([0.3, 0, 1], [-0.2, 0, 0])], True),
+        ([([1, 0, 0], None), ([0, 1, 0], None), ([0, 0, 1], None)], True),
+        ([([1, 0, 0], None), ([0, 2, 0], None), ([0, 0, 3], None)], False),  # all of space, all different
+        ([([1, 0, 0], None), ([0, 2, 0], None), ([0, 0, 3], None), ([-1, 0, 0], None)], True),
+        ([([0, 0, 1], [0, 0, 1]), ([1, 0, 0], None), ([-1, 0, 0], None)], False),
+        ([([0, 0, 1], [0, 0, 1]), ([0, 0, -1], [0, 0, 1]), ([1, 0, 0], None)], True),
+    ],
+)
+def test_small_sets_of_wrenches(cases: list[tuple[Any, Any]], symmetric: bool) -> None:
+    rng = np.random.default_rng(1)
+    for R in (np.eye(3), random_rotation(rng), random_rotation(rng)):
+        task = task_of(*((R @ f, None if tau is None else R @ tau) for f, tau in cases))
+        O = improper_isometry(task)
+        assert (O is not None) == symmetric
+        assert O is None or maps_load_cases_onto_themselves(O, task)
+        assert resolve_symmetry(task).group == ("d2" if symmetric else "c2")
+
+
+def test_weights_count_and_equal_load_cases_count_as_one() -> None:
+    lift = ([0, 0, 1], None)
+    assert improper_isometry(task_of(*PUSH, lift, weights=[2.0, 2.0, 1.0])) is not None
+    assert improper_isometry(task_of(*PUSH, lift, weights=[1.0, 2.0, 1.0])) is None
+    assert improper_isometry(task_of(*PUSH, lift, PUSH[0], weights=[1.0, 3.0, 1.0, 2.0])) is not None
+    assert improper_isometry(task_of(*PUSH, lift, PUSH[0])) is None
+
+
+def test_the_place_of_a_force_counts_and_that_of_a_torque_does_not() -> None:
+    hover = (([0, 0, 1], None),)
+    assert improper_isometry(task_of(*PUSH, com=hover)) is not None
+    assert improper_isometry(task_of(PUSH[0], com=(PUSH[1], *hover))) is None
+    assert improper_isometry(task_of(PUSH[0], com=(PUSH[1], *hover), position="com")) is not None
+    along_x, along_y = [1, 0, 0], [0, -1, 0]
+    nowhere = [0, 0, 0]
+    assert improper_isometry(task_of((nowhere, along_x), com=((nowhere, along_y),))) is not None
+
+
+@pytest.mark.parametrize(
+    ("position", "symmetric"),
+    [("com", True), ((0.1, 0.1, -0.3), True), ((0.1, -0.1, 0.0), False), ((0.0, 0.0, 0.2), True)],
+)
+def test_a_fixed_end_effector_stays_where_it_is(position: Any, symmetric: bool) -> None:
+    task = task_of(*PUSH, com=(([0, 0, 1], None),), position=position)
+    assert (improper_isometry(task) is not None) == symmetric
+
+
+@pytest.mark.parametrize(
+    ("exposure", "symmetric"),
+    [
+        ((Directional(segments=((1.0, 0.0, 0.0),)),), False),
+        ((Directional(segments=((1.0, 1.0, -1.0),)),), True),
+        ((Directional(segments=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),), True),
+        ((Directional(segments=((1.0, 0.0, 0.0),)), Directional(segments=((0.0, 1.0, 0.0),))), True),
+        ((Directional(segments=((1.0, 0.0, 0.0),)), Directional(radius=0.1, segments=((0.0, 1.0, 0.0),))), False),
+        ((Directional(segments=((1.0, 0.0, 0.0), (0.0, 2.0, 0.0))),), False),
+        ((Directional(along="end_effector", length=1.0), Local(), Exterior()), True),
+        ((Exterior(axis=(0.0, 0.0, -2.0)),), True),
+        ((Exterior(axis=(2.0, 0.0, 0.0)),), False),
+        ((Exterior(axis=(2.0, 0.0, 0.0)), Exterior(axis=(0.0, 3.0, 0.0))), True),
+        ((Exterior(axis=(2.0, 0.0, 0.0)), Exterior(half_angle_deg=61.0, axis=(0.0, 3.0, 0.0))), False),
+    ],
+)
+def test_exposure_requirements_are_mapped_onto_themselves(exposure: tuple[Any, ...], symmetric: bool) -> None:
+    task = task_of(*PUSH, com=(([0, 0, 1], None),), exposure=exposure)
+    assert (improper_isometry(task) is not None) == symmetric
+
+
+def test_the_tolerance() -> None:
+    hover = (([0, 0, 1], None),)
+    for slip, symmetric in ((1e-12, True), (1e-7, False)):
+        task = task_of(([0.5 + slip, 0, 0.5], None), ([0, 0.5, 0.5], None), com=hover)
+        assert (improper_isometry(task) is not None) == symmetric
+
+
+def test_what_is_lossy_says_so() -> None:
+    push, directional = (read_task(name).resolve(5) for name in ("push", "push-directional"))
+    paper = task_of(*PUSH, root="paper")
+    exact = {name: resolve_symmetry(push, name).exact for name in ("task", "none", "c2", "d2", "c4", "d4")}
+    assert exact == {"task": True, "none": True, "c2": True, "d2": True, "c4": False, "d4": False}
+    assert "reflection" in resolve_symmetry(push).reason
+    assert not resolve_symmetry(directional, "d2").exact
+    assert "lossy: no mirror" in resolve_symmetry(directional, "d2").reason
+    assert "no mirror maps the task" in resolve_symmetry(directional).reason
+    assert resolve_symmetry(paper).exact
+    assert not resolve_symmetry(paper, "c2").exact
+    with pytest.raises(ValueError, match="symmetry must be one of"):
+        resolve_symmetry(push, "d3")  # type: ignore[arg-type]
