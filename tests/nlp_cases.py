@@ -21,13 +21,20 @@ PUSH: list[Table] = [
     HOVER,
 ]
 
+GENTLE_PUSH: list[Table] = [
+    {"end_effector": {"force": [0.25, 0.0, 0.75]}},
+    {"end_effector": {"force": [0.0, 0.25, 0.75]}},
+    HOVER,
+]
+"""Feasible where the push task is not."""
+
 LOCAL: Table = {"kind": "local", "radius": 0.15}
 PATH: Table = {"kind": "directional", "radius": 0.15, "segments": [[1.0, 0.0, 0.0]]}
 TWO_PATHS: Table = {"kind": "directional", "radius": 0.15, "segments": [[1.0, 0.0, 0.0], [1.0, 1.0, -1.0]]}
 OUTWARDS: Table = {"kind": "directional", "radius": 0.15, "along": "end_effector", "length": 1.0}
 CONE: Table = {"kind": "exterior", "half_angle_deg": 60.0, "axis": "com"}
 HALF_SPACE: Table = {"kind": "exterior", "half_angle_deg": 90.0, "axis": "com"}
-CONE_DOWN: Table = {"kind": "exterior", "half_angle_deg": 60.0, "axis": [0.0, 0.0, -1.0]}
+CONE_DOWN: Table = {"kind": "exterior", "half_angle_deg": 60.0, "axis": [-0.3, -0.3, -1.0]}
 HALF_SPACE_DOWN: Table = {"kind": "exterior", "half_angle_deg": 90.0, "axis": [0.1, -0.2, -2.0]}
 
 FEATURES: dict[str, Table] = {
@@ -45,7 +52,10 @@ FEATURES: dict[str, Table] = {
     "no body clearance": {"search": {"body_clearance": False}},
     "ablation": {"search": {"interference": "separation"}},
     "no exclusion": {"end_effector": {"exclusion": False}},
-    "end-effector at the COM": {"end_effector": {"position": "com", "exclusion": False}},
+    "end-effector at the COM": {
+        "end_effector": {"position": "com", "exclusion": False},
+        "load_cases": GENTLE_PUSH,
+    },
     "fixed end-effector": {"end_effector": {"position": [0.1, 0.1, 0.3]}},
     "any port": {"search": {"connectors": "any"}},
 }

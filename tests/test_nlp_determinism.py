@@ -1,0 +1,101 @@
+"""One seed, one answer: within a process, in another one, and however the starts are cut into pieces."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from nlp_cases import push
+
+from nlp import solve
+from nlp.starts import draw, generator
+from topo_search.model import Design, Infeasible, Topology
+from topo_search.model.files import to_json
+
+KEY = "a11410"
+TREE = Topology.from_key(KEY)
+
+SOLVE = f"""
+from nlp import solve
+from topo_search.model import Topology
+from topo_search.model.files import read_task, to_json
+design = solve(read_task("push").resolve(5), Topology.from_key("{KEY}"), starts=range(3), seed=4)
+print(to_json(design.model_copy(update={{"solver": None}})), end="")
+"""
+
+
+def timeless(result):
+    """The result without how long it took."""
+    if isinstance(result, Infeasible):
+        return result.model_copy(update={"solver": result.solver.model_copy(update={"seconds": 0.0})})
+    return result.model_copy(update={"solver": {**result.solver, "seconds": 0.0}})
+
+
+def test_the_same_seed_gives_the_same_design_to_the_last_bit():
+    first, second = (timeless(solve(push(), TREE, starts=range(3), seed=4)) for _ in range(2))
+    assert to_json(first) == to_json(second)
+
+
+def test_another_process_gives_the_same_design_to_the_last_bit():
+    here = solve(push(), TREE, starts=range(3), seed=4).model_copy(update={"solver": None})
+    there = subprocess.run([sys.executable, "-c", SOLVE], capture_output=True, text=True, check=True)
+    assert there.stdout == to_json(here)
+
+
+@pytest.mark.parametrize("name", ["feasible", "infeasible"])
+def test_pieces_of_the_starts_have_the_best_of_all(name):
+    task = push() if name == "feasible" else push(search={"body_clearance": 0.59})
+    whole, first, second = (solve(task, TREE, starts=s, seed=1) for s in (range(8), range(4), range(4, 8)))
+    if name == "feasible":
+        assert all(isinstance(part, Design) for part in (whole, first, second))
+        best = min(first, second, key=lambda part: (part.objective, part.solver["start"]))
+        record, of_parts = whole.solver, [first.solver, second.solver]
+        for field in ("hinge_angles_rad", "root_orientation_rad", "end_effector_m", "rotor_speeds_squared"):
+            assert getattr(whole, field) == getattr(best, field)
+        assert whole.objective == best.objective
+        assert record["start"] == best.solver["start"]
+        assert record["starts_feasible"] == sum(part["starts_feasible"] for part in of_parts)
+    else:
+        assert all(isinstance(part, Infeasible) for part in (whole, first, second))
+        assert whole.solver.start in (first.solver.start, second.solver.start)
+        best = first if whole.solver.start < 4 else second
+        assert (whole.worst_constraint, whole.violation) == (best.worst_constraint, best.violation)
+
+
+def test_a_start_does_not_depend_on_the_ones_before_it():
+    alone = solve(push(), TREE, starts=range(2, 3), seed=1)
+    backwards = solve(push(), TREE, starts=range(2, 1, -1), seed=1)
+    assert to_json(timeless(alone)) == to_json(timeless(backwards))
+    together = [solve(push(), TREE, starts=range(s, s + 1), seed=1) for s in range(3)]
+    assert to_json(timeless(together[2])) == to_json(timeless(alone))
+
+
+def starts_of(task, topology, seed, count=6):
+    return np.array([draw(task, topology, generator(task, topology, s, seed)).pack() for s in range(count)])
+
+
+def test_starts_differ_by_index_and_seed():
+    packed = np.concatenate([starts_of(push(), TREE, seed) for seed in (0, 1)])
+    apart = np.abs(packed[:, None] - packed[None]).max(axis=-1)
+    assert np.all(apart[~np.eye(len(packed), dtype=bool)] > 1e-3)
+
+
+def test_starts_differ_by_task_and_topology():
+    task, other = push(), push(search={"margin": 2e-4})
+    same = starts_of(task, TREE, 0)
+    assert np.array_equal(starts_of(push(), Topology(TREE.joints), 0), same)
+    assert not np.allclose(starts_of(other, TREE, 0), same)
+    assert not np.allclose(starts_of(task, Topology.from_key("a11210"), 0), same)
+
+
+def test_starts_are_inside_their_bounds():
+    for fields in ({}, {"search": {"root": "paper"}}):
+        task = push(**fields)
+        for s in range(20):
+            start = draw(task, TREE, generator(task, TREE, s, 0))
+            u_max = task.module.max_input(task.gravity)
+            assert 0.0 < start.u.min() <= start.u.max() < u_max
+            assert np.abs(start.alpha).max() < np.pi / 2
+            if fields:
+                assert start.root[0] == 0.0
+                assert np.abs(start.root).max() <= np.pi / 2

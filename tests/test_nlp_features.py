@@ -1,0 +1,116 @@
+"""Everything that a task can ask for, solved on five modules and audited."""
+
+import math
+
+import numpy as np
+import pytest
+from nlp_cases import FEATURES, GENTLE_PUSH, hover, push, solved
+
+from nlp import lower_bound, solve
+from topo_search.model import Design, Status, Topology
+from topo_search.model.files import examples, read_task, to_json
+from verify import audit
+
+PUSHES = [name for name in examples() if name.startswith("push")]
+
+
+def assert_audited(design, task, topology):
+    """The audit is clear, the wrenches are met with room to spare, and what the design says of itself is true."""
+    found = audit(design)
+    assert [row for row in found.residuals if row.status is not Status.CLEAR] == []
+    counting = [pair for pair in found.pairs if pair.kind != "airflow" or task.search.interference == "airflow"]
+    assert [pair for pair in counting if pair.status is not Status.CLEAR] == []
+    assert found.verdict is Status.CLEAR
+    wrenches = [row for row in found.residuals if row.name.startswith("load case") and row.unit in ("N", "N m")]
+    assert len(wrenches) == 2 * len(task.load_cases)
+    assert max(row.scaled for row in wrenches) < 1e-7  # the issue asks for 1e-6
+
+    u_max = task.module.max_input(task.gravity)
+    assert 0.0 <= design.inputs.min() <= design.inputs.max() <= u_max
+    assert np.abs(design.hinge_angles_rad).max() <= math.pi / 2
+    psi, alpha_0, alpha_1 = design.root_orientation_rad
+    assert abs(psi) <= (0.0 if task.search.root == "paper" else math.pi)
+    assert abs(alpha_0) <= math.pi / 2
+    assert abs(alpha_1) <= (math.pi / 2 if task.search.root == "paper" else math.pi)
+
+    weights = np.array([case.weight for case in task.load_cases])
+    assert design.objective == pytest.approx(weights @ np.sum(design.inputs**2, axis=(1, 2)), rel=1e-12)
+    assert design.lower_bound == lower_bound(task) <= design.objective
+    assert design.gap == pytest.approx(1 - design.lower_bound / design.objective, abs=1e-15)
+    assert (design.task, design.topology, design.topology_key) == (task, topology, topology.key)
+    assert Design.model_validate_json(to_json(design)) == design
+
+
+@pytest.mark.parametrize("name", PUSHES)
+@pytest.mark.parametrize("key", ["a11210", "a11410"])
+def test_a_shipped_example_is_solved_and_audited(name, key):
+    task, topology = read_task(name).resolve(5), Topology.from_key(key)
+    assert_audited(solved(solve(task, topology, starts=range(6), seed=0)), task, topology)
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_a_feature_is_solved_and_audited(name):
+    topology = Topology.from_key("p11290" if name == "any port" else "a11210")
+    task = push(5, **FEATURES[name])
+    assert_audited(solved(solve(task, topology, starts=range(6), seed=0)), task, topology)
+
+
+@pytest.mark.parametrize("name", ["ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional"])
+def test_ten_wrenches_are_met_by_five_modules(name):
+    task, topology = read_task(name).resolve(5), Topology.from_key("a11210")
+    assert_audited(solved(solve(task, topology, starts=range(3), seed=0)), task, topology)
+
+
+@pytest.mark.parametrize("position", ["com", [0.1, 0.1, 0.3]])
+def test_a_fixed_end_effector_is_where_the_task_wants_it(position):
+    given = {"position": position, "exclusion": position != "com"}
+    task = push(5, end_effector=given, load_cases=GENTLE_PUSH)
+    design = solved(solve(task, Topology.from_key("a11210"), starts=range(4), seed=0))
+    found = audit(design).assembly["end_effector"]["from_com_m"]
+    assert found == pytest.approx([0.0, 0.0, 0.0] if position == "com" else position, abs=1e-12)
+
+
+def test_each_requirement_costs_effort_or_nothing():
+    """A task with more requirements is never cheaper: the optima found keep the order of their feasible sets."""
+    topology = Topology.from_key("a11210")
+    best = {
+        name: solved(solve(push(5, **FEATURES[name]), topology, starts=range(12), seed=0)).objective
+        for name in (
+            "push",
+            "one path",
+            "two paths",
+            "no body clearance",
+            "half-space",
+            "60 degree cone",
+            "paper root",
+        )
+    }
+    slack = 1 + 1e-6
+    assert best["no body clearance"] <= best["push"] * slack
+    assert best["push"] <= best["one path"] * slack
+    assert best["one path"] <= best["two paths"] * slack
+    assert best["push"] <= best["half-space"] * slack
+    assert best["half-space"] <= best["60 degree cone"] * slack
+    assert best["push"] <= best["paper root"] * slack
+
+
+def test_the_ablation_lets_envelopes_overlap_and_says_so():
+    """Hovering in one plane needs the least effort, and neighbours then blow into each other at the far end."""
+    task = hover(3, search={"interference": "separation"})
+    found = audit(solved(solve(task, Topology.from_key("a110"), starts=range(2), seed=0)))
+    assert [pair.status for pair in found.pairs if pair.kind == "separation"] == [Status.CLEAR] * 3
+    overlaps = {(pair.a, pair.b): pair.analytic_m for pair in found.pairs if pair.status is Status.VIOLATED}
+    air, l_c = task.module.envelope, task.module.connector_distance
+    assert overlaps == pytest.approx(
+        {(0, 1): 2 * (l_c - air.end_radius), (1, 2): 2 * (l_c - air.end_radius)}, abs=1e-3
+    )
+    assert found.verdict is Status.CLEAR
+
+
+def test_an_odd_kappa_changes_what_rotors_can_do():
+    """The same tree with one module's rotors the other way round has another optimum."""
+    aligned, turned = (
+        solved(solve(push(5, search={"connectors": "any"}), Topology.from_key(key), starts=range(8), seed=0))
+        for key in ("a11210", "p11a10")
+    )
+    assert aligned.objective != pytest.approx(turned.objective, rel=1e-6)
