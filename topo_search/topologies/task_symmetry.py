@@ -67,15 +67,16 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
 
     Load cases must be mapped onto load cases with the same weight (equal load cases count as one with the sum of
     their weights), segments, cone axes and a fixed p_E onto themselves. Balls, paths along p_E and cones about the
-    COM axis go with p_E and allow every isometry. Among several the one nearest to a plain reflection is returned.
+    COM axis go with p_E and allow every isometry. Among several the one nearest to a plain
+    reflection is returned.
     """
     features = _features(task)
     found = None
     for P in _rotations(features):
-        images = [feature.rotated(P) for feature in features]
-        if all(any(image.equals(feature) for feature in features) for image in images) and (
-            found is None or np.trace(P) < np.trace(found) - TOLERANCE
-        ):
+        if found is not None and np.trace(P) >= np.trace(found) - TOLERANCE:
+            continue
+        images = (feature.rotated(P) for feature in features)
+        if all(any(image.equals(feature) for feature in features) for image in images):
             found = P
     if found is None:
         return None
