@@ -272,3 +272,9 @@ def test_what_is_lossy_says_so() -> None:
     assert not resolve_symmetry(paper, "c2").exact
     with pytest.raises(ValueError, match="symmetry must be one of"):
         resolve_symmetry(push, "d3")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrench", [([0, 0, 1], None), ([0, 0, 0], [0, 0, 1]), ([0, 0, 0], None)])
+def test_where_many_isometries_would_do_a_plain_reflection_is_named(wrench: tuple[Any, Any]) -> None:
+    assert "the reflection along" in resolve_symmetry(task_of(wrench)).reason
+    assert "turn of" not in resolve_symmetry(task_of(wrench)).reason
