@@ -1,6 +1,12 @@
-"""Property tests draw the same examples every time, and never fail for being slow on a busy machine."""
+"""The same tests everywhere: property tests draw the same examples every time, and never fail for being slow.
+
+A shell starts background jobs with Ctrl-C ignored, which child processes inherit: tests that send it need it back.
+"""
+
+import signal
 
 from hypothesis import HealthCheck, settings
 
 settings.register_profile("suite", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("suite")
+signal.signal(signal.SIGINT, signal.default_int_handler)
