@@ -1,7 +1,8 @@
 """What the README shows is true: its files are read, its code runs, its commands and paths exist."""
 
 import re
-import runpy
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -24,12 +25,11 @@ def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
     assert kinds == ["local", "directional", "exterior"]
 
 
-def test_the_python_code_runs_and_says_what_it_should(tmp_path, monkeypatch, capsys):
+def test_the_python_code_runs_and_says_what_it_should(tmp_path):
     (code,) = blocks("python")
     (tmp_path / "snippet.py").write_text(code)
-    monkeypatch.chdir(tmp_path)
-    runpy.run_path("snippet.py", run_name="__main__")
-    status, angles, verdict = capsys.readouterr().out.splitlines()
+    done = subprocess.run([sys.executable, "snippet.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    status, angles, verdict = done.stdout.splitlines()
     assert status.startswith("0 a300 0.09")
     assert angles.endswith(") clear")
     assert verdict == "clear"
