@@ -60,7 +60,7 @@ def _against_ball(one: ConeSphere, ball: Ball) -> list[ca.SX]:
 
 
 def _against_segment(one: ConeSphere, other: ConeSphere) -> list[ca.SX]:
-    """Return f at its nine candidates: the stationary point, one on each edge, the corners."""
+    """Return f at its nine candidates, from the coefficients of the paper's Eq. (f_air)."""
     d_i, d_j = one.d, other.d
     w_0, r_0 = one.o - other.o, one.r_0 + other.r_0
     A = ca.dot(d_i, d_i) - one.dr**2
@@ -69,14 +69,24 @@ def _against_segment(one: ConeSphere, other: ConeSphere) -> list[ca.SX]:
     D = 2 * ca.dot(d_i, w_0) - 2 * r_0 * one.dr
     E = -2 * ca.dot(d_j, w_0) - 2 * r_0 * other.dr
     F = ca.dot(w_0, w_0) - r_0**2
+    return quadratic_candidates(A, B, C, D, E, F)
+
+
+def quadratic_candidates(
+    A: ca.SX | float, B: ca.SX | float, C: ca.SX, D: ca.SX, E: ca.SX, F: ca.SX | float
+) -> list[ca.SX]:
+    """Return f = A eta^2 + B gamma^2 + C eta gamma + D eta + E gamma + F at the KKT candidates of its minimum.
+
+    They are the stationary point, one point on each edge of [0, 1]^2, and the corners.
+    """
     f_det = 4 * A * B - C**2
+    ends = (0.0, 1.0)
 
     def f(eta: ca.SX | float, gamma: ca.SX | float) -> ca.SX:
         return A * eta**2 + B * gamma**2 + C * eta * gamma + D * eta + E * gamma + F
 
     eta_0 = smooth_clamp((C * E - 2 * B * D) * f_det / (f_det**2 + EPSILON))
     gamma_0 = smooth_clamp((C * D - 2 * A * E) * f_det / (f_det**2 + EPSILON))
-    ends = (0.0, 1.0)
     gamma_1 = {eta_1: smooth_clamp(-(C * eta_1 + E) * B / (2 * B**2 + EPSILON)) for eta_1 in ends}
     eta_2 = {gamma_2: smooth_clamp(-(C * gamma_2 + D) * A / (2 * A**2 + EPSILON)) for gamma_2 in ends}
     return [

@@ -42,6 +42,11 @@ class Violation:
         """Whether the constraint holds; NaN never does."""
         return bool(self.scaled <= self.tolerance)
 
+    @property
+    def rank(self) -> float:
+        """How far beyond its tolerance; NaN is the farthest."""
+        return math.inf if math.isnan(self.scaled) else self.scaled - self.tolerance
+
 
 def violations(point: Point) -> list[Violation]:
     """Return every constraint of the problem with its violation."""
@@ -50,7 +55,7 @@ def violations(point: Point) -> list[Violation]:
 
 def worst(checks: list[Violation]) -> Violation:
     """Return the constraint that is furthest from being met."""
-    return max(checks, key=lambda check: math.inf if math.isnan(check.scaled) else check.scaled - check.tolerance)
+    return max(checks, key=lambda check: check.rank)
 
 
 def wrench_matrix(point: Point) -> Array:

@@ -27,7 +27,7 @@ def finish(point: Point) -> Point:
     for k in range(K):
         for _ in range(PASSES):
             free = (u[k] > 0.0) & (u[k] < u_max)
-            correction = np.linalg.lstsq(A[:, free], b[k] - A @ u[k], rcond=None)[0]
+            correction = np.linalg.lstsq(A[:, free], b[k] - A @ u[k], rcond=1e-6)[0]
             u[k, free] = np.clip(u[k, free] + correction, 0.0, u_max)
     root = root_angles(root_rotation(point.root)) if point.task.search.root == "free" else point.root
     return replace(point, root=root, u=u.reshape(point.u.shape))

@@ -39,8 +39,10 @@ def root_rotation(root: ArrayLike) -> Array:
 
 def root_angles(R: Array) -> Array:
     """Return psi in +-pi, alpha_0 in +-pi/2, alpha_1 in +-pi of a rotation."""
+    psi = np.arctan2(-R[0, 1], R[1, 1])
     alpha_0 = np.arctan2(R[2, 1], np.hypot(R[0, 1], R[1, 1]))
-    return np.array([np.arctan2(-R[0, 1], R[1, 1]), alpha_0, np.arctan2(-R[2, 0], R[2, 2])])
+    x, _, z = np.array([np.cos(psi), np.sin(psi)]) @ R[:2]  # first row of Rx(alpha_0) Ry(alpha_1)
+    return np.array([psi, alpha_0, np.arctan2(z, x)])
 
 
 def poses(topology: Topology, R_root: Array, alpha: Array, l_c: float) -> tuple[Array, Array]:

@@ -35,7 +35,7 @@ class _Trial:
     def rank(self) -> tuple[bool, float, int]:
         """Feasible first, then the least objective or the least violation; the earlier start breaks ties."""
         met = self.worst.met
-        return not met, self.objective if met else self.worst.scaled, self.start
+        return not met, self.objective if met else self.worst.rank, self.start
 
 
 def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -> Design | Infeasible:
@@ -76,7 +76,8 @@ def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -
 
 def _trial(program: Program, start: Point, index: int) -> _Trial:
     answer = program.solve(start)
-    point = finish(answer.point) if np.all(np.isfinite(answer.point.pack())) else answer.point
+    # an evaluation that failed leaves no numbers behind: then the start itself is what was reached
+    point = finish(answer.point) if np.all(np.isfinite(answer.point.pack())) else start
     weights = [case.weight for case in point.task.load_cases]
     objective = float(np.sum(np.array(weights) * np.sum(point.u**2, axis=(1, 2))))
     return _Trial(index, answer, point, worst(violations(point)), objective)
