@@ -136,12 +136,18 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
         constraints.append(Constraint(names.OFFSET, gap, 0.0))
 
     # (8) bounds
+    return Problem(variables, beta, objective, constraints, *variable_bounds(task, topology))
+
+
+def variable_bounds(task: ResolvedTask, topology: Topology) -> tuple[list[float], list[float]]:
+    """Return (8): lower and upper bounds on the variables, in the order of `Variables.vector()`."""
+    n, K = topology.n, len(task.load_cases)
     free, right = (-math.inf, math.inf), (-math.pi / 2, math.pi / 2)
     bounds = [free, free, free] if task.search.root == "free" else [(0.0, 0.0), right, right]
-    bounds += [right] * (n - 1) + [free] * variables.p_E.numel()
-    bounds += [(0.0, module.max_thrust_to_weight)] * (4 * n * K)
+    bounds += [right] * (n - 1) + [free] * (3 if task.end_effector.fixed_position is None else 0)
+    bounds += [(0.0, task.module.max_thrust_to_weight)] * (4 * n * K)
     lower, upper = (list(side) for side in zip(*bounds, strict=True))
-    return Problem(variables, beta, objective, constraints, lower, upper)
+    return lower, upper
 
 
 def _clearances(

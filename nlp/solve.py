@@ -12,8 +12,9 @@ import numpy as np
 from nlp.bounds import lower_bound
 from nlp.evaluate import Violation, violations, worst
 from nlp.finish import finish
-from nlp.ipopt import Answer, Program
+from nlp.ipopt import Answer
 from nlp.point import Point
+from nlp.program import Program, program
 from nlp.starts import draw, generator
 from topo_search.model import Design, Infeasible, ResolvedTask, SolverRecord, Topology
 
@@ -58,8 +59,8 @@ def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -
     if not starts:
         raise ValueError(f"`starts` must have at least one index, but got {starts}")
     began = time.perf_counter()
-    program = Program(task, topology)
-    trials = [_trial(program, draw(task, topology, generator(task, topology, s, seed)), s) for s in starts]
+    ready = program(task, topology)
+    trials = [_trial(ready, draw(task, topology, generator(task, topology, s, seed)), s) for s in starts]
     best = min(trials, key=lambda trial: trial.rank)
     record = SolverRecord(
         status=best.answer.status,

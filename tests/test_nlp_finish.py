@@ -10,7 +10,7 @@ from nlp import lower_bound, solve
 from nlp.evaluate import WRENCH_TOLERANCE, violations
 from nlp.finish import finish
 from nlp.geometry import root_angles, root_rotation, rotation
-from nlp.ipopt import Program
+from nlp.graph import GraphProgram
 from nlp.starts import draw, generator
 from topo_search.model import Topology
 
@@ -31,7 +31,7 @@ def test_finishing_costs_nothing(name):
     """Parallel axes make sideways force all but impossible: a rounding error there must not move the inputs."""
     task, key = CASES[name]
     topology = Topology.from_key(key)
-    program = Program(task, topology)
+    program = GraphProgram(task, topology)
     for s in range(6):
         answer = program.solve(draw(task, topology, generator(task, topology, s, seed=0)))
         if answer.status != "Solve_Succeeded":
@@ -44,7 +44,7 @@ def test_finishing_costs_nothing(name):
 
 def test_finished_inputs_are_on_the_balance_and_inside_their_bounds():
     task, topology = push(5), Topology.from_key("a11210")
-    point = Program(task, topology).solve(draw(task, topology, generator(task, topology, 0, seed=0))).point
+    point = GraphProgram(task, topology).solve(draw(task, topology, generator(task, topology, 0, seed=0))).point
     u_max = task.module.max_input(task.gravity)
     rough = type(point)(task, topology, point.root, point.alpha, point.p_E, point.u * (1 + 1e-6))
     done = finish(rough)

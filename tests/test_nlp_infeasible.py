@@ -7,7 +7,8 @@ from nlp_cases import HOVER, as_design, as_point, hover, push
 from nlp import lower_bound, prove_impossible, solve
 from nlp.evaluate import violations
 from nlp.finish import finish
-from nlp.ipopt import Answer, Program
+from nlp.graph import GraphProgram
+from nlp.ipopt import Answer
 from nlp.starts import draw, generator
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.files import to_json
@@ -41,7 +42,7 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
     assert result.message == (
         f"the closest of 3 starts misses `{result.worst_constraint}` by {result.violation:.3g} {result.unit}"
     )
-    program, reasons = Program(task, FIVE), []
+    program, reasons = GraphProgram(task, FIVE), []
     for s in range(3):
         point = finish(program.solve(draw(task, FIVE, generator(task, FIVE, s, seed=0))).point)
         reasons.append(max(violations(point), key=lambda check: check.scaled - check.tolerance))
@@ -128,19 +129,19 @@ def test_no_starts_are_refused():
 
 def test_a_success_word_alone_is_not_believed(monkeypatch):
     """The start itself, handed back as solved, is judged by its violations."""
-    monkeypatch.setattr(Program, "solve", lambda _self, start: Answer(start, "Solve_Succeeded", 0))
+    monkeypatch.setattr(GraphProgram, "solve", lambda _self, start: Answer(start, "Solve_Succeeded", 0))
     assert isinstance(solve(push(5), FIVE, starts=range(2), seed=0), Infeasible)
 
 
 def test_a_failure_word_alone_is_not_believed(monkeypatch):
     """A feasible point counts, whatever Ipopt says of it."""
-    program_solve = Program.solve
+    program_solve = GraphProgram.solve
 
     def pessimist(self, start):
         answer = program_solve(self, start)
         return Answer(answer.point, "Maximum_Iterations_Exceeded", answer.iterations)
 
-    monkeypatch.setattr(Program, "solve", pessimist)
+    monkeypatch.setattr(GraphProgram, "solve", pessimist)
     result = solve(hover(1), Topology.from_key("a0"), starts=range(1), seed=0)
     assert isinstance(result, Design)
     assert result.solver is not None
@@ -154,7 +155,7 @@ def test_the_audit_finds_the_violation_that_was_reported():
     alone = Topology.from_key("a0")
     result = failed(task, alone, starts=1)
     start = draw(task, alone, generator(task, alone, 0, seed=0))
-    design = as_design(finish(Program(task, alone).solve(start).point))
+    design = as_design(finish(GraphProgram(task, alone).solve(start).point))
     (pair,) = [pair for pair in audit(design).pairs if pair.kind == "exclusion"]
     assert pair.analytic_m == pytest.approx(-result.violation)
     np.testing.assert_allclose(as_point(design).p_COM, as_point(design).poses[1][0], atol=1e-12)

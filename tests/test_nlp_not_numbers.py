@@ -8,7 +8,8 @@ import pytest
 from nlp_cases import push
 
 from nlp import solve
-from nlp.ipopt import Answer, Program
+from nlp.graph import GraphProgram
+from nlp.ipopt import Answer
 from topo_search.model import Design, Infeasible, Topology
 
 FIVE = Topology.from_key("a11210")
@@ -16,7 +17,7 @@ FIVE = Topology.from_key("a11210")
 
 def break_starts(monkeypatch, count):
     """Let the first starts of a solve end in NaN, under a word of success."""
-    program_solve, calls = Program.solve, []
+    program_solve, calls = GraphProgram.solve, []
 
     def solve_badly(self, start):
         answer = program_solve(self, start)
@@ -26,7 +27,7 @@ def break_starts(monkeypatch, count):
         point = dataclasses.replace(answer.point, u=np.full_like(answer.point.u, math.nan))
         return Answer(point, "Solve_Succeeded", answer.iterations)
 
-    monkeypatch.setattr(Program, "solve", solve_badly)
+    monkeypatch.setattr(GraphProgram, "solve", solve_badly)
 
 
 @pytest.fixture

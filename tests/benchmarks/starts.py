@@ -16,8 +16,8 @@ import numpy as np
 
 from nlp.evaluate import violations, worst
 from nlp.finish import finish
-from nlp.ipopt import Program
 from nlp.point import Point
+from nlp.program import Program, program
 from nlp.starts import draw, generator
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task
@@ -73,11 +73,11 @@ def main() -> None:
     kinds: dict[str, Draw] = {"uniform": uniform, "splayed": draw}
     tallies = {name: Tally() for name in kinds}
     for candidate in candidates(task.n, symmetry="c2", connectors="aligned", root="free"):
-        program = Program(task, candidate.topology)
+        ready = program(task, candidate.topology)
         for start in range(arguments.starts):
             for name, kind in kinds.items():
                 point = kind(task, candidate.topology, generator(task, candidate.topology, start, 0))
-                tallies[name].add(program, task, point, candidate.topology.key)
+                tallies[name].add(ready, task, point, candidate.topology.key)
     print(f"{arguments.example}, n = {task.n}, {arguments.starts} starts a tree")
     print(f"{'starts':10}{'feasible solves':>16}{'feasible trees':>16}{'iterations a solve':>20}{'s a solve':>12}")
     for name, tally in tallies.items():

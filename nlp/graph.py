@@ -1,0 +1,34 @@
+"""The page as one CasADi graph: the fastest for few modules, the slowest to build for many."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from nlp.ipopt import BETA, OPTIONS, Answer, answer_of
+from nlp.point import Point
+from nlp.problem import problem
+from topo_search.model import ResolvedTask, Topology
+
+
+class GraphProgram:
+    """The nonlinear program of one task and topology as one graph."""
+
+    def __init__(self, task: ResolvedTask, topology: Topology) -> None:
+        """Build the graph: the expensive part, done once."""
+        self._task, self._topology = task, topology
+        stated = problem(task, topology)
+        constraints = stated.constraints
+        self._bounds = {
+            "lbx": ca.DM(stated.lower),
+            "ubx": ca.DM(stated.upper),
+            "lbg": ca.vertcat(*(ca.DM.ones(c.expression.shape) * c.lower for c in constraints)),
+            "ubg": ca.vertcat(*(ca.DM.ones(c.expression.shape) * c.upper for c in constraints)),
+        }
+        rows = ca.vertcat(*(constraint.expression for constraint in constraints))
+        nlp = {"x": stated.variables.vector(), "p": stated.beta, "f": stated.objective, "g": rows}
+        self._solver = ca.nlpsol("topology", "ipopt", nlp, OPTIONS)
+
+    def solve(self, start: Point) -> Answer:
+        """Return the point that Ipopt reaches from a start, whatever it says of it."""
+        result = self._solver(x0=ca.DM(start.pack()), p=ca.DM(BETA), **self._bounds)
+        return answer_of(self._solver, result, self._task, self._topology)

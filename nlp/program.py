@@ -1,0 +1,26 @@
+"""The nonlinear program of one task and topology, made ready once and solved from many starts."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from nlp.assembled import AssembledProgram
+from nlp.graph import GraphProgram
+from nlp.ipopt import Answer
+from nlp.point import Point
+from topo_search.model import ResolvedTask, Topology
+
+GRAPH_UP_TO = 7
+"""Most modules for which the graph of the page is worth its building; `tests/benchmarks/scaling.py` measures it."""
+
+
+class Program(Protocol):
+    """A nonlinear program, ready to be solved from any start."""
+
+    def solve(self, start: Point) -> Answer:
+        """Return the point that Ipopt reaches from a start, whatever it says of it."""
+
+
+def program(task: ResolvedTask, topology: Topology) -> Program:
+    """Return the program that is the faster for the topology's size; both state the same problem."""
+    return GraphProgram(task, topology) if topology.n <= GRAPH_UP_TO else AssembledProgram(task, topology)

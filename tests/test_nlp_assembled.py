@@ -1,0 +1,123 @@
+"""The assembled program is the program of the page: values, derivatives and answers, for every feature."""
+
+from itertools import combinations
+
+import casadi as ca
+import numpy as np
+import pytest
+from nlp_cases import FEATURES, push, random_point, random_tree
+
+from nlp.assembled import AssembledProgram
+from nlp.assembled.assembly import Assembly
+from nlp.evaluate import violations, worst
+from nlp.finish import finish
+from nlp.graph import GraphProgram
+from nlp.ipopt import BETA
+from nlp.problem import problem
+from nlp.starts import draw, generator
+from topo_search.model import Topology
+from topo_search.model.files import read_task
+from topo_search.topologies import sample
+
+CASES = {
+    **{name: (fields, "a1300") for name, fields in FEATURES.items()},
+    "any port": (FEATURES["any port"], "p1380"),
+    "two modules": ({}, "a10"),
+    "one module": ({}, "a0"),
+}
+
+
+def dense(pattern, entries):
+    return np.array(ca.DM(pattern, entries))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_values_and_derivatives_are_those_of_the_page(name):
+    fields, key = CASES[name]
+    topology = Topology.from_key(key)
+    task = push(topology.n, **fields)
+    page = problem(task, topology)
+    pairs = np.array(list(combinations(range(topology.n), 2)), dtype=int).reshape(-1, 2)
+    assembly = Assembly(task, topology, pairs, BETA)
+    rng = np.random.default_rng(5)
+    variables = page.variables.vector()
+    rows = ca.vertcat(*(constraint.expression for constraint in page.constraints))
+    multipliers = ca.SX.sym("multipliers", rows.numel())
+    hessian, _ = ca.hessian(2.5 * page.objective + ca.dot(multipliers, rows), variables)
+    jacobian = ca.jacobian(rows, variables)
+    results = [page.objective, ca.gradient(page.objective, variables), rows, jacobian, hessian]
+    derived = ca.Function("page", [variables, page.beta, multipliers], results)
+    for _ in range(3):
+        x = random_point(task, topology, rng).pack()
+        weight = rng.normal(size=rows.numel())
+        f, df, g, dg, _ = (np.array(value) for value in derived(x, BETA, weight))
+        own = assembly.constraints(x)
+        order, own_order = np.argsort(g.ravel()), np.argsort(own)  # the rows are the same, their order is not
+        scale = max(1.0, np.abs(dg).max())
+        assert assembly.objective(x) == pytest.approx(f.item(), rel=1e-12)
+        np.testing.assert_allclose(assembly.gradient(x), df.ravel(), atol=1e-12)
+        np.testing.assert_allclose(own[own_order], g.ravel()[order], atol=1e-10)
+        own_jacobian = dense(assembly.jacobian_pattern, assembly.jacobian(x))
+        np.testing.assert_allclose(own_jacobian[own_order], dg[order], atol=1e-10 * scale)
+        page_weight = np.empty_like(weight)
+        page_weight[order] = weight[own_order]
+        H = np.array(derived(x, BETA, page_weight)[4])
+        own_hessian = dense(assembly.hessian_pattern, assembly.hessian(x, 2.5, weight))
+        np.testing.assert_allclose(own_hessian, np.triu(H), atol=1e-9 * max(1.0, np.abs(H).max()))
+
+
+@pytest.mark.parametrize("name", ["push", "60 degree cone", "two paths", "paper root", "no body clearance"])
+def test_both_programs_reach_the_same_point(name, monkeypatch):
+    """With every pair in the program from the beginning, Ipopt takes the same steps on both."""
+    monkeypatch.setattr("nlp.assembled.program.NEAR", np.inf)
+    topology = Topology.from_key("a11210")
+    task = push(5, **FEATURES[name])
+    graph, assembled = GraphProgram(task, topology), AssembledProgram(task, topology)
+    efforts = []
+    for start in range(6):
+        point = draw(task, topology, generator(task, topology, start, 0))
+        ends = [finish(program.solve(point).point) for program in (graph, assembled)]
+        met = [worst(violations(end)).met for end in ends]
+        efforts += [[np.sum(end.u**2) for end in ends]] if all(met) else []
+    assert efforts
+    graph_efforts, assembled_efforts = np.array(efforts).T
+    # rounding can send a start to another optimum, but not most of them
+    assert np.mean(np.isclose(graph_efforts, assembled_efforts, rtol=1e-6)) > 0.5
+
+
+def test_pairs_that_were_left_out_are_clear_in_the_answer():
+    """Twenty modules: far fewer than 190 pairs are in the program, and all 190 are clear at the end."""
+    task = read_task("ten-wrenches", ("modules=20", "search.body_clearance=false")).resolve(20)
+    found = 0
+    for topology in sample(20, 3, 0):
+        program = AssembledProgram(task, topology)
+        for start in range(3):
+            answer = program.solve(draw(task, topology, generator(task, topology, start, 0)))
+            found += worst(violations(finish(answer.point))).met
+    assert found
+
+
+def test_a_random_tree_of_thirty_modules_has_exact_derivatives():
+    """Central differences along random directions; the graph would take minutes to build."""
+    rng = np.random.default_rng(8)
+    topology = random_tree(30, rng)
+    task = push(30, exposure=FEATURES["several requirements"]["exposure"], search={"connectors": "any"})
+    pairs = np.array(list(combinations(range(30), 2)))[::7]
+    assembly = Assembly(task, topology, pairs, BETA)
+    x = draw(task, topology, rng).pack()
+    weight = rng.normal(size=assembly.rows)
+    jacobian = ca.DM(assembly.jacobian_pattern, assembly.jacobian(x))
+    upper = ca.DM(assembly.hessian_pattern, assembly.hessian(x, 1.0, weight))
+    hessian = upper + upper.T - ca.diag(ca.diag(upper))
+
+    def slope(y):
+        by_rows = ca.DM(assembly.jacobian_pattern, assembly.jacobian(y)).T @ weight
+        return assembly.gradient(y) + np.array(by_rows).ravel()
+
+    for _ in range(3):
+        d = rng.normal(size=x.shape) * 1e-6
+        change = (assembly.constraints(x + d) - assembly.constraints(x - d)) / 2
+        np.testing.assert_allclose(np.array(jacobian @ d).ravel(), change, atol=1e-9)
+        bend = (slope(x + d) - slope(x - d)) / 2
+        scale = np.abs(bend).max()
+        np.testing.assert_allclose(np.array(hessian @ d).ravel(), bend, atol=1e-4 * scale)
