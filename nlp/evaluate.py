@@ -16,8 +16,7 @@ import numpy as np
 from nlp import names
 from nlp.geometry import Swept, clearance, cone_clearance
 from nlp.point import Point
-from nlp.problem import LEAST_OFFSET
-from topo_search.model import Directional, Exterior, Local, Module, needs_offset
+from topo_search.model import LEAST_OFFSET, Directional, Exterior, Local, Module, needs_offset
 from topo_search.model.arrays import Array
 
 WRENCH_TOLERANCE = 1e-8

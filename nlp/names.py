@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from topo_search.model import Directional, Exterior, Local
 
-OFFSET = "end-effector's offset from the centre of mass"
+OFFSET = "end-effector's distance from the COM"
 
 
 def force(k: int) -> str:

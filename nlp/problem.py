@@ -42,10 +42,7 @@ from nlp.exposure import exposure_clearances
 from nlp.kinematics import Pose, poses
 from nlp.units import Units
 from nlp.wrench import force_residual, scaled, torque_residual
-from topo_search.model import ResolvedTask, Topology, needs_offset
-
-LEAST_OFFSET = 0.1
-"""Least ||p_E|| where a requirement takes its direction from p_E [l_arm]."""
+from topo_search.model import LEAST_OFFSET, ResolvedTask, Topology, needs_offset
 
 
 @dataclass(frozen=True)
@@ -188,5 +185,8 @@ def _clearances(
 
 
 def distance_gap(offset: ca.SX, distance: float) -> ca.SX:
-    """Return ||offset|| - distance, smooth everywhere and exact to first order at contact."""
+    """Return ||offset|| - distance, smooth everywhere and exact to first order at contact.
+
+    A margin m is kept to first order too: the distance is short of it by m^2 / (2 distance).
+    """
     return (ca.dot(offset, offset) - distance**2) / (2 * distance)

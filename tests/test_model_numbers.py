@@ -171,8 +171,6 @@ def test_which_requirements_need_an_offset() -> None:
     assert needs_offset(Directional(along="end_effector", length=1.0))
     assert needs_offset(Exterior())
     assert not needs_offset(Exterior(axis=(0.0, 0.0, 1.0)))
-    assert Directional(segments=((1.0, 0.0, 0.0), (1.0, 1.0, -1.0))).segment_count == 2
-    assert Directional(along="end_effector", length=1.0).segment_count == 1
 
 
 @pytest.mark.parametrize("requirement", [Exterior(), Directional(along="end_effector", length=1.0)])

@@ -12,14 +12,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from topo_search.model import Design, Residual, Status, needs_offset
+from topo_search.model import LEAST_OFFSET, Design, Residual, Status, needs_offset
 from verify.kinematics import Platform
 from verify.wrench import objective, wrench_errors
 
 TOLERANCE = 1e-6
 """Largest deviation that passes, in units of its scale."""
-LEAST_OFFSET = 0.1
-"""Least ||p_E|| where a requirement takes its direction from it [l_arm]."""
 
 
 def residuals(design: Design, platform: Platform) -> tuple[Residual, ...]:

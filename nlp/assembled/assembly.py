@@ -32,10 +32,9 @@ from nlp.assembled.local_vectors import (
     ThrustAxis,
 )
 from nlp.assembled.terms import Term, airflow_formula, distance_formula, exposure_formulas
-from nlp.problem import LEAST_OFFSET
 from nlp.units import Units
 from nlp.wrench import torque_map
-from topo_search.model import ResolvedTask, Topology, needs_offset
+from topo_search.model import LEAST_OFFSET, ResolvedTask, Topology, needs_offset
 from topo_search.model.arrays import Array
 
 

@@ -28,6 +28,8 @@ from topo_search.model.arrays import Array
 
 Jet = list[Array]
 """Values (m,), then as far as asked for gradients (m, 3 s) and Hessians (m, 3 s, 3 s) by s local vectors."""
+KEPT = 30
+"""Most buffers of one expression, one for each order and number of columns in use."""
 Formula = Callable[..., Jet]
 """formula(order, *vectors) with the vectors' values, shape (m, 3) each; order 0, 1 or 2."""
 
@@ -54,6 +56,8 @@ class Mapped:
         """Return values, and gradients and Hessians up to an order, for columns of shape (m, size)."""
         m = len(columns)
         if (order, m) not in self._buffers:
+            while len(self._buffers) >= KEPT:  # the oldest goes first
+                del self._buffers[next(iter(self._buffers))]
             self._buffers[order, m] = self._buffer(order, m)
         _, trigger, inputs, outputs = self._buffers[order, m]
         inputs[...] = columns

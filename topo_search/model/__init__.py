@@ -3,7 +3,7 @@
 from topo_search.model.audit import Audit, Clearance, Residual, Status
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design, SolverRecord
-from topo_search.model.exposure import Directional, Exterior, Local, needs_offset
+from topo_search.model.exposure import LEAST_OFFSET, Directional, Exterior, Local, needs_offset
 from topo_search.model.infeasible import Infeasible
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
 from topo_search.model.module import AirflowEnvelope, Module
@@ -11,6 +11,7 @@ from topo_search.model.task import EndEffector, ResolvedTask, Search, Task
 from topo_search.model.topology import Topology
 
 __all__ = [
+    "LEAST_OFFSET",
     "AirflowEnvelope",
     "Audit",
     "BadInput",

@@ -54,11 +54,6 @@ class Directional(Value):
             refuse("Directional", ((), f"must have either `segments` or `along` with `length`, but got {but}"))
         return self
 
-    @property
-    def segment_count(self) -> int:
-        """Number of capsules."""
-        return 1 if self.segments is None else len(self.segments)
-
 
 class Exterior(Value):
     """Everything outside an infinite cone with its apex at p_E; all envelopes stay inside the cone."""
@@ -72,6 +67,10 @@ class Exterior(Value):
 
 Exposure = Annotated[Local | Directional | Exterior, Field(discriminator="kind")]
 """One exposure requirement."""
+
+
+LEAST_OFFSET = 0.1
+"""Least ||p_E|| where a requirement takes its direction from p_E [l_arm]."""
 
 
 def needs_offset(requirement: Local | Directional | Exterior) -> bool:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Tag, model_validator
 
 from topo_search.model.bad_input import shown
-from topo_search.model.exposure import Exposure, needs_offset
+from topo_search.model.exposure import LEAST_OFFSET, Exposure, needs_offset
 from topo_search.model.load_case import LoadCase, ten_wrenches
 from topo_search.model.module import Module
 from topo_search.model.value import (
@@ -32,9 +32,6 @@ from topo_search.model.value import (
     one_of,
     refuse,
 )
-
-LEAST_OFFSET = 0.1
-"""Least ||p_E|| over l_arm where a requirement takes its direction from p_E."""
 
 
 def _file_name(name: str) -> str:
