@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -58,18 +57,21 @@ class AssembledProgram:
         from its end with the pairs that are near then. Pairs that are not in the last round are judged with all
         others when the answer is.
         """
-        best, point, iterations = Answer(start, "Not_Started", 0), start, 0
-        before = _merit(start)
+        point, iterations = start, 0
+        best, least = start, _merit(start)
+        before = least
         for _ in range(ROUNDS):
             answer = self._round(point)
             point, iterations = answer.point, iterations + answer.iterations
+            if not np.all(np.isfinite(point.pack())):  # an evaluation failed; what was reached before stands
+                break
             merit = _merit(point)
-            if merit < _merit(best.point) or best.status == "Not_Started":
-                best = answer
+            if merit < least:
+                best, least = point, merit
             if merit[0] == before[0] and merit[1] > (1 - GAIN) * before[1]:
                 break
             before = merit
-        return replace(best, iterations=iterations)
+        return Answer(best, answer.status, iterations)
 
     def near(self, point: Point) -> Mask:
         """Return which of all pairs (i, j), i < j, a round from here keeps apart, shape (n (n-1) / 2,)."""
