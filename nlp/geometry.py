@@ -87,16 +87,15 @@ def clearance(one: Swept, other: Swept) -> Array:
     candidates += [(_ratio(-(C * gamma + D), 2 * A), gamma) for gamma in (0.0, 1.0)]
     candidates += [(eta, _ratio(-(C * eta + E), 2 * B)) for eta in (0.0, 1.0)]
     candidates += [(eta, gamma) for eta in (0.0, 1.0) for gamma in (0.0, 1.0)]
-    gaps, values = [], []
+    least, reach = np.full(w.shape[:-1], np.inf), np.zeros(w.shape[:-1])
     for eta, gamma in candidates:
-        eta, gamma = (np.broadcast_to(x, w.shape[:-1])[..., None] for x in (eta, gamma))
-        distance = np.linalg.norm(w + eta * one.d - gamma * other.d, axis=-1)
-        reach = r + (eta * one.dr + gamma * other.dr)[..., 0]
-        gaps.append(distance - reach)
-        values.append((distance - reach) * (distance + reach))
-    least = np.argmin(values, axis=0)
-    result: Array = np.take_along_axis(np.array(gaps), least[None], axis=0)[0]
-    return result
+        f = (A * eta + C * gamma + D) * eta + (B * gamma + E) * gamma
+        less = f < least
+        least = np.where(less, f, least)
+        reach = np.where(less, r + eta * one.dr + gamma * other.dr, reach)
+    distance_squared = np.maximum(0.0, least + _dot(w, w) - r**2 + reach**2)
+    gap: Array = np.sqrt(distance_squared) - reach
+    return gap
 
 
 def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float) -> Array:
@@ -112,7 +111,7 @@ def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float)
 
 
 def _dot(a: Array, b: Array) -> Array:
-    result: Array = np.sum(a * b, axis=-1)
+    result: Array = np.einsum("...i,...i->...", a, b)
     return result
 
 

@@ -94,13 +94,21 @@ class _Layout:
         return gaps
 
     def _gaps(self, p_i: Array, z_i: Array, p_j: Array, z_j: Array, distance: Array) -> Array:
-        """Return the clearance of pairs: of envelopes and centres, or of centres alone in the ablation."""
+        """Return the clearance of pairs: of envelopes and centres, or of centres alone in the ablation.
+
+        Envelopes whose midpoints are farther apart than they reach are given what that leaves, unexamined.
+        """
         between: Array = np.linalg.norm(p_i - p_j, axis=-1) - distance
         if not self._airflow:
             return between
         air = self._air
-        one, other = (Swept(p, -air.length * z, air.start_radius, air.growth) for p, z in ((p_i, z_i), (p_j, z_j)))
-        gaps: Array = np.minimum(between, clearance(one, other))
+        w, half = p_i - p_j, air.length / 2
+        apart = np.linalg.norm(w - half * (z_i - z_j), axis=-1) - air.length - 2 * air.end_radius
+        near = apart < self.enough
+        d_i, d_j = (np.broadcast_to(-air.length * z, w.shape)[near] for z in (z_i, z_j))
+        one = Swept(w[near], d_i, air.start_radius, air.growth)
+        apart[near] = clearance(one, Swept(np.zeros(3), d_j, air.start_radius, air.growth))
+        gaps: Array = np.minimum(between, apart)
         return gaps
 
     def overlap(self, gaps: Array) -> float:
