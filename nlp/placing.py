@@ -24,7 +24,7 @@ from topo_search.model.arrays import Array
 
 ENOUGH = 0.1
 """Clearance that the search asks for [l_arm]: room for the angles that the wrenches will want."""
-TURNS = 20
+TURNS = 40
 """Most turns of hinges, a module."""
 HINGES = 3
 """Hinges tried a turn."""
@@ -34,6 +34,8 @@ SPREAD = 0.5
 """Standard deviation of an angle about the present one [rad]."""
 STRAIGHT = 0.02
 """What a radian of hinge angle counts against an overlap [l_arm]: straight platforms lift best."""
+GRUDGE = 0.1
+"""What a pair's overlap counts more for every turn that it lasts, so that no two overlaps can trade for ever."""
 MEMORY = (3, 10)
 """Turns for which a hinge rests."""
 
@@ -45,6 +47,7 @@ def place(task: ResolvedTask, topology: Topology, alpha: Array, rng: np.random.G
     gaps = layout.all_gaps(links)
     best, least = alpha, layout.overlap(gaps)
     rests_until = np.zeros(len(alpha), dtype=int)
+    weights = np.ones_like(gaps)
     for turn in range(TURNS * topology.n):
         if least == 0.0:
             break
@@ -52,12 +55,14 @@ def place(task: ResolvedTask, topology: Topology, alpha: Array, rng: np.random.G
         path = np.flatnonzero(layout.moves[:, a] ^ layout.moves[:, b])
         awake = path[rests_until[path] <= turn]
         hinges = rng.permutation(awake if len(awake) else path)[:HINGES]
-        _, hinge, angle = min(layout.best_turn(links, gaps, alpha, hinge, rng) for hinge in hinges.tolist())
+        turns = (layout.best_turn(links, gaps, weights, alpha, hinge, rng) for hinge in hinges.tolist())
+        _, hinge, angle = min(turns)
         rests_until[hinge] = turn + 1 + rng.integers(*MEMORY)
         alpha = alpha.copy()
         alpha[hinge] = angle
         links = layout.at(alpha)
         gaps = layout.all_gaps(links)
+        weights[gaps < layout.enough] += GRUDGE
         if layout.overlap(gaps) < least:
             best, least = alpha, layout.overlap(gaps)
     return best
@@ -116,7 +121,7 @@ class _Layout:
         return float(np.maximum(0.0, self.enough - gaps[np.triu_indices(len(gaps), 1)]).sum() / self._l_arm)
 
     def best_turn(
-        self, links: Links, gaps: Array, alpha: Array, hinge: int, rng: np.random.Generator
+        self, links: Links, gaps: Array, weights: Array, alpha: Array, hinge: int, rng: np.random.Generator
     ) -> tuple[float, int, float]:
         """Return (change for the worse, hinge, angle) of the best of some random angles of a hinge."""
         angles = rng.normal(alpha[hinge], SPREAD, ANGLES)
@@ -130,7 +135,9 @@ class _Layout:
         p, z = (links.p[moved] - c) @ R.transpose(0, 2, 1) + c, links.z[moved] @ R.transpose(0, 2, 1)
         block = np.ix_(moved, still)
         new = self._gaps(p[:, :, None], z[:, :, None], links.p[still], links.z[still], self._distance[block])
-        worse = np.maximum(0.0, self.enough - new).sum(axis=(1, 2)) / self._l_arm + STRAIGHT * np.abs(angles)
-        before = np.maximum(0.0, self.enough - gaps[block]).sum() / self._l_arm + STRAIGHT * abs(alpha[hinge])
+        overlaps = np.maximum(0.0, self.enough - new) / self._l_arm
+        worse = np.einsum("amb,mb->a", overlaps, weights[block]) + STRAIGHT * np.abs(angles)
+        overlaps = np.maximum(0.0, self.enough - gaps[block]) / self._l_arm
+        before = np.sum(overlaps * weights[block]) + STRAIGHT * abs(alpha[hinge])
         least = int(np.argmin(worse))
         return float(worse[least] - before), hinge, float(angles[least])
