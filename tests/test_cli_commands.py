@@ -9,9 +9,9 @@ import toy_problem
 from click.testing import CliRunner
 
 from topo_search import compose
-from topo_search.cli import main
+from topo_search.cli import main, tables
 from topo_search.cli.progress import Bar, Lines
-from topo_search.model import Audit, Design, Infeasible
+from topo_search.model import Audit, Clearance, Design, Infeasible
 from topo_search.model.files import examples, read_json
 from topo_search.study import folder, runner
 from topo_search.topologies import candidates, count, sample
@@ -299,3 +299,40 @@ def test_plain_lines_come_now_and_then(capsys, monkeypatch):
     assert told[0] == "3 modules: 100 candidates"
     assert told[1] == "3 modules: 10 of 100, best a110 J 4, gap 25.0 %, about 90 s left"
     assert len(told) == 1 + 5
+
+
+def test_counts_are_in_words_that_agree_and_the_quotient_is_explained(command, monkeypatch):
+    monkeypatch.setenv("TOY_NONE", "*")
+    told = command("run", "toy.toml", "--modules", 1).stdout
+    assert "1 module: 1 of 1 candidate (1 infeasible); half turns" in told
+    assert "the only candidate is not feasible" in told
+    assert "misses `load case 0, torque` by" in told
+
+
+def test_a_time_limit_that_lets_nothing_end_says_so(command):
+    result = command("run", "toy.toml", "--time-limit", "1e-9")
+    assert result.exit_code == 3
+    assert "the time limit came before the first candidate was solved" in result.stdout
+    assert command("run", "toy.toml").exit_code == 0
+
+
+@pytest.mark.parametrize("words", [["solve", "toy.toml", "--topology", "a300"], ["export", "design.json"]])
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(command, tmp_path, words):
+    (tmp_path / "taken").write_text("a file, not a folder")
+    result = command(*words, "--out", "taken/out.png")
+    assert result.exit_code == 2
+    assert "--out: must be a file that can be written, but got taken/out.png" in result.stderr
+
+
+def test_a_listed_violation_names_both_sides():
+    clearances = {
+        "exclusion": "exclusion of module 0 and p_E",
+        "airflow": "airflow of modules 0 and 1",
+        "local": "exposure 0 (local) of module 1",
+    }
+    for kind, told in clearances.items():
+        a, b = {"exclusion": (0, -1), "airflow": (0, 1), "local": (1, 0)}[kind]
+        pair = Clearance(
+            kind=kind, a=a, b=b, status="violated", lower_m=None, upper_m=-0.1, analytic_m=-0.1, level=0
+        )
+        assert tables.place(pair) == told

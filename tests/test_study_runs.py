@@ -100,8 +100,8 @@ def test_infeasible_candidates_give_the_smallest_shortfall(tmp_path, monkeypatch
     assert {row["status"] for row in rows} == {"infeasible"}
     least = min(rows, key=lambda row: float(row["violation"]))
     assert answer.sizes[0].reason == (
-        f"none of {len(rows)} candidates is feasible; the smallest shortfall, of {least['key']}: "
-        f"load case 0, torque, {float(least['violation']):.3g} N m"
+        f"none of {len(rows)} candidates is feasible; the smallest shortfall: {least['key']} misses "
+        f"`load case 0, torque` by {float(least['violation']):.3g} N m"
     )
     assert not (tmp_path / "run" / "best.json").exists()
 

@@ -50,7 +50,8 @@ def explained(stopped: str = "stopped") -> Iterator[None]:
             raise
         where = f" ({error.filename})" if error.filename else ""
         _end(
-            f"{os.strerror(error.errno)}{where}; finished work is safe, and the same command resumes", INPUT_OUTPUT
+            f"{os.strerror(error.errno)}{where}; what a run has finished is safe, and the same command resumes it",
+            INPUT_OUTPUT,
         )
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from topo_search.cli import options
 from topo_search.cli.errors import explained
 
 PICTURES = ("png", "svg")
@@ -39,6 +40,7 @@ def export(design: str, kind: Any, out: Path) -> None:
         if asked not in PICTURES:
             rule = f"must end in .png or .svg, or --format be given, but got {out.name}"
             raise BadInput("--out", [Fault("", rule)])
+        options.require_writable(out)
         read = read_json(Design, design)
         try:
             from topo_search.export.picture import draw

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
@@ -57,3 +60,18 @@ def overrides(settings: tuple[str, ...], **fields: str | None) -> tuple[str, ...
 def echo_json(value: Any) -> None:
     """Print a value as JSON."""
     click.echo(json.dumps(value, indent=1, allow_nan=False))
+
+
+def require_writable(out: Path) -> None:
+    """Refuse a file that cannot be written, before any work is done for it; its folders are made."""
+    from topo_search.model import BadInput, Fault
+
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out.parent):
+            pass
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise BadInput(
+            "--out", [Fault("", f"must be a file that can be written, but got {out} ({reason})")]
+        ) from None

@@ -19,6 +19,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from topo_search.cli.wording import counted, modules
 from topo_search.study import Observer, Row
 
 EVERY = 10.0
@@ -59,7 +60,7 @@ class Bar:
 
     def size(self, n: int, candidates: int, lower_bound: float) -> None:
         """Begin the bar of one size."""
-        self._task = self._progress.add_task(_modules(n), total=candidates, incumbent="")
+        self._task = self._progress.add_task(modules(n), total=candidates, incumbent="")
 
     def settled(self, incumbent: Row | None) -> None:
         """Move the bar on."""
@@ -80,9 +81,9 @@ class Lines:
 
     def size(self, n: int, candidates: int, lower_bound: float) -> None:
         """Say how many candidates there are."""
-        self._size, self._done, self._candidates = _modules(n), 0, candidates
+        self._size, self._done, self._candidates = modules(n), 0, candidates
         self._began = time.monotonic()
-        click.echo(f"{self._size}: {candidates} candidates", err=True)
+        click.echo(f"{self._size}: {counted(candidates, 'candidate')}", err=True)
 
     def settled(self, incumbent: Row | None) -> None:
         """Say how far it is, unless that was said lately."""
@@ -108,7 +109,3 @@ def describe(incumbent: Row | None) -> str:
         return "no design yet"
     gap = "" if incumbent.gap is None else f", gap {100 * incumbent.gap:.1f} %"
     return f"best {incumbent.key} J {incumbent.objective:.6g}{gap}"
-
-
-def _modules(n: int) -> str:
-    return "1 module" if n == 1 else f"{n} modules"

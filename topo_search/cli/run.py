@@ -27,6 +27,14 @@ if TYPE_CHECKING:
     show_default=True,
     help="Trees that count as one; `task` is the coarsest exact choice.",
 )
+@click.option(
+    "--strategy",
+    type=click.Choice(["exhaustive"]),
+    default="exhaustive",
+    show_default=True,
+    expose_value=False,
+    help="How candidates are chosen: all of them.",
+)
 @options.starts
 @options.seed
 @click.option("--workers", type=click.IntRange(min=1), help="Worker processes (default: the cores available).")

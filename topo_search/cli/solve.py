@@ -55,6 +55,8 @@ def solve(
 
         asked = read_task(task, options.overrides(settings, modules=modules))
         topology = _topology(asked, key, sample_seed, sized=modules is not None)
+        if out is not None:
+            options.require_writable(out)
         solved = compose.solve(
             asked,
             topology,

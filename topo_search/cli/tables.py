@@ -8,9 +8,10 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from topo_search.cli.wording import counted, modules
 from topo_search.compose import Solved
 from topo_search.engine import Failed, Outcome
-from topo_search.model import Audit, Design, Infeasible
+from topo_search.model import Audit, Clearance, Design, Infeasible
 from topo_search.study import Answer, Row, SizeAnswer
 
 NARROW = 100
@@ -23,7 +24,7 @@ def print_answer(answer: Answer) -> None:
         _print_size(size)
     best = answer.best
     if best is not None:
-        click.echo(f"best design: {best.key}, {best.modules} modules, {_effort(best)}, audit {best.audit}")
+        click.echo(f"best design: {best.key}, {modules(best.modules)}, {_effort(best)}, audit {best.audit}")
     elif answer.exit_status == 1:
         click.echo("designs were found, but none passed its audit")
     else:
@@ -35,8 +36,9 @@ def _print_size(size: SizeAnswer) -> None:
     """Print the table of one size."""
     counts = ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items()))
     click.echo(
-        f"{size.modules} modules: {size.settled} of {size.candidates} candidates"
+        f"{modules(size.modules)}: {size.settled} of {counted(size.candidates, 'candidate')}"
         + (f" ({counts})" if counts else "")
+        + f"; {size.quotient}"
     )
     if size.feasible:
         click.echo(f"feasible trees, each counted with those that it stands for: {size.feasible}")
@@ -80,7 +82,7 @@ def standing(outcome: Outcome) -> str:
     if isinstance(outcome, Infeasible):
         return outcome.message
     tried = (outcome.solver or {}).get("starts")
-    starts = "" if tried is None else f" after {tried} starts"
+    starts = "" if tried is None else f" after {counted(tried, 'start')}"
     gap = "" if outcome.gap is None else f", gap to the lower bound {100 * outcome.gap:.2f} %"
     return f"J = {outcome.objective:.6g} rad^4/s^4{gap}{starts}"
 
@@ -97,18 +99,24 @@ def print_solved(solved: Solved, out: Path | None) -> None:
             click.echo(f"the design is in {out}")
 
 
+def place(pair: Clearance) -> str:
+    """Name the two sides of a clearance."""
+    if pair.kind == "exclusion":
+        return f"exclusion of module {pair.a} and p_E"
+    if pair.kind in ("local", "directional", "exterior"):
+        segment = "" if pair.segment is None else f", segment {pair.segment}"
+        return f"exposure {pair.b} ({pair.kind}{segment}) of module {pair.a}"
+    return f"{pair.kind} of modules {pair.a} and {pair.b}"
+
+
 def print_audit(name: str, audit: Audit) -> None:
     """Print a verdict, and everything that is not clear."""
     nearest = min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
-    least = (
-        ""
-        if nearest is None
-        else f"; least clearance {nearest.analytic_m:.6g} m, {nearest.kind} {nearest.a}-{nearest.b}"
-    )
+    least = "" if nearest is None else f"; least clearance {nearest.analytic_m:.6g} m, {place(nearest)}"
     click.echo(f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{least}")
     for pair in audit.pairs:
         if pair.status != "clear":
-            click.echo(f"  {pair.kind} {pair.a}-{pair.b}: {pair.status}, {pair.analytic_m:.6g} m")
+            click.echo(f"  {place(pair)}: {pair.status}, {pair.analytic_m:.6g} m")
     for residual in audit.residuals:
         if residual.status != "clear":
             click.echo(f"  {residual.name}: {residual.status}, off by {residual.value:.3g} {residual.unit}")

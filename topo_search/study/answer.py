@@ -11,6 +11,7 @@ from pathlib import Path
 from topo_search.engine import scaled_violation
 from topo_search.model import Infeasible, ResolvedTask
 from topo_search.study.row import Row
+from topo_search.topologies import Resolution
 
 SHOWN = 10
 """Number of rows in the table of the best."""
@@ -23,6 +24,8 @@ class SizeAnswer:
     modules: int
     candidates: int
     """How many candidates there are."""
+    quotient: str
+    """Which trees stand for one candidate, and whether that is exact."""
     settled: int
     """How many of them were taken up."""
     statuses: dict[str, int]
@@ -74,14 +77,14 @@ def size_answer(
     candidates: int,
     lower_bound: float,
     proof: Infeasible | None,
-    lossy: str | None = None,
+    quotient: Resolution,
 ) -> SizeAnswer:
     """Sum up the ranked rows of one size, in one pass."""
     statuses: Counter[str] = Counter()
     feasible = 0
     best, closest, nearness = None, None, math.inf
     top: list[Row] = []
-    remarks = [] if lossy is None else [lossy_remark(lossy)]
+    remarks: list[str] = []
     for row in rows:
         statuses[row.status] += 1
         if row.feasible:
@@ -102,6 +105,7 @@ def size_answer(
     return SizeAnswer(
         modules=task.n,
         candidates=candidates,
+        quotient=quotient_remark(quotient),
         settled=candidates if proof else statuses.total(),
         statuses=dict(statuses),
         feasible=feasible,
@@ -117,23 +121,25 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
     """Say why there is no design: the proof, or over all candidates and starts the smallest shortfall."""
     if proof is not None:
         return proof.message
-    tried = f"none of {statuses.total()} candidates is feasible"
+    number = statuses.total()
+    if number == 0:
+        return "the time limit came before the first candidate was solved: nothing is known yet"
+    tried = "the only candidate is not feasible" if number == 1 else f"none of {number} candidates is feasible"
     if statuses["failed"]:
         tried += f" ({statuses['failed']} of them failed)"
     if closest is None:
         return tried
     return (
-        f"{tried}; the smallest shortfall, of {closest.key}: {closest.worst_constraint}, "
-        f"{closest.violation:.3g} {closest.unit}"
+        f"{tried}; the smallest shortfall: {closest.key} misses `{closest.worst_constraint}` "
+        f"by {closest.violation:.3g} {closest.unit}"
     )
 
 
-def lossy_remark(symmetry: str) -> str:
-    """Say what a quotient that is not exact means."""
-    return (
-        f"symmetry {symmetry} is lossy here: of trees that can differ in what they cost "
-        "it takes some for the same, and looks at one of them"
-    )
+def quotient_remark(quotient: Resolution) -> str:
+    """Say which trees stand for one candidate, and what it means if that is not exact."""
+    if quotient.exact:
+        return quotient.reason
+    return f"{quotient.reason}; this symmetry is lossy here, of trees that can differ in cost it looks at one"
 
 
 def _remark(row: Row) -> list[str]:

@@ -11,7 +11,16 @@ from importlib import metadata
 from typing import Any, TypedDict
 
 from topo_search.model import ResolvedTask, Task
-from topo_search.topologies import Candidate, Connectors, Root, Symmetry, candidates, count, improper_isometry
+from topo_search.topologies import (
+    Candidate,
+    Connectors,
+    Resolution,
+    Root,
+    Symmetry,
+    candidates,
+    count,
+    resolve_symmetry,
+)
 
 LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl")
 """Distributions whose versions can change a result."""
@@ -90,16 +99,9 @@ class Request:
         """Return the number of candidates of n modules."""
         return count(n, **self._family(n))
 
-    def lossy(self, n: int) -> bool:
-        """Whether trees that stand for one candidate can differ in what they cost."""
-        if self.symmetry in ("none", "task"):
-            return False
-        search = self.task.search
-        if search.root == "paper" or search.connectors == "any":
-            return search.root == "paper"
-        return self.symmetry in ("c4", "d4") or (
-            self.symmetry == "d2" and improper_isometry(self.task.resolve(n)) is None
-        )
+    def quotient(self, n: int) -> Resolution:
+        """Return which trees stand for one candidate, whether that is exact, and why."""
+        return resolve_symmetry(self.task.resolve(n), self.symmetry)
 
     def _family(self, n: int) -> _Family:
         search = self.task.search

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from topo_search.engine import Verbs, Workers, exhaustive
 from topo_search.model import Infeasible
-from topo_search.study.answer import Answer, SizeAnswer, lossy_remark, size_answer
+from topo_search.study.answer import Answer, SizeAnswer, quotient_remark, size_answer
 from topo_search.study.audits import audit_best
 from topo_search.study.folder import RunFolder
 from topo_search.study.identity import Context, Request
@@ -75,8 +75,9 @@ def _search_size(
         ledger.begin(context, *bound)
     lower_bound, proof = bound
     observer.size(n, request.count(n), lower_bound)
-    if request.lossy(n):
-        observer.note(lossy_remark(request.symmetry))
+    quotient = request.quotient(n)
+    if not quotient.exact:
+        observer.note(quotient_remark(quotient))
     if proof is not None:
         _record_proof(ledger, request, context, proof, lower_bound)
         return
@@ -150,5 +151,5 @@ def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
         candidates=request.count(n),
         lower_bound=lower_bound,
         proof=proof,
-        lossy=request.symmetry if request.lossy(n) else None,
+        quotient=request.quotient(n),
     )
