@@ -304,7 +304,7 @@ def test_plain_lines_come_now_and_then(capsys, monkeypatch):
 def test_counts_are_in_words_that_agree_and_the_quotient_is_explained(command, monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     told = command("run", "toy.toml", "--modules", 1).stdout
-    assert "1 module: 1 of 1 candidate (1 infeasible); half turns" in told
+    assert "1 module: 1 of 1 candidate (1 infeasible)\nhalf turns" in told
     assert "the only candidate is not feasible" in told
     assert "misses `load case 0, torque` by" in told
 

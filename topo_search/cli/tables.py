@@ -38,8 +38,8 @@ def _print_size(size: SizeAnswer) -> None:
     click.echo(
         f"{modules(size.modules)}: {size.settled} of {counted(size.candidates, 'candidate')}"
         + (f" ({counts})" if counts else "")
-        + f"; {size.quotient}"
     )
+    click.echo(size.quotient)
     if size.feasible:
         click.echo(f"feasible trees, each counted with those that it stands for: {size.feasible}")
         _print_rows(size.top)
