@@ -11,8 +11,8 @@ from topo_search.cli import options
 from topo_search.cli.errors import explained
 
 if TYPE_CHECKING:
-    from topo_search.compose import Solved
     from topo_search.model import Task, Topology
+    from topo_search.study import Solved
 
 
 @click.command(epilog="Example: topo-search solve push --topology af0000 --out design.json")

@@ -9,10 +9,9 @@ from rich.console import Console
 from rich.table import Table
 
 from topo_search.cli.wording import counted, modules
-from topo_search.compose import Solved
 from topo_search.engine import Failed, Outcome
 from topo_search.model import Audit, Clearance, Design, Infeasible
-from topo_search.study import Answer, Row, SizeAnswer
+from topo_search.study import Answer, Row, SizeAnswer, Solved
 
 NARROW = 100
 """Width of tables that do not go to a terminal."""

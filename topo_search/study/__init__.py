@@ -8,6 +8,7 @@ from topo_search.study.ledger import Ledger
 from topo_search.study.observer import Observer, Silent
 from topo_search.study.row import COLUMNS, Row
 from topo_search.study.runner import run
+from topo_search.study.single import Solved, solve_single
 
 __all__ = [
     "AUDITED",
@@ -21,8 +22,10 @@ __all__ = [
     "RunFolder",
     "Silent",
     "SizeAnswer",
+    "Solved",
     "audit_best",
     "larger_margin",
     "reason",
     "run",
+    "solve_single",
 ]

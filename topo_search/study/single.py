@@ -1,0 +1,146 @@
+"""One topology: rounds of starts until they no longer pay, an audit, and larger margins if it is not clear."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from topo_search.engine import (
+    Failed,
+    Job,
+    Outcome,
+    Verbs,
+    Workers,
+    audit_deadline,
+    merge,
+    scaled_violation,
+    solved,
+)
+from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Topology
+from topo_search.study.identity import LARGER_MARGINS, larger_margin
+
+PATIENCE = 3
+"""Rounds of starts in a row without a gain after which more starts do not pay."""
+GAIN = 1.0e-4
+"""Relative decrease of the objective (or of the violation) that counts as one."""
+LARGEST_TIMED_ROUND = 4
+"""Starts a round under a time limit: the running round is lost when it ends."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What became of one topology."""
+
+    outcome: Outcome
+    audit: Audit | Failed | None
+    """None if there is no design."""
+    notes: tuple[str, ...]
+    """What did not go straight."""
+
+    @property
+    def exit_status(self) -> int:
+        """0: audited design; 1: a design that did not pass its audit; 3: no design."""
+        if not isinstance(self.outcome, Design):
+            return 3
+        return 0 if isinstance(self.audit, Audit) and self.audit.verdict == "clear" else 1
+
+
+def solve_single(
+    task: ResolvedTask,
+    topology: Topology,
+    verbs: Verbs,
+    *,
+    starts: int | None,
+    round_size: int,
+    seed: int,
+    time_limit: float | None,
+    progress: Callable[[Outcome], None],
+) -> Solved:
+    """Find the best design of one topology and audit it, both in a child process.
+
+    Args:
+        task: the task, resolved for the topology's size.
+        topology: the tree.
+        verbs: solver, audit and bounds.
+        starts: number of starts; None: until PATIENCE rounds in a row did not pay, or the time is over.
+        round_size: starts of a round without a time limit.
+        seed: draws the starts.
+        time_limit: seconds after which no more is solved.
+        progress: is told the best outcome after each round.
+    """
+    until = math.inf if time_limit is None else time.monotonic() + time_limit
+    proof = verbs.prove_impossible(task)
+    if proof is not None:
+        return Solved(proof, None, ())
+    notes: list[str] = []
+    kept: tuple[Design, Audit | Failed] | None = None
+    with Workers(1) as worker:
+        for _ in range(LARGER_MARGINS + 1):
+            rounds = _rounds(starts, round_size, timed=time_limit is not None)
+            outcome = _best_of(task, topology, rounds, seed, verbs, worker, until, progress)
+            if not isinstance(outcome, Design):
+                break
+            audit = worker.one(verbs.audit, outcome, deadline=audit_deadline(topology.n))
+            kept = outcome, audit
+            if isinstance(audit, Failed):
+                notes.append(f"the audit failed: {audit.reason}")
+                break
+            if audit.verdict == "clear" or time.monotonic() >= until:
+                break
+            notes.append(f"the audit of the design with margin {task.search.margin:g} m is {audit.verdict}")
+            margin = larger_margin(task.search.margin)
+            task = task.model_copy(update={"search": task.search.model_copy(update={"margin": margin})})
+    best, verdict = kept or (outcome, None)
+    return Solved(best, verdict, tuple(notes))
+
+
+def _rounds(starts: int | None, round_size: int, *, timed: bool) -> Iterator[range]:
+    """Yield the ranges of starts that are solved one after the other."""
+    first = 0
+    while starts is None or first < starts:
+        size = min(max(1, first), LARGEST_TIMED_ROUND) if timed else starts or round_size
+        stop = first + size if starts is None else min(first + size, starts)
+        yield range(first, stop)
+        first = stop
+
+
+def _best_of(
+    task: ResolvedTask,
+    topology: Topology,
+    rounds: Iterator[range],
+    seed: int,
+    verbs: Verbs,
+    worker: Workers,
+    until: float,
+    progress: Callable[[Outcome], None],
+) -> Outcome:
+    """Return the best outcome over rounds of starts, until they end, the time does, or they no longer pay."""
+    best: Outcome = Failed("timeout", "the time limit came before the first start ended")
+    idle = 0
+    for starts in rounds:
+        job = Job(task, topology, 1, starts, seed)
+        outcome = next(
+            (end for _, end in solved(iter([job]), solve=verbs.solve, workers=worker, until=until)), None
+        )
+        if outcome is None:  # the time limit
+            return best
+        if isinstance(outcome, Failed):
+            return outcome if isinstance(best, Failed) else best
+        before, best = best, outcome if isinstance(best, Failed) else merge(best, outcome, task)
+        progress(best)
+        idle = 0 if _pays(before, best, task) else idle + 1
+        if idle == PATIENCE and until == math.inf:
+            return best
+    return best
+
+
+def _pays(before: Outcome, after: Design | Infeasible, task: ResolvedTask) -> bool:
+    """Whether a round of starts brought a gain."""
+    if isinstance(before, Design) and isinstance(after, Design):
+        return before.objective - after.objective > GAIN * before.objective
+    if isinstance(before, Infeasible) and isinstance(after, Infeasible):
+        least, now = (scaled_violation(result.violation, result.unit, task) for result in (before, after))
+        return least - now > GAIN * least
+    return True
