@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 
 import pytest
+from processes import eventually, gone
 
 from topo_search.engine import Failed, Workers, WorkersLost
 from topo_search.engine.child import ONE_THREAD
@@ -55,21 +56,6 @@ def report_pid(job):
     (Path(path) / str(os.getpid())).touch()
     time.sleep(seconds)
     return os.getpid()
-
-
-def gone(pid):
-    """Whether a process has ended, reaped or not."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
-    except FileNotFoundError:
-        return True
-
-
-def eventually(condition, seconds=120.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "the condition did not come true"
-        time.sleep(0.05)
 
 
 @pytest.mark.parametrize("count", [1, 2])

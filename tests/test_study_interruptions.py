@@ -4,38 +4,17 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 import toy_problem
+from processes import eventually, recorded
 from toy_problem import solved_keys, toy_run
 
 from topo_search.model import BadInput
 from topo_search.study import COLUMNS
 
 HERE = Path(__file__).parent
-
-
-def eventually(condition, seconds=120.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "the condition did not come true"
-        time.sleep(0.02)
-
-
-def recorded(folder):
-    """The keys that the ledger holds, read from beside."""
-    path = folder / "ledger.sqlite"
-    if not path.exists():
-        return []
-    database = sqlite3.connect(path)
-    try:
-        return [key for (key,) in database.execute("SELECT key FROM candidates")]
-    except sqlite3.OperationalError:  # begun, but still without its tables
-        return []
-    finally:
-        database.close()
 
 
 def ranking(folder):

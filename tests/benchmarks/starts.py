@@ -10,10 +10,11 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from nlp.bounds import lower_bound
 from nlp.evaluate import violations, worst
 from nlp.finish import finish
 from nlp.point import Point
@@ -44,7 +45,8 @@ class Tally:
     solves: int = 0
     iterations: int = 0
     seconds: float = 0.0
-    best: dict[str, float] | None = None
+    best: dict[str, float] = field(default_factory=dict)
+    """Least effort of every tree with a design."""
 
     def add(self, program: Program, task: ResolvedTask, start: Point, key: str) -> None:
         """Solve from a start and count what came of it."""
@@ -58,7 +60,6 @@ class Tally:
             self.feasible += 1
             weights = np.array([case.weight for case in task.load_cases])
             J = float(weights @ np.sum(point.u**2, axis=(1, 2)))
-            self.best = self.best or {}
             self.best[key] = min(J, self.best.get(key, np.inf))
 
 
@@ -79,11 +80,14 @@ def main() -> None:
                 point = kind(task, candidate.topology, generator(task, candidate.topology, start, 0))
                 tallies[name].add(ready, task, point, candidate.topology.key)
     print(f"{arguments.example}, n = {task.n}, {arguments.starts} starts a tree")
-    print(f"{'starts':10}{'feasible solves':>16}{'feasible trees':>16}{'iterations a solve':>20}{'s a solve':>12}")
+    header = f"{'starts':10}{'feasible solves':>16}{'feasible trees':>16}{'best J / bound':>16}"
+    print(f"{header}{'iterations a solve':>20}{'s a solve':>12}")
+    bound = lower_bound(task)
     for name, tally in tallies.items():
-        share, trees = tally.feasible / tally.solves, len(tally.best or {})
+        share, trees = tally.feasible / tally.solves, len(tally.best)
+        best = f"{min(tally.best.values()) / bound:.4f}" if tally.best else "none"
         iterations, seconds = tally.iterations / tally.solves, tally.seconds / tally.solves
-        print(f"{name:10}{share:>16.1%}{trees:>16}{iterations:>20.0f}{seconds:>12.3f}")
+        print(f"{name:10}{share:>16.1%}{trees:>16}{best:>16}{iterations:>20.0f}{seconds:>12.3f}")
 
 
 if __name__ == "__main__":

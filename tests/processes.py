@@ -1,0 +1,35 @@
+"""Watching processes and ledgers from beside, for tests that kill them."""
+
+import sqlite3
+import time
+from pathlib import Path
+
+
+def gone(pid):
+    """Whether a process has ended, reaped or not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def eventually(condition, seconds=120.0):
+    """Wait until a condition holds."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "the condition did not come true"
+        time.sleep(0.02)
+
+
+def recorded(folder):
+    """The keys that a run's ledger holds."""
+    path = folder / "ledger.sqlite"
+    if not path.exists():
+        return []
+    database = sqlite3.connect(path)
+    try:
+        return [key for (key,) in database.execute("SELECT key FROM candidates")]
+    except sqlite3.OperationalError:  # begun, but still without its tables
+        return []
+    finally:
+        database.close()
