@@ -277,7 +277,7 @@ def test_a_bar_shows_the_incumbent_its_gap_and_the_count():
     console = Console(file=stream, force_terminal=True, width=140)
     with Bar.shown(console) as bar:
         toy_row = toy_problem.toy_row("a110", objective=4.0, gap=0.25)
-        bar.size(3, 2, 3.0)
+        bar.size(3, 2, 1)
         bar.settled(None)
         bar.settled(toy_row)
         bar.note("something happened")
@@ -291,12 +291,12 @@ def test_plain_lines_come_now_and_then(capsys, monkeypatch):
     now = 0.0
     monkeypatch.setattr("topo_search.cli.progress.time.monotonic", lambda: now)
     lines = Lines()
-    lines.size(3, 100, 3.0)
+    lines.size(3, 100, 24)
     for _ in range(50):
         now += 1.0
         lines.settled(toy_problem.toy_row("a110", objective=4.0, gap=0.25))
     told = capsys.readouterr().err.splitlines()
-    assert told[0] == "3 modules: 100 candidates"
+    assert told[0] == "3 modules: 100 candidates, 24 starts each"
     assert told[1] == "3 modules: 10 of 100, best a110 J 4, gap 25.0 %, about 90 s left"
     assert len(told) == 1 + 5
 
@@ -321,7 +321,29 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_work(command, tmp_p
     (tmp_path / "taken").write_text("a file, not a folder")
     result = command(*words, "--out", "taken/out.png")
     assert result.exit_code == 2
-    assert "--out: must be a file that can be written, but got taken/out.png" in result.stderr
+    assert result.stderr == (
+        "--out: must be a file that can be written, but got taken/out.png (taken: Not a directory)\n"
+    )
+    result = command(*words, "--out", "/proc/deep/out.png")
+    assert result.exit_code == 2
+    assert "but got /proc/deep/out.png (/proc: " in result.stderr
+    assert command(*words, "--out", "new/" + "x" * 250 + ".png").exit_code == 2
+    assert files(tmp_path) == {"taken", "toy.toml"}
+
+
+def test_a_disk_that_fills_up_while_solving_does_not_lose_the_design(command, tmp_path, monkeypatch):
+    words = ["solve", "toy.toml", "--topology", "a300", "--starts", 1]
+    printed = command(*words, "--json").stdout
+
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("topo_search.model.files.os.fsync", full)
+    result = command(*words, "--out", "design.json")
+    assert result.exit_code == 74
+    assert result.stderr.endswith("No space left on device (design.json)\n")
+    assert result.stdout == printed
+    assert files(tmp_path) == {"toy.toml"}
 
 
 def test_a_listed_violation_names_both_sides():

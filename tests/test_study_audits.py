@@ -12,7 +12,7 @@ class Notes:
     def __init__(self):
         self.texts = []
 
-    def size(self, n, candidates, lower_bound):
+    def size(self, n, candidates, starts):
         pass
 
     def settled(self, incumbent):
@@ -140,3 +140,7 @@ def test_after_the_time_limit_nothing_is_solved_again_but_audits_go_on(tmp_path,
     answer = toy_run(tmp_path / "run", modules=4, time_limit=1e-9)
     assert answer.best.key == keys[10]
     assert margins(tmp_path / "run", keys[0]) == [1e-4]
+    assert not answer.sizes[0].complete
+    answer = toy_run(tmp_path / "run", modules=4)
+    assert margins(tmp_path / "run", keys[0]) == [1e-4, 1e-3, 1e-2, 1e-1]
+    assert answer.sizes[0].complete

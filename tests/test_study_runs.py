@@ -1,5 +1,11 @@
 import csv
+import itertools
 import json
+import os
+import shutil
+import sqlite3
+import time
+from dataclasses import replace
 
 import pytest
 import toy_problem
@@ -153,16 +159,96 @@ def test_sizes_are_searched_smallest_first_and_the_smallest_feasible_wins(tmp_pa
     assert [int(row["modules"]) for row in table(folder)] == sorted(int(row["modules"]) for row in table(folder))
 
 
-def test_a_time_limit_keeps_what_ended_and_the_next_run_goes_on(tmp_path, monkeypatch, log):
-    monkeypatch.setenv("TOY_SLEEP", "0.3")
-    first = toy_run(tmp_path / "run", modules=4, time_limit=1.0)
-    assert not first.sizes[0].complete
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that goes on by a second whenever it is looked at: once a job, and a few times beside."""
+    ticks = itertools.count()
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(ticks)))
+
+
+def test_a_time_limit_keeps_what_ended_and_the_next_run_goes_on(tmp_path, log, clock):
+    first = toy_run(tmp_path / "run", modules=4, time_limit=8.0).sizes[0]
     done = [row["key"] for row in table(tmp_path / "run")]
-    monkeypatch.setenv("TOY_SLEEP", "0")
+    assert 0 < len(done) == first.settled < first.candidates
+    assert (first.complete, first.starts) == (False, 0)
     log.write_text("")
-    second = toy_run(tmp_path / "run", modules=4)
-    assert second.sizes[0].complete
+    assert not toy_run(tmp_path / "run", modules=4, time_limit=8.0).sizes[0].complete
     assert not set(done) & set(solved_keys(log))
+    assert toy_run(tmp_path / "run", modules=4).sizes[0].complete
+
+
+def test_under_a_time_limit_every_candidate_gets_one_start_first(tmp_path, log, clock):
+    size = toy_run(tmp_path / "run", modules=4, starts=6, time_limit=20.0).sizes[0]
+    keys = solved_keys(log)
+    assert len(keys) > size.candidates == len(set(keys[: size.candidates]))
+    assert (size.settled, size.starts, size.complete) == (size.candidates, 1, False)
+    assert {int(row["starts"]) for row in table(tmp_path / "run")} == {1, 2}
+
+
+def test_a_time_limit_that_does_not_come_changes_nothing(tmp_path):
+    toy_run(tmp_path / "timed", starts=9, time_limit=1e6)
+    toy_run(tmp_path / "whole", starts=9)
+    assert ranking(tmp_path / "timed") == ranking(tmp_path / "whole")
+
+
+@pytest.fixture
+def protected():
+    """Make folders read-only, also for root, who gives up being root for the time."""
+    was = os.geteuid()
+    modes = {}
+
+    def protect(*folders):
+        for folder in folders:
+            for path in (folder, *folder.rglob("*")):
+                modes[path] = path.stat().st_mode
+                path.chmod(0o555 if path.is_dir() else 0o444)
+        if was == 0:
+            for parent in folders[0].parents[:-1]:
+                modes[parent] = parent.stat().st_mode
+                parent.chmod(modes[parent] | 0o055)
+            os.seteuid(65534)
+
+    yield protect
+    os.seteuid(was)
+    for path, mode in modes.items():
+        path.chmod(mode)
+
+
+def test_a_finished_run_answers_from_a_read_only_folder(tmp_path, log, protected):
+    answer = toy_run(tmp_path / "run")
+    shutil.copytree(tmp_path / "run", tmp_path / "killed")
+    database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
+    with database:
+        database.execute("UPDATE candidates SET seconds = 7")
+    for name in ("ledger.sqlite", "ledger.sqlite-wal", "ledger.sqlite-shm"):  # as after kill -9
+        shutil.copy(tmp_path / "run" / name, tmp_path / "killed" / name)
+    database.close()
+    log.write_text("")
+    protected(tmp_path / "run", tmp_path / "killed")
+    assert toy_run(tmp_path / "run").best == replace(answer.best, seconds=7.0)
+    assert toy_run(tmp_path / "killed").best == replace(answer.best, seconds=7.0)
+    with pytest.raises(BadInput, match="seed 0, not 1"):
+        toy_run(tmp_path / "run", seed=1)
+    with pytest.raises(BadInput, match=r"cannot be written to: .*; choose another folder with --out"):
+        toy_run(tmp_path / "run", starts=3)
+    assert solved_keys(log) == []
+
+
+def test_a_ledger_that_cannot_be_written_to_is_read(tmp_path, monkeypatch):
+    answer = toy_run(tmp_path / "run")
+    before = (tmp_path / "run" / "ledger.sqlite").stat()
+    monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
+    assert toy_run(tmp_path / "run") == answer
+    with pytest.raises(BadInput, match=r"cannot be written to: ledger\.sqlite is read-only; choose"):
+        toy_run(tmp_path / "run", starts=3)
+    assert (tmp_path / "run" / "ledger.sqlite").stat() == before
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused():
+    with pytest.raises(BadInput, match=r"^/proc/self: cannot be written to: No such file or directory; choose"):
+        toy_run("/proc/self")
+    with pytest.raises(BadInput, match=r"^/proc/nowhere/deep: cannot be made: No such file or directory; choose"):
+        toy_run("/proc/nowhere/deep")
 
 
 @pytest.mark.parametrize(

@@ -16,17 +16,19 @@ BAD_INPUT = 2
 SOFTWARE = 70
 """EX_SOFTWARE of <sysexits.h>: worker processes do not start."""
 INPUT_OUTPUT = 74
-"""EX_IOERR of <sysexits.h>: the disk is full, or cannot be written to."""
+"""EX_IOERR of <sysexits.h>: the disk is full, or fails."""
 INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
 
 
 @contextmanager
-def explained(stopped: str = "stopped") -> Iterator[None]:
+def explained(*, resumes: bool = False) -> Iterator[None]:
     """Turn what is wrong with the input, the disk or the user's patience into a message and an exit status.
 
+    Ctrl-C, and the SIGTERM with which a scheduler ends a job, are the user's patience.
+
     Args:
-        stopped: what to say after Ctrl-C, or after the SIGTERM with which a scheduler ends a job.
+        resumes: whether the command keeps what it has finished, and goes on from there when it is typed again.
     """
     from topo_search.engine import WorkersLost
     from topo_search.model import BadInput
@@ -37,7 +39,7 @@ def explained(stopped: str = "stopped") -> Iterator[None]:
     except BadInput as error:
         _end(str(error), BAD_INPUT)
     except KeyboardInterrupt:
-        _end(stopped, INTERRUPTED)
+        _end("stopped; all results are kept, and the same command resumes" if resumes else "stopped", INTERRUPTED)
     except WorkersLost as error:
         _end(str(error), SOFTWARE)
     except sqlite3.OperationalError as error:
@@ -49,10 +51,8 @@ def explained(stopped: str = "stopped") -> Iterator[None]:
         if error.errno is None or error.errno == errno.EPIPE:  # no file's error; the reader of our output left
             raise
         where = f" ({error.filename})" if error.filename else ""
-        _end(
-            f"{os.strerror(error.errno)}{where}; what a run has finished is safe, and the same command resumes it",
-            INPUT_OUTPUT,
-        )
+        kept = "; what the run has finished is safe, and the same command resumes it" if resumes else ""
+        _end(f"{os.strerror(error.errno)}{where}{kept}", INPUT_OUTPUT)
     finally:
         signal.signal(signal.SIGTERM, before)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import tempfile
 from collections.abc import Callable
@@ -29,7 +28,7 @@ time_limit = click.option(
     "--time-limit",
     type=click.FloatRange(min=0, min_open=True),
     metavar="SECONDS",
-    help="End the work with the best design so far, audited.",
+    help="End the work with the best design so far, audited; few starts of every tree come first.",
 )
 connectors = click.option("--connectors", type=click.Choice(["aligned", "any"]), help="Ports that a child may use.")
 root = click.option("--root", type=click.Choice(["free", "paper"]), help="Orientations of the root module.")
@@ -62,16 +61,16 @@ def echo_json(value: Any) -> None:
     click.echo(json.dumps(value, indent=1, allow_nan=False))
 
 
-def require_writable(out: Path) -> None:
-    """Refuse a file that cannot be written, before any work is done for it; its folders are made."""
+def require_writable(out: Path, option: str = "--out") -> None:
+    """Refuse a file that cannot be written, before any work is done for it; nothing is left behind."""
     from topo_search.model import BadInput, Fault
 
+    folder = out.parent
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out.parent):
+        while not folder.exists():
+            folder = folder.parent
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{out.name}."):  # as `write_atomically` names it
             pass
     except OSError as error:
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        raise BadInput(
-            "--out", [Fault("", f"must be a file that can be written, but got {out} ({reason})")]
-        ) from None
+        rule = f"must be a file that can be written, but got {out} ({folder}: {error.strerror})"
+        raise BadInput(option, [Fault("", rule)]) from None

@@ -37,7 +37,7 @@ def shown_progress() -> Iterator[Observer]:
 
 
 class Bar:
-    """A progress bar for each size, with the incumbent, its gap and the time left."""
+    """A progress bar for each size and round of starts, with the incumbent, its gap and the time left."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
@@ -58,9 +58,11 @@ class Bar:
         with Progress(*columns, console=console) as progress:
             yield cls(progress)
 
-    def size(self, n: int, candidates: int, lower_bound: float) -> None:
-        """Begin the bar of one size."""
-        self._task = self._progress.add_task(modules(n), total=candidates, incumbent="")
+    def size(self, n: int, candidates: int, starts: int) -> None:
+        """Begin a bar."""
+        self._task = self._progress.add_task(
+            f"{modules(n)}, {counted(starts, 'start')}", total=candidates, incumbent=""
+        )
 
     def settled(self, incumbent: Row | None) -> None:
         """Move the bar on."""
@@ -79,11 +81,11 @@ class Lines:
         self._began = self._last = time.monotonic()
         self._size = ""
 
-    def size(self, n: int, candidates: int, lower_bound: float) -> None:
-        """Say how many candidates there are."""
+    def size(self, n: int, candidates: int, starts: int) -> None:
+        """Say how many candidates there are, and of how many starts."""
         self._size, self._done, self._candidates = modules(n), 0, candidates
         self._began = time.monotonic()
-        click.echo(f"{self._size}: {counted(candidates, 'candidate')}", err=True)
+        click.echo(f"{self._size}: {counted(candidates, 'candidate')}, {counted(starts, 'start')} each", err=True)
 
     def settled(self, incumbent: Row | None) -> None:
         """Say how far it is, unless that was said lately."""

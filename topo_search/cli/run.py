@@ -64,7 +64,7 @@ def run(
     Exit status: 0 audited design found; 1 designs found, but none passed its audit;
     2 bad input; 3 no design found, with the reasons.
     """
-    with explained(stopped="stopped; all results are kept, and the same command resumes"):
+    with explained(resumes=True):
         from topo_search.cli.progress import shown_progress
         from topo_search.compose import search
         from topo_search.model.files import read_task
@@ -97,5 +97,5 @@ def answer_as_json(answer: Answer) -> dict[str, Any]:
         "folder": str(answer.folder),
         "exit_status": answer.exit_status,
         "best": answer.best and asdict(answer.best),
-        "sizes": [{**asdict(size), "complete": size.complete} for size in answer.sizes],
+        "sizes": [asdict(size) for size in answer.sizes],
     }

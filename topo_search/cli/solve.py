@@ -45,7 +45,8 @@ def solve(
 ) -> None:
     """Solve TASK for one topology and audit the design; it ends when more starts stop paying.
 
-    With --json the design (or why there is none) is printed. Exit status as of `run`.
+    With --json the design (or why there is none) is printed, and so it is if --out fails after all.
+    Exit status as of `run`.
     """
     with explained():
         from topo_search import compose
@@ -66,7 +67,12 @@ def solve(
             progress=lambda best: click.echo(standing(best), err=True),
         )
         if out is not None and isinstance(solved.outcome, Design):
-            write_atomically(out, to_json(solved.outcome))
+            text = to_json(solved.outcome)
+            try:
+                write_atomically(out, text)
+            except OSError:
+                click.echo(text, nl=False)  # so that the design is not lost
+                raise
         if as_json:
             _print_json(solved)
         else:

@@ -43,7 +43,8 @@ def _print_size(size: SizeAnswer) -> None:
         click.echo(f"feasible trees, each counted with those that it stands for: {size.feasible}")
         _print_rows(size.top)
     if not size.complete:
-        click.echo("the time limit came first; the same command goes on")
+        reached = f", after {counted(size.starts, 'start')} of each candidate" if size.starts else ""
+        click.echo(f"the time limit came first{reached}; the same command goes on")
     for remark in size.remarks:
         click.echo(remark)
     if size.reason is not None:

@@ -45,7 +45,7 @@ def topologies(
             click.echo(number)
             return
         if size is None:
-            keys = (candidate.topology.key for candidate in candidates(n, **family))
+            keys = (candidate.key for candidate in candidates(n, **family))
         else:
             keys = (topology.key for topology in sample(n, size, seed, **family))
         if as_json:

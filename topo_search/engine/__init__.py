@@ -2,6 +2,7 @@
 
 from topo_search.engine.exhaustive import Job, exhaustive, solved
 from topo_search.engine.merging import merge, record_of
+from topo_search.engine.rounds import rounds
 from topo_search.engine.shortfall import scaled_violation
 from topo_search.engine.verbs import AuditDesign, Failed, Outcome, Solve, Verbs
 from topo_search.engine.workers import Workers, WorkersLost, audit_deadline, solve_deadline
@@ -19,6 +20,7 @@ __all__ = [
     "exhaustive",
     "merge",
     "record_of",
+    "rounds",
     "scaled_violation",
     "solve_deadline",
     "solved",

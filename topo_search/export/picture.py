@@ -5,6 +5,7 @@ Drawn as the paper draws it, in the axes of the task frame W and in metres.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +21,7 @@ from topo_search.export.scene import Scene
 from topo_search.export.tree_plot import draw_tree
 from topo_search.model.design import Design
 from topo_search.model.exposure import Exterior
+from topo_search.model.files import write_atomically
 
 
 def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | None = None) -> None:
@@ -37,10 +39,11 @@ def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | No
     kind = format or path.suffix.removeprefix(".").lower()
     if kind not in ("png", "svg"):
         raise ValueError(f"the picture's name must end in .png or .svg, but got {path.name}")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    stream = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "topo-search", "font.size": 8}):
         metadata = {"Date": None} if kind == "svg" else None
-        figure_of(design).savefig(path, format=kind, dpi=200, metadata=metadata)
+        figure_of(design).savefig(stream, format=kind, dpi=200, metadata=metadata)
+    write_atomically(path, stream.getvalue())
 
 
 def figure_of(design: Design) -> Figure:

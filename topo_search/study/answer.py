@@ -27,7 +27,11 @@ class SizeAnswer:
     quotient: str
     """Which trees stand for one candidate, and whether that is exact."""
     settled: int
-    """How many of them were taken up."""
+    """How many of them were solved from one start at least."""
+    starts: int
+    """Number of starts that every candidate was solved from, or given up; 0 while some were not taken up."""
+    complete: bool
+    """Whether nothing is left to do: no start, and no audit (nor what follows one) of what may be the best."""
     statuses: dict[str, int]
     """How many ended with which status."""
     feasible: int
@@ -42,11 +46,6 @@ class SizeAnswer:
     """What happened to designs whose audit was not clear, and to candidates that failed."""
     reason: str | None
     """Why there is no design, if there is none."""
-
-    @property
-    def complete(self) -> bool:
-        """Whether every candidate was taken up."""
-        return self.settled >= self.candidates
 
 
 @dataclass(frozen=True)
@@ -75,18 +74,22 @@ def size_answer(
     task: ResolvedTask,
     *,
     candidates: int,
+    starts: int,
+    audits_left: bool,
     lower_bound: float,
     proof: Infeasible | None,
     quotient: Resolution,
 ) -> SizeAnswer:
-    """Sum up the ranked rows of one size, in one pass."""
+    """Sum up the ranked rows of one size, of which `starts` starts each were asked for, in one pass."""
     statuses: Counter[str] = Counter()
+    fewest = starts
     feasible = 0
     best, closest, nearness = None, None, math.inf
     top: list[Row] = []
     remarks: list[str] = []
     for row in rows:
         statuses[row.status] += 1
+        fewest = min(fewest, row.asked)
         if row.feasible:
             feasible += row.orbit
             if best is None and row.clear:
@@ -102,11 +105,16 @@ def size_answer(
             remarks.append(f"{row.key}: failed, {row.worst_constraint}")
     if statuses["failed"]:
         remarks.append("candidates failed that may not fail the next time: this run is not reproducible")
+    settled = candidates if proof else statuses.total()
+    if settled < candidates:
+        fewest = 0
     return SizeAnswer(
         modules=task.n,
         candidates=candidates,
         quotient=quotient_remark(quotient),
-        settled=candidates if proof else statuses.total(),
+        settled=settled,
+        starts=fewest,
+        complete=fewest == starts and not audits_left,
         statuses=dict(statuses),
         feasible=feasible,
         lower_bound=lower_bound,

@@ -74,6 +74,35 @@ def best_clear(ledger: Ledger, n: int) -> Row | None:
     return next((row for row in ledger.ranked(n) if row.clear), None)
 
 
+def audits_left(ledger: Ledger, contexts: Sequence[Context], starts: int) -> bool:
+    """Return whether a design that may be the best is still to be audited, or solved again after its audit."""
+    best = best_clear(ledger, contexts[0].task.n)
+    place = 0
+    while batch := ledger.best_designs(contexts[0], place, AUDITED):
+        for row in batch:
+            if best is not None and _objective(best) <= _objective(row):
+                return False
+            if _left(ledger, contexts, row.key, starts):
+                return True
+        place += AUDITED
+    return False
+
+
+def _left(ledger: Ledger, contexts: Sequence[Context], key: str, starts: int) -> bool:
+    """Return whether one candidate is not yet clear, nor passed over."""
+    for context in contexts:
+        row = ledger.row(context, key)
+        if row is None or row.asked < starts:
+            return True
+        if not row.feasible:
+            return False
+        if not row.audit_ended:
+            return True
+        if row.clear or row.audit_failure is not None:
+            return False
+    return False
+
+
 def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], starts: int) -> list[Job]:
     """Return what is to be solved in a context with a larger margin."""
     jobs = []

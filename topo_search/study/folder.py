@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +15,7 @@ from topo_search.model.files import to_toml, write_atomically
 from topo_search.study.audits import best_clear
 from topo_search.study.identity import Request
 from topo_search.study.ledger import Ledger
-from topo_search.study.lock import locked
+from topo_search.study.lock import ReadOnlyFolder, locked
 from topo_search.study.row import COLUMNS, Row
 
 LEDGER = "ledger.sqlite"
@@ -34,23 +35,40 @@ class RunFolder:
         """Make a run's folder, or take it up again.
 
         Raises:
+            ReadOnlyFolder: it is there, but cannot be written to.
             BadInput: it holds another run or something else, or another process works in it; it is left as it is.
         """
-        _check(path)
         try:
+            _check(path)
             path.mkdir(parents=True, exist_ok=True)
-        except (PermissionError, NotADirectoryError, FileExistsError) as error:
+        except OSError as error:
             raise _refused(path, f"cannot be made: {error.strerror}") from None
-        with locked(path), Ledger.opened(path / LEDGER) as ledger:
-            held = ledger.claim(request.identity)
-            for name, value in request.identity.items():
-                if held.get(name) != value:
-                    shown = "another task" if name == "task" else f"a run with {name} {held.get(name)}, not {value}"
-                    raise _refused(path, f"holds {shown}")
-            ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
-            folder = cls(path, request, ledger)
+        ledger_path = path / LEDGER
+        if ledger_path.exists() and not os.access(ledger_path, os.W_OK):
+            raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
+        with locked(path), Ledger.opened(ledger_path) as ledger:
+            ledger.claim(request.identity)
+            folder = cls._of_ledger(path, request, ledger)
             _write(path / "task.toml", to_toml(request.task))
             yield folder
+
+    @classmethod
+    @contextmanager
+    def read(cls, path: Path, request: Request) -> Iterator[Self]:
+        """Open a folder that cannot be written to; errors as of `opened`."""
+        with Ledger.opened(path / LEDGER, read_only=True) as ledger:
+            yield cls._of_ledger(path, request, ledger)
+
+    @classmethod
+    def _of_ledger(cls, path: Path, request: Request, ledger: Ledger) -> Self:
+        """Make sure that a ledger holds this request, and consider the rows that answer it."""
+        held = ledger.identity() or {}
+        for name, value in request.identity.items():
+            if held.get(name) != value:
+                shown = "another task" if name == "task" else f"a run with {name} {held.get(name)}, not {value}"
+                raise _refused(path, f"holds {shown}")
+        ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
+        return cls(path, request, ledger)
 
     def write(self) -> None:
         """Bring all files of the folder up to the ledger."""

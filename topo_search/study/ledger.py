@@ -65,27 +65,41 @@ class Ledger:
 
     @classmethod
     @contextmanager
-    def opened(cls, path: Path) -> Iterator[Self]:
+    def opened(cls, path: Path, *, read_only: bool = False) -> Iterator[Self]:
         """Open a ledger, or begin one where there is none.
+
+        Args:
+            path: its file.
+            read_only: whether nothing may be written beside it either; then it must be there.
 
         Raises:
             BadInput: the file is damaged, or no ledger of this version; it is left as it is.
         """
-        database = sqlite3.connect(path, isolation_level=None)
+        options = ""
+        if read_only:  # without a log that a killed process left there is nothing to share with other processes
+            logged = path.with_name(f"{path.name}-wal").exists()
+            options = "?mode=ro" if logged else "?mode=ro&immutable=1"
+        database = sqlite3.connect(path.absolute().as_uri() + options, isolation_level=None, uri=True)
         try:
-            _begin(database, path)
+            empty = _check(database, path)
+            if empty and read_only:
+                raise _refused(path, "is empty")
+            if not read_only:
+                _begin(database, fill=empty)
             yield cls(database)
         finally:
             database.close()
 
-    def claim(self, identity: dict[str, Any]) -> dict[str, Any]:
-        """Return the identity of the run that the ledger holds; a new ledger takes the one given."""
+    def identity(self) -> dict[str, Any] | None:
+        """Return the identity of the run that the ledger holds, if it was claimed."""
         found = self._database.execute("SELECT identity FROM run").fetchone()
-        if found is None:
-            self._database.execute("INSERT INTO run VALUES (?)", (json.dumps(identity),))
-            return identity
-        held: dict[str, Any] = json.loads(found[0])
-        return held
+        return None if found is None else json.loads(found[0])
+
+    def claim(self, identity: dict[str, Any]) -> None:
+        """Give a new ledger the identity of its run; one that was claimed keeps its own."""
+        self._database.execute(
+            "INSERT INTO run SELECT ? WHERE NOT EXISTS (SELECT * FROM run)", (json.dumps(identity),)
+        )
 
     def bound(self, context: Context) -> tuple[float, Infeasible | None] | None:
         """Return the lower bound and the proof of impossibility of a context, if it was begun."""
@@ -185,12 +199,12 @@ class Ledger:
         return None if found is None else found[0]
 
 
-def _begin(database: sqlite3.Connection, path: Path) -> None:
-    """Check what the file is before anything is written to it; fill an empty one."""
+def _check(database: sqlite3.Connection, path: Path) -> bool:
+    """Return whether a file is empty; refuse what is no ledger before anything is written to it."""
     try:
-        application = database.execute("PRAGMA application_id").fetchone()[0]
+        application: int = database.execute("PRAGMA application_id").fetchone()[0]
         version = database.execute("PRAGMA user_version").fetchone()[0]
-        tables = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+        tables: int = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
         empty = tables == 0 and application == 0
         if not empty and application != APPLICATION_ID:
             raise _refused(path, "is an SQLite file of another program")
@@ -198,14 +212,19 @@ def _begin(database: sqlite3.Connection, path: Path) -> None:
             raise _refused(path, f"has version {version}, but this program reads version {VERSION}")
         if not empty and (fault := database.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
             raise _refused(path, f"is damaged ({fault})")
-        database.execute("PRAGMA journal_mode = WAL")
-        database.execute("PRAGMA synchronous = FULL")
-        if empty:
-            database.executescript(SCHEMA)
     except sqlite3.DatabaseError as error:
         if isinstance(error, sqlite3.OperationalError):
             raise  # the disk, not the file's content
         raise _refused(path, f"is damaged or no ledger ({error})") from None
+    return empty
+
+
+def _begin(database: sqlite3.Connection, *, fill: bool) -> None:
+    """Make every transaction last once it has ended, and fill a new file."""
+    database.execute("PRAGMA journal_mode = WAL")
+    database.execute("PRAGMA synchronous = FULL")
+    if fill:
+        database.executescript(SCHEMA)
 
 
 def _refused(path: Path, what: str) -> BadInput:

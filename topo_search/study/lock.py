@@ -11,14 +11,26 @@ from pathlib import Path
 from topo_search.model import BadInput, Fault
 
 
+class ReadOnlyFolder(BadInput):
+    """A folder in which this process can write nothing."""
+
+    def __init__(self, folder: Path, reason: str | None) -> None:
+        rule = f"cannot be written to: {reason}; choose another folder with --out"
+        super().__init__(str(folder), [Fault("", rule)])
+
+
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Hold the folder's lock; the system frees it when the process ends, however it ends.
 
     Raises:
+        ReadOnlyFolder: nothing can be written there.
         BadInput: another process holds it.
     """
-    handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise ReadOnlyFolder(folder, error.strerror) from None
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

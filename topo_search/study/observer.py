@@ -10,11 +10,11 @@ from topo_search.study.row import Row
 class Observer(Protocol):
     """Shows the progress of a run."""
 
-    def size(self, n: int, candidates: int, lower_bound: float) -> None:
-        """The candidates of one size are taken up."""
+    def size(self, n: int, candidates: int, starts: int) -> None:
+        """All candidates of one size are taken up, to solve what is left of this many starts of each."""
 
     def settled(self, incumbent: Row | None) -> None:
-        """One more candidate of this size needs no more solving; `incumbent` is the best so far."""
+        """One more of these candidates is solved; `incumbent` is the best so far."""
 
     def note(self, text: str) -> None:
         """Something that the user should see happened."""
@@ -23,7 +23,7 @@ class Observer(Protocol):
 class Silent:
     """Shows nothing."""
 
-    def size(self, n: int, candidates: int, lower_bound: float) -> None:
+    def size(self, n: int, candidates: int, starts: int) -> None:
         """Ignore the start of a size."""
 
     def settled(self, incumbent: Row | None) -> None:

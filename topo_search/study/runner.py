@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from itertools import islice
 from pathlib import Path
 
-from topo_search.engine import Verbs, Workers, exhaustive
+from topo_search.engine import Verbs, Workers, exhaustive, rounds
 from topo_search.model import Infeasible
 from topo_search.study.answer import Answer, SizeAnswer, quotient_remark, size_answer
-from topo_search.study.audits import audit_best
-from topo_search.study.folder import RunFolder
+from topo_search.study.audits import audit_best, audits_left
+from topo_search.study.folder import LEDGER, RunFolder
 from topo_search.study.identity import Context, Request
 from topo_search.study.ledger import Ledger
+from topo_search.study.lock import ReadOnlyFolder
 from topo_search.study.observer import Observer
 from topo_search.study.recording import record
 from topo_search.study.row import row_of
@@ -42,19 +44,25 @@ def run(
         time_limit: seconds after which no more is solved; the best designs are audited all the same.
 
     Raises:
-        BadInput: the folder cannot be used.
+        BadInput: the folder cannot be used: it may be read-only if the run in it has ended.
         KeyboardInterrupt: after Ctrl-C, with all results kept and all files written.
     """
     until = time.monotonic() + time_limit
-    with RunFolder.opened(path, request) as folder, Workers(workers) as pool:
-        try:
-            for n in request.task.sizes:
-                _search_size(folder.ledger, request, n, verbs, pool, observer, until)
-        except KeyboardInterrupt:
+    try:
+        with RunFolder.opened(path, request) as folder, Workers(workers) as pool:
+            try:
+                for n in request.task.sizes:
+                    _search_size(folder.ledger, request, n, verbs, pool, observer, until)
+            except KeyboardInterrupt:
+                folder.write()
+                raise
             folder.write()
+            return _answer(folder)
+    except ReadOnlyFolder:
+        answer = _finished(path, request)
+        if answer is None:
             raise
-        folder.write()
-        return Answer(path, tuple(_sum_up(folder.ledger, request, n) for n in request.task.sizes))
+        return answer
 
 
 def _search_size(
@@ -74,7 +82,6 @@ def _search_size(
         bound = verbs.lower_bound(context.task), verbs.prove_impossible(context.task)
         ledger.begin(context, *bound)
     lower_bound, proof = bound
-    observer.size(n, request.count(n), lower_bound)
     quotient = request.quotient(n)
     if not quotient.exact:
         observer.note(quotient_remark(quotient))
@@ -82,30 +89,10 @@ def _search_size(
         _record_proof(ledger, request, context, proof, lower_bound)
         return
 
-    def settled() -> None:
-        observer.settled(next(iter(ledger.best_designs(context, 0, 1)), None))
-
-    def tried(key: str) -> int:
-        row = ledger.row(context, key)
-        if row is None:
-            return 0
-        if row.asked >= request.starts:
-            settled()
-        return row.asked
-
-    outcomes = exhaustive(
-        context.task,
-        request.candidates(n),
-        starts=request.starts,
-        seed=request.seed,
-        tried=tried,
-        solve=verbs.solve,
-        workers=workers,
-        until=until,
-    )
-    for job, outcome in outcomes:
-        record(ledger, context, job, outcome, lower_bound=lower_bound)
-        settled()
+    for starts in rounds(request.starts, request.starts, timed=math.isfinite(until)):
+        _solve_round(ledger, request, context, starts.stop, lower_bound, verbs, workers, observer, until)
+        if time.monotonic() >= until:
+            break
     audit_best(
         ledger,
         contexts,
@@ -116,6 +103,47 @@ def _search_size(
         observer=observer,
         until=until,
     )
+
+
+def _solve_round(
+    ledger: Ledger,
+    request: Request,
+    context: Context,
+    starts: int,
+    lower_bound: float,
+    verbs: Verbs,
+    workers: Workers,
+    observer: Observer,
+    until: float,
+) -> None:
+    """Solve every candidate of one size from those of its first `starts` starts that are not in the ledger yet."""
+    n = context.task.n
+    observer.size(n, request.count(n), starts)
+
+    def settled() -> None:
+        observer.settled(next(iter(ledger.best_designs(context, 0, 1)), None))
+
+    def tried(key: str) -> int:
+        row = ledger.row(context, key)
+        if row is None:
+            return 0
+        if row.asked >= starts:
+            settled()
+        return row.asked
+
+    outcomes = exhaustive(
+        context.task,
+        request.candidates(n),
+        starts=starts,
+        seed=request.seed,
+        tried=tried,
+        solve=verbs.solve,
+        workers=workers,
+        until=until,
+    )
+    for job, outcome in outcomes:
+        record(ledger, context, job, outcome, lower_bound=lower_bound)
+        settled()
 
 
 def _record_proof(
@@ -141,14 +169,31 @@ def _record_proof(
         ledger.record(context, [(row, None) for row in rows])
 
 
+def _finished(path: Path, request: Request) -> Answer | None:
+    """Return the answer of a run that has nothing left to do, from a folder that cannot be written to."""
+    if not os.access(path / LEDGER, os.R_OK):
+        return None
+    with RunFolder.read(path, request) as folder:
+        answer = _answer(folder)
+    return answer if all(size.complete for size in answer.sizes) else None
+
+
+def _answer(folder: RunFolder) -> Answer:
+    """Read the answer from the ledger."""
+    request = folder.request
+    return Answer(folder.path, tuple(_sum_up(folder.ledger, request, n) for n in request.task.sizes))
+
+
 def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
     """Read the answer of one size from the ledger."""
-    context = request.contexts(n)[0]
-    lower_bound, proof = ledger.bound(context) or (0.0, None)
+    contexts = request.contexts(n)
+    lower_bound, proof = ledger.bound(contexts[0]) or (0.0, None)
     return size_answer(
         ledger.ranked(n),
-        context.task,
+        contexts[0].task,
         candidates=request.count(n),
+        starts=request.starts,
+        audits_left=audits_left(ledger, contexts, request.starts),
         lower_bound=lower_bound,
         proof=proof,
         quotient=request.quotient(n),

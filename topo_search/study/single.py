@@ -15,6 +15,7 @@ from topo_search.engine import (
     Workers,
     audit_deadline,
     merge,
+    rounds,
     scaled_violation,
     solved,
 )
@@ -25,8 +26,6 @@ PATIENCE = 3
 """Rounds of starts in a row without a gain after which more starts do not pay."""
 GAIN = 1.0e-4
 """Relative decrease of the objective (or of the violation) that counts as one."""
-LARGEST_TIMED_ROUND = 4
-"""Starts a round under a time limit: the running round is lost when it ends."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +77,8 @@ def solve_single(
     kept: tuple[Design, Audit | Failed] | None = None
     with Workers(1) as worker:
         for _ in range(LARGER_MARGINS + 1):
-            rounds = _rounds(starts, round_size, timed=time_limit is not None)
-            outcome = _best_of(task, topology, rounds, seed, verbs, worker, until, progress)
+            ranges = rounds(starts, starts or round_size, timed=time_limit is not None)
+            outcome = _best_of(task, topology, ranges, seed, verbs, worker, until, progress)
             if not isinstance(outcome, Design):
                 break
             audit = worker.one(verbs.audit, outcome, deadline=audit_deadline(topology.n))
@@ -96,20 +95,10 @@ def solve_single(
     return Solved(best, verdict, tuple(notes))
 
 
-def _rounds(starts: int | None, round_size: int, *, timed: bool) -> Iterator[range]:
-    """Yield the ranges of starts that are solved one after the other."""
-    first = 0
-    while starts is None or first < starts:
-        size = min(max(1, first), LARGEST_TIMED_ROUND) if timed else starts or round_size
-        stop = first + size if starts is None else min(first + size, starts)
-        yield range(first, stop)
-        first = stop
-
-
 def _best_of(
     task: ResolvedTask,
     topology: Topology,
-    rounds: Iterator[range],
+    ranges: Iterator[range],
     seed: int,
     verbs: Verbs,
     worker: Workers,
@@ -119,7 +108,7 @@ def _best_of(
     """Return the best outcome over rounds of starts, until they end, the time does, or they no longer pay."""
     best: Outcome = Failed("timeout", "the time limit came before the first start ended")
     idle = 0
-    for starts in rounds:
+    for starts in ranges:
         job = Job(task, topology, 1, starts, seed)
         outcome = next(
             (end for _, end in solved(iter([job]), solve=verbs.solve, workers=worker, until=until)), None
