@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explained
 
-PICTURES = ("png", "svg")
+if TYPE_CHECKING:
+    from topo_search.model import Design
+
+SUFFIXES = {".mjcf": "mjcf", ".xml": "mjcf", ".png": "png", ".svg": "svg"}
+"""The kind of file that a name's end stands for."""
+EXTRAS = {"matplotlib": "viz"}
+"""The extra that brings a library."""
 
 
 @click.command(epilog="Example: topo-search export runs/push-*/best.json --out push.png")
 @click.argument("design", metavar="DESIGN.json")
 @click.option(
-    "--format", "kind", type=click.Choice(PICTURES), help="Kind of file (default: by the end of --out's name)."
+    "--format",
+    "kind",
+    type=click.Choice(sorted({*SUFFIXES.values()})),
+    help="Kind of file (default: by the end of --out's name).",
 )
 @click.option(
     "--out",
@@ -26,28 +35,47 @@ PICTURES = ("png", "svg")
     help="Where to write it; a file that is there is replaced.",
 )
 def export(design: str, kind: Any, out: Path) -> None:
-    """Draw a design: the platform with its airflow, a close-up, and the tree of its modules.
+    """Hand a design to other tools.
 
-    Needs matplotlib, the extra `viz`. The design need not be audited, nor pass its audit.
+    \b
+    png, svg   a picture: the platform with its airflow, a close-up, the tree (needs the extra `viz`)
+    mjcf       a model for the simulator MuJoCo, with a keyframe for each load case (.mjcf, .xml)
+
+    The design need not be audited, nor pass its audit.
 
     Exit status: 0 written; 2 bad input.
-    """
+    """  # noqa: D301 (\b is click's)
     with explained():
         from topo_search.model import BadInput, Design, Fault
         from topo_search.model.files import read_json
 
-        asked: Any = kind or out.suffix.removeprefix(".").lower()
-        if asked not in PICTURES:
-            rule = f"must end in .png or .svg, or --format be given, but got {out.name}"
+        asked: Any = kind or SUFFIXES.get(out.suffix.lower())
+        if asked is None:
+            rule = f"must end in {', '.join(SUFFIXES)}, or --format be given, but got {out.name}"
             raise BadInput("--out", [Fault("", rule)])
         options.require_writable(out)
         read = read_json(Design, design)
         try:
-            from topo_search.export.picture import draw
+            _write(read, asked, out)
         except ModuleNotFoundError as error:
-            if error.name != "matplotlib":
+            extra = EXTRAS.get(error.name or "")
+            if extra is None:
                 raise
-            how = 'needs matplotlib, which is not installed; type: pip install "topo-search[viz]"'
+            how = f'needs {error.name}, which is not installed; type: pip install "topo-search[{extra}]"'
             raise BadInput(f"--format {asked}", [Fault("", how)]) from None
-        draw(read, out, format=asked)
-        click.echo(f"the picture is in {out}")
+        click.echo(f"{'the picture' if asked in ('png', 'svg') else 'the design'} is in {out}")
+
+
+def _write(design: Design, kind: Any, out: Path) -> None:
+    """Write a design as a kind of file; ModuleNotFoundError names a library that is missing."""
+    from topo_search.model.files import write_atomically
+
+    match kind:
+        case "mjcf":
+            from topo_search.export.mjcf import mjcf
+
+            write_atomically(out, mjcf(design))
+        case _:
+            from topo_search.export.picture import draw
+
+            draw(design, out, format=kind)

@@ -14,6 +14,8 @@ from topo_search.model.module import Module
 
 ROTOR_ANGLES = tuple(math.radians(angle) for angle in (-45, -135, 135, 45))
 """Direction of rotor q = 1..4 from the module's centre (paper, X layout)."""
+ROTOR_SPINS = (-1, 1, -1, 1)
+"""(-1)^q: sign of the drag torque of rotor q along the thrust axis."""
 
 _SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 CUBE = np.array([np.insert(_SQUARE, axis, side, axis=1) for axis in range(3) for side in (-1.0, 1.0)])

@@ -1,0 +1,183 @@
+"""The MJCF export, measured in MuJoCo itself: wrenches, masses, kinematics, hovering, pushing."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import nlp
+from topo_search.export.mjcf import mjcf
+from topo_search.model import Design, LoadCase, Task, Topology
+from topo_search.model.files import read_task
+from topo_search.topologies import sample
+from verify.kinematics import platform
+from verify.wrench import wrench_map
+
+Array = NDArray[np.float64]
+
+SOLVED = {
+    "push": ("a3020", "push", ("modules=4",)),
+    "a half-space": ("a70010", "push-exterior-90", ()),
+    "any port": ("pa900", "push", ("modules=4", 'search.connectors="any"')),
+    "torques": ("a3020", "ten-wrenches", ("modules=4", "module.torque_coefficient=3e-8")),
+}
+
+
+@pytest.fixture(scope="module", params=SOLVED)
+def solved(request: pytest.FixtureRequest) -> Design:
+    """A finished design."""
+    key, name, settings = SOLVED[request.param]
+    topology = Topology.from_key(key)
+    design = nlp.solve(read_task(name, settings).resolve(topology.n), topology, starts=range(8), seed=1)
+    assert isinstance(design, Design)
+    return design
+
+
+def loaded(design: Design) -> tuple[Any, Any]:
+    model = mujoco.MjModel.from_xml_string(mjcf(design))
+    return model, mujoco.MjData(model)
+
+
+def at_load_case(design: Design, k: int, *, gravity: bool) -> tuple[Any, Any]:
+    model, data = loaded(design)
+    if not gravity:
+        model.opt.gravity[:] = 0
+    mujoco.mj_resetDataKeyframe(model, data, model.key(f"load_case_{k}").id)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def random_design(topology: Topology, seed: int, task: dict[str, Any] | None = None) -> Design:
+    """A design whose numbers are drawn; it need not do anything useful."""
+    rng = np.random.default_rng(seed)
+    n = topology.n
+    fields = {"name": "drawn", "modules": n, "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}], **(task or {})}
+    resolved = Task.model_validate(fields).resolve(n)
+    u_max = resolved.module.max_input(resolved.gravity)
+    return Design(
+        task=resolved,
+        topology=topology,
+        root_orientation_rad=tuple(rng.uniform([-3, -1.5, -3], [3, 1.5, 3]).tolist()),
+        hinge_angles_rad=tuple(rng.uniform(-1.5, 1.5, n - 1).tolist()),
+        end_effector_m=tuple(rng.uniform(-1, 1, 3).tolist()),
+        rotor_speeds_squared=(tuple(rng.uniform(0, u_max, 4 * n).tolist()),),
+        objective=1.0,
+    )
+
+
+def drawn_trees() -> Iterator[Topology]:
+    for n in (1, 2, 5, 9):
+        for connectors in ("aligned", "any"):
+            yield from sample(n, 2, n, connectors=connectors)
+
+
+def wrench_about_com(case: LoadCase, p_E: Array) -> Array:
+    """What a load case asks of all rotors together."""
+    f_E, tau_E, f_C, tau_C = (
+        np.array(vector)
+        for wrench in (case.at_end_effector, case.at_com)
+        for vector in (wrench.force, wrench.torque)
+    )
+    return np.concatenate([f_E + f_C, tau_E + np.cross(p_E, f_E) + tau_C])
+
+
+def test_the_rotor_inputs_of_a_design_produce_its_load_cases(solved: Design) -> None:
+    n = solved.topology.n
+    units = np.repeat([solved.task.force_unit(n), solved.task.torque_unit(n)], 3)
+    for k, case in enumerate(solved.task.load_cases):
+        _, data = at_load_case(solved, k, gravity=False)
+        p_E = data.site("end_effector").xpos - data.site("centre_of_mass").xpos
+        produced = data.qfrc_actuator  # of a free joint at identity: force and torque in W, about the COM
+        assert np.abs((produced - wrench_about_com(case, p_E)) / units).max() < 1e-6
+
+
+def test_a_platform_that_pushes_against_its_load_stays_at_rest(solved: Design) -> None:
+    for k, case in enumerate(solved.task.load_cases):
+        model, data = at_load_case(solved, k, gravity=False)
+        for body, wrench in (("end_effector", case.at_end_effector), ("platform", case.at_com)):
+            # MuJoCo applies it at the body's own centre of mass; both points coincide with their frames
+            data.body(body).xfrc_applied[:] = np.negative([*wrench.force, *wrench.torque])
+        for _ in range(500):
+            mujoco.mj_step(model, data)
+        assert data.time == pytest.approx(1)
+        np.testing.assert_allclose(data.qpos, [0, 0, 0, 1, 0, 0, 0], atol=1e-6)
+
+
+def test_it_hovers_under_gravity(solved: Design) -> None:
+    hover = len(solved.task.load_cases) - 1
+    assert solved.task.load_cases[hover].com is not None
+    model, data = at_load_case(solved, hover, gravity=True)
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+    assert data.time == pytest.approx(2)
+    np.testing.assert_allclose(data.qpos, [0, 0, 0, 1, 0, 0, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("topology", list(drawn_trees()), ids=lambda tree: tree.key)
+def test_poses_wrenches_masses_and_inertia_are_those_of_the_audit(topology: Topology) -> None:
+    design = random_design(topology, 3)
+    task, module = design.task, design.task.module
+    at = platform(design)
+    model, data = at_load_case(design, 0, gravity=False)
+    for i in range(topology.n):
+        body = data.body(f"module_{i}")
+        np.testing.assert_allclose(body.xpos, at.o[i], atol=1e-14)
+        np.testing.assert_allclose(body.xmat.reshape(3, 3), at.poses.R[i], atol=1e-14)
+        for q in range(4):
+            np.testing.assert_allclose(data.site(f"module_{i}_rotor_{q + 1}").xpos, at.rotors[i, q], atol=1e-14)
+    np.testing.assert_allclose(data.site("end_effector").xpos, at.p_e, atol=1e-14)
+    np.testing.assert_allclose(data.qfrc_actuator, wrench_map(at, module) @ design.inputs[0].ravel(), atol=1e-12)
+
+    np.testing.assert_allclose(data.body("platform").subtree_com, 0, atol=1e-14)
+    J = np.zeros((3, 3))
+    points = [(module.mass, o, R @ np.diag(module.inertia) @ R.T) for o, R in zip(at.o, at.poses.R, strict=True)]
+    for m, o, own in [*points, (task.end_effector.mass, at.p_e, np.zeros((3, 3)))]:
+        J += own + m * (o @ o * np.eye(3) - np.outer(o, o))
+    M = np.zeros((6, 6))
+    mujoco.mj_fullM(model, data, M)
+    m_t = task.total_mass(topology.n)
+    np.testing.assert_allclose(
+        M, np.block([[m_t * np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), J]]), atol=1e-13
+    )
+
+
+def test_a_rotor_gives_no_more_than_its_largest_thrust() -> None:
+    design = random_design(Topology.from_key("a10"), 0)
+    model, data = loaded(design)
+    data.ctrl[:] = [100, -100, 0, 0, 0, 0, 0, 0]
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.actuator_force[:2], [2.5 * 0.24 * 9.81 / 4, 0], rtol=1e-15)
+
+
+def test_parts_are_those_of_the_task_and_never_touch_each_other() -> None:
+    design = random_design(Topology.from_key("af0000"), 1, {"module": {"body": {"hub": [0.06, 0.05, 0.04]}}})
+    model, data = at_load_case(design, 0, gravity=False)
+    shapes = [model.geom(g).size for g in range(9)]
+    np.testing.assert_allclose(shapes[0], [0.03, 0.025, 0.02])
+    for q in range(4):
+        np.testing.assert_allclose(shapes[1 + 2 * q], [0.05, 0.01, 0.01])
+        np.testing.assert_allclose(shapes[2 + 2 * q][:2], [0.05, 0.01])
+        rotor, arm = data.geom(2 + 2 * q), data.geom(1 + 2 * q)
+        np.testing.assert_allclose(rotor.xpos, data.site(f"module_0_rotor_{q + 1}").xpos, atol=1e-15)
+        along = arm.xmat.reshape(3, 3)[:, 0]
+        np.testing.assert_allclose(data.body("module_0").xpos + 0.1 * along, rotor.xpos, atol=1e-15)
+    assert data.ncon == 0  # drawn at random, arms reach through each other
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        {"end_effector": {"mass": 0.0}},
+        {"module": {"body": {"inertia": [0.1, 0.7, 0.8]}}},  # a plate: 0.1 + 0.7 < 0.8 in floating point
+        {"name": "two--dashes"},  # which a comment in XML may not hold
+        {"module": {"thrust_coefficient": 1e-12, "torque_coefficient": 1e-14}},  # inputs of 1e12 rad^2/s^2
+    ],
+)
+def test_odd_but_valid_tasks_load(task: dict[str, Any]) -> None:
+    design = random_design(Topology.from_key("a300"), 2, task)
+    _, data = at_load_case(design, 0, gravity=False)
+    expected = wrench_map(platform(design), design.task.module) @ design.inputs[0].ravel()
+    np.testing.assert_allclose(data.qfrc_actuator, expected, atol=1e-12)

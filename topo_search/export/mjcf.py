@@ -1,0 +1,134 @@
+"""A design as a model for MuJoCo (MJCF): rigid bodies, one thrust actuator a rotor, one keyframe a load case.
+
+| symbol | meaning | unit |
+|---|---|---|
+| o_0 | the root module's centre from the platform COM, -p_COM | m |
+| l_c, e_a | module centre to connector; direction of port a | m, - |
+| alpha_i, kappa | hinge angle of the joint h-i; quarter turns of the child, (a + 2 - b) mod 4 | rad, - |
+| k_f, k_tau | rotor thrust and drag-torque coefficients | N s^2, N m s^2 |
+| u | squared rotor speed; the actuator's control is the thrust k_f u | rad^2/s^2, N |
+
+The body `platform` floats freely. Its frame has its origin at the centre of mass and the axes of the task frame
+W, so that a load case reads there as it stands in the task. Modules hang below it as the topology says, each behind
+its hinge with the angle that the design states. Masses are those of the solver and the audit: m at every module's
+centre with the module's inertia, m_E at p_E as a point.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from xml.etree.ElementTree import Comment, Element, SubElement
+
+from topo_search.export import palette
+from topo_search.export.parts import ROTOR_ANGLES, ROTOR_SPINS
+from topo_search.export.poses import PORTS, poses
+from topo_search.export.xml_text import numbers, xml_text
+from topo_search.model.design import Design
+from topo_search.model.module import Module
+
+SPIN_CLASSES = {-1: "drag_against_thrust_axis", 1: "drag_along_thrust_axis"}
+"""Classes of actuators by the sign of the drag torque."""
+
+ABOUT = """
+Body `platform`: origin at the centre of mass, axes of the task frame. Units: kg, m, s, rad, N.
+Actuator `module_I_rotor_Q`: the thrust of a rotor [N], k_f times its squared speed; its drag torque comes with it.
+Keyframe `load_case_K`: the thrusts that produce load case K. Gravity is not part of a load case.
+"""
+
+
+def mjcf(design: Design) -> str:
+    """Return a design as the text of an MJCF file."""
+    task, module = design.task, design.task.module
+    at = poses(design)
+    model = Element("mujoco", model=f"{task.name} {design.topology.key}")
+    model.append(Comment(ABOUT))
+    SubElement(model, "compiler", angle="radian", eulerseq="zxy", inertiafromgeom="false")
+    SubElement(model, "option", gravity=numbers(0, 0, -task.gravity))
+    _defaults(SubElement(model, "default"), module, task.gravity)
+    world = SubElement(model, "worldbody")
+    SubElement(world, "light", pos="0 0 5", dir="0 0 -1", directional="true")
+    platform = SubElement(world, "body", name="platform")
+    SubElement(platform, "freejoint", name="platform")
+    SubElement(platform, "site", name="centre_of_mass", rgba=_rgba(palette.CENTRE_OF_MASS))
+    at_root = {"pos": numbers(*-at.p_com), "euler": numbers(*design.root_orientation_rad)}
+    bodies = [_module_body(platform, 0, at_root, module)]
+    for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
+        hinge = _hinge(bodies[h], i, a, alpha, module)
+        behind = {"pos": numbers(*module.connector_distance * PORTS[a])}
+        if kappa := (a + 2 - b) % 4:
+            behind["euler"] = numbers(kappa * math.pi / 2, 0, 0)
+        bodies.append(_module_body(hinge, i, behind, module))
+    end_effector = SubElement(platform, "body", name="end_effector", pos=numbers(*at.p_E))
+    SubElement(end_effector, "inertial", pos="0 0 0", mass=numbers(task.end_effector.mass), diaginertia="0 0 0")
+    SubElement(end_effector, "site", name="end_effector", rgba=_rgba(palette.END_EFFECTOR))
+    _actuators(SubElement(model, "actuator"), design.topology.n)
+    _keyframes(SubElement(model, "keyframe"), design)
+    return xml_text(model)
+
+
+def _defaults(default: Element, module: Module, gravity: float) -> None:
+    """State once what all sites, parts and rotors have in common."""
+    body, l_arm = module.body, module.arm_length
+    SubElement(default, "site", type="sphere", size=numbers(body.arm_width / 2))
+    hub = SubElement(default, "default", {"class": "hub"})
+    SubElement(hub, "geom", type="box", size=numbers(*(edge / 2 for edge in body.hub)), rgba=_rgba(palette.MODULE))
+    arm = SubElement(default, "default", {"class": "arm"})
+    half = l_arm / 2, body.arm_width / 2, body.arm_width / 2
+    SubElement(arm, "geom", type="box", size=numbers(*half), rgba=_rgba(palette.ARM))
+    rotor = SubElement(default, "default", {"class": "rotor"})
+    size = numbers(body.rotor_radius, body.rotor_height / 2)
+    SubElement(rotor, "geom", type="cylinder", size=size, rgba=_rgba(palette.ROTOR, 0.5))
+    limit = module.thrust_coefficient * module.max_input(gravity)
+    for spin, name in SPIN_CLASSES.items():
+        turning = SubElement(default, "default", {"class": name})
+        drag_per_thrust = spin * module.torque_coefficient / module.thrust_coefficient
+        gear, span = numbers(0, 0, 1, 0, 0, drag_per_thrust), numbers(0, limit)
+        SubElement(turning, "motor", gear=gear, ctrllimited="true", ctrlrange=span)
+
+
+def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Element:
+    """Add the hinge at a parent's port a, at which module i hangs."""
+    about_x, about_y = (0.0, alpha) if a % 2 == 0 else (alpha, 0.0)
+    step = numbers(*module.connector_distance * PORTS[a])
+    return SubElement(parent, "body", name=f"hinge_{i}", pos=step, euler=numbers(0, about_x, about_y))
+
+
+def _module_body(parent: Element, i: int, place: dict[str, str], module: Module) -> Element:
+    """Add module i with its mass, its parts and its rotors."""
+    body = SubElement(parent, "body", {"name": f"module_{i}", **place})
+    inertia = numbers(*_as_mujoco_checks(module.inertia))
+    SubElement(body, "inertial", pos="0 0 0", mass=numbers(module.mass), diaginertia=inertia)
+    SubElement(body, "geom", {"class": "hub"})
+    for q, angle in enumerate(ROTOR_ANGLES, start=1):
+        x, y = module.arm_length * math.cos(angle), module.arm_length * math.sin(angle)
+        arm = {"class": "arm", "pos": numbers(x / 2, y / 2, 0), "euler": numbers(angle, 0, 0)}
+        SubElement(body, "geom", arm)
+        SubElement(body, "geom", {"class": "rotor", "pos": numbers(x, y, 0)})
+        SubElement(body, "site", name=f"module_{i}_rotor_{q}", pos=numbers(x, y, 0))
+    return body
+
+
+def _as_mujoco_checks(inertia: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return moments of which none exceeds the sum of the others in floating point, as that of a plate may."""
+    x, y, z = inertia
+    return min(x, y + z), min(y, x + z), min(z, x + y)
+
+
+def _actuators(actuator: Element, n: int) -> None:
+    """Add one motor a rotor, module-major like the inputs."""
+    for i, q in itertools.product(range(n), range(4)):
+        name = f"module_{i}_rotor_{q + 1}"
+        SubElement(actuator, "motor", {"class": SPIN_CLASSES[ROTOR_SPINS[q]], "name": name, "site": name})
+
+
+def _keyframes(keyframe: Element, design: Design) -> None:
+    """Add one pose at rest a load case, with the thrusts that produce it."""
+    for k, u_k in enumerate(design.inputs):
+        thrusts = numbers(*design.task.module.thrust_coefficient * u_k.ravel())
+        SubElement(keyframe, "key", name=f"load_case_{k}", qpos="0 0 0 1 0 0 0", ctrl=thrusts)
+
+
+def _rgba(colour: str, alpha: float = 1.0) -> str:
+    """Return a colour like #d55e00 as MuJoCo writes it."""
+    return numbers(*(int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)), alpha)
