@@ -236,12 +236,13 @@ def test_a_finished_run_answers_from_a_read_only_folder(tmp_path, log, protected
 
 def test_a_ledger_that_cannot_be_written_to_is_read(tmp_path, monkeypatch):
     answer = toy_run(tmp_path / "run")
-    before = (tmp_path / "run" / "ledger.sqlite").stat()
+    ledger = tmp_path / "run" / "ledger.sqlite"
+    written, content = ledger.stat().st_mtime_ns, ledger.read_bytes()
     monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
     assert toy_run(tmp_path / "run") == answer
     with pytest.raises(BadInput, match=r"cannot be written to: ledger\.sqlite is read-only; choose"):
         toy_run(tmp_path / "run", starts=3)
-    assert (tmp_path / "run" / "ledger.sqlite").stat() == before
+    assert (ledger.stat().st_mtime_ns, ledger.read_bytes()) == (written, content)
 
 
 def test_a_folder_that_cannot_be_written_to_is_refused():

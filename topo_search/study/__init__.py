@@ -6,8 +6,8 @@ from topo_search.study.folder import RunFolder
 from topo_search.study.identity import LARGER_MARGINS, Request, larger_margin
 from topo_search.study.ledger import Ledger
 from topo_search.study.observer import Observer, Silent
-from topo_search.study.row import COLUMNS, Row
-from topo_search.study.runner import run
+from topo_search.study.row import COLUMNS, Row, Solve
+from topo_search.study.runner import answer_of, run
 from topo_search.study.single import Solved, solve_single
 
 __all__ = [
@@ -22,7 +22,9 @@ __all__ = [
     "RunFolder",
     "Silent",
     "SizeAnswer",
+    "Solve",
     "Solved",
+    "answer_of",
     "audit_best",
     "larger_margin",
     "reason",

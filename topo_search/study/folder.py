@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Self
 
 from topo_search.model import BadInput, Fault
-from topo_search.model.files import to_toml, write_atomically
+from topo_search.model.files import read_task, to_toml, write_atomically
 from topo_search.study.audits import best_clear
-from topo_search.study.identity import Request
+from topo_search.study.identity import Request, installed
 from topo_search.study.ledger import Ledger
 from topo_search.study.lock import ReadOnlyFolder, locked
 from topo_search.study.row import COLUMNS, Row
@@ -49,6 +49,7 @@ class RunFolder:
         with locked(path), Ledger.opened(ledger_path) as ledger:
             ledger.claim(request.identity)
             folder = cls._of_ledger(path, request, ledger)
+            ledger.ask(request.starts)
             _write(path / "task.toml", to_toml(request.task))
             yield folder
 
@@ -57,6 +58,25 @@ class RunFolder:
     def read(cls, path: Path, request: Request) -> Iterator[Self]:
         """Open a folder that cannot be written to; errors as of `opened`."""
         with Ledger.opened(path / LEDGER, read_only=True) as ledger:
+            yield cls._of_ledger(path, request, ledger)
+
+    @classmethod
+    @contextmanager
+    def found(cls, path: Path) -> Iterator[Self]:
+        """Open the folder of any run to read it, with the request that it was last given.
+
+        Raises:
+            BadInput: it is no run's folder.
+        """
+        if not (path / LEDGER).is_file():
+            raise BadInput(str(path), [Fault("", f"is no run's folder: it has no {LEDGER}")])
+        task = read_task(path / "task.toml")
+        with Ledger.opened(path / LEDGER, read_only=True) as ledger:
+            held = ledger.identity()
+            if held is None:
+                raise BadInput(str(path), [Fault("", "holds no run yet")])
+            versions = ledger.versions() or installed()
+            request = Request(task, held["symmetry"], ledger.starts(), held["seed"], versions)
             yield cls._of_ledger(path, request, ledger)
 
     @classmethod

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import metadata
 from typing import Any, TypedDict
@@ -29,6 +29,11 @@ LARGER_MARGINS = 3
 """How often a design that fails its audit is solved again, each time with ten times the margin."""
 
 
+def installed() -> dict[str, str]:
+    """Return the versions of these libraries that are installed now."""
+    return {name: metadata.version(name) for name in LIBRARIES}
+
+
 def digest(value: Any) -> str:
     """Return a short name of a JSON value that differs whenever the value does."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -43,12 +48,13 @@ class Context:
     step: int
     """How often the margin was raised tenfold because an audit was not clear."""
     seed: int
+    versions: dict[str, str]
+    """Of the libraries."""
 
     @cached_property
     def fixed_by(self) -> dict[str, Any]:
         """The content that the name is a digest of."""
-        versions = {name: metadata.version(name) for name in LIBRARIES}
-        return {"task": self.task.model_dump(mode="json"), "seed": self.seed, "versions": versions}
+        return {"task": self.task.model_dump(mode="json"), "seed": self.seed, "versions": self.versions}
 
     @cached_property
     def name(self) -> str:
@@ -79,6 +85,8 @@ class Request:
     """Which trees are one candidate."""
     starts: int
     seed: int
+    versions: dict[str, str] = field(default_factory=installed)
+    """Of the libraries that solve; rows that others solved do not count."""
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -116,7 +124,7 @@ class Request:
         """Return the contexts of n modules: the task's own margin, then each larger one."""
         task, contexts = self.task.resolve(n), []
         for step in range(LARGER_MARGINS + 1):
-            contexts.append(Context(task, step, self.seed))
+            contexts.append(Context(task, step, self.seed, self.versions))
             search = task.search.model_copy(update={"margin": larger_margin(task.search.margin)})
             task = task.model_copy(update={"search": search})
         return contexts

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
@@ -17,17 +18,17 @@ from typing import Any, Self
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible
 from topo_search.model.files import to_json
 from topo_search.study.identity import Context
-from topo_search.study.row import Row
+from topo_search.study.row import Row, Solve
 
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
-VERSION = 1
+VERSION = 2
 
 SCHEMA = f"""
 BEGIN;
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {VERSION};
-CREATE TABLE run (identity TEXT NOT NULL);
+CREATE TABLE run (identity TEXT NOT NULL, starts INTEGER NOT NULL);
 CREATE TABLE contexts (
     context TEXT PRIMARY KEY, modules INTEGER NOT NULL, step INTEGER NOT NULL, margin REAL NOT NULL,
     fixed_by TEXT NOT NULL, lower_bound REAL NOT NULL, proof TEXT
@@ -41,10 +42,15 @@ CREATE TABLE candidates (
     standing INTEGER NOT NULL, result TEXT, audit_result TEXT,
     PRIMARY KEY (context, key)
 ) WITHOUT ROWID;
+CREATE TABLE solves (
+    number INTEGER PRIMARY KEY, at REAL NOT NULL, context TEXT NOT NULL, key TEXT NOT NULL, status TEXT NOT NULL,
+    objective REAL
+);
 CREATE INDEX ranking ON candidates (context, objective, key);
 COMMIT;
 """
-"""`standing`: this row speaks for its candidate, not one with another margin."""
+"""`starts`: asked for last. `standing`: this row speaks for its candidate, not one with another margin. `solves`:
+one row a solve, in the order of their ends."""
 
 _FIELDS = tuple(field.name for field in fields(Row))
 _SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
@@ -54,6 +60,8 @@ INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * len(_WRI
 ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in _WRITTEN)},
 audit_result = CASE WHEN excluded.audit IS NULL THEN NULL ELSE audit_result END
 """
+_LOG = "INSERT INTO solves (at, context, key, status, objective) VALUES (?, ?, ?, ?, ?)"
+_LATEST = "SELECT fixed_by FROM contexts LEFT JOIN solves USING (context) ORDER BY number DESC LIMIT 1"
 _STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (SELECT context FROM current)"
 
 
@@ -98,8 +106,21 @@ class Ledger:
     def claim(self, identity: dict[str, Any]) -> None:
         """Give a new ledger the identity of its run; one that was claimed keeps its own."""
         self._database.execute(
-            "INSERT INTO run SELECT ? WHERE NOT EXISTS (SELECT * FROM run)", (json.dumps(identity),)
+            "INSERT INTO run SELECT ?, 0 WHERE NOT EXISTS (SELECT * FROM run)", (json.dumps(identity),)
         )
+
+    def ask(self, starts: int) -> None:
+        """Record how many starts of each candidate were asked for last."""
+        self._database.execute("UPDATE run SET starts = ?", (starts,))
+
+    def starts(self) -> int:
+        """Return how many starts of each candidate were asked for last."""
+        return int(self._database.execute("SELECT starts FROM run").fetchone()[0])
+
+    def versions(self) -> dict[str, str] | None:
+        """Return the versions of the libraries that solved last; None if nothing was begun."""
+        found = self._database.execute(_LATEST).fetchone()
+        return None if found is None else json.loads(found[0])["versions"]
 
     def bound(self, context: Context) -> tuple[float, Infeasible | None] | None:
         """Return the lower bound and the proof of impossibility of a context, if it was begun."""
@@ -153,6 +174,9 @@ class Ledger:
                 values = [getattr(row, name) for name in _FIELDS]
                 text = None if result is None else to_json(result)
                 self._database.execute(_UPSERT, (*values, context.name, standing, text))
+                if row.status != "impossible":  # a proof is no solve
+                    event = (time.time(), context.name, row.key, row.status, row.objective)
+                    self._database.execute(_LOG, event)
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
@@ -187,6 +211,15 @@ class Ledger:
         )
         for values in self._database.execute(query, (n,)):
             yield Row(*values)
+
+    def solves(self, n: int) -> Iterator[Solve]:
+        """Yield the solves of n modules in the order in which they ended."""
+        query = (
+            "SELECT at, key, status, objective, margin FROM solves JOIN contexts USING (context) "
+            "WHERE modules = ? AND context IN (SELECT context FROM current) ORDER BY number"
+        )
+        for values in self._database.execute(query, (n,)):
+            yield Solve(*values)
 
     def best_designs(self, context: Context, first: int, count: int) -> list[Row]:
         """Return a context's designs from place `first` on, by objective, ties by key."""

@@ -75,6 +75,21 @@ class Row:
         return self.audit is not None or self.audit_failure is not None
 
 
+@dataclass(frozen=True)
+class Solve:
+    """One solve, when it ended."""
+
+    at: float
+    """Time of its end [s since 1970, UTC]."""
+    key: str
+    status: str
+    """Of the candidate after it."""
+    objective: float | None
+    """The candidate's best after it [rad^4/s^4]."""
+    margin: float
+    """The margin that the solver was asked for [m]."""
+
+
 def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, asked: int, lower_bound: float) -> Row:
     """Return the row of a candidate that was solved from its first `asked` starts, or given up."""
     candidate = Row(key=key, modules=modules, orbit=orbit, status="failed", asked=asked, lower_bound=lower_bound)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 
@@ -32,6 +33,7 @@ def run(
     workers: int,
     observer: Observer,
     time_limit: float = math.inf,
+    report: Callable[[RunFolder], None] = lambda _: None,
 ) -> Answer:
     """Do what is still to be done of a run, and return its answer.
 
@@ -42,6 +44,7 @@ def run(
         workers: number of worker processes; they change nothing but the time it takes.
         observer: is told of the progress.
         time_limit: seconds after which no more is solved; the best designs are audited all the same.
+        report: is handed the folder once all its files are written.
 
     Raises:
         BadInput: the folder cannot be used: it may be read-only if the run in it has ended.
@@ -57,7 +60,8 @@ def run(
                 folder.write()
                 raise
             folder.write()
-            return _answer(folder)
+            report(folder)
+            return answer_of(folder)
     except ReadOnlyFolder:
         answer = _finished(path, request)
         if answer is None:
@@ -174,12 +178,12 @@ def _finished(path: Path, request: Request) -> Answer | None:
     if not os.access(path / LEDGER, os.R_OK):
         return None
     with RunFolder.read(path, request) as folder:
-        answer = _answer(folder)
+        answer = answer_of(folder)
     return answer if all(size.complete for size in answer.sizes) else None
 
 
-def _answer(folder: RunFolder) -> Answer:
-    """Read the answer from the ledger."""
+def answer_of(folder: RunFolder) -> Answer:
+    """Return what a run has found, from its ledger."""
     request = folder.request
     return Answer(folder.path, tuple(_sum_up(folder.ledger, request, n) for n in request.task.sizes))
 
