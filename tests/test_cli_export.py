@@ -42,11 +42,11 @@ def test_the_kind_of_picture_is_told_by_the_name_or_by_the_option(command, tmp_p
         assert ElementTree.parse(tmp_path / words[1]).getroot().tag.endswith("svg")
 
 
-@pytest.mark.parametrize("words", [["a.mjcf"], ["a.xml"], ["a.dat", "--format", "mjcf"]])
+@pytest.mark.parametrize("words", [["a.mjcf"], ["a.xml"], ["a.dat", "--format", "mjcf"], ["a.urdf"]])
 def test_models_for_simulators_are_written(command, tmp_path, words):
     result = command("design.json", "--out", *words)
     assert (result.exit_code, result.stdout) == (0, f"the design is in {words[0]}\n")
-    assert ElementTree.parse(tmp_path / words[0]).getroot().tag == "mujoco"
+    assert ElementTree.parse(tmp_path / words[0]).getroot().tag == ("robot" if words == ["a.urdf"] else "mujoco")
 
 
 @pytest.mark.parametrize(
@@ -56,10 +56,13 @@ def test_models_for_simulators_are_written(command, tmp_path, words):
         (["none.json", "--out", "new.png"], "none.json: no such file"),
         (
             ["design.json", "--out", "new.pdf"],
-            "--out: must end in .mjcf, .xml, .png, .svg, or --format be given, but got new.pdf",
+            "--out: must end in .mjcf, .xml, .png, .svg, .urdf, or --format be given, but got new.pdf",
         ),
         (["design.json", "--out", "new"], "but got new"),
-        (["design.json", "--out", "new.png", "--format", "pdf"], "'pdf' is not one of 'mjcf', 'png', 'svg'"),
+        (
+            ["design.json", "--out", "new.png", "--format", "pdf"],
+            "'pdf' is not one of 'mjcf', 'png', 'svg', 'urdf'",
+        ),
         (["design.json", "--out", "."], "is a directory"),
         (["design.json"], "Missing option '--out'"),
     ],

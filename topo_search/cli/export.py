@@ -13,7 +13,7 @@ from topo_search.cli.errors import explained
 if TYPE_CHECKING:
     from topo_search.model import Design
 
-SUFFIXES = {".mjcf": "mjcf", ".xml": "mjcf", ".png": "png", ".svg": "svg"}
+SUFFIXES = {".mjcf": "mjcf", ".xml": "mjcf", ".png": "png", ".svg": "svg", ".urdf": "urdf"}
 """The kind of file that a name's end stands for."""
 EXTRAS = {"matplotlib": "viz"}
 """The extra that brings a library."""
@@ -40,6 +40,7 @@ def export(design: str, kind: Any, out: Path) -> None:
     \b
     png, svg   a picture: the platform with its airflow, a close-up, the tree (needs the extra `viz`)
     mjcf       a model for the simulator MuJoCo, with a keyframe for each load case (.mjcf, .xml)
+    urdf       a robot description with a frame at every rotor
 
     The design need not be audited, nor pass its audit.
 
@@ -75,6 +76,10 @@ def _write(design: Design, kind: Any, out: Path) -> None:
             from topo_search.export.mjcf import mjcf
 
             write_atomically(out, mjcf(design))
+        case "urdf":
+            from topo_search.export.urdf import urdf
+
+            write_atomically(out, urdf(design))
         case _:
             from topo_search.export.picture import draw
 

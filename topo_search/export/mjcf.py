@@ -23,7 +23,7 @@ from xml.etree.ElementTree import Comment, Element, SubElement
 from topo_search.export import palette
 from topo_search.export.parts import ROTOR_ANGLES, ROTOR_SPINS
 from topo_search.export.poses import PORTS, poses
-from topo_search.export.xml_text import numbers, xml_text
+from topo_search.export.xml_text import numbers, rgba, xml_text
 from topo_search.model.design import Design
 from topo_search.model.module import Module
 
@@ -50,7 +50,7 @@ def mjcf(design: Design) -> str:
     SubElement(world, "light", pos="0 0 5", dir="0 0 -1", directional="true")
     platform = SubElement(world, "body", name="platform")
     SubElement(platform, "freejoint", name="platform")
-    SubElement(platform, "site", name="centre_of_mass", rgba=_rgba(palette.CENTRE_OF_MASS))
+    SubElement(platform, "site", name="centre_of_mass", rgba=rgba(palette.CENTRE_OF_MASS))
     at_root = {"pos": numbers(*-at.p_com), "euler": numbers(*design.root_orientation_rad)}
     bodies = [_module_body(platform, 0, at_root, module)]
     for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
@@ -61,7 +61,7 @@ def mjcf(design: Design) -> str:
         bodies.append(_module_body(hinge, i, behind, module))
     end_effector = SubElement(platform, "body", name="end_effector", pos=numbers(*at.p_E))
     SubElement(end_effector, "inertial", pos="0 0 0", mass=numbers(task.end_effector.mass), diaginertia="0 0 0")
-    SubElement(end_effector, "site", name="end_effector", rgba=_rgba(palette.END_EFFECTOR))
+    SubElement(end_effector, "site", name="end_effector", rgba=rgba(palette.END_EFFECTOR))
     _actuators(SubElement(model, "actuator"), design.topology.n)
     _keyframes(SubElement(model, "keyframe"), design)
     return xml_text(model)
@@ -72,13 +72,13 @@ def _defaults(default: Element, module: Module, gravity: float) -> None:
     body, l_arm = module.body, module.arm_length
     SubElement(default, "site", type="sphere", size=numbers(body.arm_width / 2))
     hub = SubElement(default, "default", {"class": "hub"})
-    SubElement(hub, "geom", type="box", size=numbers(*(edge / 2 for edge in body.hub)), rgba=_rgba(palette.MODULE))
+    SubElement(hub, "geom", type="box", size=numbers(*(edge / 2 for edge in body.hub)), rgba=rgba(palette.MODULE))
     arm = SubElement(default, "default", {"class": "arm"})
     half = l_arm / 2, body.arm_width / 2, body.arm_width / 2
-    SubElement(arm, "geom", type="box", size=numbers(*half), rgba=_rgba(palette.ARM))
+    SubElement(arm, "geom", type="box", size=numbers(*half), rgba=rgba(palette.ARM))
     rotor = SubElement(default, "default", {"class": "rotor"})
     size = numbers(body.rotor_radius, body.rotor_height / 2)
-    SubElement(rotor, "geom", type="cylinder", size=size, rgba=_rgba(palette.ROTOR, 0.5))
+    SubElement(rotor, "geom", type="cylinder", size=size, rgba=rgba(palette.ROTOR, 0.5))
     limit = module.thrust_coefficient * module.max_input(gravity)
     for spin, name in SPIN_CLASSES.items():
         turning = SubElement(default, "default", {"class": name})
@@ -127,8 +127,3 @@ def _keyframes(keyframe: Element, design: Design) -> None:
     for k, u_k in enumerate(design.inputs):
         thrusts = numbers(*design.task.module.thrust_coefficient * u_k.ravel())
         SubElement(keyframe, "key", name=f"load_case_{k}", qpos="0 0 0 1 0 0 0", ctrl=thrusts)
-
-
-def _rgba(colour: str, alpha: float = 1.0) -> str:
-    """Return a colour like #d55e00 as MuJoCo writes it."""
-    return numbers(*(int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)), alpha)

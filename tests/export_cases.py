@@ -1,0 +1,50 @@
+"""Designs for the tests of the exports."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topo_search.model import Design, Task, Topology
+from topo_search.topologies import sample
+from verify.kinematics import platform
+
+Array = NDArray[np.float64]
+
+
+def random_design(topology: Topology, seed: int, task: dict[str, Any] | None = None) -> Design:
+    """A design whose numbers are drawn; it need not do anything useful."""
+    rng = np.random.default_rng(seed)
+    n = topology.n
+    fields = {"name": "drawn", "modules": n, "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}], **(task or {})}
+    resolved = Task.model_validate(fields).resolve(n)
+    u_max = resolved.module.max_input(resolved.gravity)
+    return Design(
+        task=resolved,
+        topology=topology,
+        root_orientation_rad=tuple(rng.uniform([-3, -1.5, -3], [3, 1.5, 3]).tolist()),
+        hinge_angles_rad=tuple(rng.uniform(-1.5, 1.5, n - 1).tolist()),
+        end_effector_m=tuple(rng.uniform(-1, 1, 3).tolist()),
+        rotor_speeds_squared=(tuple(rng.uniform(0, u_max, 4 * n).tolist()),),
+        objective=1.0,
+    )
+
+
+def drawn_trees() -> list[Topology]:
+    """Trees of several sizes, with aligned and with any connectors."""
+    return [
+        Topology.from_key("a0"),
+        *(tree for n in (2, 5, 9) for tree in sample(n, 2, n)),
+        *(tree for n in (3, 5, 9) for tree in sample(n, 2, n, connectors="any")),
+    ]
+
+
+def inertia_about_com(design: Design) -> Array:
+    """The inertia of the whole platform about its COM by the parallel axis theorem, in W's axes."""
+    task, module, at = design.task, design.task.module, platform(design)
+    own = [R @ np.diag(module.inertia) @ R.T for R in at.poses.R]
+    masses = [*[module.mass] * len(own), task.end_effector.mass]
+    J = np.sum(own, axis=0)
+    for m, r in zip(masses, [*at.o, at.p_e], strict=True):
+        J = J + m * (r @ r * np.eye(3) - np.outer(r, r))
+    return np.asarray(J)

@@ -1,0 +1,119 @@
+"""The URDF export, read by pytransform3d and by MuJoCo: frames, masses, inertia, and thrust as the file says."""
+
+import re
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+from export_cases import drawn_trees, inertia_about_com, random_design
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from pytransform3d.urdf import UrdfTransformManager
+
+from topo_search.export.poses import rotation
+from topo_search.export.urdf import roll_pitch_yaw, urdf
+from topo_search.model import Design, Topology
+from verify.kinematics import platform
+from verify.wrench import wrench_map
+
+Array = NDArray[np.float64]
+
+TREES = drawn_trees()
+
+
+def in_mujoco(design: Design) -> tuple[Any, Any]:
+    """The file's own bodies, floating, without gravity."""
+    spec = mujoco.MjSpec.from_string(urdf(design))
+    spec.compiler.fusestatic = False
+    spec.option.gravity = [0, 0, 0]
+    spec.body("module_0").add_freejoint()
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+@pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
+def test_frames_are_where_the_audit_has_them(topology: Topology) -> None:
+    design = random_design(topology, 5)
+    at = platform(design)
+    frames = UrdfTransformManager()
+    frames.load_urdf(urdf(design))
+
+    def in_platform(link: str) -> Array:
+        return np.asarray(frames.get_transform(link, "centre_of_mass"))
+
+    for i in range(topology.n):
+        if i:  # the root's link has the axes of W
+            np.testing.assert_allclose(in_platform(f"module_{i}")[:3, :3], at.poses.R[i], atol=1e-13)
+        np.testing.assert_allclose(in_platform(f"module_{i}")[:3, 3], at.o[i], atol=1e-13)
+        for q in range(4):
+            rotor = in_platform(f"module_{i}_rotor_{q + 1}")
+            np.testing.assert_allclose(rotor[:3, :3], at.poses.R[i], atol=1e-13)
+            np.testing.assert_allclose(rotor[:3, 3], at.rotors[i, q], atol=1e-13)
+    np.testing.assert_allclose(in_platform("end_effector")[:3, 3], at.p_e, atol=1e-13)
+    np.testing.assert_allclose(in_platform("module_0")[:3, :3], np.eye(3), atol=1e-13)
+
+
+@pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
+def test_mass_and_inertia_of_the_whole_are_those_of_its_parts(topology: Topology) -> None:
+    design = random_design(topology, 6, {"module": {"body": {"inertia": [1e-3, 1.2e-3, 2e-3]}}})
+    model, data = in_mujoco(design)
+    m_t = design.task.total_mass(topology.n)
+    assert model.body("module_0").subtreemass == pytest.approx(m_t, rel=1e-14)
+    p_com = data.body("module_0").subtree_com
+    np.testing.assert_allclose(p_com, platform(design).p_com, atol=1e-14)
+    M = np.zeros((6, 6))
+    mujoco.mj_fullM(model, data, M)
+    about_root = inertia_about_com(design) + m_t * (p_com @ p_com * np.eye(3) - np.outer(p_com, p_com))
+    np.testing.assert_allclose(M[3:, 3:], about_root, atol=1e-13)
+
+
+@pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
+def test_thrust_applied_as_the_file_says_gives_the_wrench_of_the_audit(topology: Topology) -> None:
+    design = random_design(topology, 7)
+    text = urdf(design)
+    k_f, k_tau = (float(re.search(rf"(\S+) u \[{unit}\]", text)[1]) for unit in ("N", "N m"))  # type: ignore[index]
+    model, data = in_mujoco(design)
+    pulled = np.zeros(6)
+    for i in range(topology.n):
+        for q in range(4):
+            link, u = data.body(f"module_{i}_rotor_{q + 1}"), design.inputs[0, i, q]
+            z = link.xmat.reshape(3, 3)[:, 2]
+            torque = (-1) ** (q + 1) * k_tau * u * z
+            mujoco.mj_applyFT(model, data, k_f * u * z, torque, link.xpos, link.id, pulled)
+    force, about_root = pulled[:3], pulled[3:]
+    about_com = about_root - np.cross(data.body("centre_of_mass").xpos, force)
+    expected = wrench_map(platform(design), design.task.module) @ design.inputs[0].ravel()
+    np.testing.assert_allclose([*force, *about_com], expected, atol=1e-11)
+
+
+@given(*[st.floats(-7, 7)] * 3)
+def test_roll_pitch_and_yaw_give_the_rotation_back(x: float, y: float, z: float) -> None:
+    R = rotation("z", z) @ rotation("y", y) @ rotation("x", x)
+    assert_given_back(R)
+
+
+@pytest.mark.parametrize("kappa", range(4))
+@pytest.mark.parametrize("alpha", [-np.pi / 2, np.pi / 2, 0, 1e-9 - np.pi / 2])
+def test_roll_pitch_and_yaw_where_they_are_singular(alpha: float, kappa: int) -> None:
+    assert_given_back(rotation("y", alpha) @ rotation("z", kappa * np.pi / 2))
+
+
+def assert_given_back(R: Array) -> None:
+    roll, pitch, yaw = roll_pitch_yaw(R)
+    np.testing.assert_allclose(rotation("z", yaw) @ rotation("y", pitch) @ rotation("x", roll), R, atol=1e-14)
+
+
+def test_every_part_is_seen_and_collides() -> None:
+    design = random_design(Topology.from_key("a300"), 1)
+    robot = ElementTree.fromstring(urdf(design))
+    materials = {material.get("name") for material in robot.findall("material")}
+    for i in range(3):
+        (link,) = robot.findall(f"link[@name='module_{i}']")
+        seen, hit = link.findall("visual"), link.findall("collision")
+        assert len(seen) == len(hit) == 9
+        assert {part.find("material").get("name") for part in seen} <= materials  # type: ignore[union-attr]

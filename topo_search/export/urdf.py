@@ -1,0 +1,126 @@
+"""A design as a robot description (URDF): one link a module, fixed joints, a frame at every rotor.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| W | task frame, origin at the root module's centre | | |
+| R_i, p_i | orientation and centre of module i in W | (3, 3), (3,) | -, m |
+| F_i | orientation of link i's frame in W: R_i, but W's own for the root | (3, 3) | |
+| r, p, y | roll, pitch, yaw: R = Rz(y) Ry(p) Rx(r) | | rad |
+
+The root of the tree is the link of module 0, with mass, because simulators fix or ignore a root without; its frame
+is W, so that a platform put down without a rotation stands as in the task. URDF has no actuators: a controller
+applies thrust and drag torque along z of the link `module_I_rotor_Q`, and the comment on top of the file says how
+large they are. Links that are only frames state the mass 0, because some readers take a missing mass for 1 kg.
+"""
+
+from __future__ import annotations
+
+import math
+from xml.etree.ElementTree import Comment, Element, SubElement
+
+import numpy as np
+
+from topo_search.export import palette
+from topo_search.export.parts import ROTOR_ANGLES
+from topo_search.export.poses import poses, rotation
+from topo_search.export.xml_text import numbers, rgba, xml_text
+from topo_search.model.arrays import Array
+from topo_search.model.design import Design
+from topo_search.model.module import Module
+
+ABOUT = """
+Link `module_0`: origin at the root module's centre, axes of the task frame. Other module links: their own frames.
+Link `centre_of_mass`: of the whole platform, axes of the task frame. Load cases act there and at `end_effector`.
+A rotor Q = 1..4 at the squared speed u [rad^2/s^2] pushes along z of the link `module_I_rotor_Q` with
+{k_f!r} u [N], and turns the platform about it with (-1)^Q {k_tau!r} u [N m]; u is at most {u_max!r}.
+"""
+
+
+def urdf(design: Design) -> str:
+    """Return a design as the text of a URDF file."""
+    task, module, at = design.task, design.task.module, poses(design)
+    robot = Element("robot", name=task.name)
+    u_max = module.max_input(task.gravity)
+    about = ABOUT.format(k_f=module.thrust_coefficient, k_tau=module.torque_coefficient, u_max=u_max)
+    robot.append(Comment(about))
+    for name in ("MODULE", "ARM", "ROTOR", "END_EFFECTOR"):
+        material = SubElement(robot, "material", name=name.lower())
+        SubElement(material, "color", rgba=rgba(getattr(palette, name)))
+    F = [np.eye(3), *at.R[1:]]
+    for i in range(design.topology.n):
+        R = F[i].T @ at.R[i]
+        _module_link(robot, i, R, module)
+        for q, angle in enumerate(ROTOR_ANGLES, start=1):
+            rotor = f"module_{i}_rotor_{q}"
+            _point(robot, rotor, 0.0)
+            _joint(robot, f"module_{i}", rotor, R @ _along(angle, module.arm_length), R)
+    for h, i, _, _ in design.topology.edges():
+        _joint(robot, f"module_{h}", f"module_{i}", F[h].T @ (at.p[i] - at.p[h]), F[h].T @ F[i])
+    for name, mass, place in (
+        ("end_effector", task.end_effector.mass, at.end_effector),
+        ("centre_of_mass", 0.0, at.p_com),
+    ):
+        _point(robot, name, mass)
+        _joint(robot, "module_0", name, place, np.eye(3))
+    return xml_text(robot)
+
+
+def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
+    """Return r, p, y with R = Rz(y) Ry(p) Rx(r) [rad], also where p is 90 deg and y is therefore arbitrary."""
+    y = math.atan2(R[1, 0], R[0, 0])
+    tilted = rotation("z", -y) @ R
+    p = math.atan2(-tilted[2, 0], tilted[0, 0])
+    r = math.atan2(-tilted[1, 2], tilted[1, 1])
+    return r, p, y
+
+
+def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
+    """Add the link of module i, whose axes are R in the link's frame."""
+    link = SubElement(robot, "link", name=f"module_{i}")
+    _inertial(link, module.mass, module.inertia, R)
+    body, l_arm = module.body, module.arm_length
+    arm = "box", {"size": numbers(l_arm, body.arm_width, body.arm_width)}
+    rotor = "cylinder", {"radius": numbers(body.rotor_radius), "length": numbers(body.rotor_height)}
+    _shape(link, ("box", {"size": numbers(*body.hub)}), np.zeros(3), R, "module")
+    for angle in ROTOR_ANGLES:
+        _shape(link, arm, R @ _along(angle, l_arm / 2), R @ rotation("z", angle), "arm")
+        _shape(link, rotor, R @ _along(angle, l_arm), R, "rotor")
+
+
+def _point(robot: Element, name: str, mass: float) -> None:
+    """Add a link without extent."""
+    _inertial(SubElement(robot, "link", name=name), mass, (0.0, 0.0, 0.0), np.eye(3))
+
+
+def _along(angle: float, length: float) -> Array:
+    """Return the point at a distance from the module's centre towards a rotor."""
+    return length * np.array([math.cos(angle), math.sin(angle), 0.0])
+
+
+def _inertial(link: Element, mass: float, moments: tuple[float, float, float], R: Array) -> None:
+    inertial = SubElement(link, "inertial")
+    _origin(inertial, np.zeros(3), R)
+    SubElement(inertial, "mass", value=numbers(mass))
+    I_xx, I_yy, I_zz = (numbers(moment) for moment in moments)
+    SubElement(inertial, "inertia", ixx=I_xx, iyy=I_yy, izz=I_zz, ixy="0", ixz="0", iyz="0")
+
+
+def _shape(link: Element, shape: tuple[str, dict[str, str]], place: Array, R: Array, material: str) -> None:
+    """Add a part of a link, as it looks and as it collides."""
+    for purpose in ("visual", "collision"):
+        part = SubElement(link, purpose)
+        _origin(part, place, R)
+        SubElement(SubElement(part, "geometry"), *shape)
+        if purpose == "visual":
+            SubElement(part, "material", name=material)
+
+
+def _joint(robot: Element, parent: str, child: str, place: Array, R: Array) -> None:
+    joint = SubElement(robot, "joint", name=f"{parent}_to_{child}", type="fixed")
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    _origin(joint, place, R)
+
+
+def _origin(element: Element, place: Array, R: Array) -> None:
+    SubElement(element, "origin", xyz=numbers(*place), rpy=numbers(*roll_pitch_yaw(R)))
