@@ -1,11 +1,13 @@
 """`topo-search export`: what it writes, and what it says when it cannot."""
 
+import io
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
 import matplotlib.image
 import pytest
+import trimesh
 from click.testing import CliRunner
 
 from topo_search.cli import main
@@ -50,19 +52,39 @@ def test_models_for_simulators_are_written(command, tmp_path, words):
 
 
 @pytest.mark.parametrize(
+    ("words", "solids"),
+    [
+        (["a.glb"], {"frame", "rotors", "airflow", "end_effector", "centre_of_mass"}),
+        (["a.glb", "--parts", "airflow"], {"airflow"}),
+        (["a.stl"], {"a"}),
+        (["a.dat", "--format", "stl", "--parts", "all"], {"a"}),
+    ],
+)
+def test_solids_are_written(command, tmp_path, words, solids):
+    result = command("design.json", "--out", *words)
+    assert (result.exit_code, result.stdout) == (0, f"the design is in {words[0]}\n")
+    kind = "glb" if words[0] == "a.glb" else "stl"
+    content = io.BytesIO((tmp_path / words[0]).read_bytes())
+    loaded = trimesh.load_scene(content, file_type=kind)
+    assert len(loaded.geometry) == len(solids)
+    assert kind == "stl" or set(loaded.geometry) == solids
+
+
+@pytest.mark.parametrize(
     ("words", "said"),
     [
         (["half.json", "--out", "new.png"], "half.json: is not a JSON file, or only a part of one"),
         (["none.json", "--out", "new.png"], "none.json: no such file"),
         (
             ["design.json", "--out", "new.pdf"],
-            "--out: must end in .mjcf, .xml, .png, .svg, .urdf, or --format be given, but got new.pdf",
+            "--out: must end in .glb, .mjcf, .xml, .png, .stl, .svg, .urdf, or --format be given, but got new.pdf",
         ),
         (["design.json", "--out", "new"], "but got new"),
         (
             ["design.json", "--out", "new.png", "--format", "pdf"],
-            "'pdf' is not one of 'mjcf', 'png', 'svg', 'urdf'",
+            "'pdf' is not one of 'glb', 'mjcf', 'png', 'stl', 'svg', 'urdf'",
         ),
+        (["design.json", "--out", "new.png", "--parts", "all"], "--parts: must be left out unless"),
         (["design.json", "--out", "."], "is a directory"),
         (["design.json"], "Missing option '--out'"),
     ],
@@ -75,20 +97,26 @@ def test_bad_input_is_status_two_and_writes_nothing(command, tmp_path, words, sa
     assert {path.name for path in tmp_path.iterdir()} == {"design.json", "half.json"}
 
 
-def test_without_matplotlib_the_answer_is_how_to_install_it(command, tmp_path, monkeypatch):
-    monkeypatch.delitem(sys.modules, "topo_search.export.picture", raising=False)
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    result = command("design.json", "--out", "new.png")
+@pytest.mark.parametrize(
+    ("library", "name"), [("matplotlib", "new.png"), ("trimesh", "new.glb"), ("trimesh", "new.stl")]
+)
+def test_without_a_library_the_answer_is_how_to_install_it(command, tmp_path, monkeypatch, library, name):
+    for loaded in ("picture", "solids", "meshes"):
+        monkeypatch.delitem(sys.modules, f"topo_search.export.{loaded}", raising=False)
+    monkeypatch.setitem(sys.modules, library, None)
+    result = command("design.json", "--out", name)
     assert result.exit_code == 2
-    assert result.stderr.endswith('is not installed; type: pip install "topo-search[viz]"\n')
-    assert not (tmp_path / "new.png").exists()
+    assert result.stderr.endswith(
+        f'needs {library}, which is not installed; type: pip install "topo-search[viz]"\n'
+    )
+    assert not (tmp_path / name).exists()
 
 
-def test_help_loads_no_matplotlib_and_has_an_example():
+def test_help_loads_no_library_and_has_an_example():
     code = (
-        "import sys\nfrom topo_search.cli import main\n"
-        "try:\n    main(['export', '--help'])\nexcept SystemExit:\n    print('matplotlib' in sys.modules)"
+        "import sys\nfrom topo_search.cli import main\ntry:\n    main(['export', '--help'])\n"
+        "except SystemExit:\n    print({'matplotlib', 'trimesh'} & {*sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "False"
+    assert done.stdout.splitlines()[-1] == "set()"
     assert "Example: topo-search export" in done.stdout

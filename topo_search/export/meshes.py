@@ -1,0 +1,89 @@
+"""Closed triangle meshes of the volumes of a design, for programs that show or print solids.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| P_0, P_1, r_0, r_1 | ends of an axis and the radii there; a cone-sphere is the hull of the two balls | (3,) | m |
+| L, a | length of the axis and its direction from P_0 to P_1 | (3,) | m, - |
+| theta_t | angle between a and the normals of the conical part: cos(theta_t) = -(r_1 - r_0) / L | | rad |
+
+Vertices lie on the surface, so that a mesh of a round volume is inside of it, by less than 0.3 % of its radius.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import trimesh
+from trimesh import Trimesh
+
+from topo_search.export.parts import ROTOR_ANGLES
+from topo_search.export.poses import rotation
+from topo_search.model.arrays import Array
+from topo_search.model.module import Module
+
+SIDES = 48
+"""Sides of a circle: its sagitta is 0.21 % of the radius."""
+
+
+def frame(module: Module) -> Trimesh:
+    """Return hub and arms in the module frame, as closed shells that reach into each other.
+
+    Opposite arms are one bar, because shells with corners in common are no longer closed once corners are merged.
+    """
+    l_arm, w = module.arm_length, module.body.arm_width
+    hub = trimesh.creation.box(extents=module.body.hub)
+    bars = []
+    for angle in ROTOR_ANGLES[:2]:
+        turned = placed(rotation("z", angle), np.zeros(3))
+        bars.append(trimesh.creation.box(extents=(2 * l_arm, w, w), transform=turned))
+    return joined([hub, *bars])
+
+
+def rotors(module: Module) -> Trimesh:
+    """Return the four rotor discs in the module frame."""
+    body, l_arm = module.body, module.arm_length
+    discs = []
+    for angle in ROTOR_ANGLES:
+        disc = trimesh.creation.cylinder(radius=body.rotor_radius, height=body.rotor_height, sections=SIDES)
+        discs.append(disc.apply_translation((l_arm * math.cos(angle), l_arm * math.sin(angle), 0)))
+    return joined(discs)
+
+
+def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = SIDES) -> Trimesh:
+    """Return the hull of two balls; a capsule where the radii are equal, a ball where one ball holds the other."""
+    a = P_1 - P_0
+    L = float(np.linalg.norm(a))
+    theta_t = math.acos(max(-1.0, min(1.0, (r_0 - r_1) / L))) if L else math.pi
+    profile = np.concatenate([_arc(0.0, theta_t, r_1, L, sides), _arc(theta_t, math.pi, r_0, 0.0, sides)])
+    profile[[0, -1], 0] = 0.0  # the poles lie on the axis
+    mesh: Trimesh = trimesh.creation.revolve(profile[::-1], sections=sides)
+    return mesh.apply_transform(placed(_along(a / L) if L else np.eye(3), P_0))
+
+
+def placed(R: Array, p: Array) -> Array:
+    """Return the pose of a body as a homogeneous matrix, (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R, p
+    return pose
+
+
+def joined(meshes: list[Trimesh]) -> Trimesh:
+    """Return several meshes as one; each keeps its shell."""
+    mesh = trimesh.util.concatenate(meshes)
+    assert isinstance(mesh, Trimesh)  # as all of them are
+    return mesh
+
+
+def _along(a: Array) -> Array:
+    """Return a rotation that takes the z axis to a unit vector."""
+    s = np.cross(np.eye(3)[np.argmin(np.abs(a))], a)
+    s /= np.linalg.norm(s)
+    return np.stack([s, np.cross(a, s), a], axis=1)
+
+
+def _arc(start: float, end: float, r: float, height: float, sides: int) -> Array:
+    """Return a part of a ball's profile, from polar angle to polar angle; rows (distance from the axis, height)."""
+    steps = max(2, math.ceil((end - start) / (2 * math.pi / sides)) + 1)
+    theta = np.linspace(start, end, steps) if r and end > start else np.empty(0)
+    return np.stack([r * np.sin(theta), height + r * np.cos(theta)], axis=1)
