@@ -27,7 +27,7 @@ def test_what_is_not_needed_is_not_loaded(statement, names):
     assert loaded_after(statement, names) == "[]"
 
 
-@pytest.mark.parametrize("command", [[], ["run"], ["solve"], ["audit"], ["topologies"], ["examples"]])
+@pytest.mark.parametrize("command", [[], ["run"], ["solve"], ["audit"], ["topologies"], ["examples"], ["init"]])
 def test_help_loads_nothing_heavy_and_has_an_example(command):
     statement = (
         "from topo_search.cli import main\n"

@@ -1,0 +1,32 @@
+"""`topo-search init`: a task file to start from."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+
+from topo_search.cli import options
+from topo_search.cli.errors import explained
+
+
+@click.command(epilog="Example: topo-search init window.toml && topo-search check window.toml")
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False), metavar="[FILE]", default="task.toml")
+@click.option("--force", is_flag=True, help="Replace a file that is there.")
+def init(file: Path, force: bool) -> None:
+    """Write a commented task file (default: task.toml) with every field, its default, its unit and its meaning.
+
+    Exit status: 0 written; 2 bad input.
+    """
+    with explained():
+        from topo_search.model import BadInput, Fault
+        from topo_search.model.files import write_atomically
+        from topo_search.model.template import task_template
+
+        if file.exists() and not force:
+            raise BadInput(str(file), [Fault("", "is there already; --force replaces it")])
+        options.require_writable(file, "FILE")
+        name = re.sub(r"[^A-Za-z0-9._-]+", "-", file.stem).lstrip("._-")[:64]
+        write_atomically(file, task_template(name or "task"))
+        click.echo(f"the task is in {file}; what it asks: topo-search check {file}")

@@ -1,0 +1,105 @@
+"""A commented task file to start from; what it says of a field is the field's own documentation."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Iterator
+
+from pydantic import BaseModel
+
+from topo_search.model.task import Task
+
+COMMENT_AT = 36
+"""Column at which the words about a field begin."""
+WIDTH = 112
+
+HEAD = """\
+# A task for topo-search: what the platform's tool has to do, and what its airflow must not reach.
+# `topo-search check THIS_FILE` explains it in words; `topo-search run THIS_FILE` searches the best platform for it.
+# Axes are those of the task, lengths are in metres, angles in degrees.
+# What has a # in front of it stands at its default: take the # away to change it.
+
+name = "{name}"
+modules = 5                         # of how many the platform is made; [4, 6] asks for 4, 5 and 6
+"""
+
+TASK = """
+# Every load case is the whole wrench that the rotors produce: gravity is never added. Forces are in the platform's
+# weight m_t g and torques in arm_length m_t g, or with units = "SI" in N and N m. What is left out is zero. The
+# `weight` of a case says how much its effort counts.
+
+[[load_cases]]                      # push along x with a fifth of the weight, and carry the platform meanwhile
+end_effector = { force = [0.2, 0.0, 0.0], torque = [0.0, 0.0, 0.0] }  # exerted by the platform, at its tool
+com = { force = [0.0, 0.0, 1.0] }   # at the centre of mass: without a lever
+weight = 1.0
+
+[[load_cases]]                      # hover
+com = { force = [0.0, 0.0, 1.0] }
+
+# Regions at the target that no airflow may reach: none, one, or several, such as these.
+
+# [[exposure]]
+# kind = "local"                    # a ball around the end-effector
+# radius = 0.15
+
+# [[exposure]]
+# kind = "directional"              # capsules along paths that start at the end-effector
+# radius = 0.15
+# segments = [[1.0, 0.0, 0.0]]      # where each ends, from the end-effector
+# # in place of segments, one path along the line from the centre of mass:
+# # along = "end_effector"
+# # length = 1.0
+
+# [[exposure]]
+# kind = "exterior"                 # all airflow stays inside a cone with its apex at the end-effector
+# half_angle_deg = 60.0             # up to 90
+# axis = "com"                      # towards the centre of mass; or [x, y, z], from the end-effector into the cone
+"""
+
+IN_OTHER_WORDS = {"name", "modules", "load_cases", "exposure", "task_seed"}
+"""Fields of a task that HEAD and TASK explain, or that belong to the shipped random family."""
+
+
+def task_template(name: str) -> str:
+    """Return the text of a task file with every field, its default and what it means."""
+    hover = {"com": {"force": [0.0, 0.0, 1.0]}}
+    stated = Task.model_validate({"name": name, "modules": 5, "load_cases": [hover]})
+    filled = stated.resolve(5)
+    top = "\n".join(_fields(stated, filled, IN_OTHER_WORDS))
+    tables = "\n".join(_tables(stated, filled, ""))
+    return f"{HEAD.format(name=name)}{top}\n{TASK}{tables}\n"
+
+
+def _tables(stated: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:
+    """Yield the lines of every table below a value."""
+    for field in type(filled).model_fields:
+        inside = getattr(filled, field)
+        if isinstance(inside, BaseModel):
+            given, path = getattr(stated, field), f"{above}{field}"
+            yield from ("", f"[{path}]", *_fields(given, inside, set()), *_tables(given, inside, f"{path}."))
+
+
+def _fields(stated: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[str]:
+    """Yield a line for every field with a plain value, commented out, its meaning beside it."""
+    for field, known in type(filled).model_fields.items():
+        value = getattr(filled, field)
+        if field in without or isinstance(value, BaseModel):
+            continue
+        if getattr(stated, field) is None:
+            value = _rounded(value)
+        line = f"# {field} = {json.dumps(value)}"
+        words = textwrap.wrap(known.description or "", WIDTH - COMMENT_AT)
+        if len(line) > COMMENT_AT - 2:
+            yield line
+            line = "#"
+        for words_of_line in words:
+            yield f"{line:{COMMENT_AT}}# {words_of_line}"
+            line = "#"
+
+
+def _rounded(derived: float | tuple[float, ...]) -> float | list[float]:
+    """Return a default that other fields give, in four digits."""
+    if isinstance(derived, tuple):
+        return [float(f"{x:.4g}") for x in derived]
+    return float(f"{derived:.4g}")
