@@ -15,7 +15,6 @@ import numpy as np
 
 from nlp.evaluate import asked_wrenches, wrench_matrix
 from nlp.geometry import poses, root_angles, root_rotation, rotation
-from nlp.placing import place
 from nlp.point import Point, fixed_end_effector
 from topo_search.model import Exterior, ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -44,6 +43,8 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
     ports = [a for _, _, a, _ in topology.edges()]
     alpha = SPLAY[ports] * rng.uniform(0.0, LARGEST_SPLAY, n - 1)
     if n >= PLACED_FROM:
+        from nlp.placing import place  # compiled code, which small platforms need not load
+
         alpha = place(task, topology, alpha, rng)
 
     R, _ = poses(topology, np.eye(3), alpha, l_c)

@@ -1,11 +1,17 @@
 """Geometry first: hinges are placed where no envelopes overlap."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from nlp_cases import push, random_tree
 
-from nlp.geometry import poses
+from nlp.geometry import Swept, poses
+from nlp.geometry import clearance as vectorised
 from nlp.placing import ENOUGH, place
+from nlp.turning import Rules, clearance
+from topo_search.model import Topology
 from topo_search.topologies import sample
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
@@ -59,3 +65,45 @@ def test_one_seed_one_placing():
     task = push(10, search={"connectors": "any"})
     first, second = (place(task, topology, np.zeros(9), np.random.default_rng(7)) for _ in range(2))
     np.testing.assert_array_equal(first, second)
+
+
+def random_axes(count, rng):
+    z = rng.normal(size=(count, 3))
+    return z / np.linalg.norm(z, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("growth", [0.0, 1.0, 11.9])
+@pytest.mark.parametrize("axes", ["any", "parallel", "opposite"])
+def test_the_compiled_clearance_is_the_vectorised_one(axes, growth):
+    rng = np.random.default_rng(5)
+    w, z_i, z_j = 5.0 * rng.normal(size=(500, 3)), random_axes(500, rng), random_axes(500, rng)
+    if axes != "any":
+        z_j = z_i if axes == "parallel" else -z_i
+    rules = Rules(enough=1e3, airflow=True, length=12.0, start_radius=1.0, growth=growth, apart=-np.inf)
+    one, other = Swept(w, -12.0 * z_i, 1.0, growth), Swept(np.zeros(3), -12.0 * z_j, 1.0, growth)
+    compiled = [clearance(rules, tuple(w[k].tolist()), z_i[k], z_j[k]) for k in range(500)]
+    np.testing.assert_allclose(compiled, vectorised(one, other), atol=1e-9)
+
+
+def test_modules_in_any_order_are_placed():
+    """Breadth first, so that what hangs on a module is not one run of numbers."""
+    joints = [(-1, -1, -1), (0, 0, 2), (0, 1, 3), (0, 2, 0), (1, 0, 1), (2, 0, 1), (3, 1, 2), (4, 0, 1), (5, 0, 3)]
+    topology = Topology((*joints, (6, 0, 2)))
+    task = push(10, module={"connector_distance": 0.22}, search={"body_clearance": False})
+    rng = np.random.default_rng(4)
+    alpha = rng.uniform(-1.0, 1.0, 9)
+    assert least_clearance(task, topology, alpha) < 0.0
+    alpha = place(task, topology, alpha, rng)
+    assert least_clearance(task, topology, alpha) >= ENOUGH * task.module.arm_length - 1e-9
+
+
+def test_small_platforms_load_no_compiled_code():
+    code = """
+import sys
+from nlp import solve
+from topo_search.model import Topology
+from topo_search.model.files import read_task
+solve(read_task("push").resolve(7), Topology.from_key("a1111110"), starts=range(1), seed=0)
+sys.exit("numba" in sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

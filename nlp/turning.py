@@ -1,0 +1,304 @@
+r"""A local search on exact clearances: hinges are turned until no two envelopes overlap.
+
+Min-conflicts with a short memory: take a pair that overlaps, turn a hinge on the path between its modules to the
+best of some random angles, even if that is worse than before, and do not turn the same hinge again at once. It gets
+out of the crossings in which a gradient is stuck: an envelope that pierces another one has to go back the way it
+came. Pairs that overlap weigh more and more, so that no two of them can trade for ever.
+
+Modules are in preorder: hinge h turns the modules h..end[h]-1 as one rigid body, and only pairs of one of them and
+one of the rest can change. Compiled, so loops are as fast as formulas; all in one file, because a compiled function
+is cached with its file's date and would not notice a change in another one.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| p, z | positions and axes of the modules; the airflow blows along -z | (n, 3) | l_arm, - |
+| c, omega | a point on the axis of every hinge, and its direction | (n, 3) | l_arm, - |
+| alpha | hinge angles; alpha[0] is none | (n,) | rad |
+| shortfall[i, j] | by how much the pair's clearance falls short of enough | (n, n) | l_arm |
+| weight[i, j] | what the pair counts | (n, n) | |
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from topo_search.model.arrays import Array
+
+Indices = NDArray[np.int64]
+
+HINGES = 3
+"""Hinges tried a turn."""
+ANGLES = 40
+"""Random angles tried a hinge: a third anywhere, the rest about the present one."""
+SPREAD = 0.5
+"""Standard deviation of an angle about the present one [rad]."""
+STRAIGHT = 0.02
+"""What a radian of hinge angle counts against a shortfall [l_arm]: straight platforms lift best."""
+GRUDGE = 0.1
+"""What a pair's shortfall counts more for every turn that it lasts."""
+MEMORY = (3, 10)
+"""Turns for which a hinge rests."""
+RIGHT = math.pi / 2
+"""Largest hinge angle [rad]."""
+FLAT = 1e-9
+"""Share of its largest value under which the determinant of a clearance's quadratic counts as zero."""
+
+
+class Tree(NamedTuple):
+    """Who hangs on whom, modules in preorder."""
+
+    parent: Indices
+    """-1 for the root."""
+    end: Indices
+    """The modules i..end[i]-1 are i and all that hangs on it."""
+
+
+class Platform(NamedTuple):
+    """Where modules and hinges are."""
+
+    p: Array
+    z: Array
+    c: Array
+    omega: Array
+
+
+class Rules(NamedTuple):
+    """What must be clear of what [l_arm]."""
+
+    enough: float
+    """Clearance to reach."""
+    airflow: bool
+    """Envelopes must be clear; else only centres are, of all pairs."""
+    length: float
+    start_radius: float
+    growth: float
+    apart: float
+    """Least distance of centres, with airflow only of modules that do not share a joint; -inf if there is none."""
+
+
+@njit(cache=True)
+def turn_free(tree: Tree, at: Platform, alpha: Array, rules: Rules, turns: int, rng: np.random.Generator) -> Array:
+    """Return hinge angles without shortfall, or those with the least; `at` and `alpha` are left where it ended."""
+    n = len(alpha)
+    shortfall, weight = np.zeros((n, n)), np.ones((n, n))
+    for i in range(n):
+        for j in range(i):
+            shortfall[i, j] = shortfall[j, i] = short_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
+    rests_until = np.zeros(n, np.int64)
+    best, least = alpha.copy(), np.inf
+    for turn in range(turns + 1):
+        total = np.sum(shortfall)
+        if total < least:
+            best[:], least = alpha, total
+        if total == 0.0 or turn == turns:
+            break
+        i, j = _any_pair(shortfall, rng)
+        change, hinge, angle = np.inf, 0, 0.0
+        for h in _hinges_between(tree, i, j, rests_until, turn, rng):
+            change_h, angle_h = _best_turn(tree, at, alpha[h], rules, shortfall, weight, h, change, rng)
+            if change_h < change:
+                change, hinge, angle = change_h, h, angle_h
+        end, by = tree.end[hinge], angle - alpha[hinge]
+        _turn(at, hinge, end, by, at.p, at.z, at.p, at.z)
+        _turn(at, hinge, end, by, at.c, at.omega, at.c, at.omega)
+        alpha[hinge] = angle
+        rests_until[hinge] = turn + 1 + rng.integers(MEMORY[0], MEMORY[1])
+        for i in range(hinge, end):
+            for j in range(n):
+                if not hinge <= j < end:
+                    shortfall[i, j] = shortfall[j, i] = short_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
+        weight += GRUDGE * (shortfall > 0.0)
+    return best
+
+
+@njit(cache=True)
+def _any_pair(shortfall: Array, rng: np.random.Generator) -> tuple[int, int]:
+    """Return a random pair with a shortfall."""
+    a, b, seen = 0, 0, 0
+    for i in range(len(shortfall)):
+        for j in range(i):
+            if shortfall[i, j] > 0.0:
+                seen += 1
+                if rng.integers(0, seen) == 0:
+                    a, b = i, j
+    return a, b
+
+
+@njit(cache=True)
+def _hinges_between(
+    tree: Tree, i: int, j: int, rests_until: Indices, turn: int, rng: np.random.Generator
+) -> Indices:
+    """Return a few random hinges on the path between two modules, rested ones if there are any."""
+    path = np.empty(len(rests_until), np.int64)
+    length = rested = 0
+    while i != j:
+        if i > j:  # the later module in preorder is not above the other one
+            h, i = i, tree.parent[i]
+        else:
+            h, j = j, tree.parent[j]
+        path[length] = h
+        if rests_until[h] <= turn:
+            path[length], path[rested] = path[rested], h
+            rested += 1
+        length += 1
+    choice = path[: rested if rested else length]
+    rng.shuffle(choice)
+    return choice[:HINGES]
+
+
+@njit(cache=True)
+def _best_turn(
+    tree: Tree,
+    at: Platform,
+    alpha: float,
+    rules: Rules,
+    shortfall: Array,
+    weight: Array,
+    hinge: int,
+    to_beat: float,
+    rng: np.random.Generator,
+) -> tuple[float, float]:
+    """Return (change for the worse, angle) of the best of some random angles of a hinge.
+
+    A trial ends where its change reaches `to_beat` or that of an earlier trial.
+    """
+    end = tree.end[hinge]
+    pairs = _meeting(at, rules, hinge, end)
+    before = STRAIGHT * abs(alpha)
+    for i, j in pairs:
+        before += weight[i, j] * shortfall[i, j]
+    p, z = np.empty_like(at.p), np.empty_like(at.z)
+    least, best = to_beat, alpha
+    for trial in range(ANGLES):
+        if 3 * trial < ANGLES:
+            angle = rng.uniform(-RIGHT, RIGHT)
+        else:
+            angle = min(max(rng.normal(alpha, SPREAD), -RIGHT), RIGHT)
+        _turn(at, hinge, end, angle - alpha, at.p, at.z, p, z)
+        change = STRAIGHT * abs(angle) - before
+        for i, j in pairs:
+            if change >= least:
+                break
+            change += weight[i, j] * short_of(rules, tree, p, z, i, at.p, at.z, j)
+        if change < least:
+            least, best = change, angle
+    return least, best
+
+
+@njit(cache=True)
+def _meeting(at: Platform, rules: Rules, hinge: int, end: int) -> Indices:
+    """Return the pairs (moved, still) that fall short at some angle of the hinge, and maybe others, shape (m, 2).
+
+    A ball around each envelope, or around each centre, runs round the hinge's axis at one height and one radius.
+    """
+    n = len(at.p)
+    reach = rules.enough + max(rules.apart, 0.0)
+    half = 0.0
+    if rules.airflow:
+        half = rules.length / 2
+        reach = max(reach + rules.length, rules.enough + rules.length + 2 * (rules.start_radius + rules.growth))
+    height, radius = np.empty(n), np.empty(n)
+    for i in range(n):
+        r = at.p[i] - half * at.z[i] - at.c[hinge]
+        height[i] = np.dot(r, at.omega[hinge])
+        radius[i] = math.sqrt(max(0.0, np.dot(r, r) - height[i] ** 2))
+    pairs = np.empty(((end - hinge) * (n - end + hinge), 2), np.int64)
+    m = 0
+    for i in range(hinge, end):
+        for j in range(n):
+            if not hinge <= j < end and math.hypot(height[i] - height[j], radius[i] - radius[j]) < reach:
+                pairs[m] = i, j
+                m += 1
+    return pairs[:m]
+
+
+@njit(cache=True)
+def _turn(
+    at: Platform,
+    first: int,
+    end: int,
+    angle: float,
+    points: Array,
+    vectors: Array,
+    turned_points: Array,
+    turned_vectors: Array,
+) -> None:
+    """Turn points and vectors first..end-1 about the hinge `first` (Rodrigues' formula), in place if need be."""
+    x, y, z = at.omega[first]
+    c = at.c[first].copy()
+    s, v = math.sin(angle), 1 - math.cos(angle)
+    R = np.array(
+        [
+            [1 - v * (y * y + z * z), v * x * y - s * z, v * x * z + s * y],
+            [v * x * y + s * z, 1 - v * (x * x + z * z), v * y * z - s * x],
+            [v * x * z - s * y, v * y * z + s * x, 1 - v * (x * x + y * y)],
+        ]
+    )
+    for i in range(first, end):
+        x, y, z = points[i] - c
+        turned_points[i] = c
+        for row in range(3):
+            turned_points[i, row] += R[row, 0] * x + R[row, 1] * y + R[row, 2] * z
+        x, y, z = vectors[i]
+        for row in range(3):
+            turned_vectors[i, row] = R[row, 0] * x + R[row, 1] * y + R[row, 2] * z
+
+
+@njit(cache=True)
+def short_of(rules: Rules, tree: Tree, p_i: Array, z_i: Array, i: int, p_j: Array, z_j: Array, j: int) -> float:
+    """Return by how much the clearance of a pair falls short of enough; module i of p_i, z_i, j of p_j, z_j."""
+    x, y, z = p_i[i, 0] - p_j[j, 0], p_i[i, 1] - p_j[j, 1], p_i[i, 2] - p_j[j, 2]
+    least = rules.enough
+    if not rules.airflow or (tree.parent[i] != j and tree.parent[j] != i):
+        least = min(least, math.sqrt(x * x + y * y + z * z) - rules.apart)
+    if rules.airflow:
+        least = min(least, clearance(rules, (x, y, z), z_i[i], z_j[j]))
+    return rules.enough - least
+
+
+@njit(cache=True)
+def clearance(rules: Rules, w: tuple[float, float, float], z_i: Array, z_j: Array) -> float:
+    """Return the clearance of two envelopes as `nlp.geometry.clearance` does; infinite if at once seen as enough.
+
+    With the letters of that function: f is convex along eta and along gamma, so that it is least at its stationary
+    point, if that is a minimum inside the square, or else on an edge.
+
+    Args:
+        rules: the envelope.
+        w: p_i - p_j.
+        z_i: axis of module i.
+        z_j: axis of module j.
+    """
+    x, y, z = w
+    l, r, dr = rules.length, 2 * rules.start_radius, rules.growth
+    a, b, c = z_i[0] - z_j[0], z_i[1] - z_j[1], z_i[2] - z_j[2]
+    reach = l + r + 2 * dr + rules.enough
+    if (x - l / 2 * a) ** 2 + (y - l / 2 * b) ** 2 + (z - l / 2 * c) ** 2 >= reach**2:  # from midpoint to midpoint
+        return math.inf
+    A = l**2 - dr**2  # and B
+    C = -2 * (l**2 * (z_i[0] * z_j[0] + z_i[1] * z_j[1] + z_i[2] * z_j[2]) + dr**2)
+    D = -2 * (l * (z_i[0] * x + z_i[1] * y + z_i[2] * z) + r * dr)
+    E = 2 * (l * (z_j[0] * x + z_j[1] * y + z_j[2] * z) - r * dr)
+    det = 4 * A**2 - C**2
+    inside, eta, gamma = False, 0.0, 0.0
+    if det > FLAT * A**2:
+        eta, gamma = (C * E - 2 * A * D) / det, (C * D - 2 * A * E) / det
+        inside = 0.0 <= eta <= 1.0 and 0.0 <= gamma <= 1.0
+    least = (A * eta + C * gamma + D) * eta + (A * gamma + E) * gamma if inside else math.inf
+    if not inside:
+        for end in (0.0, 1.0):
+            between = min(max(-(C * end + D) / (2 * A), 0.0), 1.0)
+            f = (A * between + C * end + D) * between + (A * end + E) * end
+            if f < least:
+                least, eta, gamma = f, between, end
+            between = min(max(-(C * end + E) / (2 * A), 0.0), 1.0)
+            f = (A * end + C * between + D) * end + (A * between + E) * between
+            if f < least:
+                least, eta, gamma = f, end, between
+    radii = r + (eta + gamma) * dr
+    return math.sqrt(max(0.0, least + x * x + y * y + z * z - r * r + radii * radii)) - radii
