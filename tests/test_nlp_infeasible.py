@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from nlp_cases import HOVER, as_design, as_point, hover, push
+from nlp_cases import HOVER, as_design, as_point, hover, push, random_point
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.evaluate import violations
@@ -12,6 +12,7 @@ from nlp.ipopt import Answer
 from nlp.starts import draw, generator
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.files import to_json
+from topo_search.topologies import candidates
 from verify import audit
 
 PAIR, FIVE = Topology.from_key("a10"), Topology.from_key("a11210")
@@ -115,6 +116,87 @@ def test_the_proof_is_sharp(over):
 
 def test_a_shipped_task_is_not_proven_impossible():
     assert prove_impossible(push(5)) is None
+
+
+def pulling(n, forces, **fields):
+    return push(n, load_cases=[{"com": {"force": [float(x) for x in force]}} for force in forces], **fields)
+
+
+@pytest.mark.parametrize("over", [0.995, 1.005])
+def test_opposite_forces_cannot_both_have_more_than_half_of_the_modules(over):
+    """Each alone is less than half of what the rotors can pull; every module can help with one of the two only."""
+    probe = hover(5)
+    most = 2.5 * 5 * probe.module.mass / probe.total_mass(5)
+    forces = [[0.45 * most * over, 0, 0], [-0.55 * most * over, 0, 0]]
+    result = prove_impossible(pulling(5, forces))
+    assert (result is None) == (over < 1)
+    if result is not None:
+        assert (result.status, result.topology, result.unit) == ("impossible", None, "N")
+        assert result.worst_constraint == "load cases 0, 1, forces"
+        assert result.violation == pytest.approx((over - 1) * most * probe.force_unit(5), rel=0.1)
+        assert "cannot serve the load cases 0, 1 with the same angles" in result.message
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_what_a_platform_does_is_never_proven_impossible(seed):
+    """Axes and thrusts up to their limit, all at once: the forces that they make are possible."""
+    rng = np.random.default_rng(seed)
+    n, K = int(rng.integers(1, 7)), int(rng.integers(2, 6))
+    probe = hover(n)
+    z = rng.normal(size=(n, 3))
+    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    if n == 2:
+        z[:, 1] = 0.0
+        z /= np.linalg.norm(z, axis=1, keepdims=True)
+    s = np.clip(rng.uniform(-1.0, 3.0, (K, n)), 0.0, 1.0) * 2.5 * probe.module.mass * probe.gravity
+    if n == 1:
+        s[0] = 1.0
+    assert prove_impossible(pulling(n, s @ z / probe.force_unit(n))) is None
+
+
+def test_one_module_pulls_along_one_axis_and_two_in_one_plane():
+    along = [[0.1, 0.0, 0.5], [0.2, 0.0, 1.0]]
+    across = [*along, [0.0, 0.0, 0.5]]
+    beside = [*across, [0.0, 0.3, 0.5]]
+    assert prove_impossible(pulling(1, along)) is None
+    assert "one module pulls along one axis" in prove_impossible(pulling(1, across)).message
+    assert prove_impossible(pulling(2, across)) is None
+    result = prove_impossible(pulling(2, beside))
+    assert "2 modules in a straight chain lie in one plane" in result.message
+    assert (result.topology, result.worst_constraint, result.unit) == (None, "load cases, forces", "N")
+    assert prove_impossible(pulling(3, beside)) is None
+
+
+def test_what_is_said_to_be_missed_is_the_least_of_the_largest_residual():
+    """Of the planes through the origin none misses the worst of the forces by less."""
+    F = np.array([[0.1, 0.0, 0.5], [0.2, 0.0, 1.0], [0.0, 0.3, 0.5], [0.2, 0.1, 0.3]])
+    task = pulling(2, F)
+    normals = np.random.default_rng(0).normal(size=(20_000, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    least = np.abs(normals @ F.T).max(axis=1).min() * task.force_unit(2)
+    assert 0.3 * least < prove_impossible(task).violation <= least
+
+
+@pytest.mark.parametrize("key", ["a52020", "aa2020"])
+def test_a_straight_chain_cannot_push_two_ways(key):
+    """All its hinge axes are parallel, so the thrust axes of any angles lie in a plane."""
+    chain = Topology.from_key(key)
+    assert prove_impossible(push(5)) is None
+    result = prove_impossible(push(5), chain)
+    assert (result.status, result.topology, result.topology_key) == ("impossible", chain, key)
+    assert prove_impossible(hover(5), chain) is None
+    axes = [random_point(push(5), chain, np.random.default_rng(s)).poses[0][:, :, 2] for s in range(20)]
+    assert max(np.linalg.svd(z, compute_uv=False)[2] for z in axes) < 1e-14
+
+
+def test_only_straight_chains_of_five_are_proven_unfit_for_push():
+    keys = {c.key for c in candidates(5) if prove_impossible(push(5), c.topology) is not None}
+    assert keys == {"a52020", "aa2020"}
+
+
+def test_a_proof_for_a_tree_of_another_size_is_refused():
+    with pytest.raises(ValueError, match=r"`task\.n == topology\.n` must hold, but got 5 != 2"):
+        prove_impossible(push(5), PAIR)
 
 
 def test_a_task_of_another_size_is_refused():

@@ -1,4 +1,4 @@
-"""The bound on the control effort that no design undercuts."""
+"""The bounds on the control effort that no design undercuts: the closed form, and the dual that knows signs."""
 
 import casadi as ca
 import numpy as np
@@ -8,8 +8,19 @@ from hypothesis import strategies as st
 from nlp_cases import HOVER, push, random_point, random_tree, solved
 
 from nlp import lower_bound, solve
+from nlp.bounds.duality import dual_value, multipliers
+from nlp.bounds.effort import closed_form
+from nlp.bounds.sphere import directions, greatest
 from nlp.evaluate import asked_wrenches, wrench_matrix
 from topo_search.model import LoadCase, Topology, Wrench
+
+QUIET = {
+    "print_time": False,
+    "print_iter": False,
+    "print_header": False,
+    "print_info": False,
+    "error_on_fail": False,
+}
 
 
 def with_forces(n, forces, weights):
@@ -32,7 +43,7 @@ def effort_of_axes(task, Z):
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 8), st.integers(1, 4))
-def test_no_thrust_axes_undercut_it(seed, n, K):
+def test_no_thrust_axes_undercut_the_closed_form(seed, n, K):
     """60 tasks, 400 platforms each; half of them near the best axes of a hover."""
     rng = np.random.default_rng(seed)
     forces = rng.normal(size=(K, 3)) * 10 ** rng.uniform(-1, 0.5, (K, 1))
@@ -40,12 +51,12 @@ def test_no_thrust_axes_undercut_it(seed, n, K):
     Z = rng.normal(size=(400, 3, n))
     Z[200:] = forces[0][:, None] / np.linalg.norm(forces[0]) + 0.3 * Z[200:]
     Z /= np.linalg.norm(Z, axis=1, keepdims=True)
-    assert np.all(effort_of_axes(task, Z) >= lower_bound(task) * (1 - 1e-9))
+    assert np.all(effort_of_axes(task, Z) >= closed_form(task) * (1 - 1e-9))
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 6))
-def test_no_inputs_of_a_platform_undercut_it(seed, n):
+def test_no_inputs_of_a_platform_undercut_the_closed_form(seed, n):
     """Least-norm inputs of random platforms, torques and all, signs free; what a platform cannot do costs more."""
     rng = np.random.default_rng(seed)
     task = push(n)
@@ -54,7 +65,7 @@ def test_no_inputs_of_a_platform_undercut_it(seed, n):
         A, b = wrench_matrix(point), asked_wrenches(point).T
         u = np.linalg.lstsq(A, b)[0]
         if np.linalg.norm(A @ u - b) < 1e-9 * np.linalg.norm(b):
-            assert np.sum(u**2) >= lower_bound(task) * (1 - 1e-9)
+            assert np.sum(u**2) >= closed_form(task) * (1 - 1e-9)
 
 
 FORCES = {
@@ -66,7 +77,7 @@ FORCES = {
 
 
 @pytest.mark.parametrize("name", FORCES)
-def test_it_is_the_least_of_a_direct_minimisation(name):
+def test_the_closed_form_is_the_least_of_a_direct_minimisation(name):
     """Six axes are as good as any: sum_i z_i z_i^T is then every semidefinite M of trace 6."""
     n, (forces, weights) = 6, FORCES[name]
     task = with_forces(n, forces, weights)
@@ -85,33 +96,34 @@ def test_it_is_the_least_of_a_direct_minimisation(name):
         if (result := solver(x0=rng.normal(size=x.numel()), lbg=0, ubg=0)) and solver.stats()["success"]
     )
     in_si = best * task.force_unit(n) ** 2 / (4 * task.module.thrust_coefficient**2)
-    assert in_si == pytest.approx(lower_bound(task), rel=1e-6)
+    assert in_si == pytest.approx(closed_form(task), rel=1e-6)
 
 
-def test_it_is_the_effort_of_the_closed_forms():
+def test_the_closed_form_is_that_of_one_and_of_two_forces():
     """One force: F^2 / (4 n k_f^2); two at right angles, weights a, b: (sqrt(a) F + sqrt(b) G)^2 / (4 n k_f^2)."""
     k_f = push(3).module.thrust_coefficient
     one = with_forces(3, np.array([[0.0, 0.0, 1.0]]), [2.0])
-    assert lower_bound(one) == pytest.approx(2 * one.force_unit(3) ** 2 / (12 * k_f**2), rel=1e-12)
+    assert closed_form(one) == pytest.approx(2 * one.force_unit(3) ** 2 / (12 * k_f**2), rel=1e-12)
     two = with_forces(3, np.array([[0.3, 0.0, 0.0], [0.0, 0.0, 1.0]]), [4.0, 1.0])
-    assert lower_bound(two) == pytest.approx(((2 * 0.3 + 1.0) * two.force_unit(3)) ** 2 / (12 * k_f**2), rel=1e-12)
+    assert closed_form(two) == pytest.approx(((2 * 0.3 + 1.0) * two.force_unit(3)) ** 2 / (12 * k_f**2), rel=1e-12)
 
 
-def test_it_is_attained_by_one_hovering_module():
+def test_the_closed_form_is_attained_by_one_hovering_module():
     task = push(1, load_cases=[HOVER])
     design = solved(solve(task, Topology.from_key("a0"), starts=range(1), seed=0))
-    assert design.objective == pytest.approx(lower_bound(task), rel=1e-9)
+    assert design.objective == pytest.approx(closed_form(task), rel=1e-9)
+    assert lower_bound(task) == closed_form(task)
 
 
 @given(st.floats(-3.0, 3.0), st.floats(0.1, 10.0))
-def test_it_turns_with_the_forces_and_scales_with_their_square(angle, scale):
+def test_the_closed_form_turns_with_the_forces_and_scales_with_their_square(angle, scale):
     forces = np.array([[0.5, 0.0, 0.5], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]])
     c, s = np.cos(angle), np.sin(angle)
     turned = (
         scale * forces @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
     )
-    expected = scale**2 * lower_bound(with_forces(4, forces, np.ones(3)))
-    assert lower_bound(with_forces(4, turned, np.ones(3))) == pytest.approx(expected, rel=1e-9)
+    expected = scale**2 * closed_form(with_forces(4, forces, np.ones(3)))
+    assert closed_form(with_forces(4, turned, np.ones(3))) == pytest.approx(expected, rel=1e-9)
 
 
 def test_only_the_whole_force_of_a_load_case_counts():
@@ -126,5 +138,119 @@ def test_only_the_whole_force_of_a_load_case_counts():
             }
         ],
     )
-    assert lower_bound(split) == pytest.approx(lower_bound(whole), rel=1e-12)
-    assert lower_bound(push(3, load_cases=[LoadCase(com=Wrench(torque=(0.0, 0.0, 1.0)))])) == 0.0
+    assert closed_form(split) == pytest.approx(closed_form(whole), rel=1e-12)
+    assert closed_form(push(3, load_cases=[LoadCase(com=Wrench(torque=(0.0, 0.0, 1.0)))])) == 0.0
+
+
+def random_forces(rng, K):
+    """Load cases of any direction, and their weights."""
+    return rng.normal(size=(K, 3)) * 10 ** rng.uniform(-1, 0, (K, 1)), 10 ** rng.uniform(-1, 1, K)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 5))
+def test_whatever_the_multipliers_no_thrusts_undercut_their_dual_value(seed, K):
+    """40 multipliers, 2000 sets of axes and thrusts each: half of them the best for the multipliers at hand."""
+    rng = np.random.default_rng(seed)
+    n, T = 4, rng.uniform(0.3, 3.0)
+    nu, weights = random_forces(rng, K)
+    z = rng.normal(size=(2000, n, 3))
+    peaks = directions(4)
+    peaks = peaks[np.argsort(-np.sum(np.maximum(peaks @ nu.T, 0.0) ** 2 / weights, axis=1))[:20]]
+    z[1000:] = peaks[rng.integers(len(peaks), size=(1000, n))] + 0.02 * z[1000:]
+    z /= np.linalg.norm(z, axis=2, keepdims=True)
+    s = rng.uniform(0.0, T, (2000, n, K))
+    s[1000:] = np.clip(z[1000:] @ nu.T / (2 * weights), 0.0, T)
+    f = np.einsum("mik,mia->mka", s, z) / n
+    effort = np.sum(weights * np.mean(s**2, axis=1), axis=1)
+    dual = dual_value(nu, f[0], weights, T) + np.sum(nu * (f - f[0]), axis=(1, 2))  # it is affine in f
+    assert np.all(effort >= dual - 1e-9 * np.abs(dual))
+    assert np.min(effort - dual) < 0.2 * np.max(np.abs(dual))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32), st.integers(4, 8), st.integers(1, 4))
+def test_no_design_of_its_own_task_undercuts_it(seed, n, K):
+    """A platform with any inputs does the task that asks for their wrenches; so with the least inputs that do."""
+    rng = np.random.default_rng(seed)
+    point = random_point(push(n, load_cases=[HOVER] * K), random_tree(n, rng), rng)
+    A, u_max = wrench_matrix(point), point.task.module.max_input(point.task.gravity)
+    u = rng.uniform(0.0, u_max, (K, 4 * n)) * rng.uniform(0.0, 1.0, (K, 1))
+    qp = ca.conic("least", "qrqp", {"h": ca.Sparsity.diag(4 * n), "a": ca.Sparsity.dense(6, 4 * n)}, QUIET)
+    rows = A / np.abs(A).max(axis=1, keepdims=True)  # numbers near 1 for the solver
+    for k in range(K):
+        wrench = rows @ u[k] / u_max
+        x = np.asarray(qp(h=1.0, a=rows, lba=wrench, uba=wrench, lbx=0.0, ubx=1.0)["x"]).ravel()
+        if np.max(np.abs(rows @ x - wrench)) < 1e-9 and x @ x < u[k] @ u[k] / u_max**2:
+            u[k] = x * u_max
+    task = push(n, load_cases=[{"units": "SI", "com": {"force": (A[:3] @ u_k).tolist()}} for u_k in u])
+    bound = lower_bound(task)
+    assert closed_form(task) <= bound <= np.sum(u**2) * (1 + 1e-7)
+
+
+def test_pulling_both_ways_costs_twice_the_closed_form():
+    """Half the modules pull each way, where thrusts of any sign would let all of them pull both ways."""
+    for n in (2, 5, 40):
+        task = with_forces(n, np.array([[0.4, 0.0, 0.0], [-0.4, 0.0, 0.0]]), [1.0, 1.0])
+        assert lower_bound(task) == pytest.approx(2 * closed_form(task), rel=6e-4)
+
+
+@pytest.mark.parametrize("weight", [0.2, 1.0, 30.0])
+@pytest.mark.parametrize("largest", [0.95, 1.2, 2.4])
+def test_two_opposite_forces_share_the_modules_by_the_closed_form(weight, largest):
+    """A share w pulls with a / w, the rest with b / (1 - w), neither with more than T."""
+    a, b, n = 0.5, 0.3, 4
+    task = with_forces(n, np.array([[a, 0.0, 0.0], [-b, 0.0, 0.0]]), [weight, 1.0])
+    task = task.model_copy(update={"module": task.module.model_copy(update={"max_thrust_to_weight": largest})})
+    T = 4 * n * task.module.thrust_coefficient * task.module.max_input(task.gravity) / task.force_unit(n)
+    w = np.sqrt(weight) * a / (np.sqrt(weight) * a + b)
+    w = np.clip(w, a / T, 1 - b / T)
+    expected = weight * a**2 / w + b**2 / (1 - w)
+    in_si = expected * task.force_unit(n) ** 2 / (4 * n * task.module.thrust_coefficient**2)
+    assert lower_bound(task) == pytest.approx(in_si, rel=1e-3)
+    assert lower_bound(task) <= in_si * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("name", FORCES)
+def test_the_dual_is_the_closed_form_where_no_sign_is_in_the_way(name):
+    forces, weights = FORCES[name]
+    nu = multipliers(forces, weights, 2.5, largest=500.0)
+    eigenvalues = np.linalg.eigvalsh((forces.T * weights) @ forces)
+    closed = np.sqrt(np.clip(eigenvalues, 0.0, None)).sum() ** 2
+    dual = dual_value(nu, forces, weights, 2.5)
+    if name == "opposite forces":
+        assert dual > 1.18 * closed
+    else:
+        assert dual == pytest.approx(closed, rel=6e-4)
+        assert dual <= closed * (1 + 1e-9)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 6))
+def test_the_greatest_value_on_the_sphere_is_above_all_and_near(seed, K):
+    rng = np.random.default_rng(seed)
+    nu, power = rng.normal(size=(K, 3)), rng.uniform(1.0, 3.0)
+    bound = greatest(lambda z: np.sum(np.maximum(z @ nu.T, 0.0) ** power, axis=-1))
+    z = rng.normal(size=(200_000, 3))
+    values = np.sum(np.maximum(z / np.linalg.norm(z, axis=1, keepdims=True) @ nu.T, 0.0) ** power, axis=-1)
+    assert values.max() <= bound <= 1.003 * values.max()
+
+
+def test_the_greatest_value_of_a_square_is_its_eigenvalue():
+    bound = greatest(lambda z: np.sum((z @ np.diag([3.0, 2.0, 1.0])) ** 2, axis=-1))
+    assert 9.0 <= bound <= 9.0 * 1.0003
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.integers(0, 2**32), st.floats(0.1, 10.0))
+def test_the_bound_turns_with_the_forces_scales_with_the_weights_and_falls_with_more_thrust(seed, scale):
+    rng = np.random.default_rng(seed)
+    forces, weights = random_forces(rng, 3)
+    forces *= 0.5 / np.linalg.norm(forces, axis=1).max()
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    bound = lower_bound(with_forces(4, forces, weights))
+    assert lower_bound(with_forces(4, forces @ turn, weights)) == pytest.approx(bound, rel=2e-3)
+    assert lower_bound(with_forces(4, forces, scale * weights)) == pytest.approx(scale * bound, rel=2e-3)
+    task = with_forces(4, forces, weights)
+    stronger = task.model_copy(update={"module": task.module.model_copy(update={"max_thrust_to_weight": 5.0})})
+    assert lower_bound(stronger) <= bound * (1 + 2e-3)

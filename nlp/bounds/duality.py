@@ -1,0 +1,109 @@
+r"""Thrusts along any axes against the forces of all load cases at once: a dual problem.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| n, K | modules, load cases | | |
+| f_k | force of load case k that a module bears on average, F_k / n | (3,) | m g |
+| z_i | thrust axis of module i, any unit vector | (3,) | |
+| s_ik | thrust of module i in load case k, 0 <= s_ik <= T | | m g |
+| lambda_k | weight of load case k | | |
+| nu_k | multiplier: what a unit of force costs in load case k | (3,) | m g |
+| phi_k(t) | greatest t s - lambda_k s^2 of a thrust s in [0, T] | | (m g)^2 |
+
+Whatever the multipliers are, s_ik z_i summing to n f_k means that
+
+    sum_ik lambda_k s_ik^2 >= sum_ik (s_ik nu_k . z_i - phi_k(nu_k . z_i))
+                           >= n (sum_k nu_k . f_k - max over unit z of sum_k phi_k(nu_k . z)).
+
+Each phi_k is convex, not negative and zero at 0, so `greatest` bounds the maximum by proof, and no step of the
+search for good multipliers has to be believed. The dual problem is concave; its constraints, one for every z, are
+added where they are violated.
+"""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+
+from nlp.bounds.sphere import around, directions, greatest
+from topo_search.model.arrays import Array
+
+OPTIONS: dict[str, int | float | str | bool] = {
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.max_iter": 100,
+}
+SPLITS = 2
+"""Of the octahedron, for the first directions: 66 of them."""
+ROUNDS = 6
+"""Most times that directions are added."""
+RING = 0.25
+"""Angle from an added direction to its six companions [rad]; a third of it in every further round."""
+ASCENTS = 60
+"""Steps from a direction towards a local maximum."""
+GOOD_ENOUGH = 2e-4
+"""Share of the dual value that a search for better multipliers is not continued for."""
+
+
+def dual_value(nu: Array, f: Array, weights: Array, T: float) -> float:
+    """Return a lower bound on the mean over the modules of sum_k lambda_k s_ik^2, for multipliers nu (K, 3)."""
+    return float(np.sum(nu * f)) - greatest(lambda z: np.sum(_phi(z @ nu.T, weights, T), axis=-1))
+
+
+def multipliers(f: Array, weights: Array, T: float, *, largest: float, known: float = 0.0) -> Array:
+    """Return multipliers nu, shape (K, 3), near those of the greatest dual value with all |nu| <= largest.
+
+    The search ends early when no multipliers can have a dual value above `known`.
+    """
+    z, best, lower = directions(SPLITS), np.zeros_like(f), -math.inf
+    for step in range(ROUNDS):
+        nu = _over(z, f, weights, T, largest)
+        peaks = _peaks(nu, weights, T)
+        of_z, of_peaks = (np.sum(_phi(axes @ nu.T, weights, T), axis=-1) for axes in (z, peaks))
+        upper, value = np.sum(nu * f) - of_z.max(), np.sum(nu * f) - max(of_z.max(), of_peaks.max())
+        if value > lower:
+            best, lower = nu, value
+        if upper - max(lower, known) <= GOOD_ENOUGH * upper:
+            break
+        z = np.concatenate([z, around(peaks[of_peaks > of_z.max()], RING / 3**step)])
+    return best
+
+
+def _over(z: Array, f: Array, weights: Array, T: float, largest: float) -> Array:
+    """Return the best multipliers when only the axes z, shape (m, 3), exist."""
+    nu, greatest_phi = ca.MX.sym("nu", len(f), 3), ca.MX.sym("greatest_phi")
+    t = ca.mtimes(ca.DM(z), nu.T)
+    knee = ca.repmat(ca.DM(2 * T * weights).T, len(z), 1)
+    phi = (ca.fmax(t, 0) ** 2 - ca.fmax(t - knee, 0) ** 2) / (2 * knee / T)
+    problem = {
+        "x": ca.veccat(nu, greatest_phi),
+        "f": greatest_phi - ca.sum1(ca.sum2(nu * ca.DM(f))),
+        "g": greatest_phi - ca.sum2(phi),
+    }
+    solver = ca.nlpsol("dual", "ipopt", problem, OPTIONS)
+    bounds = ca.vertcat(ca.DM.ones(nu.numel()) * largest, ca.inf)
+    x = solver(x0=ca.vertcat(ca.vec(ca.DM(2 * weights[:, None] * f)), 1.0), lbx=-bounds, ubx=bounds, lbg=0.0)["x"]
+    result: Array = np.asarray(x[:-1]).reshape(f.shape, order="F")
+    return result
+
+
+def _peaks(nu: Array, weights: Array, T: float) -> Array:
+    """Return the local maxima over the sphere of the convex sum of the phi_k: each step follows its gradient."""
+    z = directions(SPLITS)
+    for _ in range(ASCENTS):
+        t = z @ nu.T
+        thrust = np.clip(t / (2 * weights), 0.0, T)  # phi_k'
+        gradient = thrust @ nu
+        length = np.linalg.norm(gradient, axis=1, keepdims=True)
+        z = np.where(length > 0, gradient / np.where(length > 0, length, 1.0), z)
+    return z[np.unique(np.round(z, 3), axis=0, return_index=True)[1]]
+
+
+def _phi(t: Array, weights: Array, T: float) -> Array:
+    """Return phi_k(t) for t (..., K): t^2 / (4 lambda_k) between 0 and the knee 2 lambda_k T, linear beyond."""
+    positive, beyond = np.maximum(t, 0.0), np.maximum(t - 2 * weights * T, 0.0)
+    result: Array = (positive**2 - beyond**2) / (4 * weights)
+    return result
