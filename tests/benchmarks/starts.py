@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from direct import random_start
 
 from nlp.bounds import lower_bound
 from nlp.evaluate import violations, worst
@@ -25,16 +26,6 @@ from topo_search.model.files import read_task
 from topo_search.topologies import candidates
 
 Draw = Callable[[ResolvedTask, Topology, np.random.Generator], Point]
-
-
-def uniform(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
-    """Return a start with uniform angles, a normal end-effector position and every rotor at the hover input."""
-    n, right = topology.n, np.pi / 2
-    root = rng.uniform([-np.pi, -right, -np.pi], [np.pi, right, np.pi])
-    alpha = rng.uniform(-right, right, n - 1)
-    p_E = rng.normal(scale=3 * task.module.arm_length, size=3)
-    u = np.full((len(task.load_cases), n, 4), task.module.hover_input(task.gravity))
-    return Point(task, topology, root, alpha, p_E, u)
 
 
 @dataclass
@@ -71,7 +62,7 @@ def main() -> None:
     arguments = parser.parse_args()
     stated = read_task(arguments.example)
     task = stated.resolve(stated.n)
-    kinds: dict[str, Draw] = {"uniform": uniform, "splayed": draw}
+    kinds: dict[str, Draw] = {"uniform": random_start, "splayed": draw}
     tallies = {name: Tally() for name in kinds}
     for candidate in candidates(task.n, symmetry="c2", connectors="aligned", root="free"):
         ready = program(task, candidate.topology)

@@ -1,0 +1,106 @@
+"""Both methods, start after start: what each costs and what it reaches. Runs in a measurement's own process."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from direct import Direct, random_start
+
+from nlp.evaluate import violations, worst
+from nlp.finish import finish
+from nlp.point import Point
+from nlp.program import program
+from nlp.starts import draw, generator
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.files import read_task
+
+Row = dict[str, Any]
+Method = Literal["ours", "direct"]
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A task as the command line states it: small, and the same in every process."""
+
+    example: str
+    n: int
+    settings: tuple[str, ...] = ()
+
+    def resolve(self) -> ResolvedTask:
+        """Read the task."""
+        return read_task(self.example, (f"modules={self.n}", *self.settings)).resolve(self.n)
+
+
+def attempts(method: Method, kind: Method, stated: Stated, keys: list[str], starts: Sequence[int]) -> Iterator[Row]:
+    """Yield one row for every solve: the first start of every topology in turn, then the second, and so on.
+
+    Args:
+        method: who solves.
+        kind: whose starts.
+        stated: the task.
+        keys: the topologies. Each is built once, before its first solve, and kept.
+        starts: indices of the starts of each.
+    """
+    task = stated.resolve()
+    topologies = [Topology.from_key(key) for key in keys]
+    ready: dict[str, Solver] = {}
+    for index in starts:
+        for topology in topologies:
+            key, clock = topology.key, Clock()
+            if key not in ready:
+                ready[key] = _solver(method, task, topology)
+            build = clock.lap()
+            start = _start(kind, task, topology, index)
+            drawn = clock.lap()
+            point, iterations = ready[key](start)
+            point = finish(point)
+            reason = worst(violations(point))
+            solved = clock.lap()
+            row: Row = {"key": key, "start": index, "build": build, "draw": drawn, "solve": solved}
+            row |= {"iterations": iterations, "J": effort(point) if reason.met else None}
+            if not reason.met:
+                row |= {"missed": reason.name, "by": reason.amount, "unit": reason.unit}
+            yield row
+
+
+class Clock:
+    """CPU seconds of this process since the last lap."""
+
+    def __init__(self) -> None:
+        self._began = time.process_time()
+
+    def lap(self) -> float:
+        """Return them, and begin the next."""
+        now = time.process_time()
+        seconds, self._began = now - self._began, now
+        return seconds
+
+
+def effort(point: Point) -> float:
+    """Return J."""
+    weights = np.array([case.weight for case in point.task.load_cases])
+    return float(weights @ np.einsum("kiq,kiq->k", point.u, point.u))
+
+
+Solver = Callable[[Point], tuple[Point, int]]
+
+
+def _solver(method: Method, task: ResolvedTask, topology: Topology) -> Solver:
+    if method == "direct":
+        return Direct(task, topology).solve
+    ready = program(task, topology)
+
+    def solve(start: Point) -> tuple[Point, int]:
+        answer = ready.solve(start)
+        return answer.point, answer.iterations
+
+    return solve
+
+
+def _start(kind: Method, task: ResolvedTask, topology: Topology, index: int) -> Point:
+    rng = generator(task, topology, index, 0)
+    return draw(task, topology, rng) if kind == "ours" else random_start(task, topology, rng)

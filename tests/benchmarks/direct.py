@@ -1,0 +1,71 @@
+"""The baseline: the paper's formulation written directly, as one would who has only the paper and CasADi.
+
+One SX graph with all pairs, built anew for every topology; exact derivatives by CasADi; Ipopt with MUMPS; uniformly
+random starts. It reads the same page as the solver does (`nlp.problem`): the same variables in the same units, the
+same constraints with the same margin and sharpness. Ipopt has the options with which it did best
+(`OPTIONS`), so that nothing is won by a weak opponent.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from nlp.geometry import poses, root_rotation
+from nlp.ipopt import BETA
+from nlp.point import Point, fixed_end_effector
+from nlp.problem import problem
+from topo_search.model import ResolvedTask, Topology
+
+OPTIONS: dict[str, int | float | str | bool] = {
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.linear_solver": "mumps",
+    "ipopt.mu_strategy": "adaptive",
+    "ipopt.max_iter": 300,
+    "ipopt.bound_relax_factor": 0.0,
+}
+
+
+class Direct:
+    """The nonlinear program of one task and topology as one graph."""
+
+    def __init__(self, task: ResolvedTask, topology: Topology) -> None:
+        """Build the graph and its derivatives."""
+        self._task, self._topology = task, topology
+        page = problem(task, topology)
+        rows = [(row.expression, row.lower, row.upper) for row in page.constraints]
+        self._bounds = {
+            "lbx": page.lower,
+            "ubx": page.upper,
+            "lbg": np.concatenate([np.full(g.numel(), lower) for g, lower, _ in rows]),
+            "ubg": np.concatenate([np.full(g.numel(), upper) for g, _, upper in rows]),
+            "p": BETA,
+        }
+        g = ca.vertcat(*(ca.vec(expression) for expression, _, _ in rows))
+        nlp = {"x": page.variables.vector(), "p": page.beta, "f": page.objective, "g": g}
+        self._solver = ca.nlpsol("direct", "ipopt", nlp, OPTIONS)
+
+    def solve(self, start: Point) -> tuple[Point, int]:
+        """Return where Ipopt ends from a start, and its iterations."""
+        x = self._solver(x0=start.pack(), **self._bounds)["x"]
+        point = Point.unpack(self._task, self._topology, np.asarray(x, dtype=float).ravel())
+        return point, int(self._solver.stats()["iter_count"])
+
+
+def random_start(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
+    """Return a start with uniform angles, a uniform end-effector position and every rotor at the hover input.
+
+    The position is uniform in the box around the modules, which is grown by the connector distance.
+    """
+    n, right, l_c = topology.n, np.pi / 2, task.module.connector_distance
+    most = np.array([np.pi, right, np.pi]) if task.search.root == "free" else np.array([0.0, right, right])
+    root = rng.uniform(-most, most)
+    alpha = rng.uniform(-right, right, n - 1)
+    _, p = poses(topology, root_rotation(root), alpha, l_c)
+    p_E = rng.uniform(p.min(axis=0) - l_c, p.max(axis=0) + l_c)
+    if task.end_effector.fixed_position is not None:
+        p_E = fixed_end_effector(task, topology, root, alpha)
+    u = np.full((len(task.load_cases), n, 4), task.module.hover_input(task.gravity))
+    return Point(task, topology, root, alpha, p_E, u)

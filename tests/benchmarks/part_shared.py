@@ -1,0 +1,70 @@
+"""Build and solve from one start for both methods, which leads both to a design."""
+
+from __future__ import annotations
+
+import statistics
+
+from attempts import Method, Stated, attempts
+from children import Child
+from part_five import cost
+from rows import Row, Rows
+
+from topo_search.topologies import sample
+
+PART = "shared"
+SETTINGS = ("search.body_clearance=false",)
+"""The paper's problem."""
+
+
+def measure(rows: Rows, *, example: str, sizes: list[int], topologies: int, starts: int, cap: int) -> None:
+    """Go through the starts of each topology until one leads both to a design; every solve in a new process."""
+    for n in sizes:
+        for topology in sample(n, topologies, 0):
+            identity = {"part": PART, "example": example, "n": n, "key": topology.key}
+            if rows.where(**identity):
+                continue
+            answers: dict[str, Row] | None = None
+            index = 0
+            while answers is None and index < starts:
+                answers = _both(Stated(example, n, SETTINGS), topology.key, index, cap)
+                index += 1
+            rows.add({**identity, "tried": index, **(answers or {})})
+
+
+def _both(stated: Stated, key: str, index: int, cap: int) -> dict[str, Row] | None:
+    answers: dict[str, Row] = {}
+    methods: tuple[Method, ...] = ("ours", "direct")
+    for method in methods:
+        with Child(attempts, method, "ours", stated, [key], [index], cap=cap) as child:
+            answer = next(child, None)
+        if answer is None or answer["J"] is None:
+            return None
+        answers[method] = answer
+    return answers
+
+
+def table(rows: Rows) -> str:
+    """Return medians by size."""
+    lines = [
+        "| n | topologies | build s, ours / direct | solve s | peak MB | iterations | times slower | J, times |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for n in sorted({row["n"] for row in rows.where(part=PART)}):
+        measured = rows.where(part=PART, n=n)
+        both = [row for row in measured if "direct" in row]
+        if not both:
+            lines.append(f"| {n} | 0 of {len(measured)} | | | | | | |")
+            continue
+        cells = []
+        for name, form in (("build", ".3f"), ("solve", ".3f"), ("peak_mb", ".0f"), ("iterations", ".0f")):
+            medians = (statistics.median(row[method][name] for row in both) for method in ("ours", "direct"))
+            cells.append(" / ".join(format(value, form) for value in medians))
+        # the start is given to both: its drawing counts for neither
+        times = [
+            (cost(row["direct"]) - row["direct"]["draw"]) / (cost(row["ours"]) - row["ours"]["draw"])
+            for row in both
+        ]
+        ratios = f"{statistics.median(times):.1f} ({min(times):.1f} to {max(times):.1f})"
+        efforts = statistics.median(row["direct"]["J"] / row["ours"]["J"] for row in both)
+        lines.append(f"| {n} | {len(both)} of {len(measured)} | {' | '.join(cells)} | {ratios} | {efforts:.4f} |")
+    return "\n".join(lines)
