@@ -6,13 +6,16 @@ import sys
 import xml.etree.ElementTree as ElementTree
 
 import matplotlib.image
+import pandas
 import pytest
 import trimesh
 from click.testing import CliRunner
+from toy_problem import toy_run
 
 from topo_search.cli import main
 from topo_search.model import Design, Topology
-from topo_search.model.files import read_task, to_json
+from topo_search.model.files import read_json, read_task, to_json
+from verify import audit
 
 
 @pytest.fixture
@@ -70,19 +73,43 @@ def test_solids_are_written(command, tmp_path, words, solids):
     assert kind == "stl" or set(loaded.geometry) == solids
 
 
+def test_a_design_is_audited_for_the_table_of_its_clearances_and_an_audit_is_not(command, tmp_path):
+    result = command("design.json", "--out", "pairs.csv")
+    assert (result.exit_code, result.stdout) == (0, "the table is in pairs.csv\n")
+    pairs = pandas.read_csv(tmp_path / "pairs.csv")
+    assert list(pairs.kind) == ["airflow", "exclusion", "exclusion"]
+    audited = audit(read_json(Design, tmp_path / "design.json"))
+    (tmp_path / "audit.json").write_text(to_json(audited))
+    for name in ("again.csv", "pairs.parquet"):
+        assert command("audit.json", "--out", name).exit_code == 0
+    assert (tmp_path / "again.csv").read_text() == (tmp_path / "pairs.csv").read_text()
+    assert list(pandas.read_parquet(tmp_path / "pairs.parquet").analytic_m) == list(pairs.analytic_m)
+
+
+def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
+    toy_run(tmp_path / "run")
+    assert command("run", "--out", "all.csv").exit_code == 0
+    assert (tmp_path / "all.csv").read_text() == (tmp_path / "run" / "candidates.csv").read_text()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["half.json", "--out", "new.png"], "half.json: is not a JSON file, or only a part of one"),
+        (["half.json", "--out", "new.csv"], "half.json: is not a JSON file, or only a part of one"),
         (["none.json", "--out", "new.png"], "none.json: no such file"),
+        (["none.json", "--out", "new.csv"], "none.json: no such file"),
+        ([".", "--out", "new.csv"], ".: is no run's folder"),
+        ([".", "--out", "new.png"], ".: cannot be read: Is a directory"),
         (
             ["design.json", "--out", "new.pdf"],
-            "--out: must end in .glb, .mjcf, .xml, .png, .stl, .svg, .urdf, or --format be given, but got new.pdf",
+            "--out: must end in .csv, .glb, .mjcf, .xml, .parquet, .png, .stl, .svg, .urdf, or --format be given, "
+            "but got new.pdf",
         ),
         (["design.json", "--out", "new"], "but got new"),
         (
             ["design.json", "--out", "new.png", "--format", "pdf"],
-            "'pdf' is not one of 'glb', 'mjcf', 'png', 'stl', 'svg', 'urdf'",
+            "'pdf' is not one of 'csv', 'glb', 'mjcf', 'parquet', 'png', 'stl', 'svg', 'urdf'",
         ),
         (["design.json", "--out", "new.png", "--parts", "all"], "--parts: must be left out unless"),
         (["design.json", "--out", "."], "is a directory"),
@@ -98,7 +125,13 @@ def test_bad_input_is_status_two_and_writes_nothing(command, tmp_path, words, sa
 
 
 @pytest.mark.parametrize(
-    ("library", "name"), [("matplotlib", "new.png"), ("trimesh", "new.glb"), ("trimesh", "new.stl")]
+    ("library", "name"),
+    [
+        ("matplotlib", "new.png"),
+        ("trimesh", "new.glb"),
+        ("trimesh", "new.stl"),
+        ("pyarrow", "new.parquet"),
+    ],
 )
 def test_without_a_library_the_answer_is_how_to_install_it(command, tmp_path, monkeypatch, library, name):
     for loaded in ("picture", "solids", "meshes"):
@@ -115,7 +148,7 @@ def test_without_a_library_the_answer_is_how_to_install_it(command, tmp_path, mo
 def test_help_loads_no_library_and_has_an_example():
     code = (
         "import sys\nfrom topo_search.cli import main\ntry:\n    main(['export', '--help'])\n"
-        "except SystemExit:\n    print({'matplotlib', 'trimesh'} & {*sys.modules})"
+        "except SystemExit:\n    print({'matplotlib', 'pyarrow', 'trimesh'} & {*sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "set()"

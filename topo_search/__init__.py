@@ -7,16 +7,28 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from topo_search.compose import audit, search, solve
+    from topo_search.export.tables import clearances
     from topo_search.model import Design, Task, Topology
     from topo_search.model.files import read_json, read_task
 
-__all__ = ["Design", "Task", "Topology", "audit", "read_json", "read_task", "search", "solve"]
+__all__ = [
+    "Design",
+    "Task",
+    "Topology",
+    "audit",
+    "clearances",
+    "read_json",
+    "read_task",
+    "search",
+    "solve",
+]
 
 _HOMES = {
     "Design": "topo_search.model",
     "Task": "topo_search.model",
     "Topology": "topo_search.model",
     "audit": "topo_search.compose",
+    "clearances": "topo_search.export.tables",
     "read_json": "topo_search.model.files",
     "read_task": "topo_search.model.files",
     "search": "topo_search.compose",

@@ -11,25 +11,33 @@ from topo_search.cli import options
 from topo_search.cli.errors import explained
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from topo_search.model import Design
 
 SUFFIXES = {
+    ".csv": "csv",
     ".glb": "glb",
     ".mjcf": "mjcf",
     ".xml": "mjcf",
+    ".parquet": "parquet",
     ".png": "png",
     ".stl": "stl",
     ".svg": "svg",
     ".urdf": "urdf",
 }
 """The kind of file that a name's end stands for."""
+PICTURES = ("png", "svg")
 SOLIDS = ("glb", "stl")
-EXTRAS = {"matplotlib": "viz", "trimesh": "viz"}
+TABLES = ("csv", "parquet")
+AUDIT = "topo-search/audit"
+"""`format` of an audit's file."""
+EXTRAS = {"matplotlib": "viz", "pyarrow": "viz", "trimesh": "viz"}
 """The extra that brings a library."""
 
 
 @click.command(epilog="Example: topo-search export runs/push-*/best.json --out push.png")
-@click.argument("design", metavar="DESIGN.json")
+@click.argument("source", metavar="DESIGN.json|AUDIT.json|RUN")
 @click.option(
     "--format",
     "kind",
@@ -48,8 +56,8 @@ EXTRAS = {"matplotlib": "viz", "trimesh": "viz"}
     metavar="FILE",
     help="Where to write it; a file that is there is replaced.",
 )
-def export(design: str, kind: Any, parts: Any, out: Path) -> None:
-    """Hand a design to other tools.
+def export(source: str, kind: Any, parts: Any, out: Path) -> None:
+    """Hand a design, or the tables of an audit or of a run's folder, to other tools.
 
     \b
     png, svg   a picture: the platform with its airflow, a close-up, the tree
@@ -57,10 +65,9 @@ def export(design: str, kind: Any, parts: Any, out: Path) -> None:
     stl        solids in millimetres for CAD and printing
     mjcf       a model for the simulator MuJoCo, with a keyframe for each load case (.mjcf, .xml)
     urdf       a robot description with a frame at every rotor
+    csv, parquet   tables: of a run its candidates, of an audit its clearances; a design is audited first
 
-    Pictures and solids need the extra `viz`.
-
-    The design need not be audited, nor pass its audit.
+    Pictures, solids and parquet need the extra `viz`. A design need not be audited, nor pass its audit.
 
     Exit status: 0 written; 2 bad input.
     """  # noqa: D301 (\b is click's)
@@ -77,16 +84,19 @@ def export(design: str, kind: Any, parts: Any, out: Path) -> None:
                 "--parts", [Fault("", f"must be left out unless the file is a glb or stl, but got {parts}")]
             )
         options.require_writable(out)
-        read = read_json(Design, design)
         try:
-            _write(read, asked, parts, out)
+            if asked in TABLES:
+                _write_table(source, asked, out)
+            else:
+                _write(read_json(Design, source), asked, parts, out)
         except ModuleNotFoundError as error:
             extra = EXTRAS.get(error.name or "")
             if extra is None:
                 raise
             how = f'needs {error.name}, which is not installed; type: pip install "topo-search[{extra}]"'
             raise BadInput(f"--format {asked}", [Fault("", how)]) from None
-        click.echo(f"{'the picture' if asked in ('png', 'svg') else 'the design'} is in {out}")
+        what = "table" if asked in TABLES else "picture" if asked in PICTURES else "design"
+        click.echo(f"the {what} is in {out}")
 
 
 def _write(design: Design, kind: Any, parts: Any, out: Path) -> None:
@@ -114,3 +124,31 @@ def _write(design: Design, kind: Any, parts: Any, out: Path) -> None:
             from topo_search.export.picture import draw
 
             draw(design, out, format=kind)
+
+
+def _write_table(source: str, kind: Any, out: Path) -> None:
+    """Write the table of a run's folder, an audit or a design."""
+    from topo_search.export import tables
+    from topo_search.model.files import write_atomically
+
+    frame = _table(source)
+    write_atomically(out, tables.parquet(frame) if kind == "parquet" else tables.csv(frame))
+
+
+def _table(source: str) -> pd.DataFrame:
+    """Return the candidates of a run's folder, or the clearances of an audit or a design."""
+    from topo_search.compose import audits
+    from topo_search.engine import Failed
+    from topo_search.export.tables import clearances
+    from topo_search.model import Audit, BadInput, Design, Fault
+    from topo_search.model.files import format_of, read_json
+    from topo_search.study.frame import candidates
+
+    if Path(source).is_dir():
+        return candidates(Path(source))
+    if format_of(source) == AUDIT:
+        return clearances(read_json(Audit, source))
+    (result,) = audits([read_json(Design, source)])
+    if isinstance(result, Failed):
+        raise BadInput(source, [Fault("", f"the audit failed: {result.reason}")])
+    return clearances(result)

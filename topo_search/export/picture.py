@@ -5,7 +5,7 @@ Drawn as the paper draws it, in the axes of the task frame W and in metres.
 
 from __future__ import annotations
 
-import io
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -16,12 +16,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from topo_search.export import palette
+from topo_search.export.figure_file import content, save
 from topo_search.export.poses import poses
 from topo_search.export.scene import Scene
 from topo_search.export.tree_plot import draw_tree
 from topo_search.model.design import Design
 from topo_search.model.exposure import Exterior
-from topo_search.model.files import write_atomically
 
 
 def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | None = None) -> None:
@@ -35,15 +35,19 @@ def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | No
     Raises:
         ValueError: neither `format` nor the name says `png` or `svg`.
     """
-    path = Path(path)
-    kind = format or path.suffix.removeprefix(".").lower()
-    if kind not in ("png", "svg"):
-        raise ValueError(f"the picture's name must end in .png or .svg, but got {path.name}")
-    stream = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "topo-search", "font.size": 8}):
-        metadata = {"Date": None} if kind == "svg" else None
-        figure_of(design).savefig(stream, format=kind, dpi=200, metadata=metadata)
-    write_atomically(path, stream.getvalue())
+    with mpl.rc_context({"font.size": 8}):
+        save(figure_of(design), path, format=format)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A design's picture, for a notebook to show."""
+
+    design: Design
+
+    def _repr_png_(self) -> bytes:
+        with mpl.rc_context({"font.size": 8}):
+            return content(figure_of(self.design), "png")
 
 
 def figure_of(design: Design) -> Figure:

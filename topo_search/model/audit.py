@@ -8,7 +8,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
+from topo_search.model.html import heading, table
 from topo_search.model.value import Index, NonNegative, Number, Value
+
+SHOWN = 10
+"""Number of clearances that a notebook shows at least."""
 
 
 class Status(StrEnum):
@@ -88,3 +92,14 @@ class Audit(Value):
     """Pairs of parts that touch by construction."""
     versions: dict[str, str]
     seconds: NonNegative
+
+    def _repr_html_(self) -> str:
+        """Show a notebook the verdict, the least clearances, and all that is not clear."""
+        nearest = sorted(self.pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
+        odd = sum(pair.status is not Status.CLEAR for pair in self.pairs)
+        shown = nearest[: max(odd, SHOWN)]
+        pairs = table(tuple(Clearance.model_fields), [tuple(dict(pair).values()) for pair in shown])
+        broken = [residual for residual in self.residuals if residual.status is not Status.CLEAR]
+        residuals = table(tuple(Residual.model_fields), [tuple(dict(residual).values()) for residual in broken])
+        title = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
+        return title + pairs + (heading("not met:") + residuals if broken else "")

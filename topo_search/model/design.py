@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -17,9 +18,12 @@ from pydantic import (
 
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.bad_input import shown
+from topo_search.model.html import heading, paragraph, table
 from topo_search.model.task import ResolvedTask, Task
 from topo_search.model.topology import Joint, Topology
 from topo_search.model.value import Index, Number, Value, Vector, refuse
+
+PORT_NAMES = ("+x", "+y", "-x", "-y")
 
 
 def _topology(value: Any) -> Any:
@@ -133,6 +137,24 @@ class Design(Value):
     def inputs(self) -> Array:
         """u as a read-only array, shape (K, n, 4) [rad^2/s^2]."""
         return read_only(np.asarray(self.rotor_speeds_squared).reshape(-1, self.topology.n, 4))
+
+    def _repr_html_(self) -> str:
+        """Show a notebook what to bolt to what, and what it costs."""
+        gap = "" if self.gap is None else f", gap to the lower bound {100 * self.gap:.2f} %"
+        n = self.topology.n
+        title = heading(f"{self.task.name}: {n} module{'s' * (n > 1)}, {self.topology.key}")
+        effort = paragraph(f"J = {self.objective:.6g} rad^4/s^4{gap}")
+        joints = zip(self.topology.edges(), self.hinge_angles_rad, strict=True)
+        rows = [(h, PORT_NAMES[a], i, PORT_NAMES[b], math.degrees(alpha)) for (h, i, a, b), alpha in joints]
+        psi, alpha_0, alpha_1 = (f"{math.degrees(angle):.6g}" for angle in self.root_orientation_rad)
+        place = ", ".join(f"{x:.6g}" for x in self.end_effector_m)
+        return (
+            title
+            + effort
+            + table(("module", "port", "child", "its port", "hinge angle [deg]"), rows)
+            + paragraph(f"root module: psi = {psi}, alpha_0 = {alpha_0}, alpha_1 = {alpha_1} deg")
+            + paragraph(f"end-effector at [{place}] m from the root module's centre")
+        )
 
     @staticmethod
     def gap_of(objective: float, lower_bound: float) -> float | None:

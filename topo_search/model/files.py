@@ -55,12 +55,22 @@ def examples() -> list[str]:
 
 def read_json(model: type[Model], path: str | Path) -> Model:
     """Return the value that a JSON file holds; BadInput names every fault."""
+    return validate(model, _json(path), str(path))
+
+
+def format_of(path: str | Path) -> str | None:
+    """Return what a JSON file says that it holds, e.g. `topo-search/design`; BadInput if it is none."""
+    data = _json(path)
+    stated = data.get("format") if isinstance(data, dict) else None
+    return stated if isinstance(stated, str) else None
+
+
+def _json(path: str | Path) -> Any:
     text = _read_text(Path(path), hint="no such file")
     try:
-        data = json.loads(text)
+        return json.loads(text)
     except (ValueError, RecursionError) as error:
         raise BadInput(str(path), [Fault("", f"is not a JSON file, or only a part of one: {error}")]) from None
-    return validate(model, data, str(path))
 
 
 def to_toml(task: Task) -> str:

@@ -7,11 +7,17 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from topo_search.engine import scaled_violation
-from topo_search.model import Infeasible, ResolvedTask
+from topo_search.model import Audit, Design, Infeasible, ResolvedTask
+from topo_search.model.files import read_json
+from topo_search.model.html import heading, paragraph, table
 from topo_search.study.row import Row
 from topo_search.topologies import Resolution
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SHOWN = 10
 """Number of rows in the table of the best."""
@@ -47,6 +53,15 @@ class SizeAnswer:
     reason: str | None
     """Why there is no design, if there is none."""
 
+    def _repr_html_(self) -> str:
+        """Show a notebook the best designs of this size."""
+        counts = ", ".join(f"{number} {status}" for status, number in sorted(self.statuses.items()))
+        title = heading(f"modules: {self.modules}; candidates: {self.candidates} ({counts or 'none settled'})")
+        names = ("key", "objective", "gap", "orbit", "audit")
+        rows = [tuple(getattr(row, name) for name in names) for row in self.top]
+        remarks = (self.quotient, *self.remarks, *([self.reason] if self.reason else []))
+        return title + (table(names, rows) if rows else "") + "".join(paragraph(text) for text in remarks)
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -60,6 +75,27 @@ class Answer:
     def best(self) -> Row | None:
         """The best audited design of the smallest size that has one."""
         return next((size.best for size in self.sizes if size.best is not None), None)
+
+    @property
+    def design(self) -> Design | None:
+        """The best audited design itself, read from the folder."""
+        return None if self.best is None else read_json(Design, self.folder / "best.json")
+
+    @property
+    def audit(self) -> Audit | None:
+        """The audit of the best design, read from the folder."""
+        return None if self.best is None else read_json(Audit, self.folder / "audits" / f"{self.best.key}.json")
+
+    @property
+    def candidates(self) -> pd.DataFrame:
+        """A row for every candidate, with the columns of `candidates.csv`, best first."""
+        from topo_search.study.frame import candidates
+
+        return candidates(self.folder)
+
+    def _repr_html_(self) -> str:
+        """Show a notebook what was found: a sentence and a table for each size."""
+        return "".join(size._repr_html_() for size in self.sizes) + paragraph(f"everything is in {self.folder}")
 
     @property
     def exit_status(self) -> int:

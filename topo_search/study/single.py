@@ -20,6 +20,7 @@ from topo_search.engine import (
     solved,
 )
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Topology
+from topo_search.model.html import paragraph
 from topo_search.study.identity import LARGER_MARGINS, larger_margin
 
 PATIENCE = 3
@@ -39,11 +40,30 @@ class Solved:
     """What did not go straight."""
 
     @property
+    def design(self) -> Design | None:
+        """The design, if there is one."""
+        return self.outcome if isinstance(self.outcome, Design) else None
+
+    def _repr_html_(self) -> str:
+        """Show a notebook the design and its audit, or why there is none."""
+        parts = [
+            value._repr_html_() if isinstance(value, Design | Audit) else paragraph(_words(value))
+            for value in (self.outcome, self.audit)
+            if value is not None
+        ]
+        return "".join([*(paragraph(note) for note in self.notes), *parts])
+
+    @property
     def exit_status(self) -> int:
         """0: audited design; 1: a design that did not pass its audit; 3: no design."""
         if not isinstance(self.outcome, Design):
             return 3
         return 0 if isinstance(self.audit, Audit) and self.audit.verdict == "clear" else 1
+
+
+def _words(outcome: Infeasible | Failed) -> str:
+    """Return why there is no result."""
+    return outcome.message if isinstance(outcome, Infeasible) else f"failed: {outcome.reason}"
 
 
 def solve_single(

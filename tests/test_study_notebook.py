@@ -1,0 +1,95 @@
+"""What answers, designs and audits show in a notebook."""
+
+import xml.etree.ElementTree as ElementTree
+from typing import Any
+
+import pytest
+from toy_problem import VERBS, InProcess, toy_run, toy_task
+from verify_cases import changed, fan
+
+from topo_search.export.picture import Picture
+from topo_search.model import Topology
+from topo_search.study import Solved, single, solve_single
+from verify import audit
+
+
+def cells(value: Any) -> list[list[str]]:
+    """The rows of all tables that a value shows; it must be well-formed."""
+    page = ElementTree.fromstring(f"<div>{value._repr_html_()}</div>")
+    return [[cell.text or "" for cell in row] for row in page.iter("tr")]
+
+
+def words(value: Any) -> str:
+    return "".join(ElementTree.fromstring(f"<div>{value._repr_html_()}</div>").itertext())
+
+
+def toy_solved(key: str, monkeypatch: pytest.MonkeyPatch) -> Solved:
+    monkeypatch.setattr(single, "Workers", InProcess)
+    topology = Topology.from_key(key)
+    task = toy_task(topology.n).resolve(topology.n)
+    return solve_single(
+        task, topology, VERBS, starts=1, round_size=1, seed=0, time_limit=None, progress=lambda _: None
+    )
+
+
+def test_an_answer_shows_its_ranking_and_holds_its_best(tmp_path) -> None:
+    answer = toy_run(tmp_path / "run", modules=(2, 3))
+    head, *rows = cells(answer.sizes[1])
+    assert head == ["key", "objective", "gap", "orbit", "audit"]
+    assert [row[0] for row in rows] == [row.key for row in answer.sizes[1].top]
+    assert "modules: 2" in words(answer)
+    assert "half turns" in words(answer)
+    assert str(tmp_path / "run") in words(answer)
+    assert answer.design.topology.key == answer.best.key
+    assert answer.audit.verdict == "clear"
+
+
+def test_an_answer_without_a_design_says_why(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("TOY_NONE", "*")
+    answer = toy_run(tmp_path / "run")
+    assert cells(answer) == []
+    assert "none of 4 candidates is feasible" in words(answer)
+    assert answer.design is None
+    assert answer.audit is None
+
+
+def test_a_solved_topology_shows_its_design_and_audit_or_the_reason(monkeypatch) -> None:
+    solved = toy_solved("a10", monkeypatch)
+    assert solved.design is solved.outcome
+    assert "audit: clear" in words(solved)
+    monkeypatch.setenv("TOY_NONE", "a10")
+    assert "load case 0, torque is missed by" in words(toy_solved("a10", monkeypatch))
+    assert toy_solved("a10", monkeypatch).design is None
+    monkeypatch.setenv("TOY_NONE", "")
+    monkeypatch.setenv("TOY_VIOLATED", "a10")
+    assert "the audit of the design with margin 0.0001 m is violated" in words(toy_solved("a10", monkeypatch))
+
+
+def test_a_design_shows_what_to_bolt_to_what() -> None:
+    rows = cells(fan())
+    assert rows[0] == ["module", "port", "child", "its port", "hinge angle [deg]"]
+    assert rows[1:] == [["0", "+x", "1", "-x", "-34.3775"], ["0", "-x", "2", "+x", "34.3775"]]
+    assert "case: 3 modules, a500" in words(fan())
+
+
+def test_an_audit_shows_all_that_is_not_clear_and_the_tightest_of_the_rest() -> None:
+    many = audit(fan())
+    assert len(cells(many)) == 1 + min(10, len(many.pairs))
+    assert [row[-2] for row in cells(many)[1:]] == [
+        f"{d:.6g}" for d in sorted(pair.analytic_m for pair in many.pairs)[:10]
+    ]
+    broken = audit(changed(fan(), objective=1.0, hinge_angles_rad=(0.6, -0.6)))
+    shown = cells(broken)
+    assert shown[1][4] == "violated"
+    assert "objective" in {row[0] for row in shown}
+    assert "not met:" in words(broken)
+
+
+def test_text_is_escaped(monkeypatch) -> None:
+    solved = toy_solved("a10", monkeypatch)
+    odd = Solved(solved.outcome, solved.audit, ("`a < b` & so on",))
+    assert "`a < b` & so on" in words(odd)
+
+
+def test_a_picture_is_a_png() -> None:
+    assert Picture(fan())._repr_png_().startswith(b"\x89PNG")

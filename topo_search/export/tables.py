@@ -1,0 +1,37 @@
+"""Candidates and clearances as data frames, and as files for spreadsheets (CSV) and data tools (Parquet)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pandas as pd
+from pydantic import BaseModel
+
+from topo_search.model import Audit, Clearance, Residual
+
+
+def clearances(audit: Audit) -> pd.DataFrame:
+    """Return a row for every pair and requirement of an audit, with the fields of `Clearance` [m]."""
+    numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m"), "float64")
+    return _frame(Clearance, audit.pairs).astype({**numbers, "segment": "Int64"})
+
+
+def residuals(audit: Audit) -> pd.DataFrame:
+    """Return a row for every checked number of an audit, with the fields of `Residual`."""
+    return _frame(Residual, audit.residuals).astype({"stated": "float64", "derived": "float64"})
+
+
+def csv(frame: pd.DataFrame) -> str:
+    """Return a data frame as the text of a CSV file; what is not known is left empty."""
+    return frame.to_csv(index=False, lineterminator="\n")
+
+
+def parquet(frame: pd.DataFrame) -> bytes:
+    """Return a data frame as the content of a Parquet file; ModuleNotFoundError if pyarrow is not installed."""
+    import pyarrow  # noqa: F401 (pandas would say in other words that it is missing)
+
+    return frame.to_parquet(None, engine="pyarrow", index=False)
+
+
+def _frame(kind: type[BaseModel], values: Iterable[BaseModel]) -> pd.DataFrame:
+    return pd.DataFrame([value.model_dump(mode="json") for value in values], columns=list(kind.model_fields))
