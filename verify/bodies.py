@@ -14,7 +14,9 @@ A capsule has dr = 0, a ball also d = 0. Lengths are in l_arm in whatever frame 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +88,40 @@ class ConeSphere:
         w = self.o - x
         eta = nearest_on_axis(w, np.broadcast_to(self.d, w.shape), self.dr)
         return np.asarray(self.r + eta * self.dr - np.linalg.norm(w + eta[..., None] * self.d, axis=-1))
+
+
+class Rows(NamedTuple):
+    """N cone-spheres as arrays, one a row: for questions to many at once."""
+
+    o: Array
+    """Shape (N, 3)."""
+    d: Array
+    """Shape (N, 3)."""
+    r: Array
+    """Shape (N,)."""
+    dr: Array
+    """Shape (N,)."""
+
+    @classmethod
+    def of(cls, bodies: Sequence[ConeSphere]) -> Self:
+        """Return bodies as rows."""
+        o, d = (np.array([getattr(body, name) for body in bodies]).reshape(-1, 3) for name in ("o", "d"))
+        r, dr = (np.array([getattr(body, name) for body in bodies]) for name in ("r", "dr"))
+        return cls(o, d, r, dr)
+
+    def centre(self, eta: Array) -> Array:
+        """Return P(eta) of every body, shape (N, 3)."""
+        return np.asarray(self.o + eta[:, None] * self.d)
+
+    def radius(self, eta: Array) -> Array:
+        """Return r(eta) of every body, shape (N,)."""
+        return np.asarray(self.r + eta * self.dr)
+
+    def depth(self, x: Array) -> Array:
+        """Return how deep point i lies inside body i, shape (N, 3) to (N,); positive is inside."""
+        w = self.o - x
+        eta = nearest_on_axis(w, self.d, self.dr)
+        return np.asarray(self.radius(eta) - np.linalg.norm(w + eta[:, None] * self.d, axis=-1))
 
 
 def ball(centre: Array, radius: float) -> ConeSphere:

@@ -18,13 +18,14 @@ which lose nothing there, and on finer ones. What stays unproven is `undecided` 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from topo_search.model import Status
-from verify.bodies import Array, ConeSphere
+from verify.bodies import Array, ConeSphere, Rows
 from verify.clearance import clearances
 from verify.fcl_queries import FARTHEST, Shape
 from verify.meshes import Polytope, encloses, inner_mesh, lies_within, outer_mesh
@@ -78,31 +79,52 @@ class Solid:
         return bool(np.all(np.abs(self.body.o) + 2 * self.body.extent < FARTHEST / 16))
 
 
+class Witness(NamedTuple):
+    """Where two bodies are nearest, or share the most, as the closed form has it."""
+
+    d: float
+    """The closed form's value."""
+    n: Array
+    """Unit vector from A to B, shape (3,)."""
+    x: Array
+    """Half-way between the nearest points; for an overlap the point that is deep in both, shape (3,)."""
+    upper: float | None
+    """Upper bound that the nearest or the common points prove; None if they do not lie where they should."""
+
+
 def certify_pairs(pairs: Sequence[tuple[Solid, Solid]]) -> list[Certificate]:
     """Return the certificates of pairs of cone-spheres."""
-    d, eta, gamma = (column.tolist() for column in clearances([(A.body, B.body) for A, B in pairs]))
-    return [_certify(*pair, *at) for pair, *at in zip(pairs, d, eta, gamma, strict=True)]
+    return [_certify(A, B, witness) for (A, B), witness in zip(pairs, witnesses(pairs), strict=True)]
 
 
-def _certify(A: Solid, B: Solid, d: float, eta: float, gamma: float) -> Certificate:
+def witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
+    """Yield the witness of every pair; all are found at once."""
+    d, eta, gamma = clearances([(A.body, B.body) for A, B in pairs])
+    A, B = (Rows.of([pair[side].body for pair in pairs]) for side in (0, 1))
+    P_A, r_A, P_B, r_B = A.centre(eta), A.radius(eta), B.centre(gamma), B.radius(gamma)
+    apart = np.linalg.norm(P_B - P_A, axis=-1)
+    n = (P_B - P_A) / np.where(apart > 0, apart, 1.0)[:, None]
+    n[~(apart > 0)] = [0.0, 0.0, 1.0]
+    # A gap: the nearest point of each body.
+    x_A, x_B = P_A + r_A[:, None] * n, P_B - r_B[:, None] * n
+    reached = np.minimum(A.depth(x_A), B.depth(x_B)) > -ROUNDING
+    # An overlap: as deep in one as in the other; the centre of the smaller ball if the other holds all of it.
+    common = P_A + np.clip((apart + r_A - r_B) / 2, 0.0, apart)[:, None] * n
+    depth_A, depth_B = A.depth(common), B.depth(common)
+    shared = np.minimum(depth_A, depth_B) > ROUNDING
+    gap = d > 0
+    x = np.where(gap[:, None], (x_A + x_B) / 2, common)
+    upper = np.where(gap, np.linalg.norm(x_B - x_A, axis=-1), -(depth_A + depth_B))
+    proven = np.where(gap, reached, shared)
+    for k, value in enumerate(d.tolist()):
+        yield Witness(value, n[k], x[k], float(upper[k]) if proven[k] else None)
+
+
+def _certify(A: Solid, B: Solid, at: Witness) -> Certificate:
     if not (A.in_range and B.in_range):
-        return Certificate(Status.UNDECIDED, None, None, d, 0)
-    P_A, r_A = A.body.centre(eta), A.body.radius(eta)
-    P_B, r_B = B.body.centre(gamma), B.body.radius(gamma)
-    apart = float(np.linalg.norm(P_B - P_A))
-    n = (P_B - P_A) / apart if apart > 0 else np.array([0.0, 0.0, 1.0])
-    if d > 0:
-        x_A, x_B = P_A + r_A * n, P_B - r_B * n
-        proven = bool(min(A.body.depth(x_A), B.body.depth(x_B)) > -ROUNDING)
-        upper = float(np.linalg.norm(x_B - x_A))
-        proof = functools.partial(_separating_gap, A, B, n, (x_A + x_B) / 2)
-    else:
-        # As deep in one as in the other; the centre of the smaller ball if the other holds all of it.
-        x = P_A + min(max((apart + r_A - r_B) / 2, 0.0), apart) * n
-        depths = float(A.body.depth(x)), float(B.body.depth(x))
-        proven, upper = min(depths) > ROUNDING, -sum(depths)
-        proof = functools.partial(_common_point, A, B, n, x)
-    return judge(d, upper if proven else None, proof, levels=1 + len(TURNED_LEVELS))
+        return Certificate(Status.UNDECIDED, None, None, at.d, 0)
+    prove = _separating_gap if at.d > 0 else _common_point
+    return judge(at.d, at.upper, lambda level: prove(A, B, at, level), levels=1 + len(TURNED_LEVELS))
 
 
 def judge(d: float, upper: float | None, proof: Callable[[int], float | None], levels: int) -> Certificate:
@@ -125,33 +147,51 @@ def judge(d: float, upper: float | None, proof: Callable[[int], float | None], l
     return Certificate(unproven, None, upper, d, levels - 1)
 
 
-def _separating_gap(A: Solid, B: Solid, n: Array, x: Array, level: int) -> float | None:
+def _separating_gap(A: Solid, B: Solid, at: Witness, level: int) -> float | None:
     """Return the gap between the outer meshes of a level across a plane normal to n, if FCL sees them apart too."""
-    if level == 0:
-        if A.outer is None or B.outer is None:
-            return None
-        (mesh_A, shape_A), (mesh_B, shape_B) = A.outer, B.outer
-    else:
-        body_A, body_B = A.body.moved(-x), B.body.moved(-x)  # the digits are needed around x
-        mesh_A = outer_mesh(body_A, TURNED_LEVELS[level - 1], n)
-        mesh_B = outer_mesh(body_B, TURNED_LEVELS[level - 1], -n)
-        if not (encloses(mesh_A, body_A) and encloses(mesh_B, body_B)):
-            return None
-        shape_A, shape_B = Shape(mesh_A), Shape(mesh_B)
-    gap = float((mesh_B.vertices @ n).min() - (mesh_A.vertices @ n).max())
+    meshes = outer_meshes(A, B, at, level)
+    if meshes is None:
+        return None
+    (mesh_A, shape_A), (mesh_B, shape_B) = meshes
+    gap = plane_gap(mesh_A, mesh_B, at.n)
     return gap if gap > ROUNDING and not shape_A.overlaps(shape_B) else None
 
 
-def _common_point(A: Solid, B: Solid, n: Array, x: Array, level: int) -> float | None:
+def _common_point(A: Solid, B: Solid, at: Witness, level: int) -> float | None:
     """Return the supports' (negative) gap along n, if FCL sees the inner meshes of a level overlap."""
-    body_A, body_B = A.body.moved(-x), B.body.moved(-x)
-    if level == 0:
-        shape_A, shape_B = A.inner, B.inner
-    else:
-        mesh_A = inner_mesh(body_A, TURNED_LEVELS[level - 1], n)
-        mesh_B = inner_mesh(body_B, TURNED_LEVELS[level - 1], -n)
-        shape_A = Shape(mesh_A) if lies_within(mesh_A, body_A) else None
-        shape_B = Shape(mesh_B) if lies_within(mesh_B, body_B) else None
-    if shape_A is None or shape_B is None or not shape_A.overlaps(shape_B):
+    shapes = inner_shapes(A, B, at, level)
+    if shapes is None or not shapes[0].overlaps(shapes[1]):
         return None
-    return -float(body_A.support(n) + body_B.support(-n))
+    body_A, body_B = A.body.moved(-at.x), B.body.moved(-at.x)
+    return -float(body_A.support(at.n) + body_B.support(-at.n))
+
+
+def plane_gap(mesh_A: Polytope, mesh_B: Polytope, n: Array) -> float:
+    """Return how far the vertices of two meshes are apart along n."""
+    return float((mesh_B.vertices @ n).min() - (mesh_A.vertices @ n).max())
+
+
+def outer_meshes(
+    A: Solid, B: Solid, at: Witness, level: int
+) -> tuple[tuple[Polytope, Shape], tuple[Polytope, Shape]] | None:
+    """Return the outer meshes of a level, 0 the common ones; None if one fails its own check."""
+    if level == 0:
+        return None if A.outer is None or B.outer is None else (A.outer, B.outer)
+    body_A, body_B = A.body.moved(-at.x), B.body.moved(-at.x)  # the digits are needed around x
+    mesh_A = outer_mesh(body_A, TURNED_LEVELS[level - 1], at.n)
+    mesh_B = outer_mesh(body_B, TURNED_LEVELS[level - 1], -at.n)
+    if not (encloses(mesh_A, body_A) and encloses(mesh_B, body_B)):
+        return None
+    return (mesh_A, Shape(mesh_A)), (mesh_B, Shape(mesh_B))
+
+
+def inner_shapes(A: Solid, B: Solid, at: Witness, level: int) -> tuple[Shape, Shape] | None:
+    """Return the inner meshes of a level, 0 the common ones; None if one fails its own check."""
+    if level == 0:
+        return None if A.inner is None or B.inner is None else (A.inner, B.inner)
+    body_A, body_B = A.body.moved(-at.x), B.body.moved(-at.x)
+    mesh_A = inner_mesh(body_A, TURNED_LEVELS[level - 1], at.n)
+    mesh_B = inner_mesh(body_B, TURNED_LEVELS[level - 1], -at.n)
+    if not (lies_within(mesh_A, body_A) and lies_within(mesh_B, body_B)):
+        return None
+    return Shape(mesh_A), Shape(mesh_B)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from verify.bodies import Cone, ConeSphere, nearest_on_axis
+from verify.bodies import Cone, ConeSphere, Rows, nearest_on_axis
 
 Array = NDArray[np.float64]
 
@@ -42,14 +42,7 @@ class Nearest(NamedTuple):
 
 def clearances(pairs: Sequence[tuple[ConeSphere, ConeSphere]]) -> Nearest:
     """Return the exact signed clearance of every pair: the least distance of two balls' surfaces."""
-    o_A, d_A, o_B, d_B = (
-        np.array([getattr(pair[side], name) for pair in pairs]).reshape(-1, 3)
-        for side, name in ((0, "o"), (0, "d"), (1, "o"), (1, "d"))
-    )
-    r_A, dr_A, r_B, dr_B = (
-        np.array([getattr(pair[side], name) for pair in pairs])
-        for side, name in ((0, "r"), (0, "dr"), (1, "r"), (1, "dr"))
-    )
+    (o_A, d_A, r_A, dr_A), (o_B, d_B, r_B, dr_B) = (Rows.of([pair[side] for pair in pairs]) for side in (0, 1))
     w = o_A - o_B
     candidates = [
         *((nearest_on_axis(w - gamma * d_B, d_A, dr_A), np.full_like(r_A, gamma)) for gamma in (0.0, 1.0)),
