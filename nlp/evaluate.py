@@ -153,12 +153,17 @@ def _gaps(point: Point) -> Iterator[tuple[str, float]]:
 def _bounds(point: Point) -> Iterator[Violation]:
     task = point.task
     u_max = task.module.max_input(task.gravity)
-    excess = float(max(np.max(point.u) - u_max, -np.min(point.u)))
-    yield Violation("rotor inputs", excess, "rad^2/s^2", excess / u_max)
-    angles = point.alpha if task.search.root == "free" else np.concatenate([point.alpha, point.root[1:]])
-    excess = float(np.max(np.abs(angles), initial=0.0)) - math.pi / 2
-    yield Violation("hinge angles", excess, "rad", excess)
+    for k, u in enumerate(point.u):
+        for name, excess in ((names.largest_input(k), np.max(u) - u_max), (names.smallest_input(k), -np.min(u))):
+            yield Violation(name, float(excess), "rad^2/s^2", float(excess) / u_max)
+    right = math.pi / 2
+    angles = [(names.hinge_angle(i), alpha, right) for i, alpha in enumerate(point.alpha.tolist(), start=1)]
+    if task.search.root == "paper":
+        limits = zip(("psi", "alpha_0", "alpha_1"), point.root.tolist(), (0.0, right, right), strict=True)
+        angles += [(names.root_angle(name), angle, limit) for name, angle, limit in limits]
+    for name, angle, limit in angles:
+        yield Violation(name, abs(angle) - limit, "rad", abs(angle) - limit)
     position = task.end_effector.fixed_position
     if position is not None:
         excess = float(np.linalg.norm(point.p_E - point.p_COM - position))
-        yield Violation("end-effector position", excess, "m", excess / task.module.arm_length, 1e-9)
+        yield Violation(names.POSITION, excess, "m", excess / task.module.arm_length, 1e-9)

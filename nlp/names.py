@@ -1,10 +1,14 @@
-"""The constraints' names, the same in the problem, in its independent evaluation and in failure reports."""
+"""The constraints' names: the same in the problem, in its independent evaluation and in failure reports.
+
+The audit, which shares no code with the solver, uses the same words; a test holds the two to that.
+"""
 
 from __future__ import annotations
 
 from topo_search.model import Directional, Exterior, Local
 
 OFFSET = "end-effector's distance from the COM"
+POSITION = "end-effector position"
 
 
 def force(k: int) -> str:
@@ -15,6 +19,26 @@ def force(k: int) -> str:
 def torque(k: int) -> str:
     """Name the torque balance of load case k."""
     return f"load case {k}, torque"
+
+
+def largest_input(k: int) -> str:
+    """Name the upper bound of load case k's rotor inputs."""
+    return f"load case {k}, largest rotor input"
+
+
+def smallest_input(k: int) -> str:
+    """Name the lower bound of load case k's rotor inputs."""
+    return f"load case {k}, smallest rotor input"
+
+
+def hinge_angle(i: int) -> str:
+    """Name the bounds of the hinge between module i and its parent."""
+    return f"hinge angle of module {i}"
+
+
+def root_angle(angle: str) -> str:
+    """Name the bounds of a root angle: psi, alpha_0 or alpha_1."""
+    return f"root orientation, {angle}"
 
 
 def airflow(i: int, j: int) -> str:

@@ -9,7 +9,7 @@ import toy_problem
 from click.testing import CliRunner
 
 from topo_search import compose
-from topo_search.cli import main, tables
+from topo_search.cli import main
 from topo_search.cli.progress import Bar, Lines
 from topo_search.model import Audit, Clearance, Design, Infeasible
 from topo_search.model.files import examples, read_json
@@ -348,7 +348,7 @@ def test_a_disk_that_fills_up_while_solving_does_not_lose_the_design(command, tm
 
 def test_a_listed_violation_names_both_sides():
     clearances = {
-        "exclusion": "exclusion of module 0 and p_E",
+        "exclusion": "end-effector exclusion of module 0",
         "airflow": "airflow of modules 0 and 1",
         "local": "exposure 0 (local) of module 1",
     }
@@ -357,4 +357,4 @@ def test_a_listed_violation_names_both_sides():
         pair = Clearance(
             kind=kind, a=a, b=b, status="violated", lower_m=None, upper_m=-0.1, analytic_m=-0.1, level=0
         )
-        assert tables.place(pair) == told
+        assert pair.name == told

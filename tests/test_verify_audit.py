@@ -12,6 +12,7 @@ from verify_cases import FAN, HOVER, changed, design, fan
 from topo_search.model import Audit, Design, Status, Topology
 from topo_search.model.files import read_json, to_json
 from verify import audit
+from verify.fcl_queries import Shape
 from verify.wrench import objective
 
 ONE = Topology(((-1, -1, -1),))
@@ -271,6 +272,18 @@ def test_a_direction_taken_from_p_e_needs_a_p_e(offset):
     result = audit(fan(task, end_effector=(0.0, 0.0, mean_z + offset)))
     assert "end-effector's distance from the COM" in failing(result)
     assert result.verdict == Status.VIOLATED
+
+
+def test_a_fault_of_the_audit_itself_comes_with_its_evidence(monkeypatch):
+    given = fan({"exposure": FREE_ABOVE[3:4]})
+    assert not any(pair.evidence for pair in audit(given).pairs)
+    monkeypatch.setattr(Shape, "overlaps", lambda self, other: True)
+    result = audit(given)
+    assert result.verdict == Status.INCONSISTENT
+    assert {pair.status for pair in result.pairs} == {Status.INCONSISTENT}
+    for pair in result.pairs:
+        assert any("FCL: overlap" in line or "not off it" in line for line in pair.evidence)
+    assert Audit.model_validate_json(to_json(result)) == result
 
 
 # ---- the ablation, symmetries, hostile numbers

@@ -8,11 +8,13 @@ from verify_cases import FAMILIES, at_clearance, brute_clearance, random_pair, u
 
 import verify.certificate
 import verify.cone_certificate
+import verify.evidence
 from topo_search.model import Status
 from verify.bodies import Cone, ConeSphere, ball
 from verify.certificate import FLOOR, Certificate, Solid, certify_pairs
 from verify.clearance import Nearest, clearances, cone_clearance
 from verify.cone_certificate import certify_inside
+from verify.evidence import evidence
 from verify.fcl_queries import FARTHEST, Shape
 
 NEAR = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1.1e-7)
@@ -179,3 +181,41 @@ def test_a_wrong_cone_value_is_never_believed(monkeypatch):
             lie = d + shift, worst
             monkeypatch.setattr(verify.cone_certificate, "cone_clearance", lambda *_, lie=lie: lie)
             assert certify_inside(Solid(case.body), case.cone).status == Status.INCONSISTENT
+
+
+# ---- evidence
+
+
+def test_a_disagreement_is_written_out_with_what_each_side_says(monkeypatch):
+    A, B = ConeSphere(np.zeros(3), np.array([0.0, 0.0, -5.0]), 1.0, 0.5), ball(np.array([4.0, 0.0, -1.0]), 0.3)
+    honest = evidence(Solid(A), Solid(B))
+    assert honest[0] == "A: ball of radius 1.0 at [0.0, 0.0, 0.0], swept by [0.0, 0.0, -5.0], growing by 0.5"
+    assert honest[1] == "B: ball of radius 0.3 at [4.0, 0.0, -1.0], swept by [0.0, 0.0, 0.0], growing by 0.0"
+    assert f"clearance {clearances([(A, B)]).d.tolist()[0]!r}," in honest[2]
+    assert sum("FCL: apart" in line for line in honest) == 2 * 4
+    monkeypatch.setattr(Shape, "overlaps", lambda self, other: True)
+    assert sum("FCL: overlap" in line for line in evidence(Solid(A), Solid(B))) == 2 * 4
+    monkeypatch.setattr(verify.certificate, "encloses", lambda mesh, body: False)
+    assert "level 1: an outer mesh does not hold its body" in evidence(Solid(A), Solid(B))
+    monkeypatch.setattr(verify.certificate, "lies_within", lambda mesh, body: False)
+    assert "level 3: an inner mesh is not within its body" in evidence(Solid(A), Solid(B))
+
+
+@pytest.mark.parametrize("half_angle", [60.0, 90.0])
+def test_a_disagreement_about_a_cone_is_written_out(half_angle, monkeypatch):
+    cone = Cone(np.zeros(3), np.array([0.0, 0.0, 1.0]), half_angle)
+    inside, outside = (ball(np.array([0.0, 0.0, z]), 0.5) for z in (3.0, -3.0))
+    held, out = evidence(Solid(inside), cone), evidence(Solid(outside), cone)
+    assert f"half-angle {half_angle}" in held[1]
+    assert sum("outer mesh off it" in line for line in held) == sum("mesh reaches" in line for line in out) == 2
+    assert not any("mesh reaches" in line for line in held)
+    assert not any("outer mesh off it" in line for line in out)
+    monkeypatch.setattr(verify.evidence, "cone_clearance", lambda *_: (-0.25, 1.0))
+    assert evidence(Solid(inside), cone)[2] == "closed form: clearance -0.25 at the last ball"
+
+
+def test_evidence_is_given_even_of_a_closed_form_that_is_no_number(monkeypatch):
+    pair = Solid(ball(np.zeros(3), 1.0)), Solid(ball(np.array([5.0, 0.0, 0.0]), 1.0))
+    monkeypatch.setattr(verify.certificate, "clearances", lambda given: LIES["nothing"](clearances(given)))
+    with np.errstate(invalid="ignore"):
+        assert "closed form: clearance nan" in evidence(*pair)[2]

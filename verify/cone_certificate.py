@@ -52,18 +52,16 @@ def certify_inside(solid: Solid, cone: Cone) -> Certificate:
 
 def _inside(body: ConeSphere, cone: Cone, level: int) -> float | None:
     """Return the least s over a mesh of a level, if it is positive and FCL sees the body inside too."""
-    least = _least_s(body, cone, SIDES[level])
-    return least if least > ROUNDING and all(_keeps_off(body, cone, eta) for eta in (0.0, 1.0)) else None
+    least = least_s(body, cone, SIDES[level])
+    return least if least > ROUNDING and all(keeps_off(body, cone, eta) for eta in (0.0, 1.0)) else None
 
 
 def _outside(body: ConeSphere, cone: Cone, worst: float, level: int) -> float | None:
     """Return the least s over a mesh of a level, if FCL sees the body reach beyond the cone at its worst end."""
-    m, near, beyond = _half_space(body, cone, worst)
-    mesh = inner_mesh(near, COMMON_LEVEL, -m)
-    return _least_s(body, cone, SIDES[level]) if lies_within(mesh, near) and Shape(mesh).overlaps(beyond) else None
+    return least_s(body, cone, SIDES[level]) if reaches_beyond(body, cone, worst) else None
 
 
-def _least_s(body: ConeSphere, cone: Cone, sides: int) -> float:
+def least_s(body: ConeSphere, cone: Cone, sides: int) -> float:
     """Return the least s over the vertices of polytopes of revolution around both end balls: around the body."""
     sin, cos = cone.sin_cos
     radial, axial, azimuth = lathe(math.atan2(sin, cos), sides)
@@ -78,11 +76,18 @@ def _least_s(body: ConeSphere, cone: Cone, sides: int) -> float:
     return least
 
 
-def _keeps_off(body: ConeSphere, cone: Cone, eta: float) -> bool:
+def keeps_off(body: ConeSphere, cone: Cone, eta: float) -> bool:
     """Whether FCL sees the body's outer mesh apart from the half-space beyond the cone nearest to an end ball."""
     m, near, beyond = _half_space(body, cone, eta)
     mesh = outer_mesh(near, COMMON_LEVEL, -m)
     return encloses(mesh, near) and not Shape(mesh).overlaps(beyond)
+
+
+def reaches_beyond(body: ConeSphere, cone: Cone, eta: float) -> bool:
+    """Whether FCL sees the body's inner mesh reach into the half-space beyond the cone nearest to an end ball."""
+    m, near, beyond = _half_space(body, cone, eta)
+    mesh = inner_mesh(near, COMMON_LEVEL, -m)
+    return lies_within(mesh, near) and Shape(mesh).overlaps(beyond)
 
 
 def _half_space(body: ConeSphere, cone: Cone, eta: float) -> tuple[Array, ConeSphere, Shape]:

@@ -19,6 +19,7 @@ from topo_search.model import Audit, Clearance, Design, Status
 from verify.bodies import Cone
 from verify.certificate import Certificate, certify_pairs
 from verify.cone_certificate import certify_inside
+from verify.evidence import evidence
 from verify.kinematics import Platform, platform
 from verify.requirements import Requirement, Scene
 from verify.residuals import finite, residuals
@@ -63,6 +64,7 @@ def _certificates(requirements: list[Requirement]) -> list[Certificate]:
 
 
 def _clearance(requirement: Requirement, certificate: Certificate, l_arm: float) -> Clearance:
+    inconsistent = certificate.status == Status.INCONSISTENT
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
     return Clearance(
         kind=requirement.kind,
@@ -74,6 +76,7 @@ def _clearance(requirement: Requirement, certificate: Certificate, l_arm: float)
         upper_m=upper,
         analytic_m=finite(certificate.analytic * l_arm),
         level=certificate.level,
+        evidence=evidence(requirement.body, requirement.against) if inconsistent else (),
     )
 
 

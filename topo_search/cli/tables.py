@@ -10,7 +10,7 @@ from rich.table import Table
 
 from topo_search.cli.wording import counted, modules
 from topo_search.engine import Failed, Outcome
-from topo_search.model import Audit, Clearance, Design, Infeasible
+from topo_search.model import Audit, Design, Infeasible
 from topo_search.study import Answer, Row, SizeAnswer, Solved
 
 NARROW = 100
@@ -99,24 +99,16 @@ def print_solved(solved: Solved, out: Path | None) -> None:
             click.echo(f"the design is in {out}")
 
 
-def place(pair: Clearance) -> str:
-    """Name the two sides of a clearance."""
-    if pair.kind == "exclusion":
-        return f"exclusion of module {pair.a} and p_E"
-    if pair.kind in ("local", "directional", "exterior"):
-        segment = "" if pair.segment is None else f", segment {pair.segment}"
-        return f"exposure {pair.b} ({pair.kind}{segment}) of module {pair.a}"
-    return f"{pair.kind} of modules {pair.a} and {pair.b}"
-
-
 def print_audit(name: str, audit: Audit) -> None:
     """Print a verdict, and everything that is not clear."""
     nearest = min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
-    least = "" if nearest is None else f"; least clearance {nearest.analytic_m:.6g} m, {place(nearest)}"
+    least = "" if nearest is None else f"; least clearance {nearest.analytic_m:.6g} m, {nearest.name}"
     click.echo(f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{least}")
     for pair in audit.pairs:
         if pair.status != "clear":
-            click.echo(f"  {place(pair)}: {pair.status}, {pair.analytic_m:.6g} m")
+            click.echo(f"  {pair.name}: {pair.status}, {pair.analytic_m:.6g} m")
+            for finding in pair.evidence:
+                click.echo(f"    {finding}")
     for residual in audit.residuals:
         if residual.status != "clear":
             click.echo(f"  {residual.name}: {residual.status}, off by {residual.value:.3g} {residual.unit}")

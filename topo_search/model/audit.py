@@ -55,6 +55,18 @@ class Clearance(Value):
     """Exact value from the closed form [m]."""
     level: Index
     """Mesh refinement that decided it."""
+    evidence: tuple[str, ...] = ()
+    """What closed form, meshes and FCL say where they disagree; empty unless `inconsistent`."""
+
+    @property
+    def name(self) -> str:
+        """Both sides in the user's words, as the solver names its constraints."""
+        if self.kind == "exclusion":
+            return f"end-effector exclusion of module {self.a}"
+        if self.kind in ("local", "directional", "exterior"):
+            segment = "" if self.segment is None else f", segment {self.segment}"
+            return f"exposure {self.b} ({self.kind}{segment}) of module {self.a}"
+        return f"{self.kind} of modules {self.a} and {self.b}"
 
 
 class Residual(Value):

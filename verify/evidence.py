@@ -1,0 +1,72 @@
+"""What to look at when closed form, meshes and python-fcl disagree about a clearance.
+
+An `inconsistent` verdict is a fault of this tool, or of a library that it trusts. So that someone else can find it,
+what each of them says is written out, after the bodies and the witness with all their digits: in l_arm, from the
+mean of the module centres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from verify.bodies import Array, Cone, ConeSphere
+from verify.certificate import TURNED_LEVELS, Solid, inner_shapes, outer_meshes, plane_gap, witnesses
+from verify.clearance import cone_clearance
+from verify.cone_certificate import SIDES, keeps_off, least_s, reaches_beyond
+
+ENDS = (0.0, 1.0)
+
+
+def evidence(body: Solid, against: Solid | Cone) -> tuple[str, ...]:
+    """Return what is found about a body and what it must keep clear of, or inside of; one finding a line."""
+    return tuple(_of_cone(body.body, against) if isinstance(against, Cone) else _of_pair(body, against))
+
+
+def _of_pair(A: Solid, B: Solid) -> Iterator[str]:
+    (at,) = witnesses([(A, B)])
+    yield f"A: {_told(A.body)}"
+    yield f"B: {_told(B.body)}"
+    yield f"closed form: clearance {at.d!r}, normal from A to B {_vector(at.n)}, at {_vector(at.x)}"
+    yield f"depth of that place in A {float(A.body.depth(at.x))!r}, in B {float(B.body.depth(at.x))!r}"
+    yield f"upper bound that the closed form's points prove: {'none' if at.upper is None else repr(at.upper)}"
+    for level in range(1 + len(TURNED_LEVELS)):
+        outer, inner = outer_meshes(A, B, at, level), inner_shapes(A, B, at, level)
+        if outer is None:
+            yield f"level {level}: an outer mesh does not hold its body"
+        else:
+            (mesh_A, shape_A), (mesh_B, shape_B) = outer
+            yield (
+                f"level {level}: outer meshes {plane_gap(mesh_A, mesh_B, at.n)!r} apart along the normal, "
+                f"FCL: {_overlap(shape_A.overlaps(shape_B))}"
+            )
+        if inner is None:
+            yield f"level {level}: an inner mesh is not within its body"
+        else:
+            yield f"level {level}: inner meshes, FCL: {_overlap(inner[0].overlaps(inner[1]))}"
+
+
+def _of_cone(body: ConeSphere, cone: Cone) -> Iterator[str]:
+    d, worst = cone_clearance(body, cone)
+    x = body.centre(worst) - body.radius(worst) * cone.inward_normal(body.centre(worst))
+    yield f"body: {_told(body)}"
+    yield f"cone: apex {_vector(cone.apex)}, axis {_vector(cone.axis)}, half-angle {cone.half_angle_deg!r} deg"
+    yield f"closed form: clearance {d!r} at the {'last' if worst else 'first'} ball"
+    yield f"its nearest point {_vector(x)}: depth in the body {float(body.depth(x))!r}, s {float(cone.s(x))!r}"
+    for sides in SIDES:
+        yield f"polytope of {sides} sides around the body: inside by {least_s(body, cone, sides)!r}"
+    for eta, name in zip(ENDS, ("first", "last"), strict=True):
+        off, beyond = keeps_off(body, cone, eta), reaches_beyond(body, cone, eta)
+        yield f"plane at the {name} ball, FCL: outer mesh {'off it' if off else 'not off it'}"
+        yield f"plane at the {name} ball, FCL: inner mesh {'reaches' if beyond else 'does not reach'} beyond it"
+
+
+def _told(body: ConeSphere) -> str:
+    return f"ball of radius {body.r!r} at {_vector(body.o)}, swept by {_vector(body.d)}, growing by {body.dr!r}"
+
+
+def _vector(x: Array) -> str:
+    return str(x.tolist())
+
+
+def _overlap(overlaps: bool) -> str:
+    return "overlap" if overlaps else "apart"
