@@ -277,9 +277,12 @@ def test_infeasible_and_audit_come_back_from_json() -> None:
                 "upper_m": -0.1,
                 "analytic_m": -0.1,
                 "level": 3,
+                "percent": -25.0,
+                "evidence": [],
             }
         ],
         "residuals": [],
+        "interference": {"colliding_pairs": 1, "deepest_percent": 25.0, "clusters": [[0, 1]]},
         "assembly": {"joints": []},
         "allowed_contacts": [],
         "versions": {},

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from topo_search.model import Audit, Clearance, Design, Status
+from topo_search.model import Audit, Clearance, Design, Module, Status
 from verify.bodies import Cone
 from verify.certificate import Certificate, certify_pairs
 from verify.cone_certificate import certify_inside
 from verify.evidence import evidence
+from verify.interference import interference, percent_of_deepest
 from verify.kinematics import Platform, platform
 from verify.requirements import Requirement, Scene
 from verify.residuals import finite, residuals
@@ -43,10 +44,13 @@ def _audit(design: Design, started: float) -> Audit:
     certificates = _certificates(requirements)
     statuses = [row.status for row in rows]
     statuses += [c.status for requirement, c in zip(requirements, certificates, strict=True) if requirement.counts]
+    module = design.task.module
+    pairs = tuple(_clearance(*row, module) for row in zip(requirements, certificates, strict=True))
     return Audit(
         verdict=Status.worst(statuses),
-        pairs=tuple(_clearance(*row, scene.l_arm) for row in zip(requirements, certificates, strict=True)),
+        pairs=pairs,
         residuals=rows,
+        interference=interference(pairs),
         assembly=_assembly(design, found),
         allowed_contacts=(),
         versions=dict(_versions()),
@@ -63,7 +67,8 @@ def _certificates(requirements: list[Requirement]) -> list[Certificate]:
     ]
 
 
-def _clearance(requirement: Requirement, certificate: Certificate, l_arm: float) -> Clearance:
+def _clearance(requirement: Requirement, certificate: Certificate, module: Module) -> Clearance:
+    l_arm, d = module.arm_length, finite(certificate.analytic * module.arm_length)
     inconsistent = certificate.status == Status.INCONSISTENT
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
     return Clearance(
@@ -74,8 +79,9 @@ def _clearance(requirement: Requirement, certificate: Certificate, l_arm: float)
         status=certificate.status,
         lower_m=lower,
         upper_m=upper,
-        analytic_m=finite(certificate.analytic * l_arm),
+        analytic_m=d,
         level=certificate.level,
+        percent=finite(percent_of_deepest(d, module)) if requirement.kind == "airflow" else None,
         evidence=evidence(requirement.body, requirement.against) if inconsistent else (),
     )
 

@@ -104,6 +104,13 @@ def print_audit(name: str, audit: Audit) -> None:
     nearest = min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
     least = "" if nearest is None else f"; least clearance {nearest.analytic_m:.6g} m, {nearest.name}"
     click.echo(f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{least}")
+    overlaps = audit.interference
+    if overlaps is not None and overlaps.colliding_pairs:
+        sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
+        click.echo(
+            f"  {counted(overlaps.colliding_pairs, 'pair')} of envelopes overlap, in clusters of {sizes} modules; "
+            f"the deepest by {overlaps.deepest_percent:.3g} % of the deepest possible"
+        )
     for pair in audit.pairs:
         if pair.status != "clear":
             click.echo(f"  {pair.name}: {pair.status}, {pair.analytic_m:.6g} m")

@@ -1,6 +1,6 @@
 """The nouns: frozen, picklable values that cross the borders between solver, audit and search."""
 
-from topo_search.model.audit import Audit, Clearance, Residual, Status
+from topo_search.model.audit import Audit, Clearance, Interference, Residual, Status
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design, SolverRecord
 from topo_search.model.exposure import LEAST_OFFSET, Directional, Exterior, Local, needs_offset
@@ -22,6 +22,7 @@ __all__ = [
     "Exterior",
     "Fault",
     "Infeasible",
+    "Interference",
     "LoadCase",
     "Local",
     "Module",

@@ -55,6 +55,8 @@ class Clearance(Value):
     """Exact value from the closed form [m]."""
     level: Index
     """Mesh refinement that decided it."""
+    percent: Number | None = None
+    """`analytic_m` in percent of the deepest overlap of two envelopes, 2 (r_air + dr_air); None unless `airflow`."""
     evidence: tuple[str, ...] = ()
     """What closed form, meshes and FCL say where they disagree; empty unless `inconsistent`."""
 
@@ -67,6 +69,17 @@ class Clearance(Value):
             segment = "" if self.segment is None else f", segment {self.segment}"
             return f"exposure {self.b} ({self.kind}{segment}) of module {self.a}"
         return f"{self.kind} of modules {self.a} and {self.b}"
+
+
+class Interference(Value):
+    """How severely airflow envelopes overlap: the metrics of the paper's ablation (Sec. IV)."""
+
+    colliding_pairs: Index
+    """Number of pairs of envelopes that are proven to overlap."""
+    deepest_percent: NonNegative
+    """Depth of the deepest overlap in percent of 2 (r_air + dr_air); 0 without any."""
+    clusters: tuple[tuple[Index, ...], ...]
+    """Modules whose envelopes overlap, directly or through others; the largest cluster first."""
 
 
 class Residual(Value):
@@ -98,6 +111,8 @@ class Audit(Value):
     verdict: Status
     pairs: tuple[Clearance, ...]
     residuals: tuple[Residual, ...]
+    interference: Interference | None = None
+    """None in files of programs that do not measure it."""
     assembly: dict[str, Any]
     """One row a joint; the end-effector's mount."""
     allowed_contacts: tuple[dict[str, Any], ...]
