@@ -20,16 +20,15 @@ def rows(pairs, percent=-10.0, status="violated", kind="airflow"):
 
 
 def test_parallel_neighbours_form_one_cluster():
-    # Axes 0.3 m apart: the far balls overlap by 2 R - 0.3; the outer two, 0.6 m apart, are in it through the middle.
+    # Axes 0.3 m apart: the far balls overlap by 2 R - 0.3. The outer two are clear, and in it through the middle.
     found = audit(fan(hinges=(0.0, 0.0)))
     assert found.interference.colliding_pairs == 2
     assert found.interference.clusters == ((0, 1, 2),)
     expected = 100 * (1 - 0.3 / TWICE_END_RADIUS)
     assert found.interference.deepest_percent == pytest.approx(expected, rel=1e-12)
     percents = {(pair.a, pair.b): pair.percent for pair in found.pairs if pair.kind == "airflow"}
-    assert percents == pytest.approx(
-        {(0, 1): -expected, (0, 2): -expected, (1, 2): 100 * (0.6 / TWICE_END_RADIUS - 1)}
-    )
+    clear = 100 * (0.6 / TWICE_END_RADIUS - 1)
+    assert percents == pytest.approx({(0, 1): -expected, (0, 2): -expected, (1, 2): clear})
     assert all(pair.percent is None for pair in found.pairs if pair.kind != "airflow")
 
 

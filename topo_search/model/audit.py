@@ -56,7 +56,7 @@ class Clearance(Value):
     level: Index
     """Mesh refinement that decided it."""
     percent: Number | None = None
-    """`analytic_m` in percent of the deepest overlap of two envelopes, 2 (r_air + dr_air); None unless `airflow`."""
+    """`analytic_m` in percent of the deepest overlap of two envelopes, 2 (r_air + dr_air); only for `airflow`."""
     evidence: tuple[str, ...] = ()
     """What closed form, meshes and FCL say where they disagree; empty unless `inconsistent`."""
 
