@@ -19,10 +19,11 @@ def blocks(language: str) -> list[str]:
 
 
 def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
-    first, exposures = (tomllib.loads(block) for block in blocks("toml"))
+    first, exposures, tolerances = (tomllib.loads(block) for block in blocks("toml"))
     assert Task.model_validate(first) == read_task("push")
-    kinds = [requirement.kind for requirement in Task.model_validate({**first, **exposures}).exposure]
-    assert kinds == ["local", "directional", "exterior"]
+    task = Task.model_validate({**first, **exposures, **tolerances})
+    assert [requirement.kind for requirement in task.exposure] == ["local", "directional", "exterior"]
+    assert task.tolerances.position == 0.5e-3
 
 
 def test_the_python_code_runs_and_says_what_it_should(tmp_path):

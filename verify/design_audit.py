@@ -24,6 +24,7 @@ from verify.interference import interference, percent_of_deepest
 from verify.kinematics import Platform, platform
 from verify.requirements import Requirement, Scene
 from verify.residuals import finite, residuals
+from verify.sensitivity import sensitivity
 
 
 def audit(design: Design) -> Audit:
@@ -51,6 +52,7 @@ def _audit(design: Design, started: float) -> Audit:
         pairs=pairs,
         residuals=rows,
         interference=interference(pairs),
+        sensitivity=sensitivity(design, found, scene, requirements),
         assembly=_assembly(design, found),
         allowed_contacts=(),
         versions=dict(_versions()),

@@ -104,11 +104,18 @@ def poses(
     return Poses(R, p)
 
 
-def platform(design: Design) -> Platform:
-    """Return a design's poses, COM, end-effector and rotor positions."""
+def platform(design: Design, shifts: Array | None = None) -> Platform:
+    """Return a design's poses, COM, end-effector and rotor positions.
+
+    Args:
+        design: the design.
+        shifts: errors of the modules' centres, shape (n, 3) [m].
+    """
     task, module = design.task, design.task.module
     n = design.topology.n
     found = poses(design.topology, design.root_orientation_rad, design.hinge_angles_rad, module.connector_distance)
+    if shifts is not None:
+        found = Poses(found.R, found.p + shifts)
     p_E_in_W = np.array(design.end_effector_m)
     p_com = (task.end_effector.mass * p_E_in_W + module.mass * found.p.sum(axis=0)) / task.total_mass(n)
     o = found.p - p_com

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from topo_search.cli.wording import counted, modules
 from topo_search.engine import Failed, Outcome
-from topo_search.model import Audit, Design, Infeasible
+from topo_search.model import Audit, Design, Infeasible, Limit, Sensitivity
 from topo_search.study import Answer, Row, SizeAnswer, Solved
 
 NARROW = 100
@@ -119,3 +119,29 @@ def print_audit(name: str, audit: Audit) -> None:
     for residual in audit.residuals:
         if residual.status != "clear":
             click.echo(f"  {residual.name}: {residual.status}, off by {residual.value:.3g} {residual.unit}")
+    if audit.sensitivity is not None:
+        _print_sensitivity(audit.sensitivity)
+
+
+def _print_sensitivity(found: Sensitivity) -> None:
+    """Print how much error a design tolerates, each kind alone and as the task asks."""
+    errors = (
+        ("hinge angles may be off", found.hinge_angle_deg, "deg"),
+        ("positions may be off", found.position_m, "m"),
+        ("airflow may reach farther", found.envelope_m, "m"),
+    )
+    for name, limit, unit in errors:
+        if limit is not None:
+            click.echo(f"  {name} by {_size(limit, unit)}; first to break: {limit.name}")
+    asked = found.tolerances
+    if asked is not None:
+        click.echo(
+            f"  within the task's tolerances: {asked.status}, least clearance {asked.lower_m:.3g} m or more "
+            f"({asked.attained_m:.3g} m in an example), {asked.name}"
+        )
+
+
+def _size(limit: Limit, unit: str) -> str:
+    """Return how large an error may be, and how far beyond that is known to be too much."""
+    known = "" if limit.violated_at is None else f" (too much: {limit.violated_at:.3g} {unit})"
+    return f"{limit.tolerated:.3g} {unit}{known}"

@@ -36,8 +36,8 @@ class Status(StrEnum):
 Kind = Literal["airflow", "local", "directional", "exterior", "exclusion", "separation", "body", "rod"]
 
 
-class Clearance(Value):
-    """The certified clearance of one pair of volumes."""
+class Pair(Value):
+    """Two volumes that must keep clear of each other."""
 
     kind: Kind
     a: Index
@@ -46,6 +46,21 @@ class Clearance(Value):
     """The other module, or the number of the exposure requirement; -1 for p_E."""
     segment: Index | None = None
     """Index of the capsule in a directional requirement."""
+
+    @property
+    def name(self) -> str:
+        """Both sides in the user's words, as the solver names its constraints."""
+        if self.kind == "exclusion":
+            return f"end-effector exclusion of module {self.a}"
+        if self.kind in ("local", "directional", "exterior"):
+            segment = "" if self.segment is None else f", segment {self.segment}"
+            return f"exposure {self.b} ({self.kind}{segment}) of module {self.a}"
+        return f"{self.kind} of modules {self.a} and {self.b}"
+
+
+class Clearance(Pair):
+    """The certified clearance of one pair of volumes."""
+
     status: Status
     lower_m: Number | None
     """Proven lower bound of the clearance [m]; None when violated."""
@@ -59,16 +74,6 @@ class Clearance(Value):
     """`analytic_m` in percent of the deepest overlap of two envelopes, 2 (r_air + dr_air); only for `airflow`."""
     evidence: tuple[str, ...] = ()
     """What closed form, meshes and FCL say where they disagree; empty unless `inconsistent`."""
-
-    @property
-    def name(self) -> str:
-        """Both sides in the user's words, as the solver names its constraints."""
-        if self.kind == "exclusion":
-            return f"end-effector exclusion of module {self.a}"
-        if self.kind in ("local", "directional", "exterior"):
-            segment = "" if self.segment is None else f", segment {self.segment}"
-            return f"exposure {self.b} ({self.kind}{segment}) of module {self.a}"
-        return f"{self.kind} of modules {self.a} and {self.b}"
 
 
 class Interference(Value):
@@ -101,6 +106,41 @@ class Residual(Value):
     """The same number or its limit, as the audit derives it."""
 
 
+class Limit(Pair):
+    """How large an error of one kind may be, and the pair that an error beyond it violates first."""
+
+    tolerated: NonNegative
+    """Proven: no error up to this violates any pair."""
+    violated_at: NonNegative | None
+    """Shown by an example: some error of this size does; None if none was found."""
+
+
+class WorstCase(Pair):
+    """What errors as large as the task's tolerances, all at once, do to the pair that is nearest to a violation."""
+
+    status: Status
+    """Clear if no such error violates any pair, violated if one is known that does, else undecided."""
+    lower_m: Number
+    """Proven lower bound of the clearance [m]."""
+    attained_m: Number
+    """Clearance that some such errors leave: the bound is too low by no more than the difference [m]."""
+    factor: Limit | None
+    """By what factor all tolerances may grow together; None if no factor is too large."""
+
+
+class Sensitivity(Value):
+    """How much error the clearances of a design tolerate, each kind alone; None where no size violates anything."""
+
+    hinge_angle_deg: Limit | None
+    """Every hinge angle off by as much [deg]."""
+    position_m: Limit | None
+    """Every module's centre and the end-effector off by as much [m]."""
+    envelope_m: Limit | None
+    """The airflow reaching beyond its envelope by as much [m]."""
+    tolerances: WorstCase | None = None
+    """The tolerances of the task, if it has any."""
+
+
 class Audit(Value):
     """Everything re-derived from a design alone, and the verdict."""
 
@@ -113,6 +153,8 @@ class Audit(Value):
     residuals: tuple[Residual, ...]
     interference: Interference | None = None
     """None in files of programs that do not measure it."""
+    sensitivity: Sensitivity | None = None
+    """None if there is no clearance to lose."""
     assembly: dict[str, Any]
     """One row a joint; the end-effector's mount."""
     allowed_contacts: tuple[dict[str, Any], ...]

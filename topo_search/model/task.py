@@ -14,7 +14,7 @@ import math
 import re
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
 
 from topo_search.model.bad_input import shown
 from topo_search.model.exposure import LEAST_OFFSET, Exposure, needs_offset
@@ -86,6 +86,17 @@ class EndEffector(Value):
         return (0.0, 0.0, 0.0) if self.position == "com" else self.position
 
 
+class Tolerances(Value):
+    """Largest errors with which the platform is built; the audit says whether its clearances survive them."""
+
+    hinge_angle_deg: Annotated[float, Field(strict=True, ge=0, le=90)] = 0.0
+    """Of every hinge angle [deg]."""
+    position: NonNegative = 0.0
+    """Of every module's centre and of the end-effector, from where the hinges put it [m]."""
+    envelope: NonNegative = 0.0
+    """By which the airflow may reach beyond its envelope, in any direction [m]."""
+
+
 class Search(Value):
     """What the search may do, and what it asks of the solver."""
 
@@ -131,6 +142,8 @@ class Task(Value):
     """Regions that must stay out of the airflow."""
     search: Search = Search()
     """What the search may do."""
+    tolerances: Annotated[Tolerances, Field(exclude_if=lambda given: given == Tolerances())] = Tolerances()
+    """Errors in building that the audit reckons with; not written where there are none."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -1,0 +1,254 @@
+"""How much error a design tolerates: proven bounds, never optimistic, held against thousands of built platforms."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from nlp_cases import as_design, push, random_point, random_tree
+from verify_cases import changed, design, fan
+
+from topo_search.model import Design, Status, Topology
+from topo_search.model.files import to_json
+from verify.design_audit import audit
+from verify.kinematics import platform
+from verify.requirements import Requirement, Scene
+from verify.sensitivity import clearance_of, deviated
+from verify.tolerance import Errors, Tolerance
+
+CHAIN = Topology(((-1, -1, -1), (0, 0, 2), (1, 1, 3), (2, 0, 2), (3, 1, 3)))
+EVERYTHING: list[dict[str, Any]] = [
+    {"kind": "local", "radius": 0.15},
+    {"kind": "directional", "radius": 0.1, "segments": [[0.0, 0.0, 1.0], [1.0, 0.0, 0.2]]},
+    {"kind": "directional", "radius": 0.1, "along": "end_effector", "length": 1.0},
+    {"kind": "exterior", "half_angle_deg": 75.0},
+    {"kind": "exterior", "half_angle_deg": 50.0, "axis": [0.0, 0.1, -1.0]},
+    {"kind": "exterior", "half_angle_deg": 90.0, "axis": [0.0, 0.1, -1.0]},
+]
+SMALL_AIR = {"airflow": {"start_radius": 0.03, "spread_angle_deg": 4.0, "reach": 0.4}}
+
+
+def tolerance(of: Design) -> Tolerance:
+    found = platform(of)
+    scene = Scene(of, found)
+    return Tolerance(of, found, scene, list(scene.requirements()))
+
+
+def built(of: Design, errors: Errors, rng: np.random.Generator, *, worst: bool) -> list[Requirement]:
+    """The requirements of a platform that is built with random errors, or with errors at their largest."""
+    n, l_arm = of.topology.n, of.task.module.arm_length
+
+    def shifts(count: int) -> np.ndarray:
+        directions = rng.normal(size=(count, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        return directions if worst else directions * rng.random((count, 1)) ** (1 / 3)
+
+    turns = rng.uniform(-1, 1, n - 1)
+    scene = deviated(
+        of,
+        turns=errors.delta * (np.sign(turns) if worst else turns),
+        shifts=errors.delta_p * l_arm * shifts(n),
+        tip=errors.delta_p * l_arm * shifts(1)[0],
+        envelope=errors.delta_e * l_arm * (1.0 if worst else rng.random()),
+    )
+    return list(scene.requirements())
+
+
+def random_platform(seed: int) -> Design:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 8))
+    task = push(n, exposure=EVERYTHING, module=SMALL_AIR)
+    return as_design(random_point(task, random_tree(n, rng), rng))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_platform_built_within_the_errors_is_below_the_bound(seed: int) -> None:
+    of = random_platform(seed)
+    rng = np.random.default_rng(1000 + seed)
+    bounds = tolerance(of)
+    for errors in (Errors(delta=0.02), Errors(delta=0.3), Errors(delta_p=0.1), Errors(0.02, 0.05, 0.03)):
+        bound = bounds.weakest(errors).bound
+        for trial in range(16):
+            least = min(map(clearance_of, built(of, errors, rng, worst=trial % 2 == 0)))
+            assert least >= bound - 1e-9
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", ["airflow", "local", "directional", "exterior", "exclusion", "separation"])
+def test_every_kind_of_requirement_has_a_bound_of_its_own(seed: int, kind: str) -> None:
+    of = random_platform(100 + seed)
+    rng = np.random.default_rng(seed)
+    found = platform(of)
+    scene = Scene(of, found)
+    some = [r for r in scene.requirements() if r.kind == kind]
+    if not some:  # two modules that are bolted together need no distance
+        assert kind == "separation"
+        assert of.topology.n == 2
+        return
+    errors = Errors(0.03, 0.02, 0.01)
+    for asked in some[:4]:
+        bound = Tolerance(of, found, scene, [asked]).weakest(errors).bound
+        assert bound <= clearance_of(asked)
+        for _ in range(12):
+            same = [
+                r
+                for r in built(of, errors, rng, worst=True)
+                if (r.kind, r.a, r.b, r.segment) == (asked.kind, asked.a, asked.b, asked.segment)
+            ]
+            assert clearance_of(same[0]) >= bound - 1e-9
+
+
+def test_adversarial_errors_come_near_the_bound_but_never_below() -> None:
+    """Coordinate by coordinate the worst of all hinge errors, from several starts: what the bound must survive."""
+    shares = []
+    for seed in range(6):
+        of = random_platform(200 + seed)
+        rng = np.random.default_rng(seed)
+        delta = 0.01
+        weakest = tolerance(of).weakest(Errors(delta=delta))
+        name = weakest.requirement.kind, weakest.requirement.a, weakest.requirement.b, weakest.requirement.segment
+
+        def left(turns: np.ndarray, of: Design = of, name: Any = name) -> float:
+            scene = deviated(of, turns=turns, shifts=np.zeros((of.topology.n, 3)), tip=np.zeros(3), envelope=0.0)
+            return clearance_of(next(r for r in scene.requirements() if (r.kind, r.a, r.b, r.segment) == name))
+
+        least = math.inf
+        for _ in range(3):
+            turns = delta * rng.choice([-1.0, 1.0], of.topology.n - 1)
+            for _ in range(2):
+                for hinge in range(len(turns)):
+                    tried = np.repeat(turns[None], 3, axis=0)
+                    tried[:, hinge] = (-delta, 0.0, delta)
+                    turns = min(tried, key=left)
+            least = min(least, left(turns))
+        assert least >= weakest.bound - 1e-9
+        nominal = clearance_of(weakest.requirement)
+        if weakest.bound < nominal:  # not the root's own envelope, which no hinge moves
+            shares.append((nominal - least) / (nominal - weakest.bound))
+    assert len(shares) >= 4
+    assert np.median(shares) > 0.8  # the bound gives away little of what hinges can really take
+
+
+def test_a_pair_beyond_one_hinge_by_hand() -> None:
+    """Two modules in a line: the far end of the second envelope is the arm, and nothing else moves."""
+    two = Topology(((-1, -1, -1), (0, 0, 2)))
+    of = design(two, {"search": {"body_clearance": False}}, hinges=(-0.5,), end_effector=(0.0, 0.0, 0.8))
+    result = audit(of).sensitivity
+    assert result is not None
+    assert result.position_m is not None
+    gap = min(pair.analytic_m for pair in audit(of).pairs if pair.kind == "airflow")
+    # Both sides may be off, and both envelopes may reach farther: half the gap each.
+    assert result.position_m.tolerated == pytest.approx(gap / 2, rel=1e-5)
+    assert result.envelope_m is not None
+    assert result.envelope_m.tolerated == pytest.approx(gap / 2, rel=1e-5)
+    assert result.envelope_m.violated_at == pytest.approx(gap / 2, rel=1e-3)
+    assert (result.position_m.kind, result.position_m.a, result.position_m.b) == ("airflow", 0, 1)
+
+
+def test_errors_that_two_modules_share_cancel() -> None:
+    """A long chain before a pair changes nothing for it: its path is all that counts."""
+    short = Topology(((-1, -1, -1), (0, 1, 3)))
+    # The same two modules with the same hinge between them, at the end of a chain.
+    long = Topology(((-1, -1, -1), (0, 0, 2), (1, 0, 2), (2, 1, 3)))
+    near = design(short, {}, hinges=(0.5,), end_effector=(0.0, 0.0, 0.8))
+    far = design(long, {}, hinges=(-0.2, -0.3, 0.5), end_effector=(0.0, 0.0, 0.8))
+
+    def bound(of: Design, a: int, b: int) -> float:
+        found = platform(of)
+        scene = Scene(of, found)
+        pair = next(r for r in scene.requirements() if (r.kind, r.a, r.b) == ("airflow", a, b))
+        return Tolerance(of, found, scene, [pair]).weakest(Errors(delta=0.01)).bound
+
+    assert bound(near, 0, 1) == pytest.approx(bound(far, 2, 3), abs=1e-12)
+
+
+@given(st.floats(1e-4, 0.2), st.floats(1.0, 3.0))
+def test_larger_errors_never_leave_more(delta: float, factor: float) -> None:
+    bounds = tolerance(fan({"exposure": EVERYTHING[:3]}))
+    errors = Errors(delta, delta, delta)
+    assert bounds.weakest(errors.times(factor)).bound <= bounds.weakest(errors).bound + 1e-12
+
+
+@pytest.mark.parametrize("scale", [1e-2, 1.0, 1e3])
+def test_angles_do_not_depend_on_the_unit_of_length_and_lengths_scale_with_it(scale: float) -> None:
+    def scaled(by: float) -> Design:
+        body = {"rotor_radius": 0.05 * by}
+        module = {"arm_length": 0.1 * by, "connector_distance": 0.15 * by, "body": body}
+        return fan({"module": module}, end_effector=(0.0, 0.0, 0.6 * by))
+
+    one, other = audit(scaled(1.0)).sensitivity, audit(scaled(scale)).sensitivity
+    assert one is not None
+    assert other is not None
+    assert one.hinge_angle_deg is not None
+    assert other.hinge_angle_deg is not None
+    assert other.hinge_angle_deg.tolerated == pytest.approx(one.hinge_angle_deg.tolerated, rel=1e-4)
+    assert one.position_m is not None
+    assert other.position_m is not None
+    assert other.position_m.tolerated == pytest.approx(scale * one.position_m.tolerated, rel=1e-4)
+
+
+def test_what_is_tolerated_is_clear_and_what_violates_is_violated() -> None:
+    of = fan({"exposure": EVERYTHING[:3]}, end_effector=(0.0, 0.0, 0.8))
+    result = audit(of).sensitivity
+    assert result is not None
+    assert result.hinge_angle_deg is not None
+    within, beyond = result.hinge_angle_deg.tolerated, result.hinge_angle_deg.violated_at
+    assert beyond is not None
+    assert 0 < within < beyond
+    for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        hinges = [a + math.radians(within) * s for a, s in zip(of.hinge_angles_rad, signs, strict=True)]
+        turned = changed(of, hinge_angles_rad=hinges)
+        assert all(pair.status == Status.CLEAR for pair in audit(turned).pairs)
+
+
+def test_the_tolerances_of_a_task() -> None:
+    fine = {"hinge_angle_deg": 0.2, "position": 1e-3, "envelope": 2e-3}
+    clear = audit(fan({"tolerances": fine})).sensitivity
+    assert clear is not None
+    assert clear.tolerances is not None
+    assert clear.tolerances.status == Status.CLEAR
+    assert 0 < clear.tolerances.lower_m <= clear.tolerances.attained_m
+    assert clear.tolerances.factor is not None
+    assert clear.tolerances.factor.tolerated > 1
+    rough = audit(fan({"tolerances": {"envelope": 0.2}}))
+    assert rough.verdict == Status.CLEAR  # the verdict is on the design as drawn
+    assert rough.sensitivity is not None
+    assert rough.sensitivity.tolerances is not None
+    assert rough.sensitivity.tolerances.status == Status.VIOLATED
+    assert rough.sensitivity.tolerances.factor is not None
+    assert rough.sensitivity.tolerances.factor.tolerated < 1
+
+
+def test_a_design_that_is_violated_tolerates_nothing() -> None:
+    result = audit(fan(hinges=(0.6, -0.6))).sensitivity
+    assert result is not None
+    assert result.position_m is not None
+    assert result.position_m.tolerated == 0
+    assert result.position_m.violated_at == 0
+
+
+def test_the_ablation_looks_at_distances_alone() -> None:
+    result = audit(fan({"search": {"interference": "separation"}}, hinges=(0.6, -0.6))).sensitivity
+    assert result is not None
+    assert result.position_m is not None
+    assert result.position_m.kind in ("separation", "exclusion")
+    assert result.envelope_m is None  # no airflow counts: it may reach as far as it likes
+
+
+def test_one_module_without_requirements_has_no_clearance_to_lose() -> None:
+    one = Topology(((-1, -1, -1),))
+    alone = design(one, {"end_effector": {"exclusion": False}}, hinges=())
+    assert audit(alone).sensitivity is None
+    guarded = audit(design(one, {}, hinges=())).sensitivity
+    assert guarded is not None
+    assert guarded.hinge_angle_deg is None
+    assert guarded.position_m is not None
+    assert guarded.position_m.tolerated == pytest.approx((0.6 - 0.15) / 2, rel=1e-5)
+
+
+def test_a_task_without_tolerances_is_written_as_before() -> None:
+    assert "tolerances" not in to_json(fan())
+    tight = fan({"tolerances": {"position": 1e-3}})
+    assert Design.model_validate_json(to_json(tight)) == tight

@@ -1,0 +1,177 @@
+r"""How much error the clearances of a design tolerate before the first violation.
+
+| symbol | meaning |
+|---|---|
+| lambda | factor by which some errors grow together |
+| bound(lambda) | proven lower bound of all clearances, `verify.tolerance` |
+| attained(lambda) | exact clearance of one pair with one example of such errors |
+
+Errors up to the lambda at which the bound vanishes violate nothing: proven. The pair whose bound vanishes first is
+tried out: every hinge on its path is turned, and both sides are shifted, the worst way to first order, and the
+kinematics and the closed-form clearance are evaluated again. The least lambda at which that violates the pair is
+`violated_at`. What is true lies in between, so that both together say how pessimistic the bound is.
+
+Masses are taken as stated. Rotor inputs are left out, for a controller adjusts them, and so are real parts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from topo_search.model import Design, Limit, Sensitivity, Status, WorstCase
+from verify.bodies import Array, Cone
+from verify.certificate import ROUNDING
+from verify.clearance import clearances, cone_clearance
+from verify.kinematics import Platform, platform
+from verify.requirements import Requirement, Scene
+from verify.tolerance import KINDS, Errors, Tolerance, Weakest
+
+LARGEST_TURN = math.pi
+"""Larger errors of angles are not looked for [rad]."""
+LARGEST_SHIFT = 1e6
+"""Larger errors of positions and envelopes are not looked for [l_arm]."""
+LARGEST_FACTOR = 1e6
+"""Larger factors of the tolerances are not looked for."""
+ACCURACY = 1e-6
+"""A largest error is found to this part of itself."""
+TRIALS = 10
+"""Most sizes of errors that are tried for one that violates a pair."""
+OVERSHOOT = 1.05
+"""How far beyond the expected size the next one is."""
+LEAP = 1.5
+"""Most by which the next one is larger: far beyond the first violation a pair may be clear again."""
+
+
+def sensitivity(
+    design: Design, found: Platform, scene: Scene, requirements: Sequence[Requirement]
+) -> Sensitivity | None:
+    """Return how much error a design tolerates; None if there is no clearance to lose.
+
+    Args:
+        design: the design.
+        found: its geometry.
+        scene: its volumes.
+        requirements: what is asked of them; those that do not count are left out.
+    """
+    bounded = [r for r in requirements if r.counts and r.kind in KINDS]
+    if not bounded:
+        return None
+    search = _Search(design, Tolerance(design, found, scene, bounded), scene.l_arm)
+    l_arm, asked = scene.l_arm, design.task.tolerances
+    errors = Errors(math.radians(asked.hinge_angle_deg), asked.position / l_arm, asked.envelope / l_arm)
+    return Sensitivity(
+        hinge_angle_deg=search.limit(Errors(delta=1.0), LARGEST_TURN, math.degrees(1.0)),
+        position_m=search.limit(Errors(delta_p=1.0), LARGEST_SHIFT, l_arm),
+        envelope_m=search.limit(Errors(delta_e=1.0), LARGEST_SHIFT, l_arm),
+        tolerances=search.worst_case(errors) if any(errors) else None,
+    )
+
+
+class _Search:
+    """Looks for the largest errors of one design."""
+
+    def __init__(self, design: Design, tolerance: Tolerance, l_arm: float) -> None:
+        self._design, self._tolerance, self._l_arm = design, tolerance, l_arm
+
+    def limit(self, errors: Errors, largest: float, unit: float) -> Limit | None:
+        """Return the largest factor of some errors that is proven to violate nothing, times a unit.
+
+        None if the largest that is looked for violates nothing either.
+        """
+        if self._keeps(errors.times(largest)):
+            return None
+        nominal = self._tolerance.weakest(Errors())
+        if nominal.bound <= ROUNDING:
+            return Limit(
+                **_pair(nominal.requirement), tolerated=0.0, violated_at=0.0 if nominal.bound < 0 else None
+            )
+        low, high = 0.0, largest
+        while high - low > ACCURACY * high and high > 1e-12:
+            # quarter the range of sizes first, then halve what is left
+            middle = 0.25 * high if low == 0.0 else (low + high) / 2
+            low, high = (middle, high) if self._keeps(errors.times(middle)) else (low, middle)
+        weakest = self._tolerance.weakest(errors.times(high))
+        violating = self._violating(weakest, errors, high, largest)
+        return Limit(
+            **_pair(weakest.requirement),
+            tolerated=low * unit,
+            violated_at=None if violating is None else violating * unit,
+        )
+
+    def worst_case(self, errors: Errors) -> WorstCase:
+        """Return what errors of some size do."""
+        weakest = self._tolerance.weakest(errors)
+        attained = self._attained(weakest, errors)
+        status = Status.CLEAR if weakest.bound > ROUNDING else Status.UNDECIDED
+        return WorstCase(
+            **_pair(weakest.requirement),
+            status=Status.VIOLATED if attained < -ROUNDING else status,
+            lower_m=weakest.bound * self._l_arm,
+            attained_m=attained * self._l_arm,
+            factor=self.limit(errors, LARGEST_FACTOR, 1.0),
+        )
+
+    def _keeps(self, errors: Errors) -> bool:
+        return self._tolerance.weakest(errors).bound > ROUNDING
+
+    def _violating(self, weakest: Weakest, errors: Errors, factor: float, largest: float) -> float | None:
+        """Return a factor near the least at which an example violates the pair; None if none is found."""
+        before, left_before = 0.0, self._attained(weakest, Errors())
+        for _ in range(TRIALS):
+            left = self._attained(weakest, errors.times(factor))
+            if left < 0:
+                return factor
+            slope = (left_before - left) / (factor - before)
+            step = left / slope if slope > 0 else factor
+            before, left_before = factor, left
+            factor = min(factor + OVERSHOOT * max(step, ACCURACY * factor), LEAP * factor, largest)
+            if factor == before:
+                break
+        return None
+
+    def _attained(self, weakest: Weakest, errors: Errors) -> float:
+        """Return the least exact clearance that an example leaves its pair [l_arm]."""
+        pair, least = _pair(weakest.requirement), math.inf
+        for turns in weakest.turns:
+            scene = deviated(
+                self._design,
+                turns=errors.delta * turns,
+                shifts=errors.delta_p * self._l_arm * weakest.shifts,
+                tip=errors.delta_p * self._l_arm * weakest.tip,
+                envelope=errors.delta_e * self._l_arm,
+            )
+            least = min(least, clearance_of(next(r for r in scene.requirements() if _pair(r) == pair)))
+        return least
+
+
+def deviated(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope: float) -> Scene:
+    """Return the volumes of a design that is built with errors.
+
+    Args:
+        design: the design.
+        turns: errors of the hinge angles, shape (n-1,) [rad].
+        shifts: errors of the modules' centres, shape (n, 3) [m].
+        tip: error of p'_E, shape (3,) [m].
+        envelope: how far the airflow reaches beyond its envelope [m].
+    """
+    module = design.task.module
+    airflow = module.airflow.model_copy(
+        update={"start_radius": module.start_radius + envelope, "reach": module.reach + envelope}
+    )
+    task = design.task.model_copy(update={"module": module.model_copy(update={"airflow": airflow})})
+    angles = [alpha + turn for alpha, turn in zip(design.hinge_angles_rad, turns.tolist(), strict=True)]
+    p_E = tuple(x + error for x, error in zip(design.end_effector_m, tip.tolist(), strict=True))
+    built = design.model_copy(update={"task": task, "hinge_angles_rad": tuple(angles), "end_effector_m": p_E})
+    return Scene(built, platform(built, shifts))
+
+
+def clearance_of(requirement: Requirement) -> float:
+    """Return the exact clearance of a requirement from its closed form [l_arm]."""
+    if isinstance(requirement.against, Cone):
+        return cone_clearance(requirement.body.body, requirement.against)[0]
+    return float(clearances([(requirement.body.body, requirement.against.body)]).d[0])
+
+
+def _pair(requirement: Requirement) -> dict[str, object]:
+    return {"kind": requirement.kind, "a": requirement.a, "b": requirement.b, "segment": requirement.segment}
