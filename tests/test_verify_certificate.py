@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from verify_cases import FAMILIES, at_clearance, brute_clearance, random_pair, unit
+from verify_cases import FAMILIES, GAPS, SCALES, at_clearance, brute_clearance, nearly_touching, random_pair, unit
 
 import verify.certificate
 import verify.cone_certificate
@@ -16,8 +16,6 @@ from verify.clearance import Nearest, clearances, cone_clearance
 from verify.cone_certificate import certify_inside
 from verify.evidence import evidence
 from verify.fcl_queries import FARTHEST, Shape
-
-NEAR = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1.1e-7)
 
 
 def hold(certificate: Certificate, d: float) -> None:
@@ -41,7 +39,7 @@ def check_family(family: str, seed: int, count: int) -> None:
     for certificate, d in zip(certificates, slow, strict=True):
         if abs(d) > FLOOR:
             hold(certificate, d)
-    near = [at_clearance(*pair, sign * size) for pair in pairs for size in NEAR for sign in (1, -1)]
+    near = [at_clearance(*pair, sign * size) for pair in pairs for size in GAPS for sign in (1, -1)]
     for (A, B), d in zip(near, brute_clearance(near), strict=True):
         if abs(d) > FLOOR:
             hold(certify_pairs([(Solid(A), Solid(B))])[0], d)
@@ -50,6 +48,18 @@ def check_family(family: str, seed: int, count: int) -> None:
 @pytest.mark.parametrize("family", FAMILIES)
 def test_no_verdict_is_wrong_and_none_is_missing(family):
     check_family(family, seed=21, count=8)
+
+
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_bodies_of_any_size_are_judged_right(family, scale):
+    pairs = nearly_touching(family, scale, np.random.default_rng(28))
+    certificates = certify_pairs([(Solid(A), Solid(B)) for A, B in pairs])
+    for certificate, d in zip(certificates, brute_clearance(pairs), strict=True):
+        if abs(d) > FLOOR:
+            hold(certificate, d)
+        else:
+            assert certificate.status in {Status.UNDECIDED, Status.CLEAR if d > 0 else Status.VIOLATED}
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Bodies and designs for the tests of the audit."""
+"""Bodies and designs for the tests and benchmarks of the audit."""
 
 import math
 from typing import Any
@@ -29,6 +29,12 @@ FAMILIES = (
     "nested",
     "identical",
 )
+
+
+GAPS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1.1e-7, 1e-9)
+"""Clearances at which pairs nearly touch, in arm lengths: the last is under the floor of what can be decided."""
+SCALES = (0.1, 1.0, 10.0)
+"""Sizes of the bodies, while the tolerances stay what they are in arm lengths."""
 
 
 def unit(rng: np.random.Generator) -> Array:
@@ -149,3 +155,12 @@ def at_clearance(A: ConeSphere, B: ConeSphere, d: float) -> tuple[ConeSphere, Co
             break
         B = B.moved((d - found) * w / np.linalg.norm(w))
     return A, B
+
+
+def nearly_touching(family: str, scale: float, rng: np.random.Generator) -> list[tuple[ConeSphere, ConeSphere]]:
+    """A pair of a family as drawn, then moved apart and together by every gap."""
+    A, B = (
+        ConeSphere(scale * body.o, scale * body.d, scale * body.r, scale * body.dr)
+        for body in random_pair(family, rng)
+    )
+    return [(A, B), *(at_clearance(A, B, sign * gap) for gap in GAPS for sign in (1, -1))]

@@ -11,9 +11,10 @@ from topo_search.model import Audit, Clearance, Residual
 
 
 def clearances(audit: Audit) -> pd.DataFrame:
-    """Return a row for every pair and requirement of an audit, with the fields of `Clearance` [m]."""
-    numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m"), "float64")
-    return _frame(Clearance, audit.pairs).astype({**numbers, "segment": "Int64"})
+    """Return a row for every pair and requirement of an audit [m], with all fields of `Clearance` but evidence."""
+    numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m", "percent"), "float64")
+    frame = _frame(Clearance, audit.pairs).astype({**numbers, "segment": "Int64"})
+    return frame.drop(columns="evidence")
 
 
 def residuals(audit: Audit) -> pd.DataFrame:
