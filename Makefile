@@ -5,16 +5,19 @@ STAMP := $(VENV)/.installed
 # Two variables: older versions of pip pin the build tools by the first, newer ones by the second.
 PINNED := PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
 
-.PHONY: demo test test-slow lint clean
+.PHONY: demo test test-slow test-browser lint clean
 
 demo: $(STAMP)  ## search all five-module topologies for the push task
 	$(BIN)/topo-search run push
 
-test: lint  ## everything CI checks
-	$(BIN)/pytest -n 2 -m "not slow"
+test: lint  ## everything CI checks, but what needs a browser
+	$(BIN)/pytest -n 2 -m "not slow and not browser"
 
 test-slow: lint  ## also the tests that take over ten seconds each
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 -m "not browser"
+
+test-browser: $(STAMP)  ## open the report in Chromium, which has to be installed
+	$(BIN)/pytest -m browser
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -3,7 +3,19 @@ import sys
 
 import pytest
 
-HEAVY = ["casadi", "nlp", "verify", "fcl", "optuna", "pandas", "rich", "pebble", "topo_search.compose"]
+HEAVY = [
+    "casadi",
+    "nlp",
+    "verify",
+    "fcl",
+    "optuna",
+    "pandas",
+    "rich",
+    "pebble",
+    "plotly",
+    "trimesh",
+    "topo_search.compose",
+]
 
 
 def loaded_after(statement, names):
@@ -27,7 +39,9 @@ def test_what_is_not_needed_is_not_loaded(statement, names):
     assert loaded_after(statement, names) == "[]"
 
 
-@pytest.mark.parametrize("command", [[], ["run"], ["solve"], ["audit"], ["topologies"], ["examples"], ["init"]])
+@pytest.mark.parametrize(
+    "command", [[], ["run"], ["solve"], ["audit"], ["topologies"], ["report"], ["examples"], ["init"]]
+)
 def test_help_loads_nothing_heavy_and_has_an_example(command):
     statement = (
         "from topo_search.cli import main\n"

@@ -16,7 +16,7 @@ from topo_search.export import outlines, parts
 from topo_search.export.picture import draw, figure_of, title
 from topo_search.export.poses import poses
 from topo_search.export.scene import Scene
-from topo_search.export.tree_plot import flat_layout, layered_layout
+from topo_search.export.tree_layout import flat_layout, layered_layout
 from topo_search.model import Design, Module, Topology
 from topo_search.model.files import examples, read_task
 

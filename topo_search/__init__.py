@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from topo_search.compose import audit, search, solve
+    from topo_search.compose import audit, search, solve, write_report
     from topo_search.export.tables import clearances
     from topo_search.model import Design, Task, Topology
     from topo_search.model.files import read_json, read_task
@@ -21,6 +21,7 @@ __all__ = [
     "read_task",
     "search",
     "solve",
+    "write_report",
 ]
 
 _HOMES = {
@@ -33,6 +34,7 @@ _HOMES = {
     "read_task": "topo_search.model.files",
     "search": "topo_search.compose",
     "solve": "topo_search.compose",
+    "write_report": "topo_search.compose",
 }
 
 

@@ -20,8 +20,8 @@ from topo_search.engine import (
     audit_deadline,
 )
 from topo_search.model import Audit, BadInput, Design, Fault, Task, Topology
-from topo_search.model.files import read_task
-from topo_search.study import Answer, Observer, Request, Silent, Solved, run, solve_single
+from topo_search.model.files import read_json, read_task, write_atomically
+from topo_search.study import Answer, Observer, Request, RunFolder, Silent, Solved, run, solve_single
 from topo_search.topologies import Symmetry
 
 VERBS = Verbs(
@@ -67,7 +67,35 @@ def search(
         workers=workers or available_cores(),
         time_limit=time_limit,
         observer=observer or Silent(),
+        report=_write_page,
     )
+
+
+def write_report(source: str | Path, *, out: str | Path | None = None) -> Path:
+    """Write the page of a run, or of a single design after auditing it, and return where it is.
+
+    Args:
+        source: a run's folder or a design's file.
+        out: the page; default: `report.html` in the folder, or the design's name with `.html`.
+
+    Raises:
+        BadInput: it is neither.
+        RuntimeError: the audit failed, with the reason.
+    """
+    from topo_search.report.design_page import design_page
+    from topo_search.report.page import render
+    from topo_search.report.run_page import REPORT, run_page
+
+    source = Path(source)
+    if source.is_dir():
+        with RunFolder.found(source) as folder:
+            page = run_page(folder)
+    else:
+        design = read_json(Design, source)
+        page = design_page(design, audit(design), source.name)
+    path = Path(out or (source / REPORT if source.is_dir() else source.with_suffix(".html")))
+    write_atomically(path, render(page))
+    return path
 
 
 def solve(
@@ -128,6 +156,13 @@ def audits(designs: list[Design]) -> Iterator[Audit | Failed]:
 def available_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _write_page(folder: RunFolder) -> None:
+    """Write a run's page: only the coordinator loads what it takes, not the workers."""
+    from topo_search.report.run_page import write_run_page
+
+    write_run_page(folder)
 
 
 def _task(task: Task | str | Path) -> Task:

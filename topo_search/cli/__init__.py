@@ -8,6 +8,7 @@ from topo_search.cli.audit import audit
 from topo_search.cli.examples import examples
 from topo_search.cli.export import export
 from topo_search.cli.init import init
+from topo_search.cli.report import report
 from topo_search.cli.run import run
 from topo_search.cli.solve import solve
 from topo_search.cli.topologies import topologies
@@ -22,5 +23,5 @@ def main() -> None:
     """Find the best topology of a modular aerial manipulator for a task, and audit it exactly."""
 
 
-for command in (run, solve, audit, topologies, export, examples, init):
+for command in (run, solve, audit, topologies, export, report, examples, init):
     main.add_command(command)

@@ -32,7 +32,7 @@ SOLIDS = ("glb", "stl")
 TABLES = ("csv", "parquet")
 AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
-EXTRAS = {"matplotlib": "viz", "pyarrow": "viz", "trimesh": "viz"}
+EXTRAS = {"matplotlib": "viz", "pyarrow": "viz"}
 """The extra that brings a library."""
 
 
@@ -67,7 +67,7 @@ def export(source: str, kind: Any, parts: Any, out: Path) -> None:
     urdf       a robot description with a frame at every rotor
     csv, parquet   tables: of a run its candidates, of an audit its clearances; a design is audited first
 
-    Pictures, solids and parquet need the extra `viz`. A design need not be audited, nor pass its audit.
+    Pictures and parquet need the extra `viz`. A design need not be audited, nor pass its audit.
 
     Exit status: 0 written; 2 bad input.
     """  # noqa: D301 (\b is click's)

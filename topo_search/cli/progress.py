@@ -19,7 +19,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from topo_search.cli.wording import counted, modules
+from topo_search.report.wording import counted, modules
 from topo_search.study import Observer, Row
 
 EVERY = 10.0

@@ -8,9 +8,9 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from topo_search.cli.wording import counted, modules
 from topo_search.engine import Failed, Outcome
 from topo_search.model import Audit, Design, Infeasible, Limit, Sensitivity
+from topo_search.report.wording import counted, modules
 from topo_search.study import Answer, Row, SizeAnswer, Solved
 
 NARROW = 100

@@ -40,12 +40,12 @@ def frame(module: Module) -> Trimesh:
     return joined([hub, *bars])
 
 
-def rotors(module: Module) -> Trimesh:
+def rotors(module: Module, *, sides: int = SIDES) -> Trimesh:
     """Return the four rotor discs in the module frame."""
     body, l_arm = module.body, module.arm_length
     discs = []
     for angle in ROTOR_ANGLES:
-        disc = trimesh.creation.cylinder(radius=body.rotor_radius, height=body.rotor_height, sections=SIDES)
+        disc = trimesh.creation.cylinder(radius=body.rotor_radius, height=body.rotor_height, sections=sides)
         discs.append(disc.apply_translation((l_arm * math.cos(angle), l_arm * math.sin(angle), 0)))
     return joined(discs)
 

@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from topo_search.export import outlines, palette, parts
 from topo_search.export.poses import PORTS, Poses
+from topo_search.export.regions import cone_axis, cone_slant, paths
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.exposure import Directional, Exterior
@@ -82,7 +83,7 @@ class Scene:
                 continue
             ends = [apex]
             if isinstance(requirement, Directional):
-                ends = [apex + segment for segment in self._segments(requirement)]
+                ends = [apex + path for path in paths(requirement, self.at)]
             r = requirement.radius
             self._volumes([outlines.cone_sphere(apex, r, end, r, self.v) for end in ends], palette.EXPOSURE, 0.3)
             self._lines([outlines.circle(end, r, np.array([0.0, 0.0, 1.0])) for end in ends], palette.EXPOSURE, 0.8)
@@ -162,17 +163,9 @@ class Scene:
         pixels = self.axes.transData.transform(self._projected(points))
         return np.asarray(pixels * 72 / self.axes.figure.dpi)
 
-    def _segments(self, requirement: Directional) -> list[Array]:
-        if requirement.segments is not None:
-            return [np.array(segment) for segment in requirement.segments]
-        assert requirement.length is not None  # given with `along`
-        return [requirement.length * _unit(self.at.p_E)]
-
     def _cone(self, requirement: Exterior) -> None:
-        apex = self.at.end_effector
-        d = _unit(-self.at.p_E if requirement.axis == "com" else np.array(requirement.axis))
-        slant = float(np.linalg.norm(self.at.p - apex, axis=1).max()) + 2 * self.design.task.module.reach / 3
-        surface = outlines.cone(apex, d, math.radians(requirement.half_angle_deg), slant)
+        d, theta = cone_axis(requirement, self.at), math.radians(requirement.half_angle_deg)
+        surface = outlines.cone(self.at.end_effector, d, theta, cone_slant(self.design, self.at))
         self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
         self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
         self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
@@ -208,11 +201,6 @@ class Scene:
 
     def _keep(self, drawn: list[Array]) -> None:
         self._drawn.extend(np.asarray(points).reshape(-1, 3) for points in drawn)
-
-
-def _unit(vector: Array) -> Array:
-    length = np.linalg.norm(vector)
-    return vector / length if length else np.array([0.0, 0.0, 1.0])
 
 
 def _overlap(at: Array, taken: list[Array], size: float) -> bool:

@@ -20,6 +20,7 @@ from trimesh.visual.material import PBRMaterial
 from topo_search.export import outlines, palette
 from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
 from topo_search.export.poses import Poses, poses, rotation
+from topo_search.export.regions import cone_axis, paths
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.exposure import Directional, Exterior
@@ -94,18 +95,15 @@ def _region(design: Design, number: int, at: Poses) -> Solid:
     apex = [placed(np.eye(3), at.end_effector)]
     name, origin = f"exposure_{number}", np.zeros(3)
     if isinstance(requirement, Exterior):
-        d = -at.p_E if requirement.axis == "com" else np.array(requirement.axis)
         slant = float(np.linalg.norm(at.p - at.end_effector, axis=1).max()) + design.task.module.reach
         theta = math.radians(requirement.half_angle_deg)
-        triangles = outlines.cone(origin, d / np.linalg.norm(d), theta, slant)
+        triangles = outlines.cone(origin, cone_axis(requirement, at), theta, slant)
         surface = Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
         return Solid(name, surface, palette.EXPOSURE, apex, opacity=0.15)
     r = requirement.radius
     ends = [origin]
     if isinstance(requirement, Directional):
-        ends = [np.array(segment) for segment in requirement.segments or ()]
-        if requirement.length is not None:
-            ends = [requirement.length * at.p_E / np.linalg.norm(at.p_E)]
+        ends = paths(requirement, at)
     volumes = joined([cone_sphere(origin, r, end, r) for end in ends])
     return Solid(name, volumes, palette.EXPOSURE, apex, opacity=0.3)
 

@@ -2,61 +2,29 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
-import networkx as nx
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from topo_search.export import palette
 from topo_search.export.poses import PORTS
+from topo_search.export.tree_layout import PORT_NAMES, layout
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
-from topo_search.model.topology import Topology
 
-PORT_NAMES = ("+x", "+y", "−x", "−y")
 SIDE = 0.44
 """Edge of a module's square, in cells."""
 LEAST_READABLE = 5.0
 """Under this size of text [pt] angles and port names are left out."""
-LAYER = 1.3
-"""Height of a layer of the layered tree, in cells."""
-
-
-def flat_layout(topology: Topology) -> tuple[Array, list[int]]:
-    """Lay the tree on a square grid as if every hinge were flat.
-
-    Returns:
-        The cell of every module, (n, 2), and the quarter turns by which each is rotated.
-    """
-    cells, turns = [np.zeros(2)], [0]
-    for h, _, a, b in topology.edges():
-        cells.append(cells[h] + PORTS[(a + turns[h]) % 4, :2])
-        turns.append((turns[h] + a + 2 - b) % 4)
-    return np.array(cells), turns
-
-
-def layered_layout(topology: Topology) -> Array:
-    """Lay the tree in layers: leaves side by side, every parent over the middle of its children; (n, 2)."""
-    tree = topology.graph()
-    depth = nx.shortest_path_length(tree, 0)
-    leaves = itertools.count()
-    x: dict[int, float] = {}
-    for i in nx.dfs_postorder_nodes(tree, 0):
-        below = [x[j] for j in tree[i] if topology.parents[j] == i]
-        x[i] = (min(below) + max(below)) / 2 if below else next(leaves)
-    return np.array([[x[i], -LAYER * depth[i]] for i in range(topology.n)])
 
 
 def draw_tree(axes: Axes, design: Design) -> None:
     """Draw the tree: a square a module, a line a joint with its hinge angle, and the four ports of every module."""
     topology = design.topology
-    place, turns = flat_layout(topology)
-    flat = len(np.unique(place, axis=0)) == topology.n
-    if not flat:
-        place = layered_layout(topology)
+    place, turns = layout(topology)
+    flat = turns is not None
     low, high = place.min(axis=0), place.max(axis=0)
     half = np.maximum(high - low + 1, 2.5) / 2
     size = float(np.clip(34 / half.max() / 2, 4, 8))
@@ -79,7 +47,7 @@ def draw_tree(axes: Axes, design: Design) -> None:
     for i, centre in enumerate(place):
         axes.add_patch(_square(centre, SIDE, "white", palette.MODULE, size / 4 if i == 0 else size / 8))
         axes.text(centre[0], centre[1], str(i), fontsize=size, ha="center", va="center", zorder=5)
-        if flat:
+        if turns is not None:
             for port in range(4):
                 out = PORTS[(port + turns[i]) % 4, :2]
                 colour = palette.CONNECTOR if (i, port) in used else palette.FREE_PORT

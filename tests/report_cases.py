@@ -1,0 +1,49 @@
+"""Runs and designs whose pages are looked at: of the toy problem, so that no solver is needed."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from toy_problem import toy_run
+
+from topo_search.model import Design, Topology
+from topo_search.model.files import read_task
+from topo_search.report.page import render
+from topo_search.report.run_page import run_page
+from topo_search.study import RunFolder
+
+
+def grown(n: int) -> Topology:
+    """Return an aligned tree with modules added at random free ports."""
+    rng = np.random.default_rng(n)
+    joints, free = [(-1, -1, -1)], [(0, port) for port in range(4)]
+    for i in range(1, n):
+        h, a = free.pop(int(rng.integers(len(free))))
+        b = (a + 2) % 4
+        joints.append((h, a, b))
+        free += [(i, port) for port in range(4) if port != b]
+    return Topology(tuple(joints))
+
+
+def design(topology: Topology, name: str = "push", *settings: str, **given: Any) -> Design:
+    n = topology.n
+    task = read_task(name, (f"modules={n}", *settings)).resolve(n)
+    rng = np.random.default_rng(n)
+    u_max = task.module.max_input(task.gravity)
+    numbers: dict[str, Any] = {
+        "root_orientation_rad": rng.uniform(-0.5, 0.5, 3).tolist(),
+        "hinge_angles_rad": rng.uniform(-1, 1, n - 1).tolist(),
+        "end_effector_m": [0.6, 0.2, 0.4],
+        "rotor_speeds_squared": rng.uniform(0, u_max, (len(task.load_cases), 4 * n)).tolist(),
+        "objective": 1.2345e13,
+        "lower_bound": 1.1194446e13,
+        "gap": 0.0932,
+    }
+    return Design.model_validate({"task": task, "topology": topology, **numbers, **given})
+
+
+def toy_page(path: Path, **options: Any) -> str:
+    """Run the toy problem and return its page."""
+    toy_run(path, **options)
+    with RunFolder.found(path) as folder:
+        return render(run_page(folder))

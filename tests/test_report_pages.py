@@ -1,0 +1,148 @@
+"""The page as text: what it says, that it holds all it needs, and that no text of a user's ends up as markup."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import pytest
+from report_cases import design, grown, toy_page
+
+from topo_search.compose import audit
+from topo_search.model import Topology
+from topo_search.report.design_page import design_page
+from topo_search.report.page import render
+
+VOID = {"meta", "input", "link", "br", "img"}
+
+
+class Reader(HTMLParser):
+    """Reads a page: its words, its scripts by their id, its tables; fails on elements that are not closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.words: list[str] = []
+        self.data: dict[str, str] = {}
+        self.links: list[str] = []
+        self.ids: list[str] = []
+        self._id = ""
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.links += [given[name] for name in ("src", "href") if name in given]
+        self._id = given.get("id", "")
+        if self._id:
+            self.ids.append(self._id)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "script":
+            self.data[self._id] = data
+        elif self.open and self.open[-1] != "style":
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.words))
+
+
+@pytest.fixture(scope="module")
+def audited():
+    made = design(Topology.from_key("af0000"), "push-two-paths")
+    return made, audit(made)
+
+
+def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
+    page = Reader(toy_page(tmp_path / "run", modules=(2, 3), starts=4, seed=5))
+    (best,) = re.findall(r"best platform for toy is (\w+), of 2 modules", page.text)
+    rows = json.loads(page.data["ranking-data"])["rows"]
+    assert rows[0][0] == best
+    assert {row[1] for row in rows} == {2, 3}
+    assert "its audit is clear" in page.text
+    assert "topo-search run task.toml --symmetry c2 --starts 4 --seed 5" in page.text
+    assert 'name = "toy"' in page.text
+    for part in ("view", "inputs", "progress-2", "progress-3"):
+        assert json.loads(page.data[f"{part}-data"])["data"]
+
+
+def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_NONE", "*")
+    page = Reader(toy_page(tmp_path / "run"))
+    assert "No design was found for toy: with 3 modules, none of" in page.text
+    assert "load case 0, torque" in page.text
+    assert "view-data" not in page.data
+    statuses = {row[6] for row in json.loads(page.data["ranking-data"])["rows"]}
+    assert statuses == {"infeasible"}
+
+
+def test_a_run_whose_designs_do_not_pass_says_so(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_VIOLATED", "*")
+    page = Reader(toy_page(tmp_path / "run"))
+    assert "none passed its audit" in page.text
+
+
+def test_a_proof_is_told(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
+    page = Reader(toy_page(tmp_path / "run"))
+    assert "three modules can lift 3.1 times less than asked" in page.text
+    assert "impossible" in page.text
+
+
+def test_a_run_that_was_cut_short_says_so(tmp_path):
+    page = Reader(toy_page(tmp_path / "run", time_limit=1e-9))
+    assert "nothing is known yet" in page.text
+    assert "the search was stopped" in page.text
+
+
+def test_the_page_of_a_design_has_its_clearances_and_no_ranking(audited):
+    made, verdict = audited
+    page = Reader(render(design_page(made, verdict, "mine.json")))
+    assert f"its audit is {verdict.verdict}" in page.text
+    assert "any platform of 5 modules needs at least 90.68 %" in page.text
+    assert "topo-search audit mine.json" in page.text
+    assert "ranking-data" not in page.data
+    cells = [json.loads(page.data[name]) for name in page.data if name.startswith("clearances-")]
+    assert len(cells) == 3
+    hover = [text for matrix in cells for trace in matrix["data"] for row in trace["customdata"] for text in row]
+    described = {text.split("<br>")[0] for text in hover if text}
+    assert len(described) == len(verdict.pairs)
+
+
+def test_a_page_needs_nothing_but_itself(audited):
+    text = render(design_page(*audited, "mine.json"))
+    page = Reader(text)
+    assert all(link.startswith("#") for link in page.links)
+    assert {link[1:] for link in page.links} <= {*page.ids}
+    assert len(page.ids) == len({*page.ids})
+    assert "default-src 'none'" in text
+    assert len(text.encode()) < 6e6
+
+
+@pytest.mark.parametrize(
+    "nasty", ["</script><script>alert(1)</script>", "<img src=x onerror=alert(1)>", "a&b\"'\u2028"]
+)
+def test_texts_of_others_stay_text(audited, nasty):
+    made, verdict = audited
+    pairs = verdict.model_copy(update={"versions": {nasty: nasty}})
+    foreign = made.model_copy(update={"solver": {"versions": {nasty: nasty}, "seed": 1, "starts": 2}})
+    text = render(design_page(foreign, pairs, nasty))
+    assert "<script>alert" not in text
+    assert "<img" not in text
+    page = Reader(text)
+    assert " ".join(nasty.split()) in page.text
+
+
+def test_any_size_has_a_page():
+    for n in (1, 2, 9):
+        made = design(grown(n), "push-exterior-60")
+        page = Reader(render(design_page(made, audit(made), "mine.json")))
+        traces = json.loads(page.data["view-data"])["data"]
+        assert len(traces) <= 20
+        assert "cone to hold all airflow" in {trace.get("name") for trace in traces}

@@ -1,0 +1,33 @@
+"""`topo-search report`: the page of a run or of a design."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from topo_search.cli import options
+from topo_search.cli.errors import explained
+
+
+@click.command(epilog="Example: topo-search report runs/push-*/")
+@click.argument("source", metavar="RUN|DESIGN.json", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Where to write it (default: report.html in the run's folder, or the design's name with .html).",
+)
+def report(source: Path, out: Path | None) -> None:
+    """Write the page of a run, or of a design after auditing it: one file that opens in any browser, offline.
+
+    `run` writes the page of its folder by itself; this writes it again.
+
+    Exit status: 0 written, whatever it says; 2 bad input.
+    """
+    with explained():
+        from topo_search import compose
+
+        if out is not None:
+            options.require_writable(out)
+        click.echo(f"the page is in {compose.write_report(source, out=out)}")

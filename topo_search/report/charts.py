@@ -1,0 +1,230 @@
+"""Charts of the page: clearances as matrices, rotor inputs against their limits, the progress of a search."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from topo_search.export import palette
+from topo_search.model import Audit, Clearance, Design
+from topo_search.report.wording import figures, length
+from topo_search.study import Solve
+
+IN_CELLS = 10
+"""Most rows and columns of a matrix whose values are written into its cells."""
+DECADES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+"""Lengths at the colour bar of a matrix [m]."""
+MOST_POINTS = 4000
+"""Of one chart; of more solves, evenly many are left out."""
+MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
+PAIRWISE = {
+    "airflow": "airflow envelopes, clearance of each pair",
+    "separation": "module centres, distance beyond the least one",
+    "body": "bodies, clearance of each pair",
+}
+
+
+def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.Figure]]:
+    """Yield a caption and a matrix for every kind of pair of modules, and for modules against requirements."""
+    n = design.topology.n
+    for kind, caption in PAIRWISE.items():
+        pairs = [pair for pair in audit.pairs if pair.kind == kind]
+        if pairs:
+            cells = {(pair.a, pair.b): pair for pair in pairs}
+            both = cells | {(b, a): pair for (a, b), pair in cells.items()}
+            yield caption, _matrix(both, n, [str(j) for j in range(n)], "module")
+    rest = [pair for pair in audit.pairs if pair.kind not in PAIRWISE]
+    if rest:
+        columns = list(dict.fromkeys(_requirement(pair) for pair in rest))
+        cells = {(pair.a, columns.index(_requirement(pair))): pair for pair in rest}
+        yield "modules against requirements", _matrix(cells, n, columns, "")
+
+
+def _requirement(pair: Clearance) -> str:
+    """Name what a module is kept away from."""
+    if pair.kind == "exclusion":
+        return "p_E"
+    if pair.kind == "rod":
+        return "rod"
+    return f"exposure {pair.b}" + ("" if pair.segment is None else f", path {pair.segment}")
+
+
+def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[str], title: str) -> go.Figure:
+    """Return a matrix with colours by the logarithm of the clearance; what is not clear looks like a violation."""
+    shades, wrong = np.full((n, len(columns)), np.nan), np.full((n, len(columns)), np.nan)
+    hover = np.full((n, len(columns)), "", dtype=object)
+    written = hover.copy()
+    for (i, j), pair in cells.items():
+        if pair.status == "clear":
+            shades[i, j] = np.log10(np.clip(pair.analytic_m, DECADES[0] / 10, DECADES[-1]))
+        else:
+            wrong[i, j] = 1
+        hover[i, j] = _described(pair)
+        written[i, j] = length(pair.analytic_m)
+    rows = [str(i) for i in range(n)]
+    text = {"text": written, "texttemplate": "%{text}"} if max(n, len(columns)) <= IN_CELLS else {}
+    same: dict[str, Any] = {
+        "x": list(columns),
+        "y": rows,
+        "customdata": hover,
+        "hovertemplate": "%{customdata}<extra></extra>",
+        "hoverongaps": False,
+        "xgap": 1,
+        "ygap": 1,
+        **text,
+    }
+    bar = {
+        "tickvals": [float(np.log10(x)) for x in DECADES],
+        "ticktext": [length(x) for x in DECADES],
+        "thickness": 12,
+        "outlinewidth": 0,
+    }
+    figure = go.Figure(
+        go.Heatmap(z=shades, colorscale="Cividis", zmin=-4.5, zmax=0, colorbar=bar, **same),
+    )
+    if np.isfinite(wrong).any():
+        vermilion = palette.VERDICTS["violated"]
+        figure.add_trace(
+            go.Heatmap(z=wrong, colorscale=[[0, vermilion], [1, vermilion]], showscale=False, **same),
+        )
+    figure.update_layout(
+        xaxis={"type": "category", "title": {"text": title}, "constrain": "domain", "showgrid": False},
+        yaxis={
+            "type": "category",
+            "title": {"text": "module"},
+            "autorange": "reversed",
+            "scaleanchor": "x" if title else None,
+            "constrain": "domain",
+            "showgrid": False,
+        },
+    )
+    return figure
+
+
+def _described(pair: Clearance) -> str:
+    """Return one clearance in full, for the pointer."""
+    lower, upper = ("none" if bound is None else length(bound) for bound in (pair.lower_m, pair.upper_m))
+    return f"{pair.name}<br>{pair.status}, {length(pair.analytic_m)}<br>proven: {lower} to {upper}"
+
+
+def rotor_inputs(design: Design) -> go.Figure:
+    """Return every rotor input in units of the largest one that is allowed, a trace for each load case."""
+    u_max = design.task.module.max_input(design.task.gravity)
+    n = design.topology.n
+    x = np.arange(n).repeat(4) + np.tile([-0.3, -0.1, 0.1, 0.3], n)
+    names = [f"module {i}, rotor {q}" for i in range(n) for q in range(1, 5)]
+    figure = go.Figure()
+    looks = zip(itertools.cycle(palette.SERIES), itertools.cycle(MARKERS), strict=False)
+    for k, (u, (colour, symbol)) in enumerate(zip(design.inputs.reshape(-1, 4 * n), looks, strict=False)):
+        figure.add_trace(
+            go.Scatter(
+                x=x,
+                y=u / u_max,
+                name=f"load case {k}",
+                mode="markers",
+                marker={"color": colour, "symbol": symbol, "size": 6 if n <= 30 else 4},
+                text=[
+                    f"{name}<br>load case {k}: {figures(value)} rad²/s²"
+                    for name, value in zip(names, u, strict=True)
+                ],
+                hovertemplate="%{text}, %{y:.3f} u_max<extra></extra>",
+            )
+        )
+    for bound, side in ((0.0, "bottom"), (1.0, "top")):
+        figure.add_hline(
+            bound,
+            line={"color": "#000000", "width": 1.5, "dash": "dash"},
+            annotation={"text": "0" if bound == 0 else "u_max", "yanchor": side},
+        )
+    figure.update_layout(
+        xaxis={"title": {"text": "module (four rotors each)"}, "dtick": 1 if n <= 30 else None, "zeroline": False},
+        yaxis={"title": {"text": "rotor input / u_max"}, "rangemode": "tozero", "zeroline": False},
+        legend={"orientation": "h", "y": -0.25},
+    )
+    return figure
+
+
+def progress(solves: Sequence[Solve], lower_bound: float) -> go.Figure:
+    """Return the incumbent against the number of solves over the count of each status."""
+    J = np.array([np.nan if solve.objective is None else solve.objective for solve in solves]) / lower_bound
+    number = np.arange(1, len(solves) + 1)
+    incumbent = np.fmin.accumulate(J)
+    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.62, 0.38], vertical_spacing=0.06)
+    found = np.flatnonzero(np.isfinite(J))
+    shown = _thinned(found)
+    figure.add_trace(
+        go.Scatter(
+            x=number[shown],
+            y=J[shown],
+            name="candidate's best so far",
+            mode="markers",
+            marker={"color": palette.OFFSET, "size": 5, "symbol": "circle"},
+            text=[solves[k].key for k in shown],
+            hovertemplate="%{text}: %{y:.4f}<extra></extra>",
+        ),
+        row=1,
+        col=1,
+    )
+    steps = np.flatnonzero(np.diff(incumbent, prepend=np.inf) != 0)
+    steps = np.append(steps[np.isfinite(incumbent[steps])], len(solves) - 1)
+    figure.add_trace(
+        go.Scatter(
+            x=number[steps],
+            y=incumbent[steps],
+            name="incumbent",
+            mode="lines",
+            line={"color": palette.CONNECTOR, "width": 2.5, "shape": "hv"},
+        ),
+        row=1,
+        col=1,
+    )
+    for status, colour in palette.STATUSES.items():
+        count = np.cumsum([solve.status == status for solve in solves])
+        if count[-1]:
+            at = _thinned(np.arange(len(solves)))
+            dash = {"feasible": "solid", "infeasible": "dash", "impossible": "dot", "failed": "dashdot"}[status]
+            figure.add_trace(
+                go.Scatter(
+                    x=number[at],
+                    y=count[at],
+                    name=status,
+                    mode="lines",
+                    line={"color": colour, "width": 2, "dash": dash},
+                ),
+                row=2,
+                col=1,
+            )
+    top = np.nanpercentile(J, 90) if found.size else 1.0
+    figure.update_yaxes(title={"text": "J / lower bound"}, row=1, col=1)
+    if found.size:
+        least = float(np.nanmin(J))
+        figure.update_yaxes(
+            range=[1.0 - 0.05 * (top - 1.0), max(top, least) + 0.1 * (top - 1.0) + 1e-3], row=1, col=1
+        )
+    figure.update_yaxes(title={"text": "solves"}, rangemode="tozero", row=2, col=1)
+    figure.update_xaxes(title={"text": "solves"}, row=2, col=1)
+    figure.update_layout(legend={"orientation": "h", "y": -0.2})
+    return figure
+
+
+def _thinned(indices: Any) -> Any:
+    """Return at most MOST_POINTS of some indices, evenly spread, the last one included."""
+    if len(indices) <= MOST_POINTS:
+        return indices
+    return indices[np.linspace(0, len(indices) - 1, MOST_POINTS).round().astype(int)]
+
+
+def styled(figure: go.Figure) -> go.Figure:
+    """Give a figure the look of the page."""
+    figure.update_layout(
+        template="plotly_white",
+        font={"family": "system-ui, sans-serif", "size": 13, "color": "#222222"},
+        paper_bgcolor="rgba(0,0,0,0)",
+        autosize=True,
+    )
+    return figure

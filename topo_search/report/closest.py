@@ -1,0 +1,100 @@
+"""Where two volumes come closest: what a picture marks. The audit proves how far they are apart, not this module.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| s, t | places on the axes of two cone-spheres, 0 at the start and 1 at the end | | |
+| P(s), r(s) | ball of a cone-sphere | (3,) | m |
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from topo_search.export.poses import Poses
+from topo_search.export.regions import cone_axis, paths
+from topo_search.model import Clearance, Design, Directional, Exterior
+from topo_search.model.arrays import Array
+
+SPLITS = 64
+"""Cells of the grid along s and t; each finer grid covers four cells of the one before, about its best point."""
+ZOOMS = 8
+
+
+class ConeSphere(NamedTuple):
+    """A union of balls along a segment."""
+
+    start: Array
+    end: Array
+    start_radius: float
+    end_radius: float
+
+    def ball(self, s: Array) -> tuple[Array, Array]:
+        """Return centres (..., 3) and radii (...) at places on the axis."""
+        s = np.asarray(s, dtype=float)
+        return (
+            self.start + s[..., None] * (self.end - self.start),
+            self.start_radius + s * (self.end_radius - self.start_radius),
+        )
+
+
+def closest_points(design: Design, at: Poses, pair: Clearance) -> tuple[Array, Array]:
+    """Return the points, one on each side of a clearance, that are closest; (3,) each [m]."""
+    if pair.kind in ("exclusion", "rod"):
+        return at.p[pair.a], at.end_effector
+    if pair.kind in ("separation", "body"):
+        return at.p[pair.a], at.p[pair.b]
+    envelope = _envelope(design, at, pair.a)
+    if pair.kind == "airflow":
+        return between(envelope, _envelope(design, at, pair.b))
+    requirement = design.task.exposure[pair.b]
+    if isinstance(requirement, Exterior):
+        axis = cone_axis(requirement, at)
+        return to_cone(envelope, at.end_effector, axis, math.radians(requirement.half_angle_deg))
+    end = at.end_effector
+    if isinstance(requirement, Directional):
+        end = end + paths(requirement, at)[pair.segment or 0]
+    return between(envelope, ConeSphere(at.end_effector, end, requirement.radius, requirement.radius))
+
+
+def between(one: ConeSphere, other: ConeSphere) -> tuple[Array, Array]:
+    """Return the points of two cone-spheres' surfaces on the line between the balls that come closest.
+
+    The distance of the balls is convex in (s, t), so that finer and finer grids about the best point find it.
+    """
+    middle, half = np.array([0.5, 0.5]), 0.5
+    for _ in range(ZOOMS):
+        s, t = (np.clip(m + half * np.linspace(-1, 1, SPLITS + 1), 0, 1) for m in middle)
+        P, r = one.ball(s)
+        Q, q = other.ball(t)
+        distance = np.linalg.norm(P[:, None] - Q[None], axis=-1) - r[:, None] - q[None]
+        i, j = np.unravel_index(np.argmin(distance), distance.shape)
+        middle, half = np.array([s[i], t[j]]), 4 * half / SPLITS
+    (P, r), (Q, q) = one.ball(middle[0]), other.ball(middle[1])
+    across = Q - P
+    gap = float(np.linalg.norm(across))
+    n = across / gap if gap else np.array([0.0, 0.0, 1.0])
+    return P + r * n, Q - q * n
+
+
+def to_cone(body: ConeSphere, apex: Array, axis: Array, theta: float) -> tuple[Array, Array]:
+    """Return the points of a cone-sphere and of a cone's surface around it that come closest."""
+    candidates = []
+    for s in (0.0, 1.0):  # the clearance is linear or concave along the axis of the body: least at an end
+        P, r = body.ball(np.array(s))
+        along = float((P - apex) @ axis)
+        radial = P - apex - along * axis
+        out = float(np.linalg.norm(radial))
+        n = math.cos(theta) * radial / out if out else np.zeros(3)
+        n = n - math.sin(theta) * axis
+        depth = math.sin(theta) * along - math.cos(theta) * out
+        candidates.append((depth - float(r), P + r * n, P + depth * n))
+    _, on_body, on_cone = min(candidates, key=lambda found: found[0])
+    return on_body, on_cone
+
+
+def _envelope(design: Design, at: Poses, i: int) -> ConeSphere:
+    envelope = design.task.module.envelope
+    return ConeSphere(at.p[i], at.p[i] - envelope.length * at.z[i], envelope.start_radius, envelope.end_radius)

@@ -1,0 +1,94 @@
+"""The page of a single audited design."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from topo_search.model import Audit, Design, ResolvedTask
+from topo_search.model.files import to_toml
+from topo_search.report.design_part import design_part
+from topo_search.report.page import Page, Reproduction, Table, TaskPart
+from topo_search.report.task_facts import facts, load_cases
+from topo_search.report.wording import figures, modules, percent
+
+EFFORT = "J = Σ_k λ_k ‖u_k‖²"
+
+
+def design_page(design: Design, audit: Audit, file: str) -> Page:
+    """Return the page of a design.
+
+    Args:
+        design: the design.
+        audit: its audit.
+        file: the name of its file, for the commands.
+    """
+    key, task = design.topology.key, design.task
+    return Page(
+        title=f"{task.name}: {key}",
+        answer=f"{key} is a platform of {modules(task.n)} for {task.name}: {effort(design)}; {verdict(audit)}.",
+        notes=("This page is about one design; it says nothing about other trees of modules.",),
+        bound=bound(design.lower_bound, design.gap, task.n),
+        task=task_part(task),
+        design=design_part(design, audit),
+        run=None,
+        reproduction=_reproduction(design, audit, file),
+    )
+
+
+def task_part(task: ResolvedTask) -> TaskPart:
+    """Return the task as it was understood."""
+    columns = ("load case", "the rotors together produce", "weight λ")
+    return TaskPart(facts(task), Table(columns, load_cases(task), frozenset({0, 2})))
+
+
+def effort(design: Design) -> str:
+    """Return the control effort, and how much of it nothing could save."""
+    text = f"its control effort is J = {figures(design.objective)} rad⁴/s⁴"
+    if design.gap is None:
+        return text
+    return f"{text}, of which any platform of {modules(design.topology.n)} needs at least {percent(1 - design.gap)}"
+
+
+def verdict(audit: Audit) -> str:
+    """Return what the audit found in a few words."""
+    wrong = sum(pair.status != "clear" for pair in audit.pairs) + sum(
+        row.status != "clear" for row in audit.residuals
+    )
+    checked = len(audit.pairs) + len(audit.residuals)
+    if audit.verdict == "clear":
+        counts = f"all {len(audit.pairs)} clearances are proven, all {len(audit.residuals)} other numbers hold"
+        return f"its audit is clear: {counts}"
+    return f"its audit is {audit.verdict}: {wrong} of {checked} checks are not clear"
+
+
+def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ...]:
+    """Return the lower bound and what it means, a paragraph each."""
+    if lower_bound is None:
+        return ("The design states no lower bound, so that nothing is known of how good it is.",)
+    told = f"Lower bound: {figures(lower_bound, 5)} rad⁴/s⁴ for the control effort {EFFORT}."
+    meaning = (
+        f"It holds for every platform of {modules(n)} of this kind, whatever its tree, its hinge angles and the "
+        "place of its end-effector: it is what the forces of the load cases cost rotors that pull within their "
+        "limits, if thrust axes could point where they are needed. Torques and all geometry are left out, so that "
+        "a part of the gap may be the bound's, not the design's."
+    )
+    if gap is None:
+        return told, meaning
+    return (
+        told,
+        f"The gap is {percent(gap)}: no platform of {modules(n)} saves more than this share of the effort.",
+        meaning,
+    )
+
+
+def _reproduction(design: Design, audit: Audit, file: str) -> Reproduction:
+    """Return how to audit the design again and, if it says how it was found, how to find it."""
+    solver: dict[str, Any] = design.solver or {}
+    commands = [f"topo-search audit {file}"]
+    if isinstance(solver.get("seed"), int) and isinstance(solver.get("starts"), int):
+        options = f"--starts {solver['starts']} --seed {solver['seed']}"
+        commands.append(f"topo-search solve task.toml --topology {design.topology.key} {options}")
+    versions = {
+        str(name): str(value) for name, value in {**(solver.get("versions") or {}), **audit.versions}.items()
+    }
+    return Reproduction(tuple(commands), to_toml(design.task), versions, ())

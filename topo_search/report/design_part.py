@@ -1,0 +1,107 @@
+"""What the page shows of one design: picture, tree, joints, clearances, residuals and rotor inputs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from markupsafe import Markup
+
+from topo_search.export.poses import poses
+from topo_search.export.tree_layout import PORT_NAMES
+from topo_search.model import Audit, Clearance, Design, Status
+from topo_search.report.charts import clearance_matrices, rotor_inputs
+from topo_search.report.page import Chart, DesignPart, Table
+from topo_search.report.scene import scene
+from topo_search.report.tree_svg import tree_svg
+from topo_search.report.wording import figures, length, modules
+
+NEAREST = 12
+"""Number of clear pairs in the table of the nearest; those that are not clear are all listed."""
+
+
+def design_part(design: Design, audit: Audit | None) -> DesignPart:
+    """Return all that is shown of a design."""
+    at = poses(design)
+    pairs = () if audit is None else audit.pairs
+    closest = min(pairs, key=lambda pair: pair.analytic_m, default=None)
+    return DesignPart(
+        heading=f"{design.topology.key}, {modules(design.topology.n)}",
+        verdict=None if audit is None else str(audit.verdict),
+        scene=Chart("view", "The platform in the axes of the task", scene(design, at, closest)),
+        tree=Markup(tree_svg(design)),
+        joints=_joints(design),
+        clearances=()
+        if audit is None
+        else tuple(
+            Chart(f"clearances-{number}", caption, figure)
+            for number, (caption, figure) in enumerate(clearance_matrices(design, audit))
+        ),
+        nearest=_nearest(pairs) if pairs else None,
+        residuals=None if audit is None else _residuals(audit),
+        inputs=Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
+        loads=_loads(design),
+    )
+
+
+def _joints(design: Design) -> Table:
+    """Return what is bolted to what, in an order in which the first part of every joint is already there."""
+    rows = [
+        [str(i), f"{PORT_NAMES[b]} ({b})", str(h), f"{PORT_NAMES[a]} ({a})", f"{figures(math.degrees(alpha), 5)}°"]
+        for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
+    ]
+    return Table(("module", "by its port", "to module", "at its port", "hinge angle"), rows, frozenset({0, 2, 4}))
+
+
+def _nearest(pairs: tuple[Clearance, ...]) -> Table:
+    """Return everything that is not clear, and the nearest pairs that are."""
+    nearest_first = sorted(pairs, key=lambda pair: pair.analytic_m)
+    wrong = [pair for pair in nearest_first if pair.status != Status.CLEAR]
+    clear = [pair for pair in nearest_first if pair.status == Status.CLEAR]
+    rows = [
+        [
+            pair.name,
+            str(pair.status),
+            length(pair.analytic_m),
+            *("" if bound is None else length(bound) for bound in (pair.lower_m, pair.upper_m)),
+        ]
+        for pair in (*wrong, *clear[:NEAREST])
+    ]
+    columns = ("clearance of", "audit", "closed form", "proven at least", "proven at most")
+    return Table(columns, rows, frozenset({2, 3, 4}))
+
+
+def _residuals(audit: Audit) -> Table:
+    """Return every number that the audit checked against a limit."""
+    rows = [
+        [
+            row.name,
+            str(row.status),
+            f"{figures(row.value, 3)} {row.unit}",
+            figures(row.scaled, 2),
+            figures(row.tolerance, 2),
+        ]
+        for row in audit.residuals
+    ]
+    return Table(("checked", "audit", "off by", "in its scale", "allowed"), rows, frozenset({2, 3, 4}))
+
+
+def _loads(design: Design) -> Table:
+    """Return the least and largest input of every load case, and its share of the effort."""
+    u_max = design.task.module.max_input(design.task.gravity)
+    k_f = design.task.module.thrust_coefficient
+    rows = []
+    for k, (u, case) in enumerate(zip(design.inputs, design.task.load_cases, strict=True)):
+        effort = case.weight * float(np.sum(u * u))
+        share = effort / design.objective if design.objective else 0.0
+        rows.append(
+            [
+                str(k),
+                f"{figures(float(u.min()) / u_max, 3)} u_max",
+                f"{figures(float(u.max()) / u_max, 3)} u_max",
+                f"{figures(k_f * float(u.sum()))} N",
+                f"{100 * share:.1f} %",
+            ]
+        )
+    columns = ("load case", "smallest input", "largest input", "thrust of all rotors", "share of J")
+    return Table(columns, rows, frozenset(range(5)))

@@ -1,0 +1,139 @@
+"""The page as one file: what it says, handed to a template that escapes every text, with plotly.js inside."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import jinja2
+import plotly.graph_objects as go
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from topo_search.export import palette
+from topo_search.report.charts import styled
+from topo_search.report.task_facts import Facts
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A figure with what it shows in words."""
+
+    name: str
+    """Of its element: letters, digits and dashes."""
+    caption: str
+    figure: go.Figure
+
+    @property
+    def data(self) -> Markup:
+        """The figure as JSON inside a script element."""
+        return in_script(styled(self.figure).to_json())
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with a heading a column."""
+
+    columns: tuple[str, ...]
+    rows: Sequence[Sequence[str]]
+    numeric: frozenset[int] = frozenset()
+    """Columns of numbers, which are aligned to the right."""
+
+
+@dataclass(frozen=True)
+class TaskPart:
+    """The task as understood."""
+
+    facts: tuple[Facts, ...]
+    load_cases: Table
+
+
+@dataclass(frozen=True)
+class DesignPart:
+    """All that is shown of one design."""
+
+    heading: str
+    verdict: str | None
+    """Of its audit; None if there is none."""
+    scene: Chart
+    tree: Markup
+    joints: Table
+    clearances: tuple[Chart, ...]
+    nearest: Table | None
+    residuals: Table | None
+    inputs: Chart
+    loads: Table
+
+
+@dataclass(frozen=True)
+class RunPart:
+    """All that is shown of a search."""
+
+    sizes: Table
+    candidates: Markup
+    """Columns and rows of the ranking as JSON inside a script element."""
+    progress: tuple[Chart, ...]
+    reasons: Table | None
+    """Why candidates have no design."""
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """How to get the same again."""
+
+    commands: tuple[str, ...]
+    task: str
+    """The task's file."""
+    versions: dict[str, str]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Page:
+    """Everything that a page says."""
+
+    title: str
+    answer: str
+    """In one sentence."""
+    notes: tuple[str, ...]
+    """What limits it."""
+    bound: tuple[str, ...]
+    """The lower bound and what it means, a paragraph each."""
+    task: TaskPart
+    design: DesignPart | None
+    run: RunPart | None
+    reproduction: Reproduction
+
+
+def render(page: Page) -> str:
+    """Return the page as the text of an HTML file that needs nothing but itself."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("topo_search.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    template = environment.get_template("page.html.j2")
+    return template.render(
+        page=page, palette=palette, style=_own("page.css"), script=_own("page.js"), plotly=Markup(get_plotlyjs())
+    )
+
+
+def in_script(text: str) -> Markup:
+    """Return JSON that no text in it can end the script element of."""
+    return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
+
+
+def json_in_script(value: Any) -> Markup:
+    """Return a value as JSON inside a script element."""
+    return in_script(json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":")))
+
+
+def _own(name: str) -> Markup:
+    """Return one of the package's own files, which are trusted."""
+    return Markup((resources.files("topo_search.report") / "templates" / name).read_text(encoding="utf-8"))

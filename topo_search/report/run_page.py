@@ -1,0 +1,203 @@
+"""The page of a run, made from its folder alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from topo_search.model import Audit, Design
+from topo_search.model.files import to_toml, write_atomically
+from topo_search.report.charts import progress
+from topo_search.report.design_page import bound, effort, task_part, verdict
+from topo_search.report.design_part import design_part
+from topo_search.report.page import Chart, Page, Reproduction, RunPart, Table, json_in_script, render
+from topo_search.report.wording import counted, figures, modules, percent
+from topo_search.study import Answer, Row, RunFolder, SizeAnswer, answer_of
+
+REPORT = "report.html"
+COLUMNS = (
+    ("tree", "text"),
+    ("modules", "number"),
+    ("J / bound", "number"),
+    ("J [rad⁴/s⁴]", "number"),
+    ("gap [%]", "number"),
+    ("audit", "text"),
+    ("status", "text"),
+    ("stands for", "number"),
+    ("feasible starts", "number"),
+    ("starts", "number"),
+    ("time [s]", "number"),
+    ("missed constraint", "text"),
+    ("by", "number"),
+    ("unit", "text"),
+)
+"""Of the ranking, with how they sort."""
+
+
+def write_run_page(folder: RunFolder) -> None:
+    """Write `report.html` into a run's folder."""
+    write_atomically(folder.path / REPORT, render(run_page(folder)))
+
+
+def run_page(folder: RunFolder) -> Page:
+    """Return the page of a run."""
+    request, answer = folder.request, answer_of(folder)
+    shown = answer.best or next((row for size in answer.sizes for row in size.top), None)
+    n = shown.modules if shown else request.task.sizes[0]
+    size = next(size for size in answer.sizes if size.modules == n)
+    design, audit = (None, None) if shown is None else _read(folder, shown)
+    return Page(
+        title=f"{request.task.name}: {shown.key if shown else 'no design'}",
+        answer=_answer(answer, request.task.name, design, audit),
+        notes=tuple(note for size in answer.sizes for note in _limits(size)),
+        bound=bound(size.lower_bound, shown.gap if shown else None, n),
+        task=task_part(request.task.resolve(n)),
+        design=None if design is None else design_part(design, audit),
+        run=_run_part(folder, answer),
+        reproduction=_reproduction(folder),
+    )
+
+
+def _read(folder: RunFolder, row: Row) -> tuple[Design | None, Audit | None]:
+    """Return the design of a row, and its audit if it has one."""
+    context = folder.request.contexts(row.modules)[row.step]
+    design, audit = folder.ledger.design(context, row.key), folder.ledger.audit(context, row.key)
+    return (
+        None if design is None else Design.model_validate_json(design),
+        None if audit is None else Audit.model_validate_json(audit),
+    )
+
+
+def _answer(answer: Answer, name: str, design: Design | None, audit: Audit | None) -> str:
+    """Return the answer in one sentence."""
+    if design is None:
+        reasons = "; ".join(f"with {modules(size.modules)}, {size.reason}" for size in answer.sizes)
+        return f"No design was found for {name}: {reasons}."
+    tried = sum(size.settled for size in answer.sizes)
+    if answer.best is None or audit is None:
+        found = f"Designs were found for {name}, but none passed its audit; the one with the least effort is"
+        checked = "it was not audited" if audit is None else verdict(audit)
+    else:
+        found = f"Of {counted(tried, 'candidate')}, the best platform for {name} is"
+        checked = verdict(audit)
+    return f"{found} {design.topology.key}, of {modules(design.topology.n)}: {effort(design)}; {checked}."
+
+
+def _limits(size: SizeAnswer) -> list[str]:
+    """Return what a reader of one size's answer has to know."""
+    found = [f"{modules(size.modules)}: {size.quotient}."]
+    if not size.complete:
+        reached = f" after {counted(size.starts, 'start')} of each candidate" if size.starts else ""
+        found.append(
+            f"{modules(size.modules)}: the search was stopped{reached}, with {size.settled} of {size.candidates} "
+            "candidates solved; the same command goes on."
+        )
+    return found
+
+
+def _run_part(folder: RunFolder, answer: Answer) -> RunPart:
+    rows = [row for size in answer.sizes for row in folder.ledger.ranked(size.modules)]
+    charts = []
+    for size in answer.sizes:
+        solves = list(folder.ledger.solves(size.modules))
+        if solves and size.lower_bound > 0:
+            caption = f"{modules(size.modules)}: {counted(len(solves), 'solve')}"
+            charts.append(Chart(f"progress-{size.modules}", caption, progress(solves, size.lower_bound)))
+    return RunPart(
+        sizes=_sizes(answer),
+        candidates=json_in_script({"columns": COLUMNS, "rows": [_cells(row) for row in rows]}),
+        progress=tuple(charts),
+        reasons=_reasons(rows),
+        remarks=tuple(remark for size in answer.sizes for remark in size.remarks),
+    )
+
+
+def _sizes(answer: Answer) -> Table:
+    rows = [
+        [
+            str(size.modules),
+            f"{size.settled} of {size.candidates}",
+            ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
+            str(size.feasible),
+            figures(size.lower_bound, 5),
+            size.best.key if size.best else "none",
+            figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
+            percent(size.best.gap) if size.best and size.best.gap is not None else "",
+        ]
+        for size in answer.sizes
+    ]
+    columns = (
+        "modules",
+        "candidates solved",
+        "statuses",
+        "feasible trees with their mirror images",
+        "lower bound [rad⁴/s⁴]",
+        "best",
+        "J [rad⁴/s⁴]",
+        "gap",
+    )
+    return Table(columns, rows, frozenset({0, 3, 4, 6, 7}))
+
+
+def _cells(row: Row) -> list[Any]:
+    """Return one candidate's cells in the order of COLUMNS; numbers rounded to what a table shows."""
+    J, least = row.objective, row.lower_bound
+    return [
+        row.key,
+        row.modules,
+        _rounded(J / least if J is not None and least else None, 5),
+        _rounded(J, 6),
+        _rounded(None if row.gap is None else 100 * row.gap, 4),
+        row.audit or ("failed" if row.audit_failure else None),
+        row.status,
+        row.orbit,
+        row.starts_feasible,
+        row.starts,
+        _rounded(row.seconds, 3),
+        row.worst_constraint,
+        _rounded(row.violation, 3),
+        row.unit,
+    ]
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else float(f"{value:.{digits}g}")
+
+
+def _reasons(rows: Iterable[Row]) -> Table | None:
+    """Return how often which constraint was the one that the closest start missed, and by how little."""
+    groups: dict[tuple[int, str, str], list[Row]] = {}
+    for row in rows:
+        if not row.feasible:
+            missed = _kind(row.worst_constraint or "")
+            groups.setdefault((row.modules, row.status, missed), []).append(row)
+    if not groups:
+        return None
+    most_first: list[tuple[tuple[int, str, str], Sequence[Row]]] = sorted(
+        groups.items(), key=lambda group: (group[0][0], -len(group[1]), group[0])
+    )
+    cells = []
+    for (n, status, missed), members in most_first:
+        closest = min(members, key=lambda row: float("inf") if row.violation is None else row.violation)
+        by = "" if closest.violation is None else f"{figures(closest.violation, 3)} {closest.unit or ''}"
+        cells.append([str(n), status, missed, str(len(members)), by, closest.key])
+    columns = ("modules", "status", "constraint missed by most", "candidates", "least missed by", "in tree")
+    return Table(columns, cells, frozenset({0, 3, 4}))
+
+
+def _kind(constraint: str) -> str:
+    """Return a constraint's name without the numbers of its modules."""
+    return re.sub(r"\bmodule \d+", "a module", re.sub(r"\bmodules \d+ and \d+", "two modules", constraint))
+
+
+def _reproduction(folder: RunFolder) -> Reproduction:
+    request = folder.request
+    options = f"--symmetry {request.symmetry} --starts {request.starts} --seed {request.seed}"
+    notes = (
+        f"task.toml is in the run's folder, and below. Seed {request.seed} draws the starts; the number of workers "
+        "changes nothing but the time it takes.",
+    )
+    return Reproduction(
+        (f"topo-search run task.toml {options}",), to_toml(request.task), dict(request.versions), notes
+    )

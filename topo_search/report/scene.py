@@ -1,0 +1,194 @@
+"""A design in interactive 3-D: each kind of part is one mesh for all modules, so that a hundred turn smoothly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from trimesh import Trimesh
+
+from topo_search.export import outlines, palette
+from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
+from topo_search.export.poses import PORTS, Poses
+from topo_search.export.regions import cone_axis, cone_slant, paths
+from topo_search.model import Clearance, Design, Directional, Exterior
+from topo_search.model.arrays import Array
+from topo_search.report.closest import closest_points
+from topo_search.report.wording import length
+
+SIDES = 24
+"""Of circles: fewer than in files for other programs, for many modules are turned at once."""
+NUMBERED = 30
+"""Most modules that carry their number in the picture; more are named where the pointer is."""
+MATT = {"ambient": 0.65, "diffuse": 0.6, "specular": 0.05, "roughness": 0.9}
+GHOSTLY = {"ambient": 0.8, "diffuse": 0.4, "specular": 0.0, "roughness": 1.0}
+
+
+def scene(design: Design, at: Poses, closest: Clearance | None) -> go.Figure:
+    """Return the figure of a design.
+
+    Args:
+        design: any design.
+        at: its poses.
+        closest: the clearance to mark; None if there is no audit.
+    """
+    figure = go.Figure([*_volumes(design, at), *_platform(design, at), *_end_effector(at)])
+    if closest is not None:
+        figure.add_traces(_closest(design, at, closest))
+    axis = {"backgroundcolor": "white", "gridcolor": "#dddddd", "zerolinecolor": "#bbbbbb", "showspikes": False}
+    figure.update_layout(
+        scene={
+            "aspectmode": "data",
+            "camera": {"eye": {"x": 1.1, "y": -1.3, "z": 0.7}, "projection": {"type": "orthographic"}},
+            **{f"{name}axis": {**axis, "title": {"text": f"{name} [m]"}} for name in "xyz"},
+        },
+        margin={"l": 0, "r": 0, "t": 0, "b": 0},
+        legend={"orientation": "h", "yanchor": "top", "y": 0.0, "itemsizing": "constant"},
+    )
+    return figure
+
+
+def _volumes(design: Design, at: Poses) -> list[Any]:
+    """Return the airflow envelopes and the exposure regions."""
+    envelope = design.task.module.envelope
+    ends = at.p - envelope.length * at.z
+    airflow = [
+        cone_sphere(p, envelope.start_radius, end, envelope.end_radius, sides=SIDES)
+        for p, end in zip(at.p, ends, strict=True)
+    ]
+    traces = [_mesh("airflow envelopes", airflow, palette.AIRFLOW, opacity=0.22)]
+    apex = at.end_effector
+    kept_out: list[Trimesh] = []
+    cones: list[Trimesh] = []
+    for requirement in design.task.exposure:
+        if isinstance(requirement, Exterior):
+            d, theta = cone_axis(requirement, at), math.radians(requirement.half_angle_deg)
+            cones.append(_triangles(outlines.cone(apex, d, theta, cone_slant(design, at))))
+            continue
+        along = paths(requirement, at) if isinstance(requirement, Directional) else [np.zeros(3)]
+        kept_out += [cone_sphere(apex, requirement.radius, apex + path, requirement.radius) for path in along]
+    if kept_out:
+        traces.append(_mesh("to be kept out of the airflow", kept_out, palette.EXPOSURE, opacity=0.4))
+    if cones:
+        traces.append(_mesh("cone to hold all airflow", cones, palette.EXPOSURE, opacity=0.15))
+    return traces
+
+
+def _platform(design: Design, at: Poses) -> list[Any]:
+    """Return the modules with their rotors, axes, joints and connectors."""
+    module, topology = design.task.module, design.topology
+    here = [placed(R, p) for R, p in zip(at.R, at.p, strict=True)]
+    bodies, discs = (
+        [mesh.copy().apply_transform(pose) for pose in here]
+        for mesh in (frame(module), rotors(module, sides=SIDES))
+    )
+    connectors = at.p[:, None] + module.connector_distance * np.einsum("nij,aj->nai", at.R, PORTS)
+    used = {(h, a) for h, _, a, _ in topology.edges()} | {(i, b) for _, i, _, b in topology.edges()}
+    free = [(i, port) for i in range(topology.n) for port in range(4) if (i, port) not in used]
+    joints = [np.stack([at.p[h], connectors[h, a], at.p[i]]) for h, i, a, _ in topology.edges()]
+    tips = at.p + 1.8 * module.arm_length * at.z
+    head, slim = 0.4 * module.arm_length, math.radians(14)
+    heads = [_triangles(outlines.cone(tip, -z, slim, head, sides=8)) for tip, z in zip(tips, at.z, strict=True)]
+    traces = [
+        _mesh("modules", bodies, palette.MODULE, flatshading=True, lighting=MATT),
+        _mesh("rotors", discs, palette.ROTOR, flatshading=True, lighting=MATT),
+        _lines("rotor axes", list(np.stack([at.p, tips], axis=1)), palette.THRUST_AXIS, 5, legendgroup="axes"),
+        _mesh("rotor axes", heads, palette.THRUST_AXIS, lighting=MATT, legendgroup="axes", showlegend=False),
+    ]
+    if joints:
+        traces.append(_lines("joints", joints, palette.CONNECTOR, 8))
+    if free:
+        names = [f"module {i}, port {port}: free" for i, port in free]
+        traces.append(
+            _points("free connectors", connectors[tuple(zip(*free, strict=True))], palette.FREE_PORT, names)
+        )
+    numbers = [
+        f"module {i}<br>thrust axis [{x:.3f}, {y:.3f}, {z:.3f}]" for i, (x, y, z) in enumerate(at.z.tolist())
+    ]
+    traces.append(
+        go.Scatter3d(
+            **_columns(tips + 0.2 * module.arm_length * at.z),
+            name="numbers",
+            mode="markers+text" if topology.n <= NUMBERED else "markers",
+            marker={"size": 3, "color": palette.THRUST_AXIS},
+            text=[str(i) for i in range(topology.n)],
+            textposition="top center",
+            hovertext=numbers,
+            hoverinfo="text",
+        )
+    )
+    return traces
+
+
+def _end_effector(at: Poses) -> list[Any]:
+    """Return the centre of mass, the end-effector, and the line between them."""
+    p_E = ", ".join(f"{x:.3f}" for x in at.p_E.tolist())
+    return [
+        _lines(
+            "p_E: end-effector from the centre of mass", [np.stack([at.p_com, at.end_effector])], palette.OFFSET, 8
+        ),
+        _points(
+            "centre of mass", at.p_com[None], palette.CENTRE_OF_MASS, ["centre of mass"], symbol="circle", size=8
+        ),
+        _points(
+            "end-effector",
+            at.end_effector[None],
+            palette.END_EFFECTOR,
+            [f"end-effector, p_E = [{p_E}] m from the centre of mass"],
+            symbol="circle",
+            size=8,
+        ),
+    ]
+
+
+def _closest(design: Design, at: Poses, pair: Clearance) -> list[Any]:
+    """Return the mark between the two volumes that come closest."""
+    ends = np.stack(closest_points(design, at, pair))
+    text = f"closest pair: {length(pair.analytic_m)}, {pair.name}"
+    return [
+        go.Scatter3d(
+            **_columns(ends),
+            name=text,
+            mode="lines+markers",
+            line={"color": palette.CLOSEST_PAIR, "width": 6},
+            marker={"color": palette.CLOSEST_PAIR, "size": 6, "symbol": "x"},
+            hovertext=text,
+            hoverinfo="text",
+        )
+    ]
+
+
+def _triangles(corners: Array) -> Trimesh:
+    """Return triangles, (t, 3, 3), as a mesh."""
+    return Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False)
+
+
+def _mesh(name: str, meshes: list[Trimesh], colour: str, **options: Any) -> Any:
+    mesh = joined(meshes)
+    vertices, (i, j, k) = mesh.vertices, mesh.faces.astype(np.int32).T
+    given = {"lighting": GHOSTLY, "hoverinfo": "skip", "showlegend": True, **options}
+    return go.Mesh3d(**_columns(vertices), i=i, j=j, k=k, name=name, color=colour, **given)
+
+
+def _lines(name: str, lines: Sequence[Array], colour: str, width: float, **options: Any) -> Any:
+    broken = np.concatenate([np.concatenate([line, np.full((1, 3), np.nan)]) for line in lines])
+    look = {"color": colour, "width": width}
+    return go.Scatter3d(**_columns(broken), name=name, mode="lines", line=look, hoverinfo="skip", **options)
+
+
+def _points(
+    name: str, points: Array, colour: str, texts: Sequence[str], *, symbol: str = "square", size: float = 4
+) -> Any:
+    look = {"color": colour, "size": size, "symbol": symbol, "line": {"color": "#000000", "width": 1}}
+    return go.Scatter3d(
+        **_columns(points), name=name, mode="markers", marker=look, hovertext=texts, hoverinfo="text"
+    )
+
+
+def _columns(points: Array) -> dict[str, Any]:
+    """Return points as a trace takes them: single precision is finer than a picture shows."""
+    x, y, z = points.astype(np.float32).T
+    return {"x": x, "y": y, "z": z}

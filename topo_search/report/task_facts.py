@@ -1,0 +1,148 @@
+"""A task as it was understood: every number with its unit, every choice in words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from topo_search.model import Directional, Exterior, LoadCase, Local, ResolvedTask
+from topo_search.model.value import Vector, is_zero
+from topo_search.report.wording import counted, figures, length, modules
+
+
+@dataclass(frozen=True)
+class Facts:
+    """A group of named values."""
+
+    title: str
+    rows: tuple[tuple[str, str], ...]
+
+
+def facts(task: ResolvedTask) -> tuple[Facts, ...]:
+    """Return everything that a task asks for but its load cases."""
+    n, module = task.n, task.module
+    envelope, u_max = module.envelope, module.max_input(task.gravity)
+    hover = module.hover_input(task.gravity)
+    exposure = tuple((f"requirement {e}", requirement(asked)) for e, asked in enumerate(task.exposure))
+    return (
+        Facts(
+            "platform",
+            (
+                ("size", modules(n)),
+                ("mass m_t", f"{figures(task.total_mass(n))} kg, end-effector included"),
+                ("weight m_t g", f"{figures(task.force_unit(n))} N, at g = {figures(task.gravity)} m/s²"),
+                ("unit of torque l_arm m_t g", f"{figures(task.torque_unit(n))} N m"),
+            ),
+        ),
+        Facts(
+            "module",
+            (
+                ("mass m", f"{figures(module.mass)} kg"),
+                ("arm length l_arm", f"{figures(module.arm_length)} m"),
+                ("connector distance l_c", f"{figures(module.connector_distance)} m"),
+                ("thrust coefficient k_f", f"{figures(module.thrust_coefficient)} N s²"),
+                ("torque coefficient k_tau", f"{figures(module.torque_coefficient)} N m s²"),
+                ("largest thrust", f"{figures(module.max_thrust_to_weight)} times the module's weight"),
+                ("largest input u_max", f"{figures(u_max)} rad²/s² ({_speed(u_max)})"),
+                ("input at hover", f"{figures(hover)} rad²/s² ({_speed(hover)})"),
+            ),
+        ),
+        Facts(
+            "airflow envelope",
+            (
+                ("radius at the module", f"{figures(envelope.start_radius)} m"),
+                ("radius at the far end", f"{figures(envelope.end_radius)} m"),
+                ("length of its axis", f"{figures(envelope.length)} m"),
+                ("full spreading angle", f"{figures(module.airflow.spread_angle_deg)}°"),
+            ),
+        ),
+        Facts(
+            "end-effector",
+            (
+                ("mass m_E", f"{figures(task.end_effector.mass)} kg"),
+                ("position p_E from the centre of mass", _position(task)),
+                (
+                    "distance from module centres",
+                    f"at least {figures(module.connector_distance)} m" if task.end_effector.exclusion else "any",
+                ),
+            ),
+        ),
+        Facts("must stay out of the airflow", exposure or (("regions", "none but the platform's own modules"),)),
+        Facts("search", _search(task)),
+    )
+
+
+def requirement(asked: Local | Directional | Exterior) -> str:
+    """Return one exposure requirement in words."""
+    if isinstance(asked, Local):
+        return f"a ball of radius {length(asked.radius)} around the end-effector"
+    if isinstance(asked, Directional):
+        if asked.segments is None:
+            along = f"{length(asked.length or 0.0)} along p_E, away from the centre of mass"
+        else:
+            ends = ", ".join(vector(end) for end in asked.segments)
+            along = f"{counted(len(asked.segments), 'path')} from the end-effector to {ends} m"
+        return f"capsules of radius {length(asked.radius)} along {along}"
+    axis = "towards the centre of mass" if asked.axis == "com" else f"along {vector(asked.axis)}"
+    return (
+        f"everything outside a cone of half-angle {figures(asked.half_angle_deg)}° with its apex at the "
+        f"end-effector and its axis {axis}"
+    )
+
+
+def load_cases(task: ResolvedTask) -> list[list[str]]:
+    """Return a row for each load case: number, what is exerted where, in SI and in the platform's units; weight."""
+    force_unit, torque_unit = task.force_unit(task.n), task.torque_unit(task.n)
+    return [
+        [str(k), "; ".join(_parts(case, force_unit, torque_unit)), figures(case.weight)]
+        for k, case in enumerate(task.load_cases)
+    ]
+
+
+def _parts(case: LoadCase, force_unit: float, torque_unit: float) -> list[str]:
+    found = []
+    for where, wrench in (("at the end-effector", case.at_end_effector), ("at the centre of mass", case.at_com)):
+        for name, value, unit, scale, scaled in (
+            ("force", wrench.force, "N", force_unit, "m_t g"),
+            ("torque", wrench.torque, "N m", torque_unit, "l_arm m_t g"),
+        ):
+            if not is_zero(value):
+                relative = tuple(x / scale for x in value)
+                found.append(f"{name} {where} {vector(value)} {unit} = {vector(relative)} {scaled}")
+    return found or ["nothing"]
+
+
+def vector(values: Vector | tuple[float, ...]) -> str:
+    """Return a vector with three significant digits an entry."""
+    return f"[{', '.join(figures(x + 0.0, 3) for x in values)}]"
+
+
+def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
+    search = task.search
+    apart = "envelopes of airflow keep out of all modules' envelopes"
+    if search.interference == "separation":
+        apart = f"centres of modules at least {figures(task.separation)} m apart, in place of airflow (ablation)"
+    body = task.body_clearance
+    return (
+        (
+            "root module",
+            "turned in any way" if search.root == "free" else "two angles of at most 90°, as in the paper",
+        ),
+        ("connectors", "aligned" if search.connectors == "aligned" else "any port to any port"),
+        ("margin of every clearance", length(search.margin)),
+        ("interference", apart),
+        (
+            "centres of modules not bolted together",
+            "any distance" if body is None else f"at least {figures(body)} m apart",
+        ),
+    )
+
+
+def _position(task: ResolvedTask) -> str:
+    fixed = task.end_effector.fixed_position
+    return "free, chosen by the search" if fixed is None else f"{vector(fixed)} m"
+
+
+def _speed(u: float) -> str:
+    omega = math.sqrt(u)
+    return f"{omega:.0f} rad/s, {60 * omega / math.tau:.0f} turns a minute"
