@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from nlp.assembled import AssembledProgram
 from nlp.graph import GraphProgram
 from nlp.ipopt import Answer
 from nlp.point import Point
@@ -23,4 +22,8 @@ class Program(Protocol):
 
 def program(task: ResolvedTask, topology: Topology) -> Program:
     """Return the program that is the faster for the topology's size; both state the same problem."""
-    return GraphProgram(task, topology) if topology.n <= GRAPH_UP_TO else AssembledProgram(task, topology)
+    if topology.n <= GRAPH_UP_TO:
+        return GraphProgram(task, topology)
+    from nlp.assembled import AssembledProgram  # compiled code, which small platforms need not load
+
+    return AssembledProgram(task, topology)

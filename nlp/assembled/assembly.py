@@ -20,22 +20,36 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
-from nlp.assembled.chain import Chain, Links, cross, skew
-from nlp.assembled.local_vectors import (
-    Between,
-    FromTip,
-    Gradients,
+from nlp.assembled.carried import (
+    Carried,
+    Differences,
     Indices,
-    LocalVector,
-    Offset,
+    Mask,
     Platform,
-    ThrustAxis,
+    add_curvature,
+    add_gradients,
+    chain_rule,
 )
+from nlp.assembled.chain import Chain, Links, cross, skew
 from nlp.assembled.terms import Term, airflow_formula, distance_formula, exposure_formulas
 from nlp.units import Units
 from nlp.wrench import torque_map
 from topo_search.model import LEAST_OFFSET, ResolvedTask, Topology, needs_offset
 from topo_search.model.arrays import Array
+
+
+class Clearances:
+    """A term with the places of its derivatives."""
+
+    def __init__(self, term: Term, moved: Mask, n: int) -> None:
+        """Find them; `moved`: see `Carried`."""
+        self.formula, self.vectors = term.formula, term.vectors
+        self.plus, self.minus = term.vectors.plus, term.vectors.minus
+        self.m = len(self.plus)
+        moving = term.vectors.moving(moved)
+        self.rows, self.columns = np.nonzero(moving & ~term.vectors.turned_as_one(moved, n))
+        self.starts = np.concatenate([[0], np.cumsum(moving.sum(axis=1))])
+        self.moving = np.nonzero(moving)[1]
 
 
 class Assembly:
@@ -61,10 +75,12 @@ class Assembly:
         self._p_EB = None if self._fixed is None else np.array(self._fixed) / unit.length
         tip, com = [c.at_end_effector for c in task.load_cases], [c.at_com for c in task.load_cases]
         self._f_E, self._f_C = (np.array([w.force for w in side]) / unit.force for side in (tip, com))
+        self._skew_E, self._skew_C = skew(self._f_E), skew(self._f_C)
         self._tau = (np.array([w.torque for w in tip]) + np.array([w.torque for w in com])) / unit.torque
         weights = np.array([case.weight for case in task.load_cases])
         self._weights = weights / (4 * self.n * weights.sum())
-        self._terms = _terms(task, topology, pairs, beta)
+        moved = Carried(self.n).moved(self._chain.moves.astype(bool), free=self._fixed is None)
+        self._clearances = [Clearances(term, moved, self.n) for term in _terms(task, topology, pairs, beta)]
         self._index()
         margin = task.search.margin / unit.length
         self.lower = np.concatenate([np.zeros(6 * self.K), np.full(self.rows - 6 * self.K, margin)])
@@ -77,19 +93,15 @@ class Assembly:
         """Find where derivatives are not zero."""
         n, K, g = self.n, self.K, self.g
         rotors, moves = np.arange(4 * n), self._chain.moves.astype(bool)
-        free = self._fixed is None
-        patterns = [np.ones((6 * K, g), dtype=bool)]
-        for term in self._terms:
-            depends = np.logical_or.reduce([vector.depends(moves, free) for vector in term.vectors])
-            patterns.append(
-                np.concatenate([depends[:, :-1], np.repeat(depends[:, -1:], g - n - 2, axis=1)], axis=1)
-            )
-        pattern = np.concatenate(patterns)
-        self.rows = len(pattern)
-        self._j_rows, self._j_columns = np.nonzero(pattern)
+        rows, columns = (index.ravel() for index in np.indices((6 * K, g)))
+        self.rows = 6 * K
+        for placed in self._clearances:
+            rows = np.concatenate([rows, self.rows + placed.rows])
+            columns = np.concatenate([columns, placed.columns])
+            self.rows += placed.m
         k, axis, rotor = (index.ravel() for index in np.meshgrid(np.arange(K), np.arange(6), rotors, indexing="ij"))
-        rows = np.concatenate([self._j_rows, 6 * k + axis])
-        columns = np.concatenate([self._j_columns, g + 4 * n * k + rotor])
+        rows = np.concatenate([rows, 6 * k + axis])
+        columns = np.concatenate([columns, g + 4 * n * k + rotor])
         self.jacobian_pattern, self._j_order = _pattern(self.rows, self.size, rows, columns)
 
         self._h_upper = np.triu_indices(g)
@@ -140,28 +152,25 @@ class Assembly:
         balance = u @ self._A
         balance[:, :3] -= self._f_E + self._f_C
         balance[:, 3:] -= self._tau + cross(at.p_E, self._f_E) + cross(at.p_COM, self._f_C)
-        clearances = [term.formula(0, *(vector.value(at) for vector in term.vectors))[0] for term in self._terms]
-        return np.concatenate([balance.ravel() / self.n, *clearances])
+        values = [placed.formula(0, placed.vectors.values(at))[0] for placed in self._clearances]
+        return np.concatenate([balance.ravel() / self.n, *values])
 
     def jacobian(self, variables: Array) -> Array:
         """Return the Jacobian of (2) to (7), its entries in the order of `jacobian_pattern`."""
         at, u = self._at(variables)
         n, K, links = self.n, self.K, at.links
-        J = np.empty((self.rows, self.g))
+        dp_E, dp_COM = at.dV[n].T, at.dV[n + 1].T
         balance = np.zeros((K, 6, self.g))
         wrenches = u.reshape(K, n, 4).transpose(1, 0, 2) @ self._A.reshape(n, 4, 6)  # of module i in load case k
-        balance[:, :, : n + 2] = (links.outward(wrenches) @ links.X.transpose(0, 2, 1)).transpose(1, 2, 0)
-        balance[:, 3:] += skew(self._f_E) @ at.dp_E + skew(self._f_C) @ at.dp_COM
-        J[: 6 * K] = balance.reshape(6 * K, -1) / n
-        row = 6 * K
-        for term in self._terms:
-            value, gradient = term.formula(1, *(vector.value(at) for vector in term.vectors))
-            slopes = np.concatenate([vector.slope(at) for vector in term.vectors], axis=1)
-            J[row : row + len(value)] = (gradient[:, None] @ slopes)[:, 0]
-            row += len(value)
+        balance[:, :, : n + 2] = links.turned(links.outward(wrenches)).transpose(1, 2, 0)
+        balance[:, 3:] += self._skew_E @ dp_E + self._skew_C @ dp_COM
+        entries = [balance.ravel() / n]
+        for placed in self._clearances:
+            _, gradient = placed.formula(1, placed.vectors.values(at))
+            entries.append(chain_rule(gradient, placed.plus, placed.minus, at.dV, placed.rows, placed.columns))
         by_u = np.tile((self._A.T / n).ravel(), K)
-        entries: Array = np.concatenate([J[self._j_rows, self._j_columns], by_u])[self._j_order]
-        return entries
+        ordered: Array = np.concatenate([*entries, by_u])[self._j_order]
+        return ordered
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
         """Return the Hessian of the Lagrangian, its entries in the order of `hessian_pattern` (upper triangle)."""
@@ -170,25 +179,22 @@ class Assembly:
         mu = multipliers[: 6 * K].reshape(K, 6) / n
         H = np.zeros((self.g, self.g))
         torques = mu[:, 3:]
-        to = Gradients(np.zeros((n, 3)), np.zeros((n, 3)))
-        to.p_E += cross(torques, self._f_E).sum(axis=0)
-        to.p_COM += cross(torques, self._f_C).sum(axis=0)
+        to = np.zeros_like(at.V)
+        to[n] += cross(torques, self._f_E).sum(axis=0)
+        to[n + 1] += cross(torques, self._f_C).sum(axis=0)
         row = 6 * K
-        for term in self._terms:
-            value, gradient, hessian = term.formula(2, *(vector.value(at) for vector in term.vectors))
-            multiplier = multipliers[row : row + len(value)]
-            row += len(value)
-            slopes = np.concatenate([vector.slope(at) for vector in term.vectors], axis=1)
-            bent = (hessian * multiplier[:, None, None]) @ slopes
-            H += slopes.reshape(-1, self.g).T @ bent.reshape(-1, self.g)
-            for part, vector in enumerate(term.vectors):
-                vector.push(multiplier[:, None] * gradient[:, 3 * part : 3 * part + 3], to)
+        for placed in self._clearances:
+            _, gradient, hessian = placed.formula(2, placed.vectors.values(at))
+            multiplier = multipliers[row : row + placed.m, None, None]
+            row += placed.m
+            add_gradients(multiplier * gradient, placed.plus, placed.minus, to)
+            add_curvature(multiplier * hessian, placed.plus, placed.minus, at.dV, placed.starts, placed.moving, H)
         g_p = at.pushed_to_modules(to)
         by_A = (u.T @ mu).reshape(n, 4, 6)
         AY = A.transpose(0, 2, 1) @ by_A
-        T = AY[:, :3, :3] + AY[:, 3:, 3:] + _outer(links.p, g_p) + _outer(links.z, to.z)
+        T = AY[:, :3, :3] + AY[:, 3:, 3:] + _outer(links.p, g_p) + _outer(links.z, to[n + 2 : 2 * n + 2])
         H[: n + 2, : n + 2] += links.curvature(T, AY[:, :3, 3:], g_p)
-        by_angle = (mu @ links.X) @ self._A.T  # (n+2, K, 4n): mu_k . X_j a
+        by_angle = links.work(mu) @ self._A.T  # (n+2, K, 4n): mu_k . X_j a
         mixed = by_angle[self._h_angle, :, self._h_rotor].T.ravel()
         by_u = np.repeat(2 * of_objective * self._weights, 4 * n)
         entries: Array = np.concatenate([H[self._h_upper], mixed, by_u])[self._h_order]
@@ -198,31 +204,31 @@ class Assembly:
 def _terms(task: ResolvedTask, topology: Topology, pairs: Indices, beta: float) -> list[Term]:
     """Return the clearances of (4) to (7) in the order of the page."""
     n, unit, air = topology.n, Units.of(task), task.module.envelope
-    everyone = np.arange(n)
-    all_pairs = list(combinations(range(n), 2))
+    carried, everyone = Carried(n), np.arange(n)
+    axis, nothing, offset = carried.axis, carried.nothing, (carried.tip, carried.com)
+    bolted, all_pairs = topology.bolted, list(combinations(range(n), 2))
     terms: list[Term] = []
     if task.search.interference == "airflow":
         length, r_air, dr_air = (value / unit.length for value in (air.length, air.start_radius, air.growth))
         i, j = pairs.T
-        vectors: tuple[LocalVector, ...] = (Between(i, j), ThrustAxis(i), ThrustAxis(j))
         if len(pairs):
+            vectors = Differences.of((i, j), (axis(i), nothing), (axis(j), nothing))
             terms.append(Term(airflow_formula(length, r_air, dr_air, beta), vectors))
-        distance, separated = task.body_clearance, [pair for pair in all_pairs if pair not in topology.bolted]
+        distance, separated = task.body_clearance, [pair for pair in all_pairs if pair not in bolted]
     else:
         distance, separated = task.separation, all_pairs
     if distance is not None:
         i, j = np.array(separated, dtype=np.intp).reshape(-1, 2).T
-        terms.append(Term(distance_formula(distance / unit.length), (Between(i, j),)))
+        terms.append(Term(distance_formula(distance / unit.length), Differences.of((i, j))))
     if task.end_effector.exclusion:
         l_c = task.module.connector_distance / unit.length
-        terms.append(Term(distance_formula(l_c), (FromTip(everyone),)))
+        terms.append(Term(distance_formula(l_c), Differences.of((everyone, carried.tip))))
     for requirement in task.exposure:
-        seen: tuple[LocalVector, ...] = (FromTip(everyone), ThrustAxis(everyone))
-        if needs_offset(requirement):
-            seen = (*seen, Offset(n))
-        terms += [Term(formula, seen) for formula in exposure_formulas(requirement, task, beta)]
+        seen = [(everyone, carried.tip), (axis(everyone), nothing)]
+        vectors = Differences.of(*seen, *([offset] if needs_offset(requirement) else []))
+        terms += [Term(formula, vectors) for formula in exposure_formulas(requirement, task, beta)]
     if any(needs_offset(requirement) for requirement in task.exposure):
-        terms.append(Term(distance_formula(LEAST_OFFSET), (Offset(1),)))
+        terms.append(Term(distance_formula(LEAST_OFFSET), Differences.of(offset)))
     return terms
 
 

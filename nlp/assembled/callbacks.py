@@ -10,6 +10,9 @@ import numpy as np
 
 from topo_search.model.arrays import Array
 
+Function = Callable[..., Array | float]
+"""Takes all inputs, returns one output."""
+
 
 class Evaluated(ca.Callback):
     """A CasADi function that a Python function evaluates: the nonzero entries in, the nonzero entries out."""
@@ -19,11 +22,11 @@ class Evaluated(ca.Callback):
         name: str,
         inputs: dict[str, ca.Sparsity],
         outputs: dict[str, ca.Sparsity],
-        function: Callable[..., Sequence[Array | float]],
+        functions: Sequence[Function],
     ) -> None:
-        """Name the inputs and outputs as CasADi's solvers expect them."""
+        """Name the inputs and outputs as CasADi's solvers expect them; a function for each output."""
         super().__init__()
-        self._inputs, self._outputs, self._function = inputs, outputs, function
+        self._inputs, self._outputs, self._functions = inputs, outputs, functions
         self.error: Exception | None = None
         """What the Python function raised, for the caller of the solver to raise again."""
         self.construct(name, {})
@@ -58,12 +61,12 @@ class Evaluated(ca.Callback):
 
     def eval_buffer(self, inputs: Sequence[Any], outputs: Sequence[Any]) -> int:
         """Evaluate; CasADi owns the memory, and what is empty or not wanted is None."""
+        given = [None if memory is None else np.frombuffer(memory) for memory in inputs]
         try:
-            results = self._function(*(None if memory is None else np.frombuffer(memory) for memory in inputs))
+            for memory, function in zip(outputs, self._functions, strict=True):
+                if memory is not None:
+                    np.frombuffer(memory)[:] = function(*given)
         except Exception as error:
             self.error = error  # Ipopt takes an exception for a point that cannot be evaluated, and goes on
             raise
-        for memory, result in zip(outputs, results, strict=True):
-            if memory is not None:
-                np.frombuffer(memory)[:] = result
         return 0

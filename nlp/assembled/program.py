@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
@@ -9,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from nlp.assembled.assembly import Assembly
-from nlp.assembled.callbacks import Evaluated
-from nlp.assembled.local_vectors import Mask
+from nlp.assembled.callbacks import Evaluated, Function
+from nlp.assembled.carried import Mask
 from nlp.evaluate import violations, worst
 from nlp.finish import finish
 from nlp.geometry import Swept, clearance
@@ -21,24 +22,26 @@ from topo_search.model import ResolvedTask, Topology
 
 Options = dict[str, int | float | str]
 
-MOVE_LIMIT = 0.2
-"""Most that a hinge turns in one round [rad]: less than it takes an envelope to slip through another."""
+MOVE_LIMIT = 0.5
+"""Most that a hinge turns in the first round [rad]."""
+GROWTH = 2.0
+"""Of the move limit after a round that ended in a design; its inverse twice over after one that lost it."""
+LEAST_MOVE_LIMIT = 0.04
+"""Move limit below which a lost design is not sought any more [rad]."""
 NEAR = 6.0
 """Pairs of envelopes closer than this are kept apart in a round [l_arm]."""
-ROUNDS = 12
+ROUNDS = 14
 """Most rounds; the evaluation judges what is reached by then."""
 GAIN = 1e-4
-"""Relative decrease of the effort, or of the worst violation, without which there is no further round."""
+"""Relative decrease of the effort without which there is no further round."""
+HOPE = 0.1
+"""Relative decrease of the worst violation without which a start is given up."""
 MUMPS: Options = {"ipopt.mumps_permuting_scaling": 0, "ipopt.mumps_pivot_order": 0}
 """Approximate minimum degree without prior permutation: half the time of MUMPS's own choice at 40 modules."""
-WARM: Options = {
-    "ipopt.mu_strategy": "monotone",
-    "ipopt.mu_init": 1e-3,
-    "ipopt.bound_push": 1e-6,  # stay where the last round ended
-    "ipopt.bound_frac": 1e-6,
-    "ipopt.max_iter": 100,
-}
-"""Rounds are short and begin near where they end."""
+STAY: Options = {"ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6, "ipopt.max_iter": 100, "ipopt.tol": 1e-6}
+"""Rounds are short and begin where the last one ended."""
+WARM: Options = {"ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-5}
+"""From a design on."""
 
 
 class AssembledProgram:
@@ -53,25 +56,38 @@ class AssembledProgram:
         """Return the best point of all rounds, with the iterations of all rounds.
 
         Ipopt's steps are long, and on a large platform a hinge's small turn sweeps an envelope through others, to
-        where no step leads back from. So a round turns no hinge by more than MOVE_LIMIT, and the next one goes on
-        from its end with the pairs that are near then. Pairs that are not in the last round are judged with all
-        others when the answer is.
+        where no step leads back from. So a round turns no hinge by more than a limit, and the next one goes on
+        from its end with the pairs that are near then. As in a trust region, the limit grows as long as rounds end
+        in designs, and a round that loses the design is taken back and repeated with a smaller one. Pairs that are
+        not in the last round are judged with all others when the answer is.
         """
-        point, iterations = start, 0
-        best, least = start, _merit(start)
-        before = least
+        point, merit, limit, iterations, patience = start, _merit(start), MOVE_LIMIT, 0, 1
+        status = "no round ended"
         for _ in range(ROUNDS):
-            answer = self._round(point)
-            point, iterations = answer.point, iterations + answer.iterations
-            if not np.all(np.isfinite(point.pack())):  # an evaluation failed; what was reached before stands
+            answer = self._round(point, limit, warm=merit.met)
+            status, iterations = answer.status, iterations + answer.iterations
+            if not np.all(np.isfinite(answer.point.pack())):  # an evaluation failed; what was reached before stands
                 break
-            merit = _merit(point)
-            if merit < least:
-                best, least = point, merit
-            if merit[0] == before[0] and merit[1] > (1 - GAIN) * before[1]:
-                break
-            before = merit
-        return Answer(best, answer.status, iterations)
+            reached = _merit(answer.point)
+            if merit.met and not reached.met:
+                limit /= GROWTH**2
+                if limit < LEAST_MOVE_LIMIT:
+                    break
+                continue
+            turned = np.max(np.abs(answer.point.alpha - point.alpha), initial=0.0)
+            found = reached.met and not merit.met
+            gain = 1.0 - reached.amount / merit.amount if merit.amount > 0.0 else 0.0
+            if found or gain > 0.0:
+                point, merit = answer.point, reached
+            if merit.met:
+                if turned < 0.98 * limit or (not found and gain < GAIN):
+                    break  # a minimum inside the limit, or next to none
+                limit *= GROWTH
+            elif gain < HOPE:
+                if not patience:
+                    break
+                patience, limit = patience - 1, limit / GROWTH
+        return Answer(point, status, iterations)
 
     def near(self, point: Point) -> Mask:
         """Return which of all pairs (i, j), i < j, a round from here keeps apart, shape (n (n-1) / 2,)."""
@@ -81,13 +97,13 @@ class AssembledProgram:
         near: Mask = clearance(one, other) < NEAR * self._task.module.arm_length
         return near
 
-    def _round(self, start: Point) -> Answer:
+    def _round(self, start: Point, limit: float, *, warm: bool) -> Answer:
         assembly = Assembly(self._task, self._topology, self._pairs[self.near(start)], BETA)
-        solver, functions = _ipopt(assembly)
+        solver, functions = _ipopt(assembly, {**STAY, **WARM} if warm else STAY)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology))
         hinges = slice(3, 3 + len(start.alpha))
-        lower[hinges] = np.maximum(lower[hinges], start.alpha - MOVE_LIMIT)
-        upper[hinges] = np.minimum(upper[hinges], start.alpha + MOVE_LIMIT)
+        lower[hinges] = np.maximum(lower[hinges], start.alpha - limit)
+        upper[hinges] = np.minimum(upper[hinges], start.alpha + limit)
         result = solver(
             x0=ca.DM(start.pack()),
             lbx=ca.DM(lower),
@@ -101,39 +117,38 @@ class AssembledProgram:
         return answer_of(solver, result, self._task, self._topology)
 
 
-def _merit(point: Point) -> tuple[bool, float]:
-    """Return (not a design, effort or worst violation): the less, the better."""
+@dataclass(frozen=True)
+class _Merit:
+    """How good a point is."""
+
+    met: bool
+    """Whether it is a design."""
+    amount: float
+    """The effort of a design, else the worst violation."""
+
+
+def _merit(point: Point) -> _Merit:
     reason = worst(violations(finish(point)))
     weights = np.array([case.weight for case in point.task.load_cases])
     effort = float(weights @ np.einsum("kiq,kiq->k", point.u, point.u))
-    return not reason.met, effort if reason.met else reason.rank
+    return _Merit(reason.met, effort if reason.met else reason.rank)
 
 
-def _ipopt(assembly: Assembly) -> tuple[ca.Function, tuple[Evaluated, ...]]:
+def _ipopt(assembly: Assembly, options: Options) -> tuple[ca.Function, tuple[Evaluated, ...]]:
     """Return Ipopt and an assembly's functions that it calls, named as CasADi names them."""
     x, rows, scalar = ca.Sparsity.dense(assembly.size), ca.Sparsity.dense(assembly.rows), ca.Sparsity.dense(1)
     given = {"x": x, "p": ca.Sparsity.dense(0)}
-    nlp = Evaluated(
-        "nlp", given, {"f": scalar, "g": rows}, lambda x, _: (assembly.objective(x), assembly.constraints(x))
-    )
-    grad_f = Evaluated(
-        "nlp_grad_f",
-        given,
-        {"f": scalar, "grad_f_x": x},
-        lambda x, _: (assembly.objective(x), assembly.gradient(x)),
-    )
-    jac_g = Evaluated(
-        "nlp_jac_g",
-        given,
-        {"g": rows, "jac_g_x": assembly.jacobian_pattern},
-        lambda x, _: (assembly.constraints(x), assembly.jacobian(x)),
-    )
+    f: tuple[Function, ...] = (lambda x, _: assembly.objective(x), lambda x, _: assembly.gradient(x))
+    g: tuple[Function, ...] = (lambda x, _: assembly.constraints(x), lambda x, _: assembly.jacobian(x))
+    nlp = Evaluated("nlp", given, {"f": scalar, "g": rows}, (f[0], g[0]))
+    grad_f = Evaluated("nlp_grad_f", given, {"f": scalar, "grad_f_x": x}, f)
+    jac_g = Evaluated("nlp_jac_g", given, {"g": rows, "jac_g_x": assembly.jacobian_pattern}, g)
     hess_lag = Evaluated(
         "nlp_hess_l",
         {**given, "lam_f": scalar, "lam_g": rows},
         {"triu_hess_gamma_x_x": assembly.hessian_pattern},
-        lambda x, _, lam_f, lam_g: (assembly.hessian(x, lam_f[0], lam_g),),
+        [lambda x, _, lam_f, lam_g: assembly.hessian(x, lam_f[0], lam_g)],
     )
     derivatives: dict[str, Any] = {"grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess_lag, "no_nlp_grad": True}
-    solver = ca.nlpsol("assembled", "ipopt", nlp, {**OPTIONS, **WARM, **MUMPS, **derivatives})
+    solver = ca.nlpsol("assembled", "ipopt", nlp, {**OPTIONS, **options, **MUMPS, **derivatives})
     return solver, (nlp, grad_f, jac_g, hess_lag)

@@ -4,7 +4,8 @@ The formulas are those of `nlp.envelope` and `nlp.exposure`, derived by CasADi o
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| w_0 = p_i - p_j, z_i, z_j | local vectors of a pair of envelopes | (m, 3) each | l_arm, - |
+| y | the s local vectors of each of m clearances | (m, s, 3) | l_arm, - |
+| w = p_i - p_j, z_i, z_j | those of a pair of envelopes | (m, 3) each | l_arm, - |
 | C, D, E, F | coefficients of f_air that vary; A = B = l_air^2 - dr_air^2 | (m,) each | l_arm^2 |
 """
 
@@ -17,8 +18,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numba import njit
 
-from nlp.assembled.local_vectors import LocalVector
+from nlp.assembled.carried import Differences
 from nlp.envelope import ConeSphere, quadratic_candidates
 from nlp.exposure import exposure_clearances
 from nlp.smooth import log_sum_exp
@@ -27,11 +29,11 @@ from topo_search.model import Directional, Exterior, Local, ResolvedTask, needs_
 from topo_search.model.arrays import Array
 
 Jet = list[Array]
-"""Values (m,), then as far as asked for gradients (m, 3 s) and Hessians (m, 3 s, 3 s) by s local vectors."""
+"""Values (m,), then as far as asked for gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
 KEPT = 30
 """Most buffers of one expression, one for each order and number of columns in use."""
-Formula = Callable[..., Jet]
-"""formula(order, *vectors) with the vectors' values, shape (m, 3) each; order 0, 1 or 2."""
+Formula = Callable[[int, Array], Jet]
+"""formula(order, y); order 0, 1 or 2."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Term:
     """m clearances of one kind."""
 
     formula: Formula
-    vectors: tuple[LocalVector, ...]
+    vectors: Differences
 
 
 class Mapped:
@@ -78,7 +80,7 @@ class Mapped:
 
 @cache
 def airflow_formula(length: float, r_air: float, dr_air: float, beta: float) -> Formula:
-    """Return the smooth clearance of two airflow envelopes as a formula of w_0, z_i, z_j.
+    """Return the smooth clearance of two airflow envelopes as a formula of w, z_i, z_j.
 
     f depends on them through C, D, E and F alone, and on F by addition, so that CasADi derives a function of
     three numbers and the chain rule does the rest.
@@ -86,48 +88,95 @@ def airflow_formula(length: float, r_air: float, dr_air: float, beta: float) -> 
     CDE = ca.SX.sym("CDE", 3)
     A = length**2 - dr_air**2
     psi = Mapped(CDE, log_sum_exp(quadratic_candidates(A, A, CDE[0], CDE[1], CDE[2], 0.0), beta))
-    r_0, scale = 2 * r_air, 4 * (r_air + dr_air)
+    sizes = length, dr_air, 2 * r_air, 4 * (r_air + dr_air)
 
-    def formula(order: int, w_0: Array, z_i: Array, z_j: Array) -> Jet:
-        C = -2 * (length**2 * _dot(z_i, z_j) + dr_air**2)
-        D = -2 * (length * _dot(z_i, w_0) + r_0 * dr_air)
-        E = 2 * (length * _dot(z_j, w_0) - r_0 * dr_air)
-        jet = psi(order, np.stack((C, D, E), axis=-1))
-        result = [(jet[0] + _dot(w_0, w_0) - r_0**2) / scale]
-        if order >= 1:
-            G = np.zeros((len(w_0), 3, 9))  # gradients of C, D, E by (w_0, z_i, z_j)
-            G[:, 0, 3:6], G[:, 0, 6:9] = -2 * length**2 * z_j, -2 * length**2 * z_i
-            G[:, 1, 0:3], G[:, 1, 3:6] = -2 * length * z_i, -2 * length * w_0
-            G[:, 2, 0:3], G[:, 2, 6:9] = 2 * length * z_j, 2 * length * w_0
-            gradient = (jet[1][:, None] @ G)[:, 0]
-            gradient[:, :3] += 2 * w_0
-            result.append(gradient / scale)
-        if order >= 2:
-            by_C, by_D, by_E = jet[1].T
-            H = G.transpose(0, 2, 1) @ jet[2] @ G
-            for axis in range(3):  # C, D, E and F are bilinear
-                w, i, j = axis, 3 + axis, 6 + axis
-                H[:, w, w] += 2
-                for row, column, weight in (
-                    (i, j, -2 * length**2 * by_C),
-                    (w, i, -2 * length * by_D),
-                    (w, j, 2 * length * by_E),
-                ):
-                    H[:, row, column] += weight
-                    H[:, column, row] += weight
-            result.append(H / scale)
-        return result
+    def formula(order: int, y: Array) -> Jet:
+        coefficients, base = _coefficients(y, *sizes)
+        jet = psi(order, coefficients)
+        jet[0] = (jet[0] + base) / sizes[-1]
+        if order == 1:
+            jet[1] = _gradients(y, jet[1], *sizes)
+        elif order == 2:
+            jet[1], jet[2] = _gradients(y, jet[1], *sizes), _hessians(y, jet[1], jet[2], *sizes)
+        return jet
 
     return formula
+
+
+@njit(cache=True)
+def _coefficients(y: Array, length: float, dr_air: float, r_0: float, scale: float) -> tuple[Array, Array]:
+    """Return C, D, E, shape (m, 3), and F, shape (m,)."""
+    CDE, F = np.empty((len(y), 3)), np.empty(len(y))
+    for r in range(len(y)):
+        w, z_i, z_j = y[r]
+        CDE[r, 0] = -2 * (length**2 * np.sum(z_i * z_j) + dr_air**2)
+        CDE[r, 1] = -2 * (length * np.sum(z_i * w) + r_0 * dr_air)
+        CDE[r, 2] = 2 * (length * np.sum(z_j * w) - r_0 * dr_air)
+        F[r] = np.sum(w * w) - r_0**2
+    return CDE, F
+
+
+@njit(cache=True)
+def _gradients(y: Array, by_CDE: Array, length: float, dr_air: float, r_0: float, scale: float) -> Array:
+    """Return the gradients by y; C, D, E and F are bilinear."""
+    gradients = np.empty_like(y)
+    for r in range(len(y)):
+        C, D, E = by_CDE[r]
+        for axis in range(3):
+            w, z_i, z_j = y[r, 0, axis], y[r, 1, axis], y[r, 2, axis]
+            gradients[r, 0, axis] = (2 * w - 2 * length * (D * z_i - E * z_j)) / scale
+            gradients[r, 1, axis] = -2 * length * (length * C * z_j + D * w) / scale
+            gradients[r, 2, axis] = -2 * length * (length * C * z_i - E * w) / scale
+    return gradients
+
+
+@njit(cache=True)
+def _hessians(
+    y: Array, by_CDE: Array, curved: Array, length: float, dr_air: float, r_0: float, scale: float
+) -> Array:
+    """Return the Hessians by y; `curved` is the Hessian by C, D, E."""
+    hessians = np.zeros((len(y), 9, 9))
+    G = np.zeros((3, 9))  # gradients of C, D, E by y
+    for r in range(len(y)):
+        for axis in range(3):
+            w, z_i, z_j = y[r, 0, axis], y[r, 1, axis], y[r, 2, axis]
+            G[0, 3 + axis], G[0, 6 + axis] = -2 * length**2 * z_j, -2 * length**2 * z_i
+            G[1, axis], G[1, 3 + axis] = -2 * length * z_i, -2 * length * w
+            G[2, axis], G[2, 6 + axis] = 2 * length * z_j, 2 * length * w
+        H = hessians[r]
+        for one in range(9):
+            a, b, c = G[0, one] / scale, G[1, one] / scale, G[2, one] / scale
+            by_C = a * curved[r, 0, 0] + b * curved[r, 1, 0] + c * curved[r, 2, 0]
+            by_D = a * curved[r, 0, 1] + b * curved[r, 1, 1] + c * curved[r, 2, 1]
+            by_E = a * curved[r, 0, 2] + b * curved[r, 1, 2] + c * curved[r, 2, 2]
+            for other in range(9):
+                H[one, other] = by_C * G[0, other] + by_D * G[1, other] + by_E * G[2, other]
+        C, D, E = by_CDE[r]
+        for axis in range(3):
+            w, i, j = axis, 3 + axis, 6 + axis
+            H[w, w] += 2 / scale
+            for row, column, value in (
+                (i, j, -2 * length**2 * C / scale),
+                (w, i, -2 * length * D / scale),
+                (w, j, 2 * length * E / scale),
+            ):
+                H[row, column] += value
+                H[column, row] += value
+    return hessians
 
 
 @cache
 def distance_formula(distance: float) -> Formula:
     """Return (||w||^2 - distance^2) / (2 distance) as a formula of w; see `nlp.problem.distance_gap`."""
 
-    def formula(order: int, w: Array) -> Jet:
-        hessians = np.broadcast_to(np.eye(3) / distance, (len(w), 3, 3))
-        return [(_dot(w, w) - distance**2) / (2 * distance), w / distance, hessians][: order + 1]
+    def formula(order: int, y: Array) -> Jet:
+        w = y[:, 0]
+        jet: Jet = [(np.einsum("ra,ra->r", w, w) - distance**2) / (2 * distance)]
+        if order >= 1:
+            jet.append(y / distance)
+        if order >= 2:
+            jet.append(np.broadcast_to(np.eye(3) / distance, (len(w), 3, 3)))
+        return jet
 
     return formula
 
@@ -150,9 +199,10 @@ def exposure_formulas(
 
 
 def _joined(mapped: Mapped) -> Formula:
-    return lambda order, *vectors: mapped(order, np.concatenate(vectors, axis=1))
+    def formula(order: int, y: Array) -> Jet:
+        jet = mapped(order, y.reshape(len(y), -1))
+        if order >= 1:
+            jet[1] = jet[1].reshape(y.shape)
+        return jet
 
-
-def _dot(a: Array, b: Array) -> Array:
-    result: Array = np.einsum("...i,...i->...", a, b)
-    return result
+    return formula
