@@ -46,6 +46,8 @@ def mjcf(design: Design) -> str:
     SubElement(model, "compiler", angle="radian", eulerseq="zxy", inertiafromgeom="false")
     SubElement(model, "option", gravity=numbers(0, 0, -task.gravity))
     _defaults(SubElement(model, "default"), module, task.gravity)
+    sky = {"type": "skybox", "builtin": "flat", "rgb1": "1 1 1", "rgb2": "1 1 1", "width": "8", "height": "8"}
+    SubElement(SubElement(model, "asset"), "texture", sky)
     world = SubElement(model, "worldbody")
     SubElement(world, "light", pos="0 0 5", dir="0 0 -1", directional="true")
     platform = SubElement(world, "body", name="platform")
@@ -79,6 +81,9 @@ def _defaults(default: Element, module: Module, gravity: float) -> None:
     rotor = SubElement(default, "default", {"class": "rotor"})
     size = numbers(body.rotor_radius, body.rotor_height / 2)
     SubElement(rotor, "geom", type="cylinder", size=size, rgba=rgba(palette.ROTOR, 0.5))
+    bar = SubElement(default, "default", {"class": "joint"})
+    look = {"rgba": rgba(palette.CONNECTOR), "contype": "0", "conaffinity": "0"}
+    SubElement(bar, "geom", {"type": "capsule", "size": numbers(body.arm_width / 4), **look})
     limit = module.thrust_coefficient * module.max_input(gravity)
     for spin, name in SPIN_CLASSES.items():
         turning = SubElement(default, "default", {"class": name})
@@ -91,7 +96,11 @@ def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Ele
     """Add the hinge at a parent's port a, at which module i hangs."""
     about_x, about_y = (0.0, alpha) if a % 2 == 0 else (alpha, 0.0)
     step = numbers(*module.connector_distance * PORTS[a])
-    return SubElement(parent, "body", name=f"hinge_{i}", pos=step, euler=numbers(0, about_x, about_y))
+    bar = {"class": "joint", "fromto": f"0 0 0 {step}"}
+    SubElement(parent, "geom", bar)
+    hinge = SubElement(parent, "body", name=f"hinge_{i}", pos=step, euler=numbers(0, about_x, about_y))
+    SubElement(hinge, "geom", bar)
+    return hinge
 
 
 def _module_body(parent: Element, i: int, place: dict[str, str], module: Module) -> Element:

@@ -1,0 +1,99 @@
+"""What is odd about a task, and what is not."""
+
+from typing import Any
+
+import pytest
+
+from topo_search.model import Task
+from topo_search.model.files import examples, read_task
+from topo_search.model.oddities import oddities
+
+HOVER = {"com": {"force": [0.0, 0.0, 1.0]}}
+PUSH_WHILE_HOVERING = {"end_effector": {"force": [0.2, 0.0, 0.0]}, **HOVER}
+
+
+def found(**fields: Any) -> dict[str, str]:
+    """The oddities of a task in which nothing else is odd, by field."""
+    task = {"name": "odd", "modules": 3, "load_cases": [PUSH_WHILE_HOVERING, HOVER], **fields}
+    return {one.path: one.words for one in oddities(Task.model_validate(task))}
+
+
+def test_nothing_is_odd_about_a_plain_task() -> None:
+    assert found() == {}
+
+
+def test_the_shipped_tasks_are_odd_only_where_the_paper_pushes_with_half_the_weight() -> None:
+    for name in examples():
+        odd = {one.path for one in oddities(read_task(name))}
+        assert odd == ({"load_cases[0]", "load_cases[1]"} if name.startswith("push") else set()), name
+
+
+@pytest.mark.parametrize(
+    ("case", "odd"),
+    [
+        ({"end_effector": {"force": [0.5, 0.0, 0.5]}}, True),
+        ({"end_effector": {"force": [0.5, 0.0, 1.0]}}, False),
+        ({"end_effector": {"force": [0.0, 0.0, 0.3]}, "com": {"force": [0.0, 0.0, 0.7]}}, False),
+        ({"end_effector": {"force": [0.0, 0.0, 0.3]}, "com": {"force": [0.0, 0.0, 0.6]}}, True),
+        # pressing down while hovering: the target carries a part of the weight
+        ({"end_effector": {"force": [0.0, 0.0, -0.3]}, "com": {"force": [0.0, 0.0, 1.0]}}, False),
+        ({"end_effector": {"force": [0.0, 0.0, -0.3]}}, True),
+        ({"units": "SI", "com": {"force": [1.0, 0.0, 7.53]}}, True),
+        ({"units": "SI", "com": {"force": [1.0, 0.0, 7.54]}}, False),  # 0.768 kg at 9.81 m/s^2: 7.534 N
+    ],
+)
+def test_a_load_case_that_does_not_carry_the_weight(case: dict[str, Any], odd: bool) -> None:
+    words = found(load_cases=[HOVER, case]).get("load_cases[1]", "")
+    assert (
+        "is under the weight, 7.534 N of 3 modules and the end-effector; gravity is never added" in words
+    ) is odd
+
+
+def test_with_a_range_of_sizes_the_largest_platform_counts() -> None:
+    case = {"units": "SI", "com": {"force": [1.0, 0.0, 8.0]}}
+    assert found(load_cases=[HOVER, case]) == {}
+    assert list(found(load_cases=[HOVER, case], modules=[3, 4])) == ["load_cases[1]"]
+
+
+def test_a_task_in_which_nothing_hovers() -> None:
+    assert "none is plain hovering" in found(load_cases=[PUSH_WHILE_HOVERING])["load_cases"]
+    tilted = {"com": {"force": [0.0, 0.0, 1.0], "torque": [0.1, 0.0, 0.0]}}
+    assert "load_cases" in found(load_cases=[tilted])
+    si = {"units": "SI", "com": {"force": [0.0, 0.0, 0.768 * 9.81]}}
+    assert found(load_cases=[si]) == {}
+
+
+@pytest.mark.parametrize(
+    ("fields", "path", "said"),
+    [
+        ({"gravity": 1.62}, "gravity", "1.62 m/s^2 is not that of the Earth's surface"),
+        ({"module": {"mass": 240.0}}, "module.mass", "240 kg is outside 0.01 to 50 kg"),
+        ({"module": {"arm_length": 100.0}}, "module.arm_length", "is the unit right?"),
+        ({"module": {"connector_distance": 150.0}}, "module.connector_distance", "150 m is outside"),
+        ({"module": {"thrust_coefficient": 3.87e-3}}, "module.thrust_coefficient", "19.5 rad/s (186 rpm)"),
+        ({"module": {"torque_coefficient": 1e-7}}, "module.torque_coefficient", "k_tau / k_f = 0.258 m"),
+        ({"module": {"max_thrust_to_weight": 1.05}}, "module.max_thrust_to_weight", "pull with 7.416 N at most"),
+        ({"module": {"body": {"rotor_radius": 0.08}}}, "module.body.rotor_radius", "reach into each other"),
+        ({"module": {"connector_distance": 0.12}}, "module.connector_distance", "rotors reach 0.121 m out"),
+        ({"end_effector": {"position": [400.0, 0.0, 0.0]}}, "end_effector.position", "lengths are in metres"),
+        ({"exposure": [{"kind": "local", "radius": 150.0}]}, "exposure[0].radius", "150 m is more than 200 arm"),
+        (
+            {"exposure": [{"kind": "directional", "segments": [[1.0, 0.0, 0.0], [0.0, 0.0, -800.0]]}]},
+            "exposure[0].segments[1]",
+            "800 m is more than",
+        ),
+        (
+            {"exposure": [{"kind": "directional", "along": "end_effector", "length": 500.0}]},
+            "exposure[0].length",
+            "500 m is more than",
+        ),
+        ({"load_cases": [{"com": {}}, HOVER]}, "load_cases[0]", "asks for no force and no torque"),
+        ({"load_cases": [HOVER, PUSH_WHILE_HOVERING, HOVER]}, "load_cases[2]", "is the same as load_cases[0]"),
+        ({"load_cases": [HOVER, {**PUSH_WHILE_HOVERING, "weight": 1e4}]}, "load_cases", "by a factor of 1e+04"),
+        ({"search": {"margin": 0.0}}, "search.margin", "too close for the audit"),
+        ({"search": {"margin": 0.1}}, "search.margin", "0.1 m beyond every clearance"),
+    ],
+)
+def test_values_that_are_seldom_meant(fields: dict[str, Any], path: str, said: str) -> None:
+    odd = found(**fields)
+    assert said in odd[path]

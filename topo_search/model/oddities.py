@@ -1,0 +1,185 @@
+"""Values of a task that are allowed but seldom meant: what `topo-search check` warns about.
+
+| symbol | meaning | unit |
+|---|---|---|
+| F_z, m_t g | upward force of a load case; weight of the platform | N |
+| k_tau / k_f | drag torque of a rotor over its thrust | m |
+| u_max | largest squared rotor speed | rad^2/s^2 |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from topo_search.model.bad_input import shown
+from topo_search.model.exposure import Directional, Local
+from topo_search.model.load_case import LoadCase
+from topo_search.model.module import Module
+from topo_search.model.task import Task
+
+EARTH = (9.76, 9.84)
+"""Gravity at the Earth's surface, from the equator to the poles [m/s^2]."""
+LARGEST_RATIO = 1000.0
+"""Of the weights of two load cases; effort then counts for the heavier one alone."""
+LARGEST_MARGIN = 0.01
+"""[m]"""
+SAME = 1e-9
+"""Relative tolerance of comparisons between forces."""
+
+
+@dataclass(frozen=True)
+class Oddity:
+    """A value that is allowed but seldom meant."""
+
+    path: str
+    """The field, e.g. `load_cases[2]`."""
+    words: str
+    """What is odd about it, and what may have been meant."""
+
+    def __str__(self) -> str:
+        """Return `path: words`."""
+        return f"{self.path}: {self.words}"
+
+
+def oddities(task: Task) -> tuple[Oddity, ...]:
+    """Return what is odd about a task, in the order of its file."""
+    n = task.sizes[-1]
+    return (
+        *_gravity(task),
+        *_module(task.module, task.module.max_input(task.gravity)),
+        *_lengths(task),
+        *_thrust(task, n),
+        *_load_cases(task, n),
+        *_search(task),
+    )
+
+
+def _gravity(task: Task) -> Iterator[Oddity]:
+    if not EARTH[0] <= task.gravity <= EARTH[1]:
+        yield Oddity("gravity", f"{task.gravity:g} m/s^2 is not that of the Earth's surface")
+
+
+def _module(module: Module, u_max: float) -> Iterator[Oddity]:
+    """Yield what hints at a slip of units, or at parts that cannot be as stated."""
+    body, speed = module.body, math.sqrt(u_max)
+    usual = (
+        ("module.mass", module.mass, 0.01, 50.0, "kg"),
+        ("module.arm_length", module.arm_length, 0.01, 2.0, "m"),
+        ("module.connector_distance", module.connector_distance, 0.01, 3.0, "m"),
+    )
+    for path, value, low, high, unit in usual:
+        if not low <= value <= high:
+            yield Oddity(path, f"{value:g} {unit} is outside {low:g} to {high:g} {unit}: is the unit right?")
+    if not 50 <= speed <= 10_000:
+        yield Oddity(
+            "module.thrust_coefficient",
+            f"full thrust then needs {speed:.3g} rad/s ({speed * 30 / math.pi:.3g} rpm): is it in N s^2/rad^2?",
+        )
+    drag = module.torque_coefficient / module.thrust_coefficient
+    if drag > module.arm_length:
+        yield Oddity(
+            "module.torque_coefficient",
+            f"k_tau / k_f = {drag:.3g} m is more than the arm, {module.arm_length:g} m: is it in N m s^2/rad^2?",
+        )
+    if 2 * body.rotor_radius > math.sqrt(2) * module.arm_length:
+        yield Oddity("module.body.rotor_radius", "neighbouring rotors of a module reach into each other")
+    least = module.arm_length / math.sqrt(2) + body.rotor_radius
+    if module.connector_distance < least:
+        yield Oddity(
+            "module.connector_distance",
+            f"rotors reach {least:.3g} m out, beyond the connector at {module.connector_distance:g} m: those of "
+            "two modules that are bolted together flat overlap",
+        )
+
+
+def _lengths(task: Task) -> Iterator[Oddity]:
+    """Yield lengths at the target that look as if they were in millimetres."""
+    lengths = [("end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,))))]
+    for e, asked in enumerate(task.exposure):
+        if isinstance(asked, Local | Directional):
+            lengths.append((f"exposure[{e}].radius", asked.radius))
+        if isinstance(asked, Directional):
+            lengths += [
+                (f"exposure[{e}].segments[{k}]", math.hypot(*end)) for k, end in enumerate(asked.segments or ())
+            ]
+            lengths.append((f"exposure[{e}].length", asked.length or 0.0))
+    for path, length in lengths:
+        if length > 200 * task.module.arm_length:
+            yield Oddity(path, f"{length:g} m is more than 200 arm lengths: lengths are in metres")
+
+
+def _thrust(task: Task, n: int) -> Iterator[Oddity]:
+    most, weight = largest_thrust(task, n), task.force_unit(n)
+    if most < weight:
+        yield Oddity(
+            "module.max_thrust_to_weight",
+            f"all rotors together pull with {most:.4g} N at most, but {_platform(n)} weigh {weight:.4g} N",
+        )
+
+
+def _load_cases(task: Task, n: int) -> Iterator[Oddity]:
+    if task.load_cases == "ten-wrenches":
+        return
+    weight = task.force_unit(n)
+    cases = [case.to_si(weight, task.torque_unit(n)) for case in task.load_cases]
+    for k, case in enumerate(cases):
+        path = f"load_cases[{k}]"
+        if case.largest == 0:
+            yield Oddity(path, "asks for no force and no torque: every design does that with its rotors at rest")
+        elif _falls(case, weight):
+            upwards = case.at_end_effector.force[2] + case.at_com.force[2]
+            yield Oddity(
+                path,
+                f"its upward force of {upwards:.4g} N is under the weight, {weight:.4g} N of {_platform(n)}; "
+                f"gravity is never added: to exert it while hovering, add {_HOVER[task.load_cases[k].units]}",
+            )
+        if (first := cases.index(case)) < k:
+            yield Oddity(path, f"is the same as load_cases[{first}]")
+    if not any(_hovers(case, weight) for case in cases):
+        yield Oddity(
+            "load_cases", "none is plain hovering, com = { force = [0.0, 0.0, 1.0] }: a design need not be able to"
+        )
+    weights = [case.weight for case in cases]
+    if max(weights) > LARGEST_RATIO * min(weights):
+        yield Oddity(
+            "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {shown(weights)}"
+        )
+
+
+def _search(task: Task) -> Iterator[Oddity]:
+    margin = task.search.margin
+    if margin == 0:
+        yield Oddity("search.margin", "with 0, clearances that touch can be too close for the audit to call clear")
+    elif margin > LARGEST_MARGIN:
+        yield Oddity("search.margin", f"{margin:g} m beyond every clearance that the task asks for costs effort")
+
+
+_HOVER = {
+    "weight": "com = { force = [0.0, 0.0, 1.0] }",
+    "SI": "the weight to the force of its com",
+}
+"""What carries the platform's weight, in the units of a load case."""
+
+
+def _platform(n: int) -> str:
+    return f"{n} module{'s' * (n > 1)} and the end-effector"
+
+
+def largest_thrust(task: Task, n: int) -> float:
+    """Return what all rotors of n modules together pull with, if all point the same way [N]."""
+    return 4 * n * task.module.thrust_coefficient * task.module.max_input(task.gravity)
+
+
+def _falls(case: LoadCase, weight: float) -> bool:
+    """Whether neither the whole wrench nor its part at the COM carries the platform's weight."""
+    at_com = case.at_com.force[2]
+    return max(at_com, at_com + case.at_end_effector.force[2]) < weight * (1 - SAME)
+
+
+def _hovers(case: LoadCase, weight: float) -> bool:
+    """Whether a load case asks for nothing but to carry the weight."""
+    wrench = case.at_com
+    others = (*case.at_end_effector.force, *case.at_end_effector.torque, *wrench.force[:2], *wrench.torque)
+    return not any(others) and math.isclose(wrench.force[2], weight, rel_tol=SAME)
