@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from topo_search.cli.audit import audit
+from topo_search.cli.check import check
 from topo_search.cli.examples import examples
 from topo_search.cli.export import export
 from topo_search.cli.init import init
@@ -23,5 +24,5 @@ def main() -> None:
     """Find the best topology of a modular aerial manipulator for a task, and audit it exactly."""
 
 
-for command in (run, solve, audit, topologies, export, report, examples, init):
+for command in (run, solve, audit, topologies, export, report, examples, init, check):
     main.add_command(command)

@@ -21,6 +21,25 @@ INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
 
 
+EXTRAS = {"matplotlib": "viz", "pyarrow": "viz"}
+"""The extra that brings a library."""
+
+
+@contextmanager
+def needs_extras(option: str) -> Iterator[None]:
+    """Turn a missing library of an extra into how to install it."""
+    from topo_search.model import BadInput, Fault
+
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        extra = EXTRAS.get(error.name or "")
+        if extra is None:
+            raise
+        how = f'needs {error.name}, which is not installed; type: pip install "topo-search[{extra}]"'
+        raise BadInput(option, [Fault("", how)]) from None
+
+
 @contextmanager
 def explained(*, resumes: bool = False) -> Iterator[None]:
     """Turn what is wrong with the input, the disk or the user's patience into a message and an exit status.

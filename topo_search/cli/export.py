@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained
+from topo_search.cli.errors import explained, needs_extras
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,8 +32,6 @@ SOLIDS = ("glb", "stl")
 TABLES = ("csv", "parquet")
 AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
-EXTRAS = {"matplotlib": "viz", "pyarrow": "viz"}
-"""The extra that brings a library."""
 
 
 @click.command(epilog="Example: topo-search export runs/push-*/best.json --out push.png")
@@ -84,17 +82,11 @@ def export(source: str, kind: Any, parts: Any, out: Path) -> None:
                 "--parts", [Fault("", f"must be left out unless the file is a glb or stl, but got {parts}")]
             )
         options.require_writable(out)
-        try:
+        with needs_extras(f"--format {asked}"):
             if asked in TABLES:
                 _write_table(source, asked, out)
             else:
                 _write(read_json(Design, source), asked, parts, out)
-        except ModuleNotFoundError as error:
-            extra = EXTRAS.get(error.name or "")
-            if extra is None:
-                raise
-            how = f'needs {error.name}, which is not installed; type: pip install "topo-search[{extra}]"'
-            raise BadInput(f"--format {asked}", [Fault("", how)]) from None
         what = "table" if asked in TABLES else "picture" if asked in PICTURES else "design"
         click.echo(f"the {what} is in {out}")
 

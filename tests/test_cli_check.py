@@ -1,0 +1,182 @@
+"""`topo-search check`: a task in words, what is odd about it, and its picture."""
+
+import json
+import math
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+import nlp
+from topo_search.cli import main
+from topo_search.export.task_picture import VIEWS, task_figure
+from topo_search.model.files import read_task
+from topo_search.topologies import candidates
+
+
+def check(*words: str) -> Result:
+    return CliRunner().invoke(main, ["check", *words], catch_exceptions=False)
+
+
+def groups(*words: str) -> dict[str, dict[str, str]]:
+    """What is printed: below each title values by name, wrapped lines joined."""
+    result = check(*words)
+    assert result.exit_code == 0
+    found: dict[str, dict[str, str]] = {}
+    title = ""
+    for line in re.sub(r"\n {41}", " ", result.stdout).splitlines()[1:]:
+        if line.startswith("  "):
+            name, value = re.fullmatch(r"  (.{38}) (.*)", line).groups()  # type: ignore[union-attr]
+            found[title][name.rstrip()] = value
+        elif line:
+            title = line
+            found.setdefault(title, {})
+    return found
+
+
+def test_a_task_in_words_with_its_units_resolved() -> None:
+    said = groups("push-two-paths")
+    assert said["platform"]["weight m_t g"] == "12.24 N, at g = 9.81 m/s²"
+    assert said["platform"]["unit of torque l_arm m_t g"] == "1.224 N m"
+    cases = said["load cases, each the whole wrench that the rotors produce"]
+    assert cases["load case 0"] == "force at the end-effector [6.12, 0, 6.12] N = [0.5, 0, 0.5] m_t g; weight 1"
+    assert cases["load case 2"] == "force at the centre of mass [0, 0, 12.2] N = [0, 0, 1] m_t g; weight 1"
+    (paths,) = said["must stay out of the airflow"].values()
+    assert paths == "capsules of radius 15 cm along 2 paths from the end-effector to [1, 0, 0], [1, 1, −1] m"
+    assert said["search of 5 modules"]["candidates"].startswith("49; half turns are the same design")
+    assert list(said["warnings"]) == ["load_cases[0]", "load_cases[1]"]
+
+
+def test_of_a_range_of_sizes_each_has_its_weight_and_its_candidates() -> None:
+    said = check("push", "--modules", "2-3").stdout
+    assert [said.count(f"{n} modules\n  mass m_t") for n in (2, 3)] == [1, 1]
+    assert "load cases of 2 modules, each the whole wrench" in said
+    assert said.index("search of 2 modules") < said.index("search of 3 modules")
+
+
+def test_a_proof_stands_in_place_of_the_bound() -> None:
+    said = groups("push", "--set", "module.max_thrust_to_weight=0.9")
+    assert said["search of 5 modules"]["effort J"].startswith("impossible: ")
+    assert "gravity" in groups("push", "--set", "gravity=1.62")["warnings"]
+
+
+def test_nothing_is_said_where_nothing_is_odd() -> None:
+    assert "warnings" not in groups("ten-wrenches", "--modules", "2")
+
+
+def test_json_holds_the_resolved_task_its_sizes_and_the_warnings() -> None:
+    told = json.loads(check("push", "--modules", "2-3", "--json").stdout)
+    task = read_task("push", ("modules=[2, 3]",))
+    assert told["task"] == task.resolve(2).model_dump(mode="json")
+    for size in told["sizes"]:
+        resolved = task.resolve(size["modules"])
+        assert size["candidates"] == len(list(candidates(size["modules"], symmetry="task", task=resolved)))
+        assert size["lower_bound"] == nlp.lower_bound(resolved)
+        proof = nlp.prove_impossible(resolved)
+        assert size["impossible"] == (proof and proof.message)
+    assert [one["path"] for one in told["warnings"]] == ["load_cases[0]", "load_cases[1]"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["none.toml"], "none.toml: no such file, nor a shipped example"),
+        (["push", "--set", "module.mass=-1"], "module.mass: must be greater than 0, but got -1"),
+        (["push", "--picture", "a.pdf"], "--picture: must end in .png or .svg, but got a.pdf"),
+        (["push", "--picture", "push.toml/a.png"], "--picture: must be a file that can be written"),
+    ],
+)
+def test_bad_input_is_status_two(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], said: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "push.toml").write_text("")
+    result = check(*words)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert result.stdout == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["push.toml"]
+
+
+def test_the_picture_is_written(tmp_path: Path) -> None:
+    for name in ("a.png", "a.svg"):
+        result = check("push-two-paths", "--picture", str(tmp_path / name))
+        assert result.stdout.endswith(f"the picture is in {tmp_path / name}\n")
+    assert matplotlib.image.imread(tmp_path / "a.png").shape == (880, 2100, 4)
+    assert ElementTree.parse(tmp_path / "a.svg").getroot().tag.endswith("svg")
+
+
+def test_without_matplotlib_the_answer_is_how_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in ("figure_file", "task_picture"):
+        monkeypatch.delitem(sys.modules, f"topo_search.export.{module}", raising=False)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    result = check("push", "--picture", str(tmp_path / "a.png"))
+    assert result.exit_code == 2
+    assert 'needs matplotlib, which is not installed; type: pip install "topo-search[viz]"' in result.stderr
+
+
+def regions(figure: Figure) -> list[list[np.ndarray]]:
+    """The outlines of all regions, view by view; the last polygon of a view is the module's airflow."""
+    return [[p.get_xy() for p in axes.patches if isinstance(p, Polygon)][:-1] for axes in figure.axes]
+
+
+def test_regions_are_drawn_where_the_task_has_them() -> None:
+    views = regions(task_figure(read_task("push-two-paths").resolve(5)))
+    ends = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, -1.0]])
+    for (right, up, _), outlines in zip(VIEWS, views, strict=True):
+        for end, outline in zip(ends[:, [right, up]], outlines, strict=True):
+            far = np.maximum(0, end) + 0.15
+            np.testing.assert_allclose(outline.max(axis=0), far, atol=1e-3)
+            np.testing.assert_allclose(outline.min(axis=0), np.minimum(0, end) - 0.15, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_cone_on_the_paper_is_the_shadow_of_the_cone(seed: int) -> None:
+    """Compared with the shadow of many rays on the cone's surface, wherever the view is not into the cone."""
+    rng = np.random.default_rng(seed)
+    d, half_angle = rng.normal(size=3), rng.uniform(5, 80)
+    settings = (f"exposure.0.axis={d.tolist()}", f"exposure.0.half_angle_deg={half_angle}")
+    figure = task_figure(read_task("push-exterior-60", settings).resolve(5))
+    d /= np.linalg.norm(d)
+    s = np.linalg.svd(d[None])[2][1:]  # two unit vectors across d
+    turn = np.linspace(0, 2 * math.pi, 20_000)
+    theta = math.radians(half_angle)
+    rays = math.cos(theta) * d + math.sin(theta) * (np.outer(np.cos(turn), s[0]) + np.outer(np.sin(turn), s[1]))
+    for (right, up, _), (outline,) in zip(VIEWS, regions(figure), strict=True):
+        middle = math.atan2(d[up], d[right])
+        off = (np.arctan2(rays[:, up], rays[:, right]) - middle + math.pi) % (2 * math.pi) - math.pi
+        drawn = (np.arctan2(outline[1:-1, 1], outline[1:-1, 0]) - middle + math.pi) % (2 * math.pi) - math.pi
+        if abs(d[3 - right - up]) < math.cos(theta):
+            assert np.abs(drawn).max() == pytest.approx(np.abs(off).max(), abs=1e-3)
+        else:
+            assert np.abs(drawn).max() > 3.0
+
+
+def test_forces_point_where_they_push() -> None:
+    front = task_figure(read_task("push").resolve(5)).axes[0]
+    labels = {text.get_text(): np.array(text.get_position()) for text in front.texts}
+    assert set(labels) == {"0", "1"}  # the third case acts at the centre of mass
+    np.testing.assert_allclose(
+        labels["0"] / np.linalg.norm(labels["0"]), np.array([1, 1]) / math.sqrt(2), atol=1e-12
+    )
+    assert abs(labels["1"][0]) < 1e-12 < labels["1"][1]
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom topo_search.cli import main\ntry:\n    main(['check', '--help'])\n"
+        "except SystemExit:\n    print({'matplotlib', 'casadi', 'pandas', 'numpy'} & {*sys.modules})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "set()"
+    assert "Example: topo-search check" in done.stdout

@@ -1,0 +1,122 @@
+"""`topo-search check`: what a task asks for, in words, and what is odd about it."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from topo_search.cli import options
+from topo_search.cli.errors import explained, needs_extras
+from topo_search.report.wording import counted, figures
+
+if TYPE_CHECKING:
+    from topo_search.model import Task
+
+INDENT = 40
+WIDTH = 120
+
+
+@click.command(epilog="Example: topo-search check push-local --picture push-local.png")
+@click.argument("task")
+@options.modules
+@options.set_field
+@click.option(
+    "--picture",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Draw forces and exposure regions as a .png or .svg; needs the extra `viz`.",
+)
+@options.as_json
+def check(task: str, modules: str | None, settings: tuple[str, ...], picture: Path | None, as_json: bool) -> None:
+    """Explain TASK (a file, or the name of a shipped example) in words, and warn about odd values.
+
+    Exit status: 0 a task, whatever is odd about it; 2 bad input.
+    """
+    with explained():
+        from topo_search.model.files import read_task
+        from topo_search.model.oddities import oddities
+
+        asked = read_task(task, options.overrides(settings, modules=modules))
+        if picture is not None:
+            _draw(asked, picture)
+        sizes = [_size(asked, n) for n in asked.sizes]
+        odd = oddities(asked)
+        if as_json:
+            first = asked.resolve(asked.sizes[0]).model_dump(mode="json")
+            options.echo_json({"task": first, "sizes": sizes, "warnings": [asdict(one) for one in odd]})
+            return
+        _explain(asked)
+        for size in sizes:
+            _group(f"search of {counted(size['modules'], 'module')}", _expectations(size))
+        if odd:
+            _group("warnings", [(one.path, one.words) for one in odd])
+        if picture is not None:
+            click.echo(f"\nthe picture is in {picture}")
+
+
+def _explain(task: Task) -> None:
+    """Print everything that a task asks for; what a unit of weight is, for every number of modules."""
+    from topo_search.report.task_facts import facts, load_cases
+
+    first, *others = (task.resolve(n) for n in task.sizes)
+    click.echo(task.name)
+    platform, *groups = facts(first)
+    for group in (platform, *(facts(other)[0] for other in others), *groups):
+        _group(group.title, group.rows)
+    of = f" of {counted(first.n, 'module')}" if others else ""
+    cases = [(f"load case {k}", f"{wrench}; weight {weight}") for k, wrench, weight in load_cases(first)]
+    _group(f"load cases{of}, each the whole wrench that the rotors produce", cases)
+
+
+def _expectations(size: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return what is known of a number of modules before anything is solved, in words."""
+    bound = f"at least {figures(size['lower_bound'])} rad⁴/s⁴, whatever the topology"
+    return [
+        ("candidates", f"{size['candidates']}; {size['quotient']}"),
+        ("effort J", f"impossible: {size['impossible']}" if size["impossible"] else bound),
+    ]
+
+
+def _group(title: str, rows: Iterable[tuple[str, str]]) -> None:
+    """Print named values below their title, wrapped."""
+    click.echo(f"\n{title}")
+    for name, value in rows:
+        beside, below = f"  {name:{INDENT - 2}} ", " " * (INDENT + 1)
+        lines = textwrap.wrap(value, WIDTH, initial_indent=beside, subsequent_indent=below, break_on_hyphens=False)
+        click.echo("\n".join(lines))
+
+
+def _draw(task: Task, out: Path) -> None:
+    """Draw a task, of the smallest number of modules that it asks for."""
+    from topo_search.model import BadInput, Fault
+
+    if out.suffix.lower() not in (".png", ".svg"):
+        raise BadInput("--picture", [Fault("", f"must end in .png or .svg, but got {out.name}")])
+    options.require_writable(out, "--picture")
+    with needs_extras("--picture"):
+        from topo_search.export.figure_file import save
+        from topo_search.export.task_picture import task_figure
+
+        save(task_figure(task.resolve(task.sizes[0])), out)
+
+
+def _size(task: Task, n: int) -> dict[str, Any]:
+    """Return what is known of a number of modules before anything is solved."""
+    from nlp import lower_bound, prove_impossible
+    from topo_search.study import Request
+    from topo_search.study.answer import quotient_remark
+
+    request, resolved = Request(task, "task", starts=1, seed=0), task.resolve(n)
+    proof = prove_impossible(resolved)
+    return {
+        "modules": n,
+        "candidates": request.count(n),
+        "quotient": quotient_remark(request.quotient(n)),
+        "lower_bound": lower_bound(resolved),
+        "impossible": proof and proof.message,
+    }
