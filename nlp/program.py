@@ -10,7 +10,7 @@ from nlp.point import Point
 from topo_search.model import ResolvedTask, Topology
 
 GRAPH_UP_TO = 7
-"""Most modules for which the graph of the page is worth its building; `tests/benchmarks/scaling.py` measures it."""
+"""Most modules for which building the graph of the page pays; `tests/benchmarks/performance.py` measures it."""
 
 
 class Program(Protocol):

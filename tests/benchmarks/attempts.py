@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 from direct import Direct, random_start
+from stopwatch import Stopwatch
 
 from nlp.evaluate import violations, worst
 from nlp.finish import finish
@@ -20,6 +21,7 @@ from topo_search.model.files import read_task
 
 Row = dict[str, Any]
 Method = Literal["ours", "direct"]
+METHODS: tuple[Method, ...] = ("ours", "direct")
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,13 @@ def attempts(method: Method, kind: Method, stated: Stated, keys: list[str], star
         keys: the topologies. Each is built once, before its first solve, and kept.
         starts: indices of the starts of each.
     """
-    task = stated.resolve()
+    task, watch = stated.resolve(), Stopwatch()
     topologies = [Topology.from_key(key) for key in keys]
     ready: dict[str, Solver] = {}
     for index in starts:
         for topology in topologies:
             key, clock = topology.key, Clock()
+            watch.reset()
             if key not in ready:
                 ready[key] = _solver(method, task, topology)
             build = clock.lap()
@@ -61,10 +64,11 @@ def attempts(method: Method, kind: Method, stated: Stated, keys: list[str], star
             reason = worst(violations(point))
             solved = clock.lap()
             row: Row = {"key": key, "start": index, "build": build, "draw": drawn, "solve": solved}
-            row |= {"iterations": iterations, "J": effort(point) if reason.met else None}
-            if not reason.met:
-                row |= {"missed": reason.name, "by": reason.amount, "unit": reason.unit}
-            yield row
+            row |= {"evaluation": watch.evaluation, "ipopt": watch.ipopt, "iterations": iterations}
+            if reason.met:
+                yield {**row, "J": effort(point)}
+            else:
+                yield {**row, "J": None, "missed": reason.name, "by": reason.amount, "unit": reason.unit}
 
 
 class Clock:
@@ -78,6 +82,11 @@ class Clock:
         now = time.process_time()
         seconds, self._began = now - self._began, now
         return seconds
+
+
+def cost(row: Row) -> float:
+    """Return the CPU seconds of an attempt: build, start and solve."""
+    return float(row["build"] + row["draw"] + row["solve"])
 
 
 def effort(point: Point) -> float:

@@ -44,7 +44,7 @@ class Child:
         return self
 
     def __next__(self) -> Row:
-        """Return the next row, with the child's peak memory so far in `peak_mb`."""
+        """Return the next row, with the child's peak memory so far in `peak_mb` unless it says so itself."""
         if self.capped:
             raise StopIteration
         try:
@@ -81,7 +81,7 @@ def _serve(pipe: Connection, measurement: Measurement, args: tuple[object, ...],
     row: Row | None = {}
     while row is not None and pipe.recv():
         row = next(rows, None)
-        pipe.send(None if row is None else {**row, "peak_mb": peak_mb()})
+        pipe.send(None if row is None else {"peak_mb": peak_mb(), **row})
 
 
 def peak_mb() -> float:

@@ -4,78 +4,67 @@ from __future__ import annotations
 
 import math
 
-from attempts import Stated, attempts
+from attempts import METHODS, Stated, attempts, cost
 from children import Child
+from options import Options
 from rows import Row, Rows
 
 from topo_search.topologies import candidates
 
-PART = "five"
-METHODS = ("ours", "direct")
+PART, SIZES, EXAMPLE = "five", (5,), "push"
 WITHIN = 1e-3
 """A tree is done within this relative distance of its best known effort."""
 SHARE = 0.95
 """Share of the feasible trees that must be done."""
 
 
-def measure(rows: Rows, *, example: str, n: int, seconds: float) -> None:
+def measure(rows: Rows, options: Options) -> None:
     """Let both methods go round all trees, start after start, until each has spent its CPU seconds.
 
     The one that has spent less goes next. What a method does after it is done is the long run that tells the best
     known efforts.
     """
-    if rows.where(part=PART, example=example, n=n, seconds=seconds):
-        return
-    trees = candidates(n, symmetry="c2", connectors="aligned", root="free")
-    keys = [candidate.topology.key for candidate in trees]
-    spent = dict.fromkeys(METHODS, 0.0)
-    peak = dict.fromkeys(METHODS, 0.0)
-    history: dict[str, list[tuple[str, float, float | None]]] = {method: [] for method in METHODS}
-    stated = Stated(example, n)
-    with (
-        Child(attempts, "ours", "ours", stated, keys, range(10**6)) as ours,
-        Child(attempts, "direct", "direct", stated, keys, range(10**6)) as direct,
-    ):
-        children = {"ours": ours, "direct": direct}
-        while min(spent.values()) < seconds:
-            method = min(METHODS, key=lambda method: spent[method])
-            row = next(children[method])
-            spent[method] += cost(row)
-            peak[method] = row["peak_mb"]
-            history[method].append((row["key"], round(spent[method], 4), row["J"]))
-    for method in METHODS:
-        identity = {"part": PART, "example": example, "n": n, "seconds": seconds, "method": method}
-        rows.add({**identity, "trees": len(keys), "peak_mb": peak[method], "history": history[method]})
-
-
-def cost(row: Row) -> float:
-    """Return the CPU seconds of an attempt."""
-    return float(row["build"] + row["draw"] + row["solve"])
+    for n in options.sizes:
+        identity = {"part": PART, "n": n, "budget": options.seconds}
+        if rows.where(**identity):
+            continue
+        trees = candidates(n, symmetry="c2", connectors="aligned", root="free")
+        keys, stated = [candidate.topology.key for candidate in trees], Stated(EXAMPLE, n)
+        history: dict[str, list[tuple[str, float, float | None]]] = {method: [] for method in METHODS}
+        spent, peak = dict.fromkeys(METHODS, 0.0), dict.fromkeys(METHODS, 0.0)
+        with (
+            Child(attempts, "ours", "ours", stated, keys, range(10**6)) as ours,
+            Child(attempts, "direct", "direct", stated, keys, range(10**6)) as direct,
+        ):
+            children = {"ours": ours, "direct": direct}
+            while min(spent.values()) < options.seconds:
+                method = min(METHODS, key=lambda method: spent[method])
+                row = next(children[method])
+                spent[method] += cost(row)
+                peak[method] = row["peak_mb"]
+                history[method].append((row["key"], round(spent[method], 4), row["J"]))
+        for method in METHODS:
+            rows.add({**identity, "method": method, "peak_mb": peak[method], "history": history[method]})
 
 
 def table(rows: Rows) -> str:
-    """Return the table of all measured examples."""
+    """Return one line a size and method."""
     lines = [
-        "| example | trees, feasible | method | solves | feasible solves | CPU s to 95 % | ratio |",
-        "|---|---|---|---|---|---|---|",
+        "| n | trees, feasible | method | solves | feasible solves | peak MB | CPU s to 95 % | times slower |",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    groups: dict[tuple[str, int], dict[str, Row]] = {}
-    for row in rows.where(part=PART):
-        groups.setdefault((row["example"], row["n"]), {})[row["method"]] = row
-    for (example, n), methods in groups.items():
-        best = best_known(rows.where(part=PART, example=example, n=n))
-        times = {method: time_to_best(row["history"], best) for method, row in methods.items()}
-        for method, row in methods.items():
+    for n in sorted({row["n"] for row in rows.where(part=PART)}):
+        measured = rows.where(part=PART, n=n)
+        best = best_known(measured)
+        times = [time_to_best(row["history"], best) for row in measured]
+        ours = next(seconds for row, (seconds, _) in zip(measured, times, strict=True) if row["method"] == "ours")
+        for row, (seconds, reached) in zip(measured, times, strict=True):
             efforts = [J for _, _, J in row["history"]]
-            found = sum(J is not None for J in efforts) / len(efforts)
-            seconds, reached = times[method]
-            ratio = ""
-            if method == "direct":
-                ratio = f"{'' if reached else '>= '}{seconds / times['ours'][0]:.1f}"
-            lines.append(
-                f"| {example}, n = {n} | {row['trees']}, {len(best)} | {method} | {len(efforts)} | {found:.1%} "
-                f"| {'' if reached else '> '}{seconds:.1f} | {ratio} |"
-            )
+            feasible = sum(J is not None for J in efforts) / len(efforts)
+            trees = len({key for key, _, _ in row["history"]})
+            cells = [f"{trees}, {len(best)}", row["method"], f"{len(efforts)}", f"{feasible:.1%}"]
+            cells += [f"{row['peak_mb']:.0f}", f"{'' if reached else '> '}{seconds:.1f}"]
+            lines.append(f"| {n} | {' | '.join(cells)} | {'' if reached else '> '}{seconds / ours:.1f} |")
     return "\n".join(lines)
 
 

@@ -4,37 +4,34 @@ from __future__ import annotations
 
 import statistics
 
-from attempts import Method, Stated, attempts
+from attempts import METHODS, Stated, attempts, cost
 from children import Child
-from part_five import cost
+from options import PAPER, Options
 from rows import Row, Rows
 
 from topo_search.topologies import sample
 
-PART = "shared"
-SETTINGS = ("search.body_clearance=false",)
-"""The paper's problem."""
+PART, SIZES, EXAMPLE = "shared", (10, 20, 40), "ten-wrenches"
 
 
-def measure(rows: Rows, *, example: str, sizes: list[int], topologies: int, starts: int, cap: int) -> None:
+def measure(rows: Rows, options: Options) -> None:
     """Go through the starts of each topology until one leads both to a design; every solve in a new process."""
-    for n in sizes:
-        for topology in sample(n, topologies, 0):
-            identity = {"part": PART, "example": example, "n": n, "key": topology.key}
+    for n in options.sizes:
+        for topology in sample(n, options.topologies, 0):
+            identity = {"part": PART, "n": n, "key": topology.key}
             if rows.where(**identity):
                 continue
             answers: dict[str, Row] | None = None
             index = 0
-            while answers is None and index < starts:
-                answers = _both(Stated(example, n, SETTINGS), topology.key, index, cap)
+            while answers is None and index < options.starts:
+                answers = _both(Stated(EXAMPLE, n, (PAPER,)), topology.key, index, options.cap)
                 index += 1
             rows.add({**identity, "tried": index, **(answers or {})})
 
 
 def _both(stated: Stated, key: str, index: int, cap: int) -> dict[str, Row] | None:
     answers: dict[str, Row] = {}
-    methods: tuple[Method, ...] = ("ours", "direct")
-    for method in methods:
+    for method in METHODS:
         with Child(attempts, method, "ours", stated, [key], [index], cap=cap) as child:
             answer = next(child, None)
         if answer is None or answer["J"] is None:
@@ -57,7 +54,7 @@ def table(rows: Rows) -> str:
             continue
         cells = []
         for name, form in (("build", ".3f"), ("solve", ".3f"), ("peak_mb", ".0f"), ("iterations", ".0f")):
-            medians = (statistics.median(row[method][name] for row in both) for method in ("ours", "direct"))
+            medians = (statistics.median(row[method][name] for row in both) for method in METHODS)
             cells.append(" / ".join(format(value, form) for value in medians))
         # the start is given to both: its drawing counts for neither
         times = [

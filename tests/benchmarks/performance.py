@@ -2,6 +2,15 @@
 
     python tests/benchmarks/performance.py [PART ...] [--out ROWS.jsonl]
 
+| part | measures |
+|---|---|
+| five | all trees of five modules: time until nearly all stand at their best known effort, both methods in turn |
+| shared | building and solving from one start, both methods |
+| random | each method from its own starts until the first design |
+| share | share of topologies with a design after a few starts, by exposure and connector distance |
+| hundred | a hundred modules: time, memory, audit, and what stops the rest |
+| growth | time and memory against the number of modules, and where the time goes |
+
 Times are CPU seconds of one process with one thread. Every measured row is appended to the file, and what it holds
 already is not measured again; the tables are made from all of its rows.
 """
@@ -13,36 +22,48 @@ import os
 from pathlib import Path
 
 import part_five
+import part_growth
+import part_hundred
+import part_random
+import part_share
 import part_shared
+from attempts import Stated, attempts
+from children import Child
+from options import Options
 from rows import Rows
 
-PARTS = {"five": part_five, "shared": part_shared}
+from topo_search.topologies import sample
+
+PARTS = {part.PART: part for part in (part_five, part_shared, part_random, part_share, part_hundred, part_growth)}
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", default=list(PARTS), metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("parts", nargs="*", metavar="PART", help="default: all")
     parser.add_argument("--out", type=Path, default=Path("performance.jsonl"), help="file of the measured rows")
-    parser.add_argument("--modules", type=int, default=5, help="five: modules")
-    parser.add_argument("--seconds", type=float, default=600.0, help="five: CPU seconds of each method")
-    parser.add_argument("--sizes", type=int, nargs="+", default=[10, 20, 40])
-    parser.add_argument("--topologies", type=int, default=10, help="uniformly drawn topologies of each size")
-    parser.add_argument("--starts", type=int, default=5)
-    parser.add_argument("--cap", type=int, default=600, help="most CPU seconds of one measurement")
-    arguments = parser.parse_args()
-    os.environ["OMP_NUM_THREADS"] = "1"  # for the children
-    rows = Rows(arguments.out)
-    sampled = {name: getattr(arguments, name) for name in ("sizes", "topologies", "starts", "cap")}
-    for part in arguments.parts:
-        match part:
-            case "five":
-                part_five.measure(rows, example="push", n=arguments.modules, seconds=arguments.seconds)
-            case "shared":
-                part_shared.measure(rows, example="ten-wrenches", **sampled)
-            case _:
-                parser.error(f"`PART` must be one of {', '.join(PARTS)}, but got {part}")
-        print(f"\n{part}\n\n{PARTS[part].table(rows)}", flush=True)
+    parser.add_argument("--sizes", type=int, nargs="+", help="numbers of modules; default: those of the part")
+    parser.add_argument("--topologies", type=int, default=Options.topologies, help="topologies drawn of each size")
+    parser.add_argument("--starts", type=int, default=Options.starts, help="most starts of each topology")
+    parser.add_argument("--cap", type=int, default=Options.cap, help="most CPU seconds of one measurement")
+    parser.add_argument("--seconds", type=float, default=Options.seconds, help="five: CPU seconds of each method")
+    parser.add_argument("--distances", type=float, nargs="+", help="share, hundred: connector distances [m]")
+    parser.add_argument("--examples", nargs="+", help="share: tasks; the first one's curve is measured too")
+    parser.add_argument("--direct-up-to", type=int, default=Options.direct_up_to, help="growth: largest size of it")
+    arguments = vars(parser.parse_args())
+    parts, rows = arguments.pop("parts") or list(PARTS), Rows(arguments.pop("out"))
+    if unknown := set(parts) - set(PARTS):
+        parser.error(f"`PART` must be one of {', '.join(PARTS)}, but got {', '.join(sorted(unknown))}")
+    os.environ["OMP_NUM_THREADS"] = "1"  # for the children, which measure
+    sizes = arguments.pop("sizes")
+    for name in ("distances", "examples"):
+        arguments[name] = tuple(arguments[name] or ())
+    with Child(attempts, "ours", "ours", Stated("ten-wrenches", 8), [sample(8, 1, 0)[0].key], [0]) as first_use:
+        next(first_use)  # compiles what is then kept on the disk
+    for name in parts:
+        part = PARTS[name]
+        part.measure(rows, Options(tuple(sizes or part.SIZES), **arguments))
+        print(f"\n{name}\n\n{part.table(rows)}", flush=True)
 
 
 if __name__ == "__main__":

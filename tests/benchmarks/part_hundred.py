@@ -1,0 +1,108 @@
+"""A hundred modules: time, memory and audit, and what stops the topologies that are not solved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from attempts import Clock, Stated
+from children import Child, peak_mb
+from options import PAPER, Options, at
+from part_share import kind_of
+from rows import Row, Rows
+
+import nlp
+from nlp.evaluate import violations
+from nlp.starts import draw, generator
+from topo_search.model import Design, Topology
+from topo_search.topologies import sample
+from verify import audit
+
+PART, SIZES, EXAMPLE = "hundred", (100,), "ten-wrenches"
+DISTANCES = (0.30, 0.22)
+SECONDS, MEGABYTES = 120, 4096
+"""What a solved topology should need at most."""
+
+
+def measure(rows: Rows, options: Options) -> None:
+    """Measure each topology in a new process, until a start gives a design whose audit is clear."""
+    for distance in options.distances or DISTANCES:
+        for n in options.sizes:
+            for topology in sample(n, options.topologies, 0):
+                identity = {"part": PART, "n": n, "key": topology.key, "distance": distance}
+                if rows.where(**identity):
+                    continue
+                stated, tried = Stated(EXAMPLE, n, (PAPER, at(distance))), []
+                with Child(_starts, stated, topology.key, options.starts, cap=options.cap) as child:
+                    while (
+                        not (tried and tried[-1]["verdict"] == "clear") and (row := next(child, None)) is not None
+                    ):
+                        tried.append(row)
+                rows.add({**identity, "capped": child.capped, "tried": tried})
+
+
+def _starts(stated: Stated, key: str, starts: int) -> Iterator[Row]:
+    """Yield what comes of one start after the other; placing and audit are timed for themselves."""
+    task, topology = stated.resolve(), Topology.from_key(key)
+    for index in range(starts):
+        clock = Clock()
+        start = draw(task, topology, generator(task, topology, index, 0))
+        row: Row = {"start": index, "draw": clock.lap()}
+        row["placed"] = min(-check.amount for check in violations(start) if kind_of(check.name) == "airflow")
+        clock.lap()
+        outcome = nlp.solve(task, topology, starts=range(index, index + 1), seed=0)
+        row |= {"seconds": clock.lap(), "peak_mb": peak_mb()}
+        if isinstance(outcome, Design):
+            row |= {"verdict": audit(outcome).verdict, "J": outcome.objective, "gap": outcome.gap}
+            row["audit"] = clock.lap()
+        else:
+            row |= {
+                "verdict": None,
+                "missed": outcome.worst_constraint,
+                "by": outcome.violation,
+                "unit": outcome.unit,
+            }
+        yield row
+
+
+def _reason(tried: list[Row]) -> str:
+    """Return what stopped a topology: overlaps that placing left, or what the solver missed."""
+    placed = max((start["placed"] for start in tried), default=float("-inf"))
+    missed = [start for start in tried if start["verdict"] is None]
+    if not missed:
+        return "no start ended" if not tried else f"audit {tried[-1]['verdict']}"
+    nearest = min(missed, key=lambda start: start["by"])
+    solver = f"{nearest['missed']} by {nearest['by']:.2g} {nearest['unit']}"
+    return f"{solver}; least clearance after placing {placed:.3f} m"
+
+
+def table(rows: Rows) -> str:
+    """Return one line a topology, and how many were solved as they should be."""
+    lines = [
+        "| distance, m | topology | audit | starts | CPU s | placing s | peak MB | gap | what stopped it |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    groups: dict[tuple[float, int], list[tuple[bool, bool]]] = {}
+    for number, row in enumerate(rows.where(part=PART)):
+        tried = row["tried"]
+        seconds, placing = (sum(start[name] for start in tried) for name in ("seconds", "draw"))
+        peak = max((start["peak_mb"] for start in tried), default=0.0)
+        last = tried[-1] if tried else {"verdict": None}
+        clear = last["verdict"] == "clear"
+        groups.setdefault((row["distance"], row["n"]), []).append(
+            (clear, clear and seconds < SECONDS and peak < MEGABYTES)
+        )
+        reason = "" if clear else _reason(tried) + (", stopped by the cap" if row["capped"] else "")
+        gap = f"{last['gap']:.1%}" if clear else ""
+        cells = [
+            f"{row['distance']:.2f}",
+            str(number),
+            last["verdict"] or "none",
+            str(len(tried)),
+            f"{seconds:.0f}",
+        ]
+        lines.append(f"| {' | '.join([*cells, f'{placing:.0f}', f'{peak:.0f}', gap, reason])} |")
+    for (distance, n), answers in groups.items():
+        clear, soon = (sum(answer) for answer in zip(*answers, strict=True))
+        lines.append(f"\nn = {n}, {distance:.2f} m: {clear} of {len(answers)} solved, audit clear;")
+        lines.append(f"{soon} in under {SECONDS} CPU s and {MEGABYTES} MB.")
+    return "\n".join(lines)
