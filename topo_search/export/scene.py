@@ -16,15 +16,13 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from topo_search.export import outlines, palette, parts
 from topo_search.export.poses import PORTS, Poses
 from topo_search.export.regions import cone_axis, cone_slant, paths
+from topo_search.export.viewpoint import ELEVATION_DEG, azimuth_deg, towards_viewer
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.exposure import Directional, Exterior
 
 LIGHT = np.array([0.27, -0.18, 0.95])
 """Towards the light, for the shading of faces."""
-ELEVATION_DEG = 20.0
-AZIMUTHS_DEG = (-60, -30, 30, 60)
-"""Of the viewer; none is close to an axis, whose labels would then run into each other."""
 MARGIN = np.array([1.3, 0.8])
 """Left for the labels of the axes, in width and height [in]."""
 ASIDE = np.array(sorted(itertools.product(range(-4, 5), repeat=2), key=lambda step: math.hypot(*step)))
@@ -48,14 +46,12 @@ class Scene:
         self.axes = axes
         self.design = design
         self.at = at
-        azimuth_deg = _azimuth_deg(at)
-        axes.view_init(elev=ELEVATION_DEG, azim=azimuth_deg)
+        azimuth = azimuth_deg(at)
+        axes.view_init(elev=ELEVATION_DEG, azim=azimuth)
         axes.set_proj_type("ortho")
         axes.computed_zorder = False
         axes.patch.set_visible(False)
-        elevation, azimuth = math.radians(ELEVATION_DEG), math.radians(azimuth_deg)
-        across = math.cos(elevation)
-        self.v = np.array([across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)])
+        self.v = towards_viewer(azimuth)
         """Unit vector towards the viewer."""
         self._drawn: list[Array] = []
 
@@ -207,14 +203,3 @@ def _overlap(at: Array, taken: list[Array], size: float) -> bool:
     """Whether a number of a font size [pt] at a place on the page would touch one of those there already."""
     gaps = np.abs(np.array(taken) - at)
     return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
-
-
-def _azimuth_deg(at: Poses) -> float:
-    """Look across the line from the centre of mass to the end-effector, and along no axis."""
-    x, y, _ = at.p_E
-    return max(AZIMUTHS_DEG, key=lambda azimuth: abs(_across(x, y, math.radians(azimuth))))
-
-
-def _across(x: float, y: float, azimuth: float) -> float:
-    """Return the part of a horizontal vector that a viewer at an azimuth sees across the picture."""
-    return y * math.cos(azimuth) - x * math.sin(azimuth)

@@ -139,11 +139,11 @@ def rotor_inputs(design: Design) -> go.Figure:
         figure.add_hline(
             bound,
             line={"color": "#000000", "width": 1.5, "dash": "dash"},
-            annotation={"text": "0" if bound == 0 else "u_max", "yanchor": side},
+            annotation={"text": "0" if bound == 0 else "u_max", "yanchor": side, "xanchor": "left"},
         )
     figure.update_layout(
         xaxis={"title": {"text": "module (four rotors each)"}, "dtick": 1 if n <= 30 else None, "zeroline": False},
-        yaxis={"title": {"text": "rotor input / u_max"}, "rangemode": "tozero", "zeroline": False},
+        yaxis={"title": {"text": "rotor input / u_max"}, "range": [-0.06, 1.1], "zeroline": False},
         legend={"orientation": "h", "y": -0.25},
     )
     return figure
@@ -227,4 +227,6 @@ def styled(figure: go.Figure) -> go.Figure:
         paper_bgcolor="rgba(0,0,0,0)",
         autosize=True,
     )
+    if not figure.layout.scene.aspectmode:
+        figure.update_layout(margin={"l": 60, "r": 20, "t": 16, "b": 50})
     return figure

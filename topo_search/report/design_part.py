@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from markupsafe import Markup
 
 from topo_search.export.poses import poses
 from topo_search.export.tree_layout import PORT_NAMES
-from topo_search.model import Audit, Clearance, Design, Status
+from topo_search.model import Audit, Clearance, Design, Limit, Status
 from topo_search.report.charts import clearance_matrices, rotor_inputs
 from topo_search.report.page import Chart, DesignPart, Table
 from topo_search.report.scene import scene
 from topo_search.report.tree_svg import tree_svg
-from topo_search.report.wording import figures, length, modules
+from topo_search.report.wording import counted, figures, length, modules
 
 NEAREST = 12
 """Number of clear pairs in the table of the nearest; those that are not clear are all listed."""
@@ -38,6 +39,8 @@ def design_part(design: Design, audit: Audit | None) -> DesignPart:
             for number, (caption, figure) in enumerate(clearance_matrices(design, audit))
         ),
         nearest=_nearest(pairs) if pairs else None,
+        findings=() if audit is None else _findings(audit),
+        errors=None if audit is None else _errors(audit),
         residuals=None if audit is None else _residuals(audit),
         inputs=Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
         loads=_loads(design),
@@ -71,6 +74,42 @@ def _nearest(pairs: tuple[Clearance, ...]) -> Table:
     return Table(columns, rows, frozenset({2, 3, 4}))
 
 
+def _findings(audit: Audit) -> tuple[str, ...]:
+    """Return how severely airflow envelopes overlap, if they do, and what the task's tolerances do."""
+    found = []
+    if (overlaps := audit.interference) is not None and overlaps.colliding_pairs:
+        sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
+        found.append(
+            f"{counted(overlaps.colliding_pairs, 'pair')} of airflow envelopes overlap, in clusters of {sizes} "
+            f"modules; the deepest by {figures(overlaps.deepest_percent, 3)} % of the deepest possible."
+        )
+    if audit.sensitivity is not None and (asked := audit.sensitivity.tolerances) is not None:
+        found.append(
+            f"Within the task's tolerances, all at once: {asked.status}, least clearance {length(asked.lower_m)} "
+            f"or more ({length(asked.attained_m)} in an example), {asked.name}."
+        )
+    return tuple(found)
+
+
+def _errors(audit: Audit) -> Table | None:
+    """Return how large errors of each kind may be, and which pair a larger one violates first."""
+    found = audit.sensitivity
+    if found is None:
+        return None
+    kinds: tuple[tuple[str, Limit | None, Callable[[float], str]], ...] = (
+        ("every hinge angle off by", found.hinge_angle_deg, lambda degrees: f"{figures(degrees, 3)}°"),
+        ("module centres and end-effector off by", found.position_m, length),
+        ("airflow reaching farther by", found.envelope_m, length),
+    )
+    rows = [
+        [name, shown(limit.tolerated), "" if limit.violated_at is None else shown(limit.violated_at), limit.name]
+        for name, limit, shown in kinds
+        if limit is not None
+    ]
+    columns = ("error", "proven harmless up to", "harmful in an example at", "first to be violated")
+    return Table(columns, rows, frozenset({1, 2})) if rows else None
+
+
 def _residuals(audit: Audit) -> Table:
     """Return every number that the audit checked against a limit."""
     rows = [
@@ -97,8 +136,8 @@ def _loads(design: Design) -> Table:
         rows.append(
             [
                 str(k),
-                f"{figures(float(u.min()) / u_max, 3)} u_max",
-                f"{figures(float(u.max()) / u_max, 3)} u_max",
+                f"{float(u.min()) / u_max:.4f} u_max",
+                f"{float(u.max()) / u_max:.4f} u_max",
                 f"{figures(k_f * float(u.sum()))} N",
                 f"{100 * share:.1f} %",
             ]

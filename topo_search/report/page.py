@@ -63,6 +63,10 @@ class DesignPart:
     joints: Table
     clearances: tuple[Chart, ...]
     nearest: Table | None
+    findings: tuple[str, ...]
+    """What else the audit tells of the clearances, a sentence each."""
+    errors: Table | None
+    """How much error in building it the clearances survive."""
     residuals: Table | None
     inputs: Chart
     loads: Table

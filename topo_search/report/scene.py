@@ -14,6 +14,7 @@ from topo_search.export import outlines, palette
 from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
 from topo_search.export.poses import PORTS, Poses
 from topo_search.export.regions import cone_axis, cone_slant, paths
+from topo_search.export.viewpoint import azimuth_deg, towards_viewer
 from topo_search.model import Clearance, Design, Directional, Exterior
 from topo_search.model.arrays import Array
 from topo_search.report.closest import closest_points
@@ -21,8 +22,12 @@ from topo_search.report.wording import length
 
 SIDES = 24
 """Of circles: fewer than in files for other programs, for many modules are turned at once."""
+CLOSE = 1.5
+"""Distance of the viewer, in edges of a cube as large as what is shown."""
 NUMBERED = 30
 """Most modules that carry their number in the picture; more are named where the pointer is."""
+AROUND = "around the platform"
+"""Marks what the page leaves out to show the platform alone."""
 MATT = {"ambient": 0.65, "diffuse": 0.6, "specular": 0.05, "roughness": 0.9}
 GHOSTLY = {"ambient": 0.8, "diffuse": 0.4, "specular": 0.0, "roughness": 1.0}
 
@@ -42,11 +47,13 @@ def scene(design: Design, at: Poses, closest: Clearance | None) -> go.Figure:
     figure.update_layout(
         scene={
             "aspectmode": "data",
-            "camera": {"eye": {"x": 1.1, "y": -1.3, "z": 0.7}, "projection": {"type": "orthographic"}},
+            "camera": {
+                "eye": dict(zip("xyz", (CLOSE * towards_viewer(azimuth_deg(at))).tolist(), strict=True)),
+            },
             **{f"{name}axis": {**axis, "title": {"text": f"{name} [m]"}} for name in "xyz"},
         },
         margin={"l": 0, "r": 0, "t": 0, "b": 0},
-        legend={"orientation": "h", "yanchor": "top", "y": 0.0, "itemsizing": "constant"},
+        legend={"orientation": "h", "yanchor": "top", "y": 0.0, "itemsizing": "constant", "font": {"size": 12}},
     )
     return figure
 
@@ -59,7 +66,7 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
         cone_sphere(p, envelope.start_radius, end, envelope.end_radius, sides=SIDES)
         for p, end in zip(at.p, ends, strict=True)
     ]
-    traces = [_mesh("airflow envelopes", airflow, palette.AIRFLOW, opacity=0.22)]
+    traces = [_mesh("airflow envelopes", airflow, palette.AIRFLOW, opacity=0.22, meta=AROUND)]
     apex = at.end_effector
     kept_out: list[Trimesh] = []
     cones: list[Trimesh] = []
@@ -71,9 +78,9 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
         along = paths(requirement, at) if isinstance(requirement, Directional) else [np.zeros(3)]
         kept_out += [cone_sphere(apex, requirement.radius, apex + path, requirement.radius) for path in along]
     if kept_out:
-        traces.append(_mesh("to be kept out of the airflow", kept_out, palette.EXPOSURE, opacity=0.4))
+        traces.append(_mesh("to be kept out of the airflow", kept_out, palette.EXPOSURE, opacity=0.4, meta=AROUND))
     if cones:
-        traces.append(_mesh("cone to hold all airflow", cones, palette.EXPOSURE, opacity=0.15))
+        traces.append(_mesh("cone to hold all airflow", cones, palette.EXPOSURE, opacity=0.15, meta=AROUND))
     return traces
 
 
@@ -111,11 +118,12 @@ def _platform(design: Design, at: Poses) -> list[Any]:
     traces.append(
         go.Scatter3d(
             **_columns(tips + 0.2 * module.arm_length * at.z),
-            name="numbers",
+            name="module numbers",
             mode="markers+text" if topology.n <= NUMBERED else "markers",
-            marker={"size": 3, "color": palette.THRUST_AXIS},
-            text=[str(i) for i in range(topology.n)],
+            marker={"size": 2, "color": palette.THRUST_AXIS},
+            text=[f"<b>{i}</b>" for i in range(topology.n)],
             textposition="top center",
+            textfont={"size": 14, "color": "#000000"},
             hovertext=numbers,
             hoverinfo="text",
         )

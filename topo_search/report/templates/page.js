@@ -11,6 +11,15 @@ for (const element of document.querySelectorAll("[data-figure]")) {
   Plotly.newPlot(element, figure.data, figure.layout, options);
 }
 
+// What lies around the platform can be left out: the view then comes as close as the platform is small.
+for (const button of document.querySelectorAll("[data-alone]")) {
+  button.addEventListener("click", () => {
+    const view = document.getElementById("view");
+    const around = view.data.flatMap((trace, i) => (trace.meta === "around the platform" ? [i] : []));
+    Plotly.restyle(view, { visible: button.dataset.alone === "true" ? "legendonly" : true }, around);
+  });
+}
+
 // The ranking: sorted and filtered here, with as many rows in the document as are looked at.
 const FIRST = 100;
 

@@ -1,0 +1,32 @@
+"""Where pictures of a design are looked at from."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from topo_search.export.poses import Poses
+from topo_search.model.arrays import Array
+
+ELEVATION_DEG = 20.0
+AZIMUTHS_DEG = (-60, -30, 30, 60)
+"""Of the viewer; none is close to an axis, whose labels would then run into each other."""
+
+
+def azimuth_deg(at: Poses) -> float:
+    """Return the azimuth [deg] that looks across the line from the centre of mass to p_E, and along no axis."""
+    x, y, _ = at.p_E
+    return max(AZIMUTHS_DEG, key=lambda azimuth: abs(_across(x, y, math.radians(azimuth))))
+
+
+def towards_viewer(azimuth_deg: float) -> Array:
+    """Return the unit vector towards the viewer, (3,)."""
+    elevation, azimuth = math.radians(ELEVATION_DEG), math.radians(azimuth_deg)
+    across = math.cos(elevation)
+    return np.array([across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)])
+
+
+def _across(x: float, y: float, azimuth: float) -> float:
+    """Return the part of a horizontal vector that a viewer at an azimuth sees across the picture."""
+    return y * math.cos(azimuth) - x * math.sin(azimuth)
