@@ -9,7 +9,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from nlp.bounds import lower_bound
+from nlp.bounds import lower_bound, prove_impossible
 from nlp.evaluate import Violation, violations, worst
 from nlp.finish import finish
 from nlp.ipopt import Answer
@@ -43,7 +43,7 @@ def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -
     """Return the best design of a topology over some starts, or the start that came closest to one.
 
     The program is built once. Starts are independent: the best of range(0, 8) and of range(8, 16) is the result
-    of range(0, 16).
+    of range(0, 16). What is proven to be impossible is not tried.
 
     Args:
         task: the task, resolved for `topology.n` modules.
@@ -58,6 +58,8 @@ def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
     if not starts:
         raise ValueError(f"`starts` must have at least one index, but got {starts}")
+    if proof := prove_impossible(task, topology):
+        return proof
     began = time.perf_counter()
     ready = program(task, topology)
     trials = [_trial(ready, draw(task, topology, generator(task, topology, s, seed)), s) for s in starts]

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from nlp_cases import HOVER, as_design, as_point, hover, push, random_point
+from nlp_cases import HOVER, as_design, as_point, hover, push, random_point, random_tree
 
 from nlp import lower_bound, prove_impossible, solve
-from nlp.evaluate import violations
+from nlp.evaluate import violations, wrench_matrix
 from nlp.finish import finish
+from nlp.geometry import Swept, clearance, poses
 from nlp.graph import GraphProgram
 from nlp.ipopt import Answer
 from nlp.starts import draw, generator
@@ -61,11 +62,11 @@ def test_a_reason_survives_a_file():
     assert result.message.startswith("the only start misses `")
 
 
-def test_two_modules_cannot_push_two_ways():
+def test_what_is_proven_impossible_is_not_tried():
     """Two thrust axes span a plane; the three load cases of push do not lie in one."""
-    result = failed(push(2), PAIR)
-    assert result.worst_constraint.startswith("load case ")
-    assert result.unit in ("N", "N m")
+    result = solve(push(2), PAIR, starts=range(3), seed=0)
+    assert result == prove_impossible(push(2), PAIR)
+    assert (result.status, result.solver) == ("impossible", None)
 
 
 def test_a_torque_beyond_the_drag_of_all_rotors_is_missed_by_the_rest():
@@ -192,6 +193,78 @@ def test_a_straight_chain_cannot_push_two_ways(key):
 def test_only_straight_chains_of_five_are_proven_unfit_for_push():
     keys = {c.key for c in candidates(5) if prove_impossible(push(5), c.topology) is not None}
     assert keys == {"a52020", "aa2020"}
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_what_a_platform_does_is_possible_for_its_tree(seed):
+    """Inputs up to their limit, some for as much torque as there is; the wrench that they make, split anyhow."""
+    rng = np.random.default_rng(seed)
+    n, K = int(rng.integers(1, 9)), int(rng.integers(1, 4))
+    fixed = {"end_effector": {"position": rng.normal(size=3).tolist()}} if seed % 2 else {}
+    tree = random_tree(n, rng)
+    point = random_point(push(n, load_cases=[HOVER] * K, **fixed), tree, rng)
+    A, (_, p), u_max = wrench_matrix(point), point.poses, point.task.module.max_input(point.task.gravity)
+    about_centre = A[3:] - np.cross(p.mean(axis=0), A[:3], axis=0)
+    along = (about_centre.T @ rng.normal(size=(3, K))).T > 0
+    u = np.where(rng.random((K, 1)) < 0.7, along * u_max, rng.uniform(0.0, u_max, (K, 4 * n)))
+    cases = []
+    for wrench in u @ A.T:
+        force, tip = wrench[:3], rng.normal(size=3)
+        torque = wrench[3:] - np.cross(point.p_E, tip) - np.cross(point.p_COM, force - tip)
+        com = {"force": (force - tip).tolist(), "torque": torque.tolist()}
+        cases.append({"units": "SI", "com": com, "end_effector": {"force": tip.tolist()}})
+    task = push(n, load_cases=cases, **fixed)
+    assert prove_impossible(task, tree) is None
+    assert lower_bound(task) <= np.sum(u**2) * (1 + 1e-9)
+
+
+def turning(torque, **fields):
+    return push(5, load_cases=[{"com": {"force": [0, 0, 1], "torque": [0, 0, torque]}}], **fields)
+
+
+def test_a_torque_beyond_the_longest_levers_is_impossible_for_compact_trees_first():
+    """Modules at 2 l_c times the mean distance of two of them at most: 1.6 joints in a chain, 1.28 in a star."""
+    star, chain = Topology.from_key("af0000"), Topology.from_key("a52020")
+    module, task = turning(1).module, turning(1)
+    for tree, joints in ((star, 1.28), (chain, 1.6)):
+        lever = 2 * module.connector_distance * joints + module.arm_length
+        lever += module.torque_coefficient / module.thrust_coefficient
+        most = lever * 2.5 * 5 * module.mass * task.gravity / task.torque_unit(5)
+        assert prove_impossible(turning(0.999 * most), tree) is None
+        result = prove_impossible(turning(1.001 * most), tree)
+        assert (result.worst_constraint, result.unit) == ("load case 0, torque", "N m")
+        assert result.violation == pytest.approx(0.001 * most * task.torque_unit(5), rel=1e-6)
+        assert result.topology == (star if tree == star else None)  # no tree is longer than the chain
+
+
+def test_an_end_effector_too_far_from_the_centre_is_impossible():
+    """Half the weight at the tip; the end-effector's place alone decides, and free it is never too far."""
+    assert prove_impossible(push(5, end_effector={"position": [0.0, 0.0, 9.0]})) is not None
+    assert prove_impossible(push(5, end_effector={"position": [1.0, 0.0, 0.0]})) is None
+    along = [{"end_effector": {"force": [0.0, 0.0, 1.0]}}]  # no lever about its own line
+    assert prove_impossible(push(5, load_cases=along, end_effector={"position": [0.0, 0.0, 9.0]})) is None
+
+
+@pytest.mark.parametrize("shorter", [False, True])
+def test_connectors_too_short_for_the_airflow_are_impossible(shorter):
+    """Centres that are bolted are 2 l_c apart at most: under 2 r_air the envelopes overlap where they begin."""
+    task = push(5, module={"connector_distance": 0.0985 if shorter else 0.102})
+    result = prove_impossible(task)
+    assert (result is not None) == shorter
+    air, alpha = task.module.envelope, np.linspace(-np.pi / 2, np.pi / 2, 2001)
+    gaps = []
+    for angle in alpha:
+        R, p = poses(PAIR, np.eye(3), np.array([angle]), task.module.connector_distance)
+        one, other = (Swept(p[i], -air.length * R[i, :, 2], air.start_radius, air.growth) for i in range(2))
+        gaps.append(clearance(one, other))
+    assert (max(gaps) < 0) == shorter
+    if result is not None:
+        assert 0 < result.violation <= -max(gaps)
+        assert result.unit == "m"
+        assert "connector_distance = 0.0985 m is too short" in result.message
+        spaced = push(5, module={"connector_distance": 0.0985}, search={"interference": "separation"})
+        assert prove_impossible(spaced) is None
+        assert prove_impossible(hover(1, module={"connector_distance": 0.0985})) is None
 
 
 def test_a_proof_for_a_tree_of_another_size_is_refused():

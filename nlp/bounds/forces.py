@@ -1,0 +1,107 @@
+"""Forces that no thrusts of a platform make, whatever its angles.
+
+What is asked counts as produced to within the audit's tolerance.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| n, K | modules, load cases | | |
+| F_k | total force of load case k; the rows of F | (3,) | N |
+| nu_k | a direction for load case k, at most 1 long | (3,) | |
+| z_i | thrust axis of module i | (3,) | |
+| T | largest thrust of a module, over m g | | |
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from nlp import names
+from nlp.bounds.duality import multipliers
+from nlp.bounds.effort import total_forces
+from nlp.bounds.shortfall import TOLERANCE, Shortfall, largest_thrust, modules
+from nlp.bounds.sphere import greatest
+from nlp.units import Units
+from topo_search.model import ResolvedTask, Topology
+
+SOFTENED = 0.01
+"""Knee of phi in the search for a proof, in its largest multiplier: nearly that of a thrust without cost."""
+
+
+def one_force(task: ResolvedTask) -> Shortfall | None:
+    """All rotors together pull with 4 n k_f u_max at most, whatever the angles."""
+    asked = np.linalg.norm(total_forces(task), axis=1)
+    k, most = int(np.argmax(asked)), largest_thrust(task)
+    if asked[k] - TOLERANCE * task.force_unit(task.n) <= most:
+        return None
+    return Shortfall(
+        names.force(k),
+        float(asked[k] - most),
+        "N",
+        f"{modules(task)} can lift {asked[k] / most:.3g} times less than load case {k} asks: "
+        f"all rotors at their limit pull with {most:.4g} N, the load case needs {asked[k]:.4g} N",
+    )
+
+
+def axes(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
+    """One module has one thrust axis, and the axes of a straight chain lie in the plane across its parallel hinges.
+
+    If forces F_k, the rows of F, were all produced to within r along d dimensions, the other singular values of F
+    would have sum_{j > d} sigma_j^2 <= K r^2.
+    """
+    if task.n == 1:
+        d, reason = 1, "one module pulls along one axis"
+    elif task.n == 2 or (topology is not None and _straight(topology)):
+        d, reason = 2, f"the thrust axes of {task.n} modules in a straight chain lie in one plane"
+    else:
+        return None
+    F = total_forces(task)
+    missed = float(np.sqrt(np.sum(np.linalg.svd(F, compute_uv=False)[d:] ** 2) / len(F)))
+    if missed <= TOLERANCE * task.force_unit(task.n):
+        return None
+    return Shortfall(
+        "load cases, forces",
+        missed,
+        "N",
+        f"{reason}, but the forces of the load cases do not: one of them is missed by {missed:.4g} N at least",
+    )
+
+
+@lru_cache(maxsize=32)
+def all_forces(task: ResolvedTask) -> Shortfall | None:
+    """All load cases share the angles, which limits what the rotors give along directions nu_k, summed over them.
+
+    Module i gives sum_k s_ik nu_k . z_i, no more than its largest thrust times the greatest sum_k max(nu_k . z, 0)
+    over all unit z, whatever the nu_k; the load cases ask for sum_k nu_k . F_k.
+    """
+    F, T = total_forces(task), task.module.max_thrust_to_weight
+    if len(F) == 1:
+        return None
+    f = F / (task.n * Units.of(task).force)
+    nu = multipliers(f / T, np.full(len(f), SOFTENED / 2), 1.0, largest=1.0)
+    lengths = np.linalg.norm(nu, axis=1)
+    if not lengths.max() > 0:
+        return None
+    nu, lengths = nu / lengths.max(), lengths / lengths.max()
+    asked = float(np.sum(nu * F))
+    most = largest_thrust(task) * greatest(lambda z: np.sum(np.maximum(z @ nu.T, 0.0), axis=-1))
+    if asked - TOLERANCE * task.force_unit(task.n) * lengths.sum() <= most:
+        return None
+    cases = ", ".join(str(k) for k in np.flatnonzero(lengths > SOFTENED))
+    return Shortfall(
+        f"load cases {cases}, forces",
+        asked - most,
+        "N",
+        f"{modules(task)} cannot serve the load cases {cases} with the same angles: summed along one direction "
+        f"each, all rotors at their limit pull with {most:.4g} N, the load cases need {asked:.4g} N",
+    )
+
+
+def _straight(topology: Topology) -> bool:
+    """Return whether every module is bolted at opposite ports at most: then all hinge axes are parallel."""
+    ports: dict[int, set[int]] = {}
+    for h, i, a, b in topology.edges():
+        ports.setdefault(h, set()).add(a % 2)
+        ports.setdefault(i, set()).add(b % 2)
+    return all(len(axes) == 1 for axes in ports.values())

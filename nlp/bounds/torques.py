@@ -1,0 +1,65 @@
+"""Torques beyond the reach of all rotors.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| c | centroid of the modules' centres | (3,) | m |
+| q | end-effector position from c | (3,) | m |
+| tau_k | torque that load case k asks for, at the end-effector and at the COM | (3,) | N m |
+| f_E, f_C | its forces at the end-effector and at the COM | (3,) | N |
+| g_k | force that q has as its lever, f_E + (m_E / m_t) f_C | (3,) | N |
+| d_ij | joints between the modules i and j | | |
+
+About c the rotors must produce tau_k + q x g_k, since the COM is at (m_E / m_t) q. Whatever q is, its part along
+g_k is that of tau_k.
+
+The distance of module i from c is (2 l_c / n) sum_j d_ij at most, that of its rotors l_arm more. A rotor at o with
+thrust f has the torque f o x z about c, and its drag (k_tau / k_f) f along z.
+"""
+
+from __future__ import annotations
+
+import networkx as nx
+import numpy as np
+
+from nlp import names
+from nlp.bounds.shortfall import TOLERANCE, Shortfall, largest_thrust, modules
+from topo_search.model import LoadCase, ResolvedTask, Topology
+
+NO_FORCE = 1e-9
+"""Size of g_k under which its direction is not trusted [m_t g]."""
+
+
+def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
+    """All rotors at their limit, each at its longest lever, against the torque of every load case.
+
+    Of all trees a straight chain has the largest sum of distances, sum_ij d_ij = n (n^2 - 1) / 3.
+    """
+    n, module = task.n, task.module
+    distances = n * (n**2 - 1) // 3 if topology is None else 2 * nx.wiener_index(topology.graph())
+    lever = 2 * module.connector_distance * distances / n**2 + module.arm_length
+    most = largest_thrust(task) * (lever + module.torque_coefficient / module.thrust_coefficient)
+    asked = [_least_torque(task, case) for case in task.load_cases]
+    k = int(np.argmax(asked))
+    if asked[k] - TOLERANCE * task.torque_unit(n) <= most:
+        return None
+    return Shortfall(
+        names.torque(k),
+        asked[k] - most,
+        "N m",
+        f"load case {k} asks {modules(task)} for a torque of {asked[k]:.4g} N m at least about their centre: "
+        f"all rotors at their limit and as far out as they can be give {most:.4g} N m",
+    )
+
+
+def _least_torque(task: ResolvedTask, case: LoadCase) -> float:
+    """Return the least torque about c that a load case can ask for [N m]."""
+    n, tip, com = task.n, case.at_end_effector, case.at_com
+    tau = np.add(tip.torque, com.torque)
+    g = np.add(tip.force, np.multiply(task.end_effector.mass / task.total_mass(n), com.force))
+    position, size = task.end_effector.fixed_position, float(np.linalg.norm(g))
+    if position is not None:
+        q = np.multiply(task.total_mass(n) / (n * task.module.mass), position)
+        return float(np.linalg.norm(tau + np.cross(q, g)))
+    if size == 0:
+        return float(np.linalg.norm(tau))
+    return abs(float(tau @ g)) / size if size > NO_FORCE * task.force_unit(n) else 0.0
