@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 
 import nlp
 import verify
 from topo_search.engine import (
+    AuditDesign,
     Failed,
     Outcome,
     Verbs,
@@ -146,11 +148,31 @@ def audit(design: Design) -> Audit:
     return result
 
 
-def audits(designs: list[Design]) -> Iterator[Audit | Failed]:
-    """Yield the audit of each design in turn, made in a child process."""
-    with Workers(1) as worker:
-        for design in designs:
-            yield worker.one(VERBS.audit, design, deadline=audit_deadline(design.topology.n))
+def audits(designs: Iterable[Design], *, workers: int = 1) -> Iterator[Audit | Failed]:
+    """Yield the audit of each design in turn, made in child processes.
+
+    Args:
+        designs: drawn lazily, a few ahead of the audits.
+        workers: number of processes.
+    """
+    ended: dict[int, Audit | Failed] = {}
+    due = 0
+    with Workers(workers) as pool:
+        results = pool.run(
+            partial(_audit_numbered, VERBS.audit),
+            enumerate(designs),
+            deadline=lambda job: audit_deadline(job[1].topology.n),
+        )
+        for (number, _), result in results:
+            ended[number] = result
+            while due in ended:
+                yield ended.pop(due)
+                due += 1
+
+
+def _audit_numbered(audit: AuditDesign, numbered: tuple[int, Design]) -> Audit:
+    """Audit a design that comes with its number (in a worker)."""
+    return audit(numbered[1])
 
 
 def available_cores() -> int:

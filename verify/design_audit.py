@@ -7,6 +7,7 @@ a margin; the audit's own threshold is zero.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import platform as python_platform
 import time
@@ -26,11 +27,17 @@ from verify.requirements import Requirement, Scene
 from verify.residuals import finite, residuals
 from verify.sensitivity import sensitivity
 
+MOST_CLEARANCES = 1_000_000
+"""Rows of an audit: those of 700 modules and 50 paths; more would need gigabytes."""
+
 
 def audit(design: Design) -> Audit:
     """Return the audit of a design; a pure function of it, but for `seconds`.
 
     python-fcl is native code that can crash: callers that must survive run this in a child process.
+
+    Raises:
+        ValueError: the design has more than MOST_CLEARANCES clearances.
     """
     started = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers overflow, and then nothing is proven
@@ -41,7 +48,9 @@ def _audit(design: Design, started: float) -> Audit:
     found = platform(design)
     rows = residuals(design, found)
     scene = Scene(design, found)
-    requirements = list(scene.requirements())
+    requirements = list(itertools.islice(scene.requirements(), MOST_CLEARANCES + 1))
+    if len(requirements) > MOST_CLEARANCES:
+        raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
     certificates = _certificates(requirements)
     statuses = [row.status for row in rows]
     statuses += [c.status for requirement, c in zip(requirements, certificates, strict=True) if requirement.counts]

@@ -2,46 +2,72 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import BAD_INPUT, explained
 
+NOT_CLEAR = 1
 
-@click.command(epilog="Example: topo-search audit runs/push-*/best.json")
-@click.argument("designs", nargs=-1, required=True, metavar="DESIGN.json...")
+
+@click.command(epilog="Example: topo-search audit runs/push-*/best.json --markdown audit.md")
+@click.argument("designs", nargs=-1, required=True, metavar="DESIGN.json|FOLDER...")
 @options.as_json
-def audit(designs: tuple[str, ...], as_json: bool) -> None:
+@options.out("--csv", "table", "Write every clearance as a row of a table.")
+@options.out("--markdown", "summary", "Write a summary to read and hand on.")
+@options.workers
+def audit(
+    designs: tuple[str, ...], as_json: bool, table: Path | None, summary: Path | None, workers: int | None
+) -> None:
     """Audit designs exactly, whoever made them: everything is derived again from the file alone.
 
-    Exit status: 0 all clear; 1 one is violated, undecided or inconsistent;
-    2 a file cannot be read (the others are audited all the same).
+    Of a folder all files below it that end in .json are audited; the audits in a run's folder are passed over.
+
+    Exit status: 0 all clear; 1 one is violated, undecided or inconsistent, or its audit failed;
+    2 a file cannot be read, or is no design (the others are audited all the same).
     """
     with explained():
-        from topo_search.cli.tables import print_audit
-        from topo_search.compose import audits
+        from topo_search.cli.design_files import Reading, design_files
+        from topo_search.cli.tables import print_audit, print_tally
+        from topo_search.compose import audits, available_cores
         from topo_search.engine import Failed
-        from topo_search.model import BadInput, Design
-        from topo_search.model.files import read_json
+        from topo_search.export.audit_summary import Judged, markdown
+        from topo_search.model import Status
+        from topo_search.model.files import write_atomically
 
-        readable: list[tuple[str, Design]] = []
-        status = 0
-        for path in designs:
-            try:
-                readable.append((path, read_json(Design, path)))
-            except BadInput as error:
-                click.echo(str(error), err=True)
-                status = BAD_INPUT
-        found = []
-        for (path, _), result in zip(readable, audits([design for _, design in readable]), strict=True):
+        for option, out in (("--csv", table), ("--markdown", summary)):
+            if out is not None:
+                options.require_writable(out, option)
+        files = design_files(designs)
+        reading = Reading(files, tell=lambda line: click.echo(line, err=True))
+        judged: list[Judged] = []
+        failed: list[tuple[str, str]] = []
+        results = audits(reading.designs(), workers=min(workers or available_cores(), len(files)))
+        for number, result in enumerate(results):
+            name, design = reading.read[number]
             if isinstance(result, Failed):
-                click.echo(f"{path}: the audit failed: {result.reason}", err=True)
-            else:
-                found.append(result.model_dump(mode="json"))
-                if not as_json:
-                    print_audit(path, result)
-            if isinstance(result, Failed) or result.verdict != "clear":
-                status = status or 1
+                failed.append((name, f"the audit failed: {result.reason}"))
+                click.echo(": ".join(failed[-1]), err=True)
+                continue
+            judged.append(Judged(name, design, result))
+            if not as_json:
+                print_audit(name, result)
         if as_json:
-            options.echo_json(found[0] if len(designs) == 1 and found else found)
-        raise SystemExit(status)
+            found = [{"file": each.name, **each.audit.model_dump(mode="json")} for each in judged]
+            alone = len(designs) == 1 and not files[0].listed and found
+            options.echo_json(found[0] if alone else found)
+        elif len(files) > 1:
+            verdicts = [each.audit.verdict for each in judged]
+            print_tally(verdicts, len(failed), len(reading.refused), reading.passed_over)
+        if table is not None:
+            from topo_search.export.tables import clearances_of, csv
+
+            write_atomically(table, csv(clearances_of([(each.name, each.audit) for each in judged])))
+        if summary is not None:
+            write_atomically(summary, markdown(judged, [*failed, *reading.refused]))
+        if reading.refused:
+            raise SystemExit(BAD_INPUT)
+        if failed or any(each.audit.verdict != Status.CLEAR for each in judged):
+            raise SystemExit(NOT_CLEAR)

@@ -30,9 +30,17 @@ time_limit = click.option(
     metavar="SECONDS",
     help="End the work with the best design so far, audited; few starts of every tree come first.",
 )
+workers = click.option(
+    "--workers", type=click.IntRange(min=1), help="Worker processes (default: the cores available)."
+)
 connectors = click.option("--connectors", type=click.Choice(["aligned", "any"]), help="Ports that a child may use.")
 root = click.option("--root", type=click.Choice(["free", "paper"]), help="Orientations of the root module.")
 as_json = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
+
+
+def out(option: str, name: str, text: str) -> Callable[..., Any]:
+    """Return an option for a file to write beside what is printed."""
+    return click.option(option, name, type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help=text)
 
 
 def _sizes(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:

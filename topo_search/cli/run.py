@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 )
 @options.starts
 @options.seed
-@click.option("--workers", type=click.IntRange(min=1), help="Worker processes (default: the cores available).")
+@options.workers
 @click.option("--out", type=click.Path(path_type=Path), help="The run's folder (default: runs/NAME-HASH).")
 @options.root
 @options.connectors

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -9,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from topo_search.engine import Failed, Outcome
-from topo_search.model import Audit, Design, Infeasible, Limit, Sensitivity
+from topo_search.model import Audit, Design, Infeasible, Limit, Sensitivity, Status
 from topo_search.report.wording import counted, modules
 from topo_search.study import Answer, Row, SizeAnswer, Solved
 
@@ -145,3 +147,12 @@ def _size(limit: Limit, unit: str) -> str:
     """Return how large an error may be, and how far beyond that is known to be too much."""
     known = "" if limit.violated_at is None else f" (too much: {limit.violated_at:.3g} {unit})"
     return f"{limit.tolerated:.3g} {unit}{known}"
+
+
+def print_tally(verdicts: Sequence[Status], failed: int, refused: int, passed_over: int) -> None:
+    """Print how many designs of a whole command ended how."""
+    counts = {**Counter(map(str, verdicts)), "failed": failed, "bad input": refused}
+    told = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
+    click.echo(f"{counted(len(verdicts) + failed, 'design')}: {told or 'none'}")
+    if passed_over:
+        click.echo(f"{counted(passed_over, 'audit')} in the folders passed over")

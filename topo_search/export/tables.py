@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import pandas as pd
 from pydantic import BaseModel
@@ -12,9 +12,13 @@ from topo_search.model import Audit, Clearance, Residual
 
 def clearances(audit: Audit) -> pd.DataFrame:
     """Return a row for every pair and requirement of an audit [m], with all fields of `Clearance` but evidence."""
-    numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m", "percent"), "float64")
-    frame = _frame(Clearance, audit.pairs).astype({**numbers, "segment": "Int64"})
-    return frame.drop(columns="evidence")
+    return _clearances(audit.pairs)
+
+
+def clearances_of(audits: Sequence[tuple[str, Audit]]) -> pd.DataFrame:
+    """Return the clearances of several audits; the last column, `design`, has the name that comes with each."""
+    frame = _clearances(pair for _, audit in audits for pair in audit.pairs)
+    return frame.assign(design=[name for name, audit in audits for _ in audit.pairs])
 
 
 def residuals(audit: Audit) -> pd.DataFrame:
@@ -32,6 +36,12 @@ def parquet(frame: pd.DataFrame) -> bytes:
     import pyarrow  # noqa: F401 (pandas would say in other words that it is missing)
 
     return frame.to_parquet(None, engine="pyarrow", index=False)
+
+
+def _clearances(pairs: Iterable[Clearance]) -> pd.DataFrame:
+    numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m", "percent"), "float64")
+    frame = _frame(Clearance, pairs).astype({**numbers, "segment": "Int64"})
+    return frame.drop(columns="evidence")
 
 
 def _frame(kind: type[BaseModel], values: Iterable[BaseModel]) -> pd.DataFrame:

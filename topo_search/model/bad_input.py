@@ -33,6 +33,8 @@ RULES = {
 """The rule behind each of pydantic's types of error."""
 
 MISSING = "is required, but missing"
+MOST_FAULTS = 1000
+"""Faults of a file that are told one by one; a file with more is of another kind, or means harm."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,12 @@ class BadInput(Exception):
 
 
 def faults_of(error: ValidationError, model: type[BaseModel]) -> list[Fault]:
-    """Return one fault for each thing that pydantic found wrong; of a file of another format, that alone."""
+    """Return one fault for each thing that pydantic found wrong; of a file of another format, that alone.
+
+    A file with very many faults gets one that says so.
+    """
+    if error.error_count() > MOST_FAULTS:
+        return [Fault("", f"must have few faults to be told one by one, but has {error.error_count():,}")]
     faults = [_fault(detail, model) for detail in error.errors(include_url=False)]
     return [fault for fault in faults if fault.path in ("format", "version")] or faults
 

@@ -6,6 +6,7 @@ import json
 import os
 import tempfile
 import tomllib
+from collections import Counter
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,7 +14,7 @@ from typing import Any, TypeVar
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
+from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest, shown
 from topo_search.model.settings import apply_settings
 from topo_search.model.task import Task
 
@@ -55,22 +56,49 @@ def examples() -> list[str]:
 
 def read_json(model: type[Model], path: str | Path) -> Model:
     """Return the value that a JSON file holds; BadInput names every fault."""
-    return validate(model, _json(path), str(path))
+    return validate(model, load_json(path), str(path))
 
 
 def format_of(path: str | Path) -> str | None:
     """Return what a JSON file says that it holds, e.g. `topo-search/design`; BadInput if it is none."""
-    data = _json(path)
+    return stated_format(load_json(path))
+
+
+def stated_format(data: Any) -> str | None:
+    """Return what the data of a JSON file say that they are."""
     stated = data.get("format") if isinstance(data, dict) else None
     return stated if isinstance(stated, str) else None
 
 
-def _json(path: str | Path) -> Any:
-    text = _read_text(Path(path), hint="no such file")
+def load_json(path: str | Path, *, most_bytes: int | None = None) -> Any:
+    """Return the data of a JSON file, in which no name is given twice.
+
+    Args:
+        path: the file.
+        most_bytes: size from which it is refused; default: of any size.
+
+    Raises:
+        BadInput: it cannot be read, is too large, or no JSON.
+    """
+    text = _read_text(Path(path), hint="no such file", most_bytes=most_bytes)
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_table)
+    except _Twice as twice:
+        raise BadInput(str(path), [Fault("", str(twice))]) from None
     except (ValueError, RecursionError) as error:
         raise BadInput(str(path), [Fault("", f"is not a JSON file, or only a part of one: {error}")]) from None
+
+
+class _Twice(ValueError):
+    """A name that an object gives twice: which of the two values counts is anyone's guess."""
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        counts = Counter(name for name, _ in pairs)
+        raise _Twice(f"must give every name of an object once, but got {shown(counts.most_common(1)[0][0])} twice")
+    return table
 
 
 def to_toml(task: Task) -> str:
@@ -106,9 +134,13 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-def _read_text(path: Path, *, hint: str) -> str:
+def _read_text(path: Path, *, hint: str, most_bytes: int | None = None) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
+        with path.open("rb") as stream:
+            content = stream.read(-1 if most_bytes is None else most_bytes + 1)
+        if most_bytes is not None and len(content) > most_bytes:
+            raise BadInput(str(path), [Fault("", f"must have at most {most_bytes:,} bytes, but has more")])
+        return content.decode("utf-8-sig")
     except FileNotFoundError:
         raise BadInput(str(path), [Fault("", hint)]) from None
     except UnicodeDecodeError as error:

@@ -1,0 +1,309 @@
+"""`topo-search audit` on designs of anyone: folders, tables, summaries, and files that mean harm."""
+
+import csv
+import json
+import os
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import toy_problem
+from click.testing import CliRunner
+from verify_cases import changed, fan
+
+import verify
+from topo_search import compose
+from topo_search.cli import main
+from topo_search.cli.design_files import LARGEST_FILE, DesignFile
+from topo_search.export.audit_summary import escaped
+from topo_search.model import Audit, Topology
+from topo_search.model.files import to_json
+
+CLEAR = fan({"exposure": [{"kind": "local", "radius": 0.15}]})
+OVERLAPPING = fan(hinges=(0.0, 0.0))
+DATA = json.loads(to_json(CLEAR))
+COLUMNS = "kind,a,b,segment,status,lower_m,upper_m,analytic_m,level,percent,design"
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """The audit command in this process, with the real audit, in an empty folder."""
+    monkeypatch.setattr(compose, "Workers", toy_problem.InProcess)
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: CliRunner().invoke(main, ["audit", *map(str, words)], catch_exceptions=False)
+
+
+def write(path, design=CLEAR):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(to_json(design))
+
+
+# ---- folders
+
+
+def test_a_folder_stands_for_all_designs_below_it(command, tmp_path):
+    write(tmp_path / "run" / "designs" / "b.json")
+    write(tmp_path / "run" / "designs" / "a.json", OVERLAPPING)
+    write(tmp_path / "run" / "best.json")
+    (tmp_path / "run" / "audits").mkdir()
+    (tmp_path / "run" / "audits" / "a.json").write_text(to_json(verify.audit(CLEAR)))
+    (tmp_path / "run" / "candidates.csv").write_text("key\n")
+    result = command("run")
+    assert result.exit_code == 1
+    heads = [line.split(":")[0] for line in result.stdout.splitlines() if not line.startswith(" ")]
+    files = ["run/best.json", "run/designs/a.json", "run/designs/b.json"]
+    assert heads == [*files, "3 designs", "1 audit in the folders passed over"]
+    assert "3 designs: 2 clear, 1 violated" in result.stdout
+    assert [each["file"] for each in json.loads(command("run", "--json").stdout)] == files
+    assert json.loads(command("run/audits", "--json").stdout) == []
+
+
+def test_an_audit_that_is_given_is_no_design(command, tmp_path):
+    (tmp_path / "audit.json").write_text(to_json(verify.audit(CLEAR)))
+    result = command("audit.json")
+    assert result.exit_code == 2
+    assert result.stderr == 'audit.json: format: must be "topo-search/design", but got "topo-search/audit"\n'
+
+
+def test_what_cannot_be_read_in_a_folder_is_named_and_the_rest_is_audited(command, tmp_path):
+    write(tmp_path / "in" / "good.json")
+    (tmp_path / "in" / "half.json").write_text(to_json(CLEAR)[:200])
+    (tmp_path / "in" / "broken link.json").symlink_to("nowhere")
+    (tmp_path / "in" / "loop.json").symlink_to("loop.json")
+    (tmp_path / "in" / "around").symlink_to(tmp_path / "in", target_is_directory=True)
+    (tmp_path / "in" / "linked.json").symlink_to("good.json")
+    os.mkfifo(tmp_path / "in" / "pipe.json")
+    result = command("in")
+    assert result.exit_code == 2
+    assert "in/good.json: clear" in result.stdout
+    assert "in/linked.json: clear" in result.stdout
+    assert "2 designs: 2 clear, 4 bad input" in result.stdout
+    said = dict(line.split(": ", 1) for line in result.stderr.splitlines())
+    assert said["in/broken link.json"] == "no such file"
+    assert said["in/loop.json"].startswith("cannot be read: Too many levels of symbolic links")
+    assert said["in/pipe.json"] == "must be a regular file"
+    assert said["in/half.json"].startswith("is not a JSON file, or only a part of one")
+    assert len(said) == 4
+
+
+def test_a_folder_without_designs_is_bad_input(command, tmp_path):
+    (tmp_path / "empty").mkdir()
+    result = command("empty")
+    assert (result.exit_code, result.stderr) == (
+        2,
+        "empty: must hold designs, but no file below it ends in .json\n",
+    )
+    assert command("nowhere").stderr == "nowhere: no such file\n"
+
+
+def test_designs_come_back_in_order_from_worker_processes_and_a_crash_is_one_design_s(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(compose, "VERBS", toy_problem.VERBS)
+    task = toy_problem.toy_task(3).resolve(3)
+    keys = ["aa00", "a110", "a500", "a300"]
+    for key in keys:
+        write(tmp_path / f"{key}.json", toy_problem.solve(task, Topology.from_key(key), starts=range(1), seed=0))
+    monkeypatch.setenv("TOY_AUDIT_SEGFAULT", "a110")
+    monkeypatch.setenv("TOY_VIOLATED", "a300")
+    result = CliRunner().invoke(main, ["audit", *(f"{key}.json" for key in keys), "--workers", "2"])
+    assert result.exit_code == 1
+    assert [line.replace(", 0 clearances", "") for line in result.stdout.splitlines()] == [
+        "aa00.json: clear",
+        "a500.json: clear",
+        "a300.json: violated",
+        "4 designs: 2 clear, 1 violated, 1 failed",
+    ]
+    assert result.stderr == "a110.json: the audit failed: the worker process was ended by SIGSEGV\n"
+
+
+# ---- tables and summaries
+
+
+def test_the_table_holds_every_clearance_of_every_design(command, tmp_path):
+    write(tmp_path / "one.json")
+    write(tmp_path / "two.json", OVERLAPPING)
+    assert command("one.json", "two.json", "--csv", "pairs.csv").exit_code == 1
+    text = (tmp_path / "pairs.csv").read_text()
+    assert text.splitlines()[0] == COLUMNS
+    rows = list(csv.DictReader(text.splitlines()))
+    for name, design in (("one.json", CLEAR), ("two.json", OVERLAPPING)):
+        mine = [row for row in rows if row["design"] == name]
+        pairs = verify.audit(design).pairs
+        assert [(row["kind"], int(row["a"]), int(row["b"]), row["status"]) for row in mine] == [
+            (pair.kind, pair.a, pair.b, pair.status) for pair in pairs
+        ]
+        assert [float(row["analytic_m"]) for row in mine] == [pair.analytic_m for pair in pairs]
+        assert [row["lower_m"] == "" for row in mine] == [pair.status == "violated" for pair in pairs]
+
+
+def test_the_summary_names_what_is_wrong_and_by_how_much(command, tmp_path):
+    write(tmp_path / "good.json")
+    write(tmp_path / "bad.json", changed(OVERLAPPING, objective=2 * OVERLAPPING.objective))
+    (tmp_path / "half.json").write_text("{")
+    assert command("good.json", "bad.json", "half.json", "--markdown", "audit.md").exit_code == 2
+    text = (tmp_path / "audit.md").read_text()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:1] == "|"]
+    overview = {row[0]: row[1:] for row in rows[2:4]}
+    assert overview["good.json"][:2] == ["clear", "3"]
+    assert overview["good.json"][-3:] == ["0", "", ""]
+    assert overview["bad.json"][0] == "violated"
+    assert overview["bad.json"][-3] == "2"
+    assert overview["bad.json"][-1] == "3"
+    (objective,) = (row for row in rows if row[0] == "objective")
+    stated, derived = (float(cell) for cell in objective[-2:])
+    assert stated == pytest.approx(2 * derived)
+    assert {row[0] for row in rows if row[1:2] == ["violated"]} >= {
+        "airflow of modules 0 and 1",
+        "airflow of modules 0 and 2",
+    }
+    assert "## Not audited\n\n- half.json: is not a JSON file" in text
+
+
+def test_tables_have_as_many_cells_in_every_row(command, tmp_path):
+    write(tmp_path / "a|b `c` <b>*_x_.json", changed(OVERLAPPING, objective=1.0))
+    assert command("a|b `c` <b>*_x_.json", "--markdown", "audit.md").exit_code == 1
+    table = []
+    for line in (tmp_path / "audit.md").read_text().splitlines():
+        if line.startswith("|"):
+            table.append(line.replace("\\|", "").count("|"))
+        else:
+            assert all(one == other for one, other in pairwise(table))
+            table = []
+            assert "<b>" not in line
+
+
+def test_text_of_others_is_no_markup():
+    assert escaped("a|b\n# c `d` [e](f) <g>") == r"a\|b # c \`d\` \[e\](f) \<g\>"
+
+
+@pytest.mark.parametrize("option", ["--csv", "--markdown"])
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(command, tmp_path, option):
+    write(tmp_path / "one.json")
+    result = command("one.json", option, "one.json/deeper")
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"{option}: must be a file that can be written")
+    assert result.stdout == ""
+
+
+# ---- files that mean harm
+
+
+def text(**fields):
+    return json.dumps({**DATA, **fields}).encode()
+
+
+def replaced(old, new):
+    content = to_json(CLEAR)
+    assert old in content
+    return content.replace(old, new, 1).encode()
+
+
+DEEP = 100_000
+HARM = {
+    "empty": (b"", "is not a JSON file"),
+    "binary": (bytes(range(256)) * 50, "must be UTF-8 text, but got the byte 0x80"),
+    "a picture": (b"\x89PNG\r\n\x1a\n" + b"\0" * 100, "must be UTF-8 text, but got the byte 0x89"),
+    "UTF-16": (to_json(CLEAR).encode("utf-16"), "must be UTF-8 text"),
+    "nothing": (b"null", "must be a table of named fields, but got null"),
+    "a list": (b"[]", "must be a table of named fields, but got []"),
+    "a number": (b"3", "must be a table of named fields, but got 3"),
+    "deep lists": (b"[" * DEEP + b"]" * DEEP, "is not a JSON file, or only a part of one"),
+    "deep objects": (b'{"a":' * DEEP + b"1" + b"}" * DEEP, "is not a JSON file, or only a part of one"),
+    "endless digits": (replaced('"version": 1', '"version": 1' + "0" * 5000), "is not a JSON file"),
+    "NaN": (text(objective=float("nan")), "objective: must be a finite number, but got NaN"),
+    "infinity": (text(end_effector_m=[0, 0, float("inf")]), "end_effector_m[2]: must be a finite number"),
+    "too large for a float": (
+        replaced('"objective": ', '"objective": 1e999, "x": '),
+        "objective: must be a finite",
+    ),
+    "an integer too large for a float": (text(objective=10**400), "objective: must be"),
+    "a text for a number": (text(objective="1.0"), 'objective: must be a number, but got "1.0"'),
+    "a truth for a number": (text(hinge_angles_rad=[True, 0.6]), "hinge_angles_rad[0]: must be a number"),
+    "a field twice": (
+        replaced('"objective": ', '"objective": 1.0, "objective": '),
+        'must give every name of an object once, but got "objective" twice',
+    ),
+    "another format": (text(format="robot"), 'format: must be "topo-search/design", but got "robot"'),
+    "a later version": (text(version=2), "version: must be 1, but got 2"),
+    "a cycle": (
+        text(topology=[[-1, -1, -1], [2, 0, 2], [1, 0, 2]]),
+        "`0 <= parent < 1` must hold in joint 1, but got parent 2",
+    ),
+    "children before parents": (text(topology=[[1, 0, 2], [-1, -1, -1], [0, 0, 2]]), "topology"),
+    "its own parent": (
+        text(topology=[[-1, -1, -1], [1, 0, 2], [0, 2, 0]]),
+        "`0 <= parent < 1` must hold in joint 1, but got parent 1",
+    ),
+    "two roots": (text(topology=[[-1, -1, -1], [-1, -1, -1], [0, 2, 0]]), "topology"),
+    "a port used twice": (text(topology=[[-1, -1, -1], [0, 0, 2], [0, 0, 2]]), "topology"),
+    "a port that is none": (text(topology=[[-1, -1, -1], [0, 4, 2], [0, 2, 0]]), "topology"),
+    "a fractional parent": (text(topology=[[-1, -1, -1], [0.0, 0, 2], [0, 2, 0]]), "in whole numbers"),
+    "too few angles": (text(hinge_angles_rad=[-0.6]), "must have one angle a non-root module, 2, but got 1"),
+    "too few angles of the root": (text(root_orientation_rad=[0.0, 0.0]), "must be a list of three numbers"),
+    "a rotation matrix for angles": (text(root_orientation_rad=np.eye(3).tolist()), "root_orientation_rad"),
+    "too many inputs": (text(rotor_speeds_squared=[[1.0] * 13]), "must have four values a module, 12, but got 13"),
+    "no load case's inputs": (text(rotor_speeds_squared=[]), "must have one list a load case, 1, but got 0"),
+    "a billion modules": (text(task={**DATA["task"], "modules": 10**9}), "task.modules"),
+    "modules beyond any integer": (text(task={**DATA["task"], "modules": 10**100}), "task.modules"),
+    "a million faults": (text(hinge_angles_rad=[None] * 10**6), "has 1,000,000"),
+    "a surrogate alone": (replaced('"name": "case"', '"name": "\\ud800"'), "task.name"),
+    "an escape sequence": (replaced('"name": "case"', '"name": "\\u001b[2J"'), "task.name"),
+}
+
+
+@pytest.mark.parametrize("name", HARM)
+def test_a_file_that_means_harm_is_refused_with_the_reason(command, tmp_path, name):
+    content, said = HARM[name]
+    (tmp_path / "harm.json").write_bytes(content)
+    write(tmp_path / "good.json")
+    result = command("harm.json", "good.json")
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert all(line.startswith("harm.json: ") and len(line) < 300 for line in result.stderr.splitlines())
+    assert all(line.isprintable() for line in result.stderr.splitlines())
+    assert result.stdout.splitlines()[0].startswith("good.json: clear")
+
+
+def test_a_file_of_a_gigabyte_is_not_read(command, tmp_path):
+    with (tmp_path / "huge.json").open("wb") as stream:
+        stream.truncate(2**30)
+    result = command("huge.json", "/dev/zero")
+    assert result.exit_code == 2
+    assert result.stderr.count(f"must have at most {LARGEST_FILE:,} bytes, but has more") == 2
+
+
+def test_fields_of_others_may_be_anything(command, tmp_path):
+    deep = "[" * 900 + "]" * 900
+    harmless = {
+        "remark": float("nan"),
+        "solver": "x" * 10**6,
+        "topology_key": [1],
+        "lower_bound": "none",
+        "gap": {},
+    }
+    (tmp_path / "foreign.json").write_text(json.dumps({**DATA, **harmless})[:-1] + f', "nested": {deep}}}')
+    assert command("foreign.json").exit_code == 0
+
+
+def test_names_of_files_cannot_write_to_the_terminal(command, tmp_path):
+    hostile = ["new\nline.json", "\x1b[31mred.json", os.fsdecode(b"\xff.json")]
+    for name in hostile:
+        write(tmp_path / "in" / name)
+    (tmp_path / "in" / "\x1b[2Jbad.json").write_text("{")
+    result = command("in", "--csv", "pairs.csv", "--markdown", "audit.md")
+    assert result.exit_code == 2
+    assert "in/new\\nline.json: clear" in result.stdout
+    assert "in/\\x1b[31mred.json: clear" in result.stdout
+    assert "in/\ufffd.json: clear" in result.stdout
+    assert result.stderr.startswith("in/\\x1b[2Jbad.json: ")
+    for written in ("pairs.csv", "audit.md"):
+        assert "\x1b" not in (tmp_path / written).read_text(encoding="utf-8")
+    assert DesignFile(os.fsdecode(b"a\xffb")).name == "a\ufffdb"
+
+
+def test_the_json_of_one_file_is_the_audit_and_reads_back(command, tmp_path):
+    write(tmp_path / "one.json", OVERLAPPING)
+    given = json.loads(command("one.json", "--json").stdout)
+    assert given["file"] == "one.json"
+    found, again = Audit.model_validate(given), verify.audit(OVERLAPPING)
+    assert (found.pairs, found.interference) == (again.pairs, again.interference)

@@ -1,0 +1,110 @@
+"""The designs that the words of a command line stand for: files, and folders of them, whoever wrote them."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from topo_search.model import BadInput, Design, Fault
+from topo_search.model.files import load_json, stated_format, validate
+
+LARGEST_FILE = 8 * 2**20
+"""Bytes of a design's file; one of 500 modules and 100 load cases has half as many."""
+AUDIT = "topo-search/audit"
+"""`format` of an audit's file."""
+
+
+@dataclass(frozen=True)
+class DesignFile:
+    """A file that is to hold a design."""
+
+    path: str
+    listed: bool = False
+    """Whether it was found in a folder: then it may be one of the audits that a run keeps beside its designs."""
+    fault: str | None = None
+    """What was wrong with it before it was looked into."""
+
+    @property
+    def name(self) -> str:
+        """The path as it can be printed: Unicode without control characters."""
+        text = os.fsencode(self.path).decode("utf-8", "replace")
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+    def read(self) -> Design | None:
+        """Return the design; None for an audit in a folder.
+
+        Raises:
+            BadInput: it is no design; names every fault.
+        """
+        fault = self.fault
+        if fault is None and self.listed and not _regular(self.path):
+            fault = "must be a regular file"
+        if fault is not None:
+            raise BadInput(self.name, [Fault("", fault)])
+        data = load_json(self.path, most_bytes=LARGEST_FILE)
+        if self.listed and stated_format(data) == AUDIT:
+            return None
+        return validate(Design, data, self.name)
+
+
+class Reading:
+    """Designs as they are read from files, and what became of the other files."""
+
+    def __init__(self, files: Sequence[DesignFile], *, tell: Callable[[str], None]) -> None:
+        self.files = files
+        self.tell = tell
+        self.read: list[tuple[str, Design]] = []
+        """Every design with the name of its file, in order."""
+        self.refused: list[tuple[str, str]] = []
+        """Every other file, with its faults."""
+        self.passed_over = 0
+        """Number of audits that were found in folders."""
+
+    def designs(self) -> Iterator[Design]:
+        """Yield the designs as they are read, and tell the faults of the other files."""
+        for file in self.files:
+            try:
+                design = file.read()
+            except BadInput as error:
+                self.refused.append((file.name, "; ".join(map(str, error.faults))))
+                self.tell("\n".join(f"{file.name}: {fault}" for fault in error.faults))
+                continue
+            if design is None:
+                self.passed_over += 1
+            else:
+                self.read.append((file.name, design))
+                yield design
+
+
+def design_files(words: Sequence[str]) -> list[DesignFile]:
+    """Return the files of a command line in its order; of a folder all `*.json` below it, sorted.
+
+    Links to folders are followed when they are given, not when they are met.
+    """
+    return [file for word in words for file in (_below(word) if Path(word).is_dir() else [DesignFile(word)])]
+
+
+def _below(folder: str) -> Iterator[DesignFile]:
+    unread: list[OSError] = []
+    empty = True
+    for place, folders, files in os.walk(folder, onerror=unread.append):
+        folders.sort()
+        for name in sorted(files):
+            if name.endswith(".json"):
+                empty = False
+                yield DesignFile(str(Path(place) / name), listed=True)
+    for error in unread:
+        yield DesignFile(str(error.filename), fault=f"cannot be read: {error.strerror}")
+    if empty and not unread:
+        yield DesignFile(folder, fault="must hold designs, but no file below it ends in .json")
+
+
+def _regular(path: str) -> bool:
+    """Whether a path leads to a regular file, or to nothing, which reading it will tell."""
+    try:
+        return stat.S_ISREG(Path(path).stat().st_mode)
+    except OSError:
+        return True

@@ -1,0 +1,125 @@
+"""Audits as a Markdown summary: what was decided about each design, and what is not clear, to hand on."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import NamedTuple
+
+from topo_search.model import Audit, Clearance, Design, Residual, Status
+
+LISTED = 50
+"""Rows of a design that are listed when they are not clear; the tables hold all."""
+
+
+class Judged(NamedTuple):
+    """A design with its audit."""
+
+    name: str
+    """What the summary calls it: its file."""
+    design: Design
+    audit: Audit
+
+
+def markdown(judged: Sequence[Judged], others: Sequence[tuple[str, str]]) -> str:
+    """Return the summary of some audits.
+
+    Args:
+        judged: the designs.
+        others: the names of files that were not audited, each with the reason.
+    """
+    lines = ["# Audit of designs", "", *_overview(judged)]
+    if others:
+        lines += ["", "## Not audited", "", *(f"- {escaped(name)}: {escaped(reason)}" for name, reason in others)]
+    for each in judged:
+        lines += ["", *_section(each)]
+    return "\n".join(lines) + "\n"
+
+
+def escaped(text: str) -> str:
+    """Return a text in which nothing is Markdown or HTML; it stays on one line."""
+    return re.sub(r"([\\`*_\[\]<>|&~])", r"\\\1", " ".join(text.split()))
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)]
+
+
+def _overview(judged: Sequence[Judged]) -> list[str]:
+    rows = []
+    for name, design, audit in judged:
+        nearest = _nearest(audit.pairs)
+        rows.append(
+            [
+                escaped(name),
+                audit.verdict,
+                str(design.topology.n),
+                "" if nearest is None else f"{nearest.analytic_m:.6g}",
+                "" if nearest is None else nearest.name,
+                *_overlaps(audit),
+            ]
+        )
+    head = ["design", "verdict", "modules", "least clearance [m]", "of", "overlapping pairs", "deepest", "clusters"]
+    return _table(head, rows)
+
+
+def _overlaps(audit: Audit) -> list[str]:
+    found = audit.interference
+    if found is None:
+        return ["", "", ""]
+    deepest = f"{found.deepest_percent:.3g} %" if found.colliding_pairs else ""
+    return [str(found.colliding_pairs), deepest, ", ".join(str(len(cluster)) for cluster in found.clusters)]
+
+
+def _section(each: Judged) -> Iterator[str]:
+    name, _, audit = each
+    yield f"## {escaped(name)}"
+    yield ""
+    yield f"Verdict: **{audit.verdict}**. Versions: {', '.join(' '.join(item) for item in audit.versions.items())}."
+    yield ""
+    rows = []
+    for kind, group in groupby(sorted(audit.pairs, key=lambda pair: pair.kind), key=lambda pair: pair.kind):
+        pairs = list(group)
+        least = min(pairs, key=lambda pair: pair.analytic_m)
+        counts = [str(sum(pair.status == status for pair in pairs)) for status in Status]
+        rows.append([kind, *counts, f"{least.analytic_m:.6g}", least.name])
+    yield from _table(["kind", *Status, "least clearance [m]", "of"], rows)
+    wrong = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
+    if wrong:
+        yield ""
+        head = ["clearance", "status", "closed form [m]", "at least [m]", "at most [m]"]
+        yield from _table(head, [_clearance_row(pair) for pair in wrong[:LISTED]])
+        if len(wrong) > LISTED:
+            yield ""
+            yield f"{len(wrong) - LISTED} more clearances are not clear."
+    off = [row for row in audit.residuals if row.status != Status.CLEAR]
+    if off:
+        yield ""
+        head = ["number", "status", "off by", "unit", "stated", "derived"]
+        yield from _table(head, [_residual_row(row) for row in off[:LISTED]])
+        if len(off) > LISTED:
+            yield ""
+            yield f"{len(off) - LISTED} more numbers are off."
+    for pair in wrong[:LISTED]:
+        if pair.evidence:
+            yield ""
+            yield f"Evidence on the {pair.name}:"
+            yield ""
+            yield from (f"    {finding}" for finding in pair.evidence)
+
+
+def _clearance_row(pair: Clearance) -> list[str]:
+    return [pair.name, pair.status, f"{pair.analytic_m:.6g}", _number(pair.lower_m), _number(pair.upper_m)]
+
+
+def _residual_row(row: Residual) -> list[str]:
+    return [row.name, row.status, f"{row.value:.6g}", row.unit, _number(row.stated), _number(row.derived)]
+
+
+def _nearest(pairs: Sequence[Clearance]) -> Clearance | None:
+    return min(pairs, key=lambda pair: pair.analytic_m, default=None)
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.9g}"
