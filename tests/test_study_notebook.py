@@ -7,6 +7,7 @@ import pytest
 from toy_problem import VERBS, InProcess, toy_run, toy_task
 from verify_cases import changed, fan
 
+from topo_search import figure
 from topo_search.export.picture import Picture
 from topo_search.model import Topology
 from topo_search.study import Solved, single, solve_single
@@ -68,19 +69,19 @@ def test_a_solved_topology_shows_its_design_and_audit_or_the_reason(monkeypatch)
 def test_a_design_shows_what_to_bolt_to_what() -> None:
     rows = cells(fan())
     assert rows[0] == ["module", "port", "child", "its port", "hinge angle [deg]"]
-    assert rows[1:] == [["0", "+x", "1", "-x", "-34.3775"], ["0", "-x", "2", "+x", "34.3775"]]
+    assert rows[1:] == [["0", "+x", "1", "−x", "-34.3775"], ["0", "−x", "2", "+x", "34.3775"]]
     assert "case: 3 modules, a500" in words(fan())
 
 
 def test_an_audit_shows_all_that_is_not_clear_and_the_tightest_of_the_rest() -> None:
     many = audit(fan())
     assert len(cells(many)) == 1 + min(10, len(many.pairs))
-    assert [row[-2] for row in cells(many)[1:]] == [
+    assert [row[-1] for row in cells(many)[1:]] == [
         f"{d:.6g}" for d in sorted(pair.analytic_m for pair in many.pairs)[:10]
     ]
     broken = audit(changed(fan(), objective=1.0, hinge_angles_rad=(0.6, -0.6)))
     shown = cells(broken)
-    assert shown[1][4] == "violated"
+    assert shown[1][1] == "violated"
     assert "objective" in {row[0] for row in shown}
     assert "not met:" in words(broken)
 
@@ -93,3 +94,9 @@ def test_text_is_escaped(monkeypatch) -> None:
 
 def test_a_picture_is_a_png() -> None:
     assert Picture(fan())._repr_png_().startswith(b"\x89PNG")
+
+
+def test_a_figure_turns_and_marks_the_closest_pair_of_its_audit() -> None:
+    plain, marked = figure(fan()), figure(fan(), audit(fan()))
+    assert "plotly" in marked._repr_html_()
+    assert len(marked.data) > len(plain.data)

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from topo_search.compose import audit, search, solve, write_report
+    from topo_search.compose import audit, figure, search, solve, write_report
     from topo_search.export.tables import clearances
     from topo_search.model import Design, Task, Topology
     from topo_search.model.files import read_json, read_task
@@ -17,6 +17,7 @@ __all__ = [
     "Topology",
     "audit",
     "clearances",
+    "figure",
     "read_json",
     "read_task",
     "search",
@@ -30,6 +31,7 @@ _HOMES = {
     "Topology": "topo_search.model",
     "audit": "topo_search.compose",
     "clearances": "topo_search.export.tables",
+    "figure": "topo_search.compose",
     "read_json": "topo_search.model.files",
     "read_task": "topo_search.model.files",
     "search": "topo_search.compose",

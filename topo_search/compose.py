@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import nlp
 import verify
@@ -98,6 +99,15 @@ def write_report(source: str | Path, *, out: str | Path | None = None) -> Path:
     path = Path(out or (source / REPORT if source.is_dir() else source.with_suffix(".html")))
     write_atomically(path, render(page))
     return path
+
+
+def figure(design: Design, audited: Audit | None = None) -> Any:
+    """Return a design in interactive 3-D, a Plotly figure; with its audit, the closest pair is marked."""
+    from topo_search.export.poses import poses
+    from topo_search.report.scene import scene
+
+    pairs = () if audited is None else audited.pairs
+    return scene(design, poses(design), min(pairs, key=lambda pair: pair.analytic_m, default=None))
 
 
 def solve(

@@ -11,7 +11,6 @@ from topo_search.export.poses import PORTS
 from topo_search.model.arrays import Array
 from topo_search.model.topology import Topology
 
-PORT_NAMES = ("+x", "+y", "−x", "−y")
 LAYER = 1.3
 """Height of a layer of the layered tree, in cells."""
 

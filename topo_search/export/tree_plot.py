@@ -10,9 +10,10 @@ from matplotlib.patches import Rectangle
 
 from topo_search.export import palette
 from topo_search.export.poses import PORTS
-from topo_search.export.tree_layout import PORT_NAMES, layout
+from topo_search.export.tree_layout import layout
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
+from topo_search.model.topology import PORT_NAMES
 
 SIDE = 0.44
 """Edge of a module's square, in cells."""

@@ -167,8 +167,10 @@ class Audit(Value):
         nearest = sorted(self.pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
         odd = sum(pair.status is not Status.CLEAR for pair in self.pairs)
         shown = nearest[: max(odd, SHOWN)]
-        pairs = table(tuple(Clearance.model_fields), [tuple(dict(pair).values()) for pair in shown])
+        columns = ("clearance", "status", "lower_m", "upper_m", "analytic_m")
+        pairs = table(columns, [tuple(getattr(pair, name) for name in ("name", *columns[1:])) for pair in shown])
         broken = [residual for residual in self.residuals if residual.status is not Status.CLEAR]
-        residuals = table(tuple(Residual.model_fields), [tuple(dict(residual).values()) for residual in broken])
+        checked = ("name", "value", "unit", "scaled", "tolerance", "status")
+        residuals = table(checked, [tuple(getattr(residual, name) for name in checked) for residual in broken])
         title = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
         return title + pairs + (heading("not met:") + residuals if broken else "")

@@ -20,10 +20,8 @@ from topo_search.model.arrays import Array, read_only
 from topo_search.model.bad_input import shown
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.task import ResolvedTask, Task
-from topo_search.model.topology import Joint, Topology
+from topo_search.model.topology import PORT_NAMES, Joint, Topology
 from topo_search.model.value import Index, Number, Value, Vector, refuse
-
-PORT_NAMES = ("+x", "+y", "-x", "-y")
 
 
 def _topology(value: Any) -> Any:

@@ -27,6 +27,8 @@ Joint = tuple[int, int, int]
 """(parent, parent_port, child_port) of one module; (-1, -1, -1) for the root."""
 
 ROOT: Joint = (-1, -1, -1)
+PORT_NAMES = ("+x", "+y", "−x", "−y")
+"""Of the ports 0..3, for a reader."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 from markupsafe import Markup
 
 from topo_search.export.poses import poses
-from topo_search.export.tree_layout import PORT_NAMES
 from topo_search.model import Audit, Clearance, Design, Limit, Status
+from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
 from topo_search.report.page import Chart, DesignPart, Table
 from topo_search.report.scene import scene

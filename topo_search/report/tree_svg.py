@@ -12,9 +12,10 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.export.poses import PORTS
-from topo_search.export.tree_layout import PORT_NAMES, layout
+from topo_search.export.tree_layout import layout
 from topo_search.model import Design
 from topo_search.model.arrays import Array
+from topo_search.model.topology import PORT_NAMES
 
 SIDE = 0.46
 """Edge of a module's square."""
