@@ -10,23 +10,33 @@ import math
 import numpy as np
 
 from nlp.geometry import PORTS, poses
-from nlp.turning import Platform, Rules, Tree, turn_free
+from nlp.turning import Platform, Rules, Tree, straighten, turn_free
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
+CLEAR = 0.02
+"""Clearance at which a pair counts as free [l_arm]."""
 ENOUGH = 0.1
-"""Clearance that the search asks for [l_arm]: room for the angles that the wrenches will want."""
-TURNS = 40
+"""Clearance that is given where there is room [l_arm]: leeway for the angles that the wrenches will want."""
+TURNS = 100
 """Most turns of hinges, a module."""
+SWEEPS = 3
+"""How often every hinge is turned back towards zero, once no envelopes overlap."""
 
 
 def place(task: ResolvedTask, topology: Topology, alpha: Array, rng: np.random.Generator) -> Array:
-    """Return hinge angles, found from alpha, without overlaps; those with the least overlap if there are none."""
+    """Return hinge angles, found from alpha, without overlaps; those with the fewest if there are none."""
     order = _preorder(topology)
-    platform = _platform(topology, alpha, task.module.connector_distance / task.module.arm_length, order)
-    found = np.concatenate([[0.0], alpha])
-    found[order] = turn_free(_tree(topology, order), platform, found[order], _rules(task), TURNS * topology.n, rng)
-    result: Array = found[1:]
+    l_c = task.module.connector_distance / task.module.arm_length
+    tree, rules = _tree(topology, order), _rules(task)
+    found = np.concatenate([[0.0], alpha])[order]
+    at = _platform(topology, alpha, l_c, order)
+    if turn_free(tree, at, found, rules, TURNS * topology.n, rng) == 0.0:
+        straighten(tree, at, found, rules._replace(enough=ENOUGH), SWEEPS, rng)
+        turn_free(tree, at, found, rules, TURNS * topology.n, rng)  # if room for some cost others all theirs
+    placed = np.empty(topology.n)
+    placed[order] = found
+    result: Array = placed[1:]
     return result
 
 
@@ -69,7 +79,7 @@ def _rules(task: ResolvedTask) -> Rules:
     airflow = task.search.interference == "airflow"
     apart = task.body_clearance if airflow else task.separation
     return Rules(
-        enough=ENOUGH,
+        enough=CLEAR,
         airflow=airflow,
         length=air.length / unit,
         start_radius=air.start_radius / unit,

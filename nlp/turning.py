@@ -3,7 +3,8 @@ r"""A local search on exact clearances: hinges are turned until no two envelopes
 Min-conflicts with a short memory: take a pair that overlaps, turn a hinge on the path between its modules to the
 best of some random angles, even if that is worse than before, and do not turn the same hinge again at once. It gets
 out of the crossings in which a gradient is stuck: an envelope that pierces another one has to go back the way it
-came. Pairs that overlap weigh more and more, so that no two of them can trade for ever.
+came. That there is an overlap counts more than how deep it is, because shallow ones on both sides are no way out;
+pairs that overlap weigh more and more, so that no two of them can trade for ever.
 
 Modules are in preorder: hinge h turns the modules h..end[h]-1 as one rigid body, and only pairs of one of them and
 one of the rest can change. Compiled, so loops are as fast as formulas; all in one file, because a compiled function
@@ -31,12 +32,14 @@ from topo_search.model.arrays import Array
 
 Indices = NDArray[np.int64]
 
-HINGES = 3
+HINGES = 6
 """Hinges tried a turn."""
-ANGLES = 40
-"""Random angles tried a hinge: a third anywhere, the rest about the present one."""
+ANGLES = 24
+"""Random angles tried a hinge: half of them anywhere, the rest about the present one."""
 SPREAD = 0.5
 """Standard deviation of an angle about the present one [rad]."""
+OVERLAP = 1.0
+"""What a shortfall counts however small, besides its depth [l_arm]."""
 STRAIGHT = 0.02
 """What a radian of hinge angle counts against a shortfall [l_arm]: straight platforms lift best."""
 GRUDGE = 0.1
@@ -82,19 +85,16 @@ class Rules(NamedTuple):
 
 
 @njit(cache=True)
-def turn_free(tree: Tree, at: Platform, alpha: Array, rules: Rules, turns: int, rng: np.random.Generator) -> Array:
-    """Return hinge angles without shortfall, or those with the least; `at` and `alpha` are left where it ended."""
+def turn_free(tree: Tree, at: Platform, alpha: Array, rules: Rules, turns: int, rng: np.random.Generator) -> float:
+    """Turn hinges until no pair falls short; leave `at` and `alpha` where least does; return how much."""
     n = len(alpha)
-    shortfall, weight = np.zeros((n, n)), np.ones((n, n))
-    for i in range(n):
-        for j in range(i):
-            shortfall[i, j] = shortfall[j, i] = short_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
+    shortfall, weight = _shortfalls(tree, at, rules), np.ones((n, n))
     rests_until = np.zeros(n, np.int64)
-    best, least = alpha.copy(), np.inf
+    least, best = np.inf, alpha.copy()
     for turn in range(turns + 1):
-        total = np.sum(shortfall)
+        total = _cost(shortfall)
         if total < least:
-            best[:], least = alpha, total
+            least, best[:] = total, alpha
         if total == 0.0 or turn == turns:
             break
         i, j = _any_pair(shortfall, rng)
@@ -103,17 +103,49 @@ def turn_free(tree: Tree, at: Platform, alpha: Array, rules: Rules, turns: int, 
             change_h, angle_h = _best_turn(tree, at, alpha[h], rules, shortfall, weight, h, change, rng)
             if change_h < change:
                 change, hinge, angle = change_h, h, angle_h
-        end, by = tree.end[hinge], angle - alpha[hinge]
-        _turn(at, hinge, end, by, at.p, at.z, at.p, at.z)
-        _turn(at, hinge, end, by, at.c, at.omega, at.c, at.omega)
-        alpha[hinge] = angle
+        _turn(tree, at, alpha, rules, shortfall, hinge, angle)
         rests_until[hinge] = turn + 1 + rng.integers(MEMORY[0], MEMORY[1])
-        for i in range(hinge, end):
+        for i in range(n):
             for j in range(n):
-                if not hinge <= j < end:
-                    shortfall[i, j] = shortfall[j, i] = short_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
-        weight += GRUDGE * (shortfall > 0.0)
-    return best
+                if shortfall[i, j] > 0.0:
+                    weight[i, j] += GRUDGE
+    for hinge in range(1, n):
+        _turn(tree, at, alpha, rules, shortfall, hinge, best[hinge])
+    return least
+
+
+@njit(cache=True)
+def straighten(tree: Tree, at: Platform, alpha: Array, rules: Rules, sweeps: int, rng: np.random.Generator) -> None:
+    """Turn one hinge after the other where shortfalls and angles are less, in random order."""
+    shortfall = _shortfalls(tree, at, rules)
+    weight = np.ones_like(shortfall)
+    for _ in range(sweeps):
+        for hinge in rng.permutation(len(alpha) - 1) + 1:
+            change, angle = _best_turn(tree, at, alpha[hinge], rules, shortfall, weight, hinge, 0.0, rng)
+            if change < 0.0:
+                _turn(tree, at, alpha, rules, shortfall, hinge, angle)
+
+
+@njit(cache=True)
+def _shortfalls(tree: Tree, at: Platform, rules: Rules) -> Array:
+    """Return the shortfalls of all pairs."""
+    n = len(at.p)
+    shortfall = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i):
+            shortfall[i, j] = shortfall[j, i] = short_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
+    return shortfall
+
+
+@njit(cache=True)
+def _cost(shortfall: Array) -> float:
+    """Return what all shortfalls count together, every pair once and none for longer than another."""
+    total = 0.0
+    for i in range(len(shortfall)):
+        for j in range(i):
+            if shortfall[i, j] > 0.0:
+                total += OVERLAP + shortfall[i, j]
+    return total
 
 
 @njit(cache=True)
@@ -168,57 +200,80 @@ def _best_turn(
     A trial ends where its change reaches `to_beat` or that of an earlier trial.
     """
     end = tree.end[hinge]
-    pairs = _meeting(at, rules, hinge, end)
+    pairs = _meeting(at, rules, shortfall, hinge, end)
     before = STRAIGHT * abs(alpha)
     for i, j in pairs:
-        before += weight[i, j] * shortfall[i, j]
+        if shortfall[i, j] > 0.0:
+            before += weight[i, j] * (OVERLAP + shortfall[i, j])
     p, z = np.empty_like(at.p), np.empty_like(at.z)
     least, best = to_beat, alpha
     for trial in range(ANGLES):
-        if 3 * trial < ANGLES:
-            angle = rng.uniform(-RIGHT, RIGHT)
-        else:
-            angle = min(max(rng.normal(alpha, SPREAD), -RIGHT), RIGHT)
-        _turn(at, hinge, end, angle - alpha, at.p, at.z, p, z)
+        angle = rng.uniform(-RIGHT, RIGHT) if 2 * trial < ANGLES else rng.normal(alpha, SPREAD)
+        angle = min(max(angle, -RIGHT), RIGHT)
         change = STRAIGHT * abs(angle) - before
+        if change >= least:
+            continue
+        _rotate(at, hinge, end, angle - alpha, at.p, at.z, p, z)
         for i, j in pairs:
-            if change >= least:
-                break
-            change += weight[i, j] * short_of(rules, tree, p, z, i, at.p, at.z, j)
+            short = short_of(rules, tree, p, z, i, at.p, at.z, j)
+            if short > 0.0:
+                change += weight[i, j] * (OVERLAP + short)
+                if change >= least:
+                    break
         if change < least:
             least, best = change, angle
     return least, best
 
 
 @njit(cache=True)
-def _meeting(at: Platform, rules: Rules, hinge: int, end: int) -> Indices:
+def _meeting(at: Platform, rules: Rules, shortfall: Array, hinge: int, end: int) -> Indices:
     """Return the pairs (moved, still) that fall short at some angle of the hinge, and maybe others, shape (m, 2).
 
     A ball around each envelope, or around each centre, runs round the hinge's axis at one height and one radius.
+    Pairs that fall short now come first, so that bad trials end early.
     """
     n = len(at.p)
-    reach = rules.enough + max(rules.apart, 0.0)
-    half = 0.0
+    half = rules.length / 2 if rules.airflow else 0.0
+    reach = rules.enough + max(rules.apart, 0.0) + 2 * half
     if rules.airflow:
-        half = rules.length / 2
-        reach = max(reach + rules.length, rules.enough + rules.length + 2 * (rules.start_radius + rules.growth))
+        reach = max(reach, rules.enough + rules.length + 2 * (rules.start_radius + rules.growth))
     height, radius = np.empty(n), np.empty(n)
+    u, v, w = at.omega[hinge]
     for i in range(n):
-        r = at.p[i] - half * at.z[i] - at.c[hinge]
-        height[i] = np.dot(r, at.omega[hinge])
-        radius[i] = math.sqrt(max(0.0, np.dot(r, r) - height[i] ** 2))
+        x = at.p[i, 0] - half * at.z[i, 0] - at.c[hinge, 0]
+        y = at.p[i, 1] - half * at.z[i, 1] - at.c[hinge, 1]
+        z = at.p[i, 2] - half * at.z[i, 2] - at.c[hinge, 2]
+        height[i] = u * x + v * y + w * z
+        radius[i] = math.sqrt(max(0.0, x * x + y * y + z * z - height[i] ** 2))
     pairs = np.empty(((end - hinge) * (n - end + hinge), 2), np.int64)
-    m = 0
+    m = short = 0
     for i in range(hinge, end):
         for j in range(n):
-            if not hinge <= j < end and math.hypot(height[i] - height[j], radius[i] - radius[j]) < reach:
-                pairs[m] = i, j
-                m += 1
+            if hinge <= j < end or (height[i] - height[j]) ** 2 + (radius[i] - radius[j]) ** 2 >= reach**2:
+                continue
+            pairs[m] = i, j
+            if shortfall[i, j] > 0.0:
+                pairs[m], pairs[short] = pairs[short].copy(), pairs[m].copy()
+                short += 1
+            m += 1
     return pairs[:m]
 
 
 @njit(cache=True)
-def _turn(
+def _turn(tree: Tree, at: Platform, alpha: Array, rules: Rules, shortfall: Array, hinge: int, angle: float) -> None:
+    """Turn a hinge to an angle; `at`, `alpha` and the shortfalls follow."""
+    n, end, by = len(alpha), tree.end[hinge], angle - alpha[hinge]
+    _rotate(at, hinge, end, by, at.p, at.z, at.p, at.z)
+    _rotate(at, hinge, end, by, at.c, at.omega, at.c, at.omega)
+    alpha[hinge] = angle
+    for i in range(hinge, end):
+        for j in range(n):
+            if not hinge <= j < end:
+                shortfall[i, j] = shortfall[j, i] = short_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
+
+
+@njit(cache=True)
+def _rotate(
     at: Platform,
     first: int,
     end: int,
@@ -228,25 +283,22 @@ def _turn(
     turned_points: Array,
     turned_vectors: Array,
 ) -> None:
-    """Turn points and vectors first..end-1 about the hinge `first` (Rodrigues' formula), in place if need be."""
+    """Rotate points and vectors first..end-1 about the hinge `first` (Rodrigues' formula), in place if need be."""
     x, y, z = at.omega[first]
-    c = at.c[first].copy()
+    a, b, c = at.c[first]
     s, v = math.sin(angle), 1 - math.cos(angle)
-    R = np.array(
-        [
-            [1 - v * (y * y + z * z), v * x * y - s * z, v * x * z + s * y],
-            [v * x * y + s * z, 1 - v * (x * x + z * z), v * y * z - s * x],
-            [v * x * z - s * y, v * y * z + s * x, 1 - v * (x * x + y * y)],
-        ]
-    )
+    xx, xy, xz = 1 - v * (y * y + z * z), v * x * y - s * z, v * x * z + s * y
+    yx, yy, yz = v * x * y + s * z, 1 - v * (x * x + z * z), v * y * z - s * x
+    zx, zy, zz = v * x * z - s * y, v * y * z + s * x, 1 - v * (x * x + y * y)
     for i in range(first, end):
-        x, y, z = points[i] - c
-        turned_points[i] = c
-        for row in range(3):
-            turned_points[i, row] += R[row, 0] * x + R[row, 1] * y + R[row, 2] * z
+        x, y, z = points[i, 0] - a, points[i, 1] - b, points[i, 2] - c
+        turned_points[i, 0] = a + xx * x + xy * y + xz * z
+        turned_points[i, 1] = b + yx * x + yy * y + yz * z
+        turned_points[i, 2] = c + zx * x + zy * y + zz * z
         x, y, z = vectors[i]
-        for row in range(3):
-            turned_vectors[i, row] = R[row, 0] * x + R[row, 1] * y + R[row, 2] * z
+        turned_vectors[i, 0] = xx * x + xy * y + xz * z
+        turned_vectors[i, 1] = yx * x + yy * y + yz * z
+        turned_vectors[i, 2] = zx * x + zy * y + zz * z
 
 
 @njit(cache=True)
