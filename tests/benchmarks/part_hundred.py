@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from attempts import Clock, Stated
+from attempts import Clock, Stated, load
 from children import Child, peak_mb
 from options import PAPER, Options, at
 from part_share import kind_of
@@ -42,6 +42,7 @@ def measure(rows: Rows, options: Options) -> None:
 
 def _starts(stated: Stated, key: str, starts: int) -> Iterator[Row]:
     """Yield what comes of one start after the other; placing and audit are timed for themselves."""
+    load(stated)
     task, topology = stated.resolve(), Topology.from_key(key)
     for index in range(starts):
         clock = Clock()

@@ -11,8 +11,9 @@
 | hundred | a hundred modules: time, memory, audit, and what stops the rest |
 | growth | time and memory against the number of modules, and where the time goes |
 
-Times are CPU seconds of one process with one thread. Every measured row is appended to the file, and what it holds
-already is not measured again; the tables are made from all of its rows.
+Times are CPU seconds of one process with one thread, after modules and compiled code have been loaded. Every
+measured row is appended to the file, and what it holds already is not measured again; the tables are made from all
+of its rows.
 """
 
 from __future__ import annotations
@@ -27,12 +28,8 @@ import part_hundred
 import part_random
 import part_share
 import part_shared
-from attempts import Stated, attempts
-from children import Child
 from options import Options
 from rows import Rows
-
-from topo_search.topologies import sample
 
 PARTS = {part.PART: part for part in (part_five, part_shared, part_random, part_share, part_hundred, part_growth)}
 
@@ -58,8 +55,6 @@ def main() -> None:
     sizes = arguments.pop("sizes")
     for name in ("distances", "examples"):
         arguments[name] = tuple(arguments[name] or ())
-    with Child(attempts, "ours", "ours", Stated("ten-wrenches", 8), [sample(8, 1, 0)[0].key], [0]) as first_use:
-        next(first_use)  # compiles what is then kept on the disk
     for name in parts:
         part = PARTS[name]
         part.measure(rows, Options(tuple(sizes or part.SIZES), **arguments))
