@@ -66,7 +66,7 @@ def test_a_fixed_end_effector_is_where_the_task_wants_it(position):
     given = {"position": position, "exclusion": position != "com"}
     task = push(5, end_effector=given, load_cases=GENTLE_PUSH)
     design = solved(solve(task, Topology.from_key("a11210"), starts=range(4), seed=0))
-    found = audit(design).assembly["end_effector"]["from_com_m"]
+    found = audit(design).assembly.end_effector.from_com_m
     assert found == pytest.approx([0.0, 0.0, 0.0] if position == "com" else position, abs=1e-12)
 
 

@@ -109,7 +109,7 @@ def test_the_page_of_a_design_has_its_clearances_and_no_ranking(audited):
     assert "topo-search audit mine.json" in page.text
     assert "ranking-data" not in page.data
     cells = [json.loads(page.data[name]) for name in page.data if name.startswith("clearances-")]
-    assert len(cells) == 3
+    assert len(cells) == 4
     hover = [text for matrix in cells for trace in matrix["data"] for row in trace["customdata"] for text in row]
     described = {text.split("<br>")[0] for text in hover if text}
     assert len(described) == len(verdict.pairs)

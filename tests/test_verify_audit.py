@@ -43,7 +43,8 @@ def test_one_module_hovers_at_a_quarter_of_the_weight_a_rotor():
     by_hand = changed(given, rotor_speeds_squared=[[u] * 4], objective=4 * u * u)
     result = audit(by_hand)
     assert result.verdict == Status.CLEAR
-    (exclusion,) = result.pairs
+    exclusion, *rod = result.pairs
+    assert [(pair.kind, pair.a, pair.b) for pair in rod] == [("rod", 0, -1)]
     assert (exclusion.kind, exclusion.a, exclusion.b, exclusion.segment) == ("exclusion", 0, -1, None)
     assert exclusion.analytic_m == pytest.approx(0.15)
     assert 0 < exclusion.lower_m <= exclusion.analytic_m <= exclusion.upper_m + 1e-12
@@ -86,7 +87,8 @@ def test_every_kind_of_requirement_clear_at_once():
     result = audit(given)
     assert result.verdict == Status.CLEAR, failing(result)
     count = {kind: sum(pair.kind == kind for pair in result.pairs) for kind in {pair.kind for pair in result.pairs}}
-    assert count == {"airflow": 3, "local": 3, "directional": 9, "exterior": 6, "exclusion": 3, "separation": 1}
+    parts = {"separation": 1, "body": 3, "rod": 3}
+    assert count == {"airflow": 3, "local": 3, "directional": 9, "exterior": 6, "exclusion": 3, **parts}
     places = {(pair.kind, pair.b, pair.segment) for pair in result.pairs if pair.a == 2}
     assert {("directional", 1, 0), ("directional", 1, 1), ("directional", 2, 0), ("exterior", 3, None)} <= places
     assert {(pair.a, pair.b) for pair in result.pairs if pair.kind == "separation"} == {(1, 2)}
@@ -101,11 +103,15 @@ def test_every_kind_of_requirement_clear_at_once():
 
 def test_the_joints_are_listed_in_bolting_order():
     result = audit(fan())
-    assert result.assembly["joints"] == [
+    assert [joint.model_dump() for joint in result.assembly.joints] == [
         {"module": 0, "port": 0, "child": 1, "child_port": 2, "angle_deg": pytest.approx(math.degrees(-0.6))},
         {"module": 0, "port": 2, "child": 2, "child_port": 0, "angle_deg": pytest.approx(math.degrees(0.6))},
     ]
-    assert result.allowed_contacts == ()
+    assert [(contact.kind, contact.a, contact.b) for contact in result.allowed_contacts] == [
+        ("body", 0, 1),
+        ("body", 0, 2),
+        ("rod", 1, -1),
+    ]
     assert set(result.versions) >= {"python-fcl", "numpy"}
 
 
@@ -332,10 +338,16 @@ def test_a_platform_of_another_size_is_judged_alike(scale, hinges):
             "arm_length": 0.1 * k,
             "connector_distance": 0.15 * k,
             "torque_coefficient": 1.06e-8 * k,
-            "body": {"rotor_radius": 0.05 * k},
+            "body": {
+                "rotor_radius": 0.05 * k,
+                "rotor_height": 0.02 * k,
+                "arm_width": 0.02 * k,
+                "hub": [0.08 * k, 0.08 * k, 0.04 * k],
+            },
         }
         exposure = [{"kind": "local", "radius": 0.15 * k}, {"kind": "exterior", "half_angle_deg": 70.0}]
-        return fan({"module": module, "exposure": exposure}, hinges=hinges, end_effector=(0.0, 0.0, 0.6 * k))
+        task = {"module": module, "exposure": exposure, "end_effector": {"rod_radius": 0.005 * k}}
+        return fan(task, hinges=hinges, end_effector=(0.0, 0.0, 0.6 * k))
 
     one, other = audit(sized(1.0)), audit(sized(scale))
     assert other.verdict == one.verdict

@@ -22,14 +22,21 @@ from topo_search.engine import (
     Workers,
     audit_deadline,
 )
-from topo_search.model import Audit, BadInput, Design, Fault, Task, Topology
+from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.files import read_json, read_task, write_atomically
 from topo_search.study import Answer, Observer, Request, RunFolder, Silent, Solved, run, solve_single
 from topo_search.topologies import Symmetry
 
-VERBS = Verbs(
-    solve=nlp.solve, audit=verify.audit, lower_bound=nlp.lower_bound, prove_impossible=nlp.prove_impossible
-)
+
+def _solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -> Design | Infeasible:
+    """Solve one topology, and choose where the rod of a design's end-effector is bolted."""
+    outcome = nlp.solve(task, topology, starts=starts, seed=seed)
+    if isinstance(outcome, Design):
+        return outcome.model_copy(update={"mount": verify.choose_mount(outcome)})
+    return outcome
+
+
+VERBS = Verbs(solve=_solve, audit=verify.audit, lower_bound=nlp.lower_bound, prove_impossible=nlp.prove_impossible)
 
 RUNS = Path("runs")
 """Where runs go unless another folder is named."""

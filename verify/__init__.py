@@ -1,7 +1,8 @@
 """The exact audit of a design; shares no code with the solver.
 
-`audit(design)` derives everything again from a design alone; `poses` is the audit's own forward kinematics.
-Both load on first use, so that importing this package costs nothing.
+`audit(design)` derives everything again from a design alone; `choose_mount(design)` finds the connector from which
+a straight rod reaches the end-effector; `poses` is the audit's own forward kinematics. All load on first use, so
+that importing this package costs nothing.
 """
 
 from __future__ import annotations
@@ -9,10 +10,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from verify.assembly import choose_mount
     from verify.design_audit import audit
     from verify.kinematics import Poses, poses
 
-__all__ = ["Poses", "audit", "poses"]
+__all__ = ["Poses", "audit", "choose_mount", "poses"]
 
 
 def __getattr__(name: str) -> Any:
@@ -21,6 +23,10 @@ def __getattr__(name: str) -> Any:
         from verify.design_audit import audit
 
         return audit
+    if name == "choose_mount":
+        from verify.assembly import choose_mount
+
+        return choose_mount
     if name in {"Poses", "poses"}:
         from verify import kinematics
 

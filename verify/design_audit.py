@@ -8,21 +8,23 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
 import platform as python_platform
 import time
 from importlib import metadata
-from typing import Any
 
 import numpy as np
 
 from topo_search.model import Audit, Clearance, Design, Module, Status
+from verify.assembly import assembly
 from verify.bodies import Cone
 from verify.certificate import Certificate, certify_pairs
+from verify.compound_certificate import certify_compounds, compound_evidence
 from verify.cone_certificate import certify_inside
+from verify.contacts import RigidRequirement, allowed_contacts, keep_apart
 from verify.evidence import evidence
 from verify.interference import interference, percent_of_deepest
-from verify.kinematics import Platform, platform
+from verify.kinematics import platform
+from verify.parts import rigid_parts
 from verify.requirements import Requirement, Scene
 from verify.residuals import finite, residuals
 from verify.sensitivity import sensitivity
@@ -51,19 +53,26 @@ def _audit(design: Design, started: float) -> Audit:
     requirements = list(itertools.islice(scene.requirements(), MOST_CLEARANCES + 1))
     if len(requirements) > MOST_CLEARANCES:
         raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
-    certificates = _certificates(requirements)
+    parts = rigid_parts(design, found)
+    sheet = assembly(design, found, parts)
+    rigid = list(keep_apart(design, parts, sheet.mount))
+    asked: list[Requirement | RigidRequirement] = [*requirements, *rigid]
+    certificates = [
+        *_certificates(requirements),
+        *certify_compounds([(r.body, r.against) for r in rigid], [r.bolted for r in rigid]),
+    ]
     statuses = [row.status for row in rows]
-    statuses += [c.status for requirement, c in zip(requirements, certificates, strict=True) if requirement.counts]
+    statuses += [c.status for requirement, c in zip(asked, certificates, strict=True) if requirement.counts]
     module = design.task.module
-    pairs = tuple(_clearance(*row, module) for row in zip(requirements, certificates, strict=True))
+    pairs = tuple(_clearance(*row, module) for row in zip(asked, certificates, strict=True))
     return Audit(
         verdict=Status.worst(statuses),
         pairs=pairs,
         residuals=rows,
         interference=interference(pairs),
         sensitivity=sensitivity(design, found, scene, requirements),
-        assembly=_assembly(design, found),
-        allowed_contacts=(),
+        assembly=sheet,
+        allowed_contacts=allowed_contacts(design, sheet.mount),
         versions=dict(_versions()),
         seconds=time.perf_counter() - started,
     )
@@ -78,7 +87,7 @@ def _certificates(requirements: list[Requirement]) -> list[Certificate]:
     ]
 
 
-def _clearance(requirement: Requirement, certificate: Certificate, module: Module) -> Clearance:
+def _clearance(requirement: Requirement | RigidRequirement, certificate: Certificate, module: Module) -> Clearance:
     l_arm, d = module.arm_length, finite(certificate.analytic * module.arm_length)
     inconsistent = certificate.status == Status.INCONSISTENT
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
@@ -93,21 +102,14 @@ def _clearance(requirement: Requirement, certificate: Certificate, module: Modul
         analytic_m=d,
         level=certificate.level,
         percent=finite(percent_of_deepest(d, module)) if requirement.kind == "airflow" else None,
-        evidence=evidence(requirement.body, requirement.against) if inconsistent else (),
+        evidence=_evidence(requirement) if inconsistent else (),
     )
 
 
-def _assembly(design: Design, found: Platform) -> dict[str, Any]:
-    """Return what to bolt where, in an order in which every joint's first part is already there."""
-    joints = [
-        {"module": h, "port": a, "child": i, "child_port": b, "angle_deg": finite(math.degrees(alpha))}
-        for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
-    ]
-    end_effector = {
-        "position_m": list(design.end_effector_m),
-        "from_com_m": [finite(x) for x in found.p_e.tolist()],
-    }
-    return {"joints": joints, "end_effector": end_effector}
+def _evidence(requirement: Requirement | RigidRequirement) -> tuple[str, ...]:
+    if isinstance(requirement, RigidRequirement):
+        return compound_evidence(requirement.body, requirement.against, requirement.bolted)
+    return evidence(requirement.body, requirement.against)
 
 
 @functools.cache

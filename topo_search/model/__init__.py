@@ -1,6 +1,8 @@
 """The nouns: frozen, picklable values that cross the borders between solver, audit and search."""
 
+from topo_search.model.assembly import Assembly, BoltedJoint, EndEffectorSheet, FreeConnector, Obstacle, Rod
 from topo_search.model.audit import (
+    AllowedContact,
     Audit,
     Clearance,
     Interference,
@@ -12,7 +14,7 @@ from topo_search.model.audit import (
     WorstCase,
 )
 from topo_search.model.bad_input import BadInput, Fault
-from topo_search.model.design import Design, SolverRecord
+from topo_search.model.design import Design, Mount, SolverRecord
 from topo_search.model.exposure import LEAST_OFFSET, Directional, Exterior, Local, needs_offset
 from topo_search.model.infeasible import Infeasible
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
@@ -23,23 +25,31 @@ from topo_search.model.topology import Topology
 __all__ = [
     "LEAST_OFFSET",
     "AirflowEnvelope",
+    "AllowedContact",
+    "Assembly",
     "Audit",
     "BadInput",
+    "BoltedJoint",
     "Clearance",
     "Design",
     "Directional",
     "EndEffector",
+    "EndEffectorSheet",
     "Exterior",
     "Fault",
+    "FreeConnector",
     "Infeasible",
     "Interference",
     "Limit",
     "LoadCase",
     "Local",
     "Module",
+    "Mount",
+    "Obstacle",
     "Pair",
     "Residual",
     "ResolvedTask",
+    "Rod",
     "Search",
     "Sensitivity",
     "SolverRecord",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
+from topo_search.model.assembly import Assembly
 from topo_search.model.html import heading, table
 from topo_search.model.value import Index, NonNegative, Number, Value
 
@@ -43,7 +44,7 @@ class Pair(Value):
     a: Index
     """A module."""
     b: Annotated[int, Field(strict=True, ge=-1)]
-    """The other module, or the number of the exposure requirement; -1 for p_E."""
+    """The other module, or the number of the exposure requirement; -1 for p_E, or for its rod."""
     segment: Index | None = None
     """Index of the capsule in a directional requirement."""
 
@@ -55,6 +56,8 @@ class Pair(Value):
         if self.kind in ("local", "directional", "exterior"):
             segment = "" if self.segment is None else f", segment {self.segment}"
             return f"exposure {self.b} ({self.kind}{segment}) of module {self.a}"
+        if self.kind == "rod":
+            return f"the end-effector's rod and module {self.a}"
         return f"{self.kind} of modules {self.a} and {self.b}"
 
 
@@ -141,6 +144,18 @@ class Sensitivity(Value):
     """The tolerances of the task, if it has any."""
 
 
+class AllowedContact(Value):
+    """Rigid parts that may touch, because they are bolted together."""
+
+    kind: Literal["body", "rod"]
+    a: Index
+    """A module."""
+    b: Annotated[int, Field(strict=True, ge=-1)]
+    """The module that is bolted to it; -1 for the end-effector's rod."""
+    parts: str
+    """Which of their parts."""
+
+
 class Audit(Value):
     """Everything re-derived from a design alone, and the verdict."""
 
@@ -155,10 +170,10 @@ class Audit(Value):
     """None in files of programs that do not measure it."""
     sensitivity: Sensitivity | None = None
     """None if there is no clearance to lose."""
-    assembly: dict[str, Any]
-    """One row a joint; the end-effector's mount."""
-    allowed_contacts: tuple[dict[str, Any], ...]
-    """Pairs of parts that touch by construction."""
+    assembly: Assembly
+    """What to bolt to what."""
+    allowed_contacts: tuple[AllowedContact, ...]
+    """Parts that may touch by construction; any other contact is a violation."""
     versions: dict[str, str]
     seconds: NonNegative
 

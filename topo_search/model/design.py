@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import (
     BeforeValidator,
     ConfigDict,
+    Field,
     PlainSerializer,
     ValidatorFunctionWrapHandler,
     field_validator,
@@ -67,6 +68,14 @@ class SolverRecord(Value):
     """Versions of the libraries that fix the result."""
 
 
+class Mount(Value):
+    """The free connector from which a straight rod carries the end-effector."""
+
+    module: Index
+    port: Annotated[int, Field(strict=True, ge=0, le=3)]
+    """0..3 for +x, +y, -x, -y."""
+
+
 class Design(Value):
     """A platform that claims to do its task; everything but the claim is derived again by the audit.
 
@@ -88,6 +97,8 @@ class Design(Value):
     """alpha_i of every module but the root, in module order."""
     end_effector_m: Vector
     """p'_E in W [m]."""
+    mount: Mount | None = None
+    """Where the end-effector's rod is bolted; None: nowhere yet, or no straight rod reaches."""
     rotor_speeds_squared: tuple[tuple[Number, ...], ...]
     """u_k: 4 n values a load case, module-major [rad^2/s^2]."""
     objective: Number
@@ -129,6 +140,13 @@ class Design(Value):
             counts.append((("rotor_speeds_squared", k), "must have four values a module", 4 * n, len(u_k)))
         wrong = [(field, f"{rule}, {due}, but got {got}") for field, rule, due, got in counts if due != got]
         refuse("Design", *wrong)
+        return self
+
+    @model_validator(mode="after")
+    def _mount_is_free(self) -> Self:
+        if self.mount is not None and (self.mount.module, self.mount.port) not in self.topology.free_connectors:
+            given = f"port {self.mount.port} of module {self.mount.module}"
+            refuse("Design", (("mount",), f"must be a connector without a joint, but got {given}"))
         return self
 
     @property

@@ -77,6 +77,10 @@ class EndEffector(Value):
     """`free`: optimised; `com`: at the centre of mass; [x, y, z]: fixed, from the COM [m]."""
     exclusion: Flag = True
     """Whether p_E stays at least connector_distance away from every module's centre."""
+    rod_radius: Positive = 0.005
+    """Of the rod that carries it [m]."""
+    rod_linear_density: NonNegative = 0.045
+    """Mass of the rod a metre [kg/m]; default: a tube of carbon fibre (1,600 kg/m^3) with a wall of 1 mm."""
 
     @property
     def fixed_position(self) -> Vector | None:

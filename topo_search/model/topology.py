@@ -143,6 +143,12 @@ class Topology:
         """The pairs (h, i), h < i, of modules that share a joint."""
         return frozenset((h, i) for h, i, _, _ in self.edges())
 
+    @property
+    def free_connectors(self) -> tuple[tuple[int, int], ...]:
+        """The (module, port) without a joint, in order."""
+        used = {place for h, i, a, b in self.edges() for place in ((h, a), (i, b))}
+        return tuple((i, port) for i in range(self.n) for port in range(4) if (i, port) not in used)
+
     def graph(self) -> nx.Graph[int]:
         """Return the tree as a networkx graph; edges carry `ports = {module: port}`."""
         graph: nx.Graph[int] = nx.Graph()

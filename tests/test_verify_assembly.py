@@ -1,0 +1,54 @@
+"""The assembly sheet: joints in bolting order, the rod, and the table that goes to the workshop."""
+
+import csv
+import io
+import math
+
+import pytest
+from verify_cases import design, fan
+
+from topo_search.model import Topology
+from verify import audit
+
+BRANCHED = Topology(((-1, -1, -1), (0, 1, 3), (1, 0, 2), (0, 2, 1), (2, 1, 3)))
+
+
+def test_every_module_is_bolted_to_one_that_is_already_there():
+    sheet = audit(design(BRANCHED, {}, hinges=(0.1, -0.2, 0.3, -0.4))).assembly
+    there = {0}
+    for joint in sheet.joints:
+        assert joint.module in there
+        assert joint.child not in there
+        there.add(joint.child)
+    assert there == set(range(5))
+    found = [(joint.module, joint.port, joint.child, joint.child_port) for joint in sheet.joints]
+    assert found == [(h, a, i, b) for h, i, a, b in BRANCHED.edges()]
+    assert [joint.angle_deg for joint in sheet.joints] == pytest.approx(
+        [math.degrees(alpha) for alpha in (0.1, -0.2, 0.3, -0.4)]
+    )
+
+
+def test_the_table_holds_the_same_joints_and_the_rod_as_its_last_step():
+    result = audit(fan())
+    rows = list(csv.DictReader(io.StringIO(result.assembly.csv())))
+    assert [row["step"] for row in rows] == ["1", "2", "3"]
+    for row, joint in zip(rows, result.assembly.joints, strict=False):
+        assert (int(row["module"]), int(row["port"])) == (joint.module, joint.port)
+        assert (int(row["child"]), int(row["child_port"])) == (joint.child, joint.child_port)
+        assert float(row["angle_deg"]) == joint.angle_deg
+    tip = result.assembly.end_effector
+    last = rows[-1]
+    assert (int(last["module"]), int(last["port"]), last["child"]) == (
+        tip.mount.module,
+        tip.mount.port,
+        "end-effector",
+    )
+    assert float(last["rod_length_m"]) == tip.rod.length_m
+    assert tuple(float(last[f"rod_{axis}"]) for axis in "xyz") == tip.rod.direction_in_module
+
+
+def test_positions_beyond_all_digits_leave_the_mount_open():
+    result = audit(fan(end_effector=(1e100, 0.0, 0.0)))
+    tip = result.assembly.end_effector
+    assert (tip.mount, tip.rod, tip.connectors) == (None, None, ())
+    assert "too large" in tip.note

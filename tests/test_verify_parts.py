@@ -1,0 +1,255 @@
+"""Rigid parts: distances of convex solids, what bolted and other neighbours may do, and proofs that hold."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given as for_all
+from hypothesis import settings
+from hypothesis import strategies as st
+from verify_cases import FAN, changed, design, fan, unit
+
+from topo_search.model import Status, Topology
+from verify import audit
+from verify.compound_certificate import certify_compounds
+from verify.compounds import Compound, proximities
+from verify.convex import Capsule, Cylinder, box, capsule, cylinder
+from verify.kinematics import platform
+from verify.parts import bounding_box, rigid_parts
+
+UP = np.array([0.0, 0.0, 1.0])
+ORIGIN = np.zeros(3)
+STILL = np.eye(3)
+CHAIN = Topology(((-1, -1, -1), (0, 0, 2)))
+
+
+def rotation(rng):
+    Q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return Q * np.sign(np.linalg.det(Q))
+
+
+def one(solid):
+    return Compound((solid,), solid)
+
+
+def certificate(A, B):
+    (found,) = certify_compounds([(one(A), one(B))], [False])
+    return found
+
+
+def random_solid(rng):
+    size = rng.uniform(0.05, 1.0, 3)
+    kind = rng.integers(3)
+    if kind == 0:
+        return box("box", ORIGIN, np.diag(size))
+    if kind == 1:
+        return cylinder("cylinder", ORIGIN, UP, size[0], size[1])
+    return capsule("capsule", -size[0] * UP, size[0] * UP, 0.3 * size[1])
+
+
+def projected(solid, x):
+    """The point of a solid nearest to x, from the formulas of its kind."""
+    if isinstance(solid, Capsule):
+        start, path = solid.vertices[0], solid.vertices[1] - solid.vertices[0]
+        foot = start + np.clip((x - start) @ path / (path @ path), 0, 1) * path
+        return foot + (x - foot) * min(1.0, solid.ball / max(np.linalg.norm(x - foot), 1e-300))
+    c = solid.vertices.mean(axis=0)
+    if isinstance(solid, Cylinder):
+        along = (x - c) @ solid.axis
+        across = x - c - along * solid.axis
+        half = np.linalg.norm(solid.vertices[1] - solid.vertices[0]) / 2
+        across *= min(1.0, solid.disc / max(np.linalg.norm(across), 1e-300))
+        return c + np.clip(along, -half, half) * solid.axis + across
+    edges = np.stack([solid.vertices[k] - solid.vertices[0] for k in (4, 2, 1)])
+    lengths = np.linalg.norm(edges, axis=1)
+    return c + np.clip(edges @ (x - c) / lengths, -lengths / 2, lengths / 2) @ (edges / lengths[:, None])
+
+
+# ---- distances
+
+
+def test_distances_are_those_of_alternating_projections():
+    """Von Neumann's projections between two convex sets converge to their nearest points, without any support."""
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        A = random_solid(rng).placed(rotation(rng), ORIGIN)
+        B = random_solid(rng).placed(rotation(rng), rng.uniform(2.0, 4.0) * unit(rng))
+        found = certificate(A, B)
+        y = B.centre
+        for _ in range(300):
+            x = projected(A, y)
+            y = projected(B, x)
+        assert found.status == Status.CLEAR
+        assert found.lower - 1e-12 <= found.analytic <= found.upper + 1e-12
+        assert np.linalg.norm(x - y) >= found.lower - 1e-12
+        assert found.analytic == pytest.approx(np.linalg.norm(x - y), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("A", "B", "d"),
+    [
+        (cylinder("", ORIGIN, UP, 0.5, 0.2), cylinder("", 0.5 * UP, UP, 0.5, 0.2), 0.3),  # one above the other
+        (cylinder("", ORIGIN, UP, 0.5, 0.2), cylinder("", np.array([3.0, 4.0, 0.0]), UP, 0.5, 0.2), 4.0),  # beside
+        (
+            cylinder("", ORIGIN, UP, 0.5, 0.2),
+            cylinder("", np.array([3.0, 4.0, 2.0]), UP, 0.5, 0.2),
+            math.hypot(4, 1.8),
+        ),
+        (
+            cylinder("", ORIGIN, UP, 0.5, 2.0),
+            cylinder("", np.array([0, 2.0, 0]), np.array([1.0, 0, 0]), 0.5, 2),
+            1.0,
+        ),
+        (box("", ORIGIN, np.eye(3)), box("", np.array([3.0, 4.0, 0.0]), np.eye(3)), math.hypot(1, 2)),
+        (box("", ORIGIN, np.eye(3)), box("", np.array([3.0, 4.0, 5.0]), np.eye(3)), math.hypot(1, 2, 3)),
+        (box("", ORIGIN, np.eye(3)), capsule("", 3 * UP, 5 * UP, 0.5), 1.5),
+        (box("", ORIGIN, np.eye(3)), capsule("", np.array([-9.0, 0, 2]), np.array([9.0, 0, 2]), 0.25), 0.75),
+        # overlaps: how far one must move
+        (box("", ORIGIN, np.eye(3)), box("", np.array([1.9, 0.0, 0.0]), np.eye(3)), -0.1),
+        (box("", ORIGIN, np.eye(3)), capsule("", 1.2 * UP, 5 * UP, 0.5), -0.3),
+        (cylinder("", ORIGIN, UP, 0.5, 0.2), cylinder("", 0.15 * UP, UP, 0.5, 0.2), -0.05),
+        (cylinder("", ORIGIN, UP, 0.5, 2.0), cylinder("", np.array([0.9, 0.0, 0.0]), UP, 0.5, 2.0), -0.1),
+    ],
+)
+def test_closed_forms(A, B, d):
+    for found in (certificate(A, B), certificate(B, A)):
+        assert found.analytic == pytest.approx(d, abs=1e-9)
+        assert found.status == (Status.CLEAR if d > 0 else Status.VIOLATED)
+        assert found.upper >= found.analytic - 1e-12
+        assert (found.lower is None) == (d < 0)
+
+
+@pytest.mark.parametrize("s", [0.0, 1e-3, 0.2])
+def test_a_solid_inside_another_is_found(s):
+    """Surfaces alone would be apart here."""
+    rng = np.random.default_rng(1)
+    outer = box("", ORIGIN, np.eye(3))
+    for inner in (box("", s * UP, 0.1 * np.eye(3)), cylinder("", s * UP, unit(rng), 0.1, 0.1)):
+        for A, B in ((inner, outer), (outer, inner)):
+            found = certificate(A, B)
+            assert found.status == Status.VIOLATED
+            assert found.upper < -0.05
+
+
+def test_a_solid_overlaps_itself():
+    rng = np.random.default_rng(2)
+    for _ in range(6):
+        A = random_solid(rng).placed(rotation(rng), rng.normal(size=3))
+        assert certificate(A, A).status == Status.VIOLATED
+
+
+@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-6, -1e-6, -1e-4, -1e-2])
+def test_near_contact_is_decided(gap):
+    rng = np.random.default_rng(3)
+    for _ in range(12):
+        A, B = random_solid(rng).placed(rotation(rng), ORIGIN), random_solid(rng).placed(rotation(rng), ORIGIN)
+        away = 5.0 * unit(rng)
+        (found,) = proximities([(one(A), one(B.placed(STILL, away)))], [False])
+        B = B.placed(STILL, away - (found.d - gap) * found.n)
+        result = certificate(A, B)
+        assert result.status == (Status.CLEAR if gap > 0 else Status.VIOLATED)
+        if gap > 0:
+            assert result.analytic == pytest.approx(gap, abs=1e-9)
+        else:  # another direction may be a shorter way out
+            assert gap - 1e-8 <= result.analytic <= result.upper < 0
+
+
+@settings(max_examples=25, deadline=None)
+@for_all(st.integers(0, 10_000))
+def test_turning_and_moving_both_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
+    A, B = random_solid(rng), random_solid(rng).placed(rotation(rng), rng.uniform(0.5, 3.0) * unit(rng))
+    R, p = rotation(rng), rng.normal(size=3)
+    before, after = certificate(A, B), certificate(A.placed(R, p), B.placed(R, p))
+    assert after.status == before.status
+    if before.status == Status.CLEAR:
+        assert after.analytic == pytest.approx(before.analytic, abs=1e-8)
+    for found in (before, after):
+        assert found.upper <= 0 or found.lower - 1e-12 <= found.analytic <= found.upper + 1e-12
+
+
+def test_the_clearance_of_unions_is_the_least_of_their_parts():
+    rng = np.random.default_rng(4)
+    for _ in range(10):
+        sides = []
+        for k in range(2):
+            parts = tuple(
+                random_solid(rng).placed(rotation(rng), 6.0 * k * UP + rng.normal(size=3))
+                for _ in range(rng.integers(1, 5))
+            )
+            sides.append(Compound(parts, bounding_box(parts)))
+        (whole,) = certify_compounds([tuple(sides)], [False])
+        each = [certificate(a, b) for a in sides[0].parts for b in sides[1].parts]
+        assert whole.analytic == pytest.approx(min(c.analytic for c in each), abs=1e-8)
+        assert whole.lower == pytest.approx(min(c.lower for c in each), abs=1e-8)
+
+
+def test_bounds_hold_the_parts():
+    parts = rigid_parts(fan(), platform(fan()))
+    rng = np.random.default_rng(5)
+    for body, centre in zip(parts.modules, parts.centres, strict=True):
+        for part in body.parts:
+            for _ in range(20):
+                u = unit(rng)
+                assert part.support(u) <= body.bounds.support(u) + 1e-12
+                assert part.support(u) - u @ centre <= parts.reach + 1e-12
+
+
+# ---- platforms
+
+
+@pytest.mark.parametrize("alpha_deg", [0, 30, -60, 90, -90])
+def test_rotors_of_bolted_neighbours_keep_the_distance_of_their_mirror_image(alpha_deg):
+    """Neighbours are mirror images in the plane that halves the hinge angle, and so are their nearest points."""
+    a, h = 0.15 - (0.1 / math.sqrt(2) + 0.05), 0.01
+    half = math.radians(180 - abs(alpha_deg)) / 2
+    given = design(CHAIN, {}, hinges=(math.radians(alpha_deg),))
+    (body,) = [pair for pair in audit(given).pairs if pair.kind == "body"]
+    assert body.status == Status.CLEAR
+    assert body.analytic_m == pytest.approx(2 * (a * math.sin(half) - h * math.cos(half)), abs=1e-9)
+    assert 0 < body.lower_m <= body.analytic_m + 1e-12 <= 1e-12 + body.upper_m + 1e-12
+
+
+def test_bolted_neighbours_may_touch_with_arms_but_not_with_rotors():
+    flush = {"module": {"body": {"hub": [0.3, 0.3, 0.04]}}}
+    result = audit(design(CHAIN, flush, hinges=(0.0,)))
+    (body,) = [pair for pair in result.pairs if pair.kind == "body"]
+    assert body.status == Status.CLEAR
+    assert result.allowed_contacts[0].parts == "hub and arms, by ports 0 and 2"
+    turning = {"module": {"body": {"rotor_radius": 0.081}}}
+    (body,) = [pair for pair in audit(design(CHAIN, turning, hinges=(0.0,))).pairs if pair.kind == "body"]
+    assert body.status == Status.VIOLATED
+    assert body.analytic_m == pytest.approx(2 * (0.15 - 0.1 / math.sqrt(2) - 0.081), abs=1e-7)
+
+
+def test_real_parts_that_touch_are_named_and_count_with_body_clearance():
+    folded = fan(hinges=(1.5, -1.5), task={"module": {"connector_distance": 0.09}})
+    result = audit(folded)
+    touching = {(pair.a, pair.b) for pair in result.pairs if pair.kind == "body" and pair.status == Status.VIOLATED}
+    assert touching
+    assert result.verdict == Status.VIOLATED
+    for pair in result.pairs:
+        if pair.status == Status.VIOLATED and pair.kind == "body":
+            assert pair.lower_m is None
+            assert pair.analytic_m <= pair.upper_m < 0
+
+
+def test_without_body_clearance_parts_that_touch_are_told_and_do_not_count():
+    wide = {"module": {"body": {"rotor_radius": 0.081}}}
+    touching = fan(wide)
+    literal = {**touching.task.model_dump(mode="json"), "search": {"body_clearance": False}}
+    result = audit(changed(touching, task=literal))
+    assert {pair.status for pair in result.pairs if pair.kind == "body" and pair.b == 1} == {Status.VIOLATED}
+    assert result.verdict == Status.CLEAR
+    assert audit(touching).verdict == Status.VIOLATED
+
+
+def test_every_pair_of_modules_has_a_row():
+    result = audit(fan())
+    assert [(p.a, p.b) for p in result.pairs if p.kind == "body"] == [(0, 1), (0, 2), (1, 2)]
+    assert FAN.bolted == {(0, 1), (0, 2)}
+
+
+def test_parts_out_of_range_are_undecided():
+    result = audit(fan(task={"module": {"connector_distance": 1e7}}))
+    assert {pair.status for pair in result.pairs if pair.kind == "body"} == {Status.UNDECIDED}

@@ -1,0 +1,77 @@
+"""The assembly sheet: which connector to which, at which angle, and the rod from its mount to the end-effector."""
+
+from __future__ import annotations
+
+import math
+
+from topo_search.model import Assembly, BoltedJoint, Design, EndEffectorSheet, FreeConnector, Mount, Rod
+from topo_search.model.value import Vector
+from verify.bodies import Array
+from verify.kinematics import PORT_DIRECTIONS, Platform, platform
+from verify.parts import RigidParts, rigid_parts
+from verify.residuals import finite
+from verify.rod import free_connectors, straight_rod
+
+NO_ROD = "no straight rod reaches the end-effector: every free connector is blocked"
+LOST = "positions are too large to tell which connectors a straight rod reaches from"
+
+
+def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:
+    """Return the sheet; a design's own mount stands, otherwise it is the nearest available connector."""
+    joints = tuple(
+        BoltedJoint(module=h, port=a, child=i, child_port=b, angle_deg=finite(math.degrees(alpha)))
+        for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
+    )
+    connectors = free_connectors(design, parts)
+    mount = design.mount or nearest_available(connectors)
+    sheet = EndEffectorSheet(
+        position_m=design.end_effector_m,
+        from_com_m=_vector(found.p_e),
+        mount=mount,
+        rod=_rod(design, parts, mount) if mount is not None and parts.in_range else None,
+        note=_note(parts, mount, connectors),
+        connectors=connectors,
+    )
+    return Assembly(joints=joints, end_effector=sheet)
+
+
+def nearest_available(connectors: tuple[FreeConnector, ...]) -> Mount | None:
+    """Return the first connector that nothing blocks, if any; they come shortest rod first."""
+    free = next((connector for connector in connectors if not connector.blocked_by), None)
+    return None if free is None else Mount(module=free.module, port=free.port)
+
+
+def choose_mount(design: Design) -> Mount | None:
+    """Return the connector from which the shortest straight rod reaches the end-effector, if any does."""
+    return nearest_available(free_connectors(design, rigid_parts(design, platform(design))))
+
+
+def _rod(design: Design, parts: RigidParts, mount: Mount) -> Rod:
+    """Return the rod from a mount; of no length, it points as the connector does."""
+    end_effector, l_arm = design.task.end_effector, design.task.module.arm_length
+    rod = straight_rod(design, parts, mount)
+    R = parts.R[mount.module]
+    in_module = R.T @ rod.path / rod.length if rod.length > 0 else PORT_DIRECTIONS[mount.port]
+    length = rod.length * l_arm
+    return Rod(
+        length_m=length,
+        radius_m=end_effector.rod_radius,
+        mass_kg=end_effector.rod_linear_density * length,
+        direction=_vector(R @ in_module),
+        direction_in_module=_vector(in_module),
+    )
+
+
+def _note(parts: RigidParts, mount: Mount | None, connectors: tuple[FreeConnector, ...]) -> str | None:
+    if not parts.in_range:
+        return LOST
+    if mount is None:
+        return NO_ROD
+    chosen = next(c for c in connectors if (c.module, c.port) == (mount.module, mount.port))
+    obstacles = ", ".join(f"{obstacle.part} of module {obstacle.module}" for obstacle in chosen.blocked_by)
+    return f"the stated mount is blocked by {obstacles}" if obstacles else None
+
+
+def _vector(v: Array) -> Vector:
+    x, y, z = (finite(float(value)) for value in v)
+    return x, y, z

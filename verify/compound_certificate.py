@@ -1,0 +1,106 @@
+"""Proven verdicts on pairs of rigid bodies.
+
+| symbol | meaning |
+|---|---|
+| A_i, B_j | convex parts of two bodies |
+| d | clearance: the distance of the nearest two parts, or minus how far the two deepest are in each other |
+| n_ij | unit vector from A to B across which the parts are apart |
+| lower | the least gap of any two parts across their n_ij, so d >= lower |
+| upper | distance of a point proven in A to one proven in B, or minus the depth of one proven in both: d <= upper |
+
+`clear` when NumPy finds a plane between any two parts that must not touch and FCL finds boxes around the bodies, or
+else polytopes around all the parts, apart; `violated` when NumPy finds the point and FCL finds polytopes inside the
+two parts overlapping. As with cone-spheres, neither the search for n nor FCL can make a verdict by itself.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+
+from topo_search.model import Status
+from verify.bodies import Array
+from verify.certificate import ROUNDING, Certificate, judge
+from verify.compounds import Compound, Proximity, proximities
+from verify.convex import Convex
+from verify.fcl_queries import Shape
+
+LEVELS = 2
+"""0: boxes around whole bodies; 1: every part, with meshes turned towards its witness."""
+
+
+def certify_compounds(pairs: Sequence[tuple[Compound, Compound]], bolted: Sequence[bool]) -> list[Certificate]:
+    """Return the certificates of pairs of rigid bodies.
+
+    Args:
+        pairs: the bodies, in l_arm.
+        bolted: whether the frames of a pair may touch.
+    """
+    near = [A.in_range and B.in_range for A, B in pairs]
+    asked = [k for k, in_range in enumerate(near) if in_range]
+    found = iter(
+        proximities([pairs[k] for k in asked], [bolted[k] for k in asked]),
+    )
+    lost = Certificate(Status.UNDECIDED, None, None, 0.0, 0)
+    return [_certify(*pair, next(found)) if in_range else lost for pair, in_range in zip(pairs, near, strict=True)]
+
+
+def compound_evidence(A: Compound, B: Compound, bolted: bool) -> tuple[str, ...]:
+    """Return what to look at when search, planes and FCL disagree about two bodies; one finding a line [l_arm]."""
+    (at,) = proximities([(A, B)], [bolted])
+    part_A, part_B, x = A.parts[at.a], B.parts[at.b], (at.x_A + at.x_B) / 2
+    meshes = ("outer", part_A.outer(at.n), part_B.outer(-at.n)), ("inner", part_A.inner(x), part_B.inner(x))
+    return (
+        f"A, {part_A.name}: {part_A!r}",
+        f"B, {part_B.name}: {part_B!r}",
+        f"search: clearance {at.d!r}, normal from A to B {at.n.tolist()}",
+        f"nearest points, or the common one: {at.x_A.tolist()} and {at.x_B.tolist()}",
+        f"depth of the places in their parts {part_A.depth(at.x_A)!r} and {part_B.depth(at.x_B)!r}",
+        f"least gap across a plane between any two parts {at.lower!r}",
+        *(
+            f"{name} meshes of the two parts, FCL: {'overlap' if Shape(a).overlaps(Shape(b)) else 'apart'}"
+            for name, a, b in meshes
+        ),
+    )
+
+
+def _certify(A: Compound, B: Compound, found: Proximity) -> Certificate:
+    part_A, part_B = A.parts[found.a], B.parts[found.b]
+    if found.d > 0:
+        upper = float(np.linalg.norm(found.x_B - found.x_A))
+        proven = min(part_A.depth(found.x_A), part_B.depth(found.x_B)) > -ROUNDING
+        proof = functools.partial(_apart, A, B, found)
+    else:
+        x = (found.x_A + found.x_B) / 2
+        depths = part_A.depth(x), part_B.depth(x)
+        upper = -sum(depths)
+        proven = min(depths) > ROUNDING
+        proof = functools.partial(_overlap, A, B, found)
+    return judge(found.d, upper if proven else None, proof, LEVELS)
+
+
+def _apart(A: Compound, B: Compound, found: Proximity, level: int) -> float | None:
+    """Return the least gap across the planes between parts, if FCL sees the bodies apart too."""
+    if found.lower <= ROUNDING:
+        return None
+    if level == 0:
+        apart = bool(found.relevant.all()) and not A.bounds.shape.overlaps(B.bounds.shape)
+    else:
+        apart = all(_keep_off(A.parts[i], B.parts[j], found.normals[i, j]) for i, j in np.argwhere(found.relevant))
+    return found.lower if apart else None
+
+
+def _keep_off(part_A: Convex, part_B: Convex, n: Array) -> bool:
+    """Whether FCL sees two parts apart; meshes turned towards n are made only where common ones do not do."""
+    if not part_A.shape.overlaps(part_B.shape):
+        return True
+    return not Shape(part_A.outer(n)).overlaps(Shape(part_B.outer(-n)))
+
+
+def _overlap(A: Compound, B: Compound, found: Proximity, level: int) -> float | None:
+    """Return the (negative) gap of the deepest parts, if FCL sees meshes inside them overlap."""
+    x = (found.x_A + found.x_B) / 2
+    inner_A, inner_B = A.parts[found.a].inner(x), B.parts[found.b].inner(x)
+    return found.d if level > 0 and Shape(inner_A).overlaps(Shape(inner_B)) else None

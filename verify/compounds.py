@@ -1,0 +1,269 @@
+r"""How near two rigid bodies are that are unions of convex parts.
+
+| symbol | meaning | shape |
+|---|---|---|
+| A_i, B_j | parts of two bodies | |
+| h(u) | support, the largest u.x over a part | |
+| g_ij(n) | gap of parts across a unit vector n from A to B: -h_Ai(n) - h_Bj(-n), at most their clearance | |
+| d_ij, d | clearance of two parts, max over n of g_ij(n); of the bodies, the least d_ij | |
+| s* | growth distance: the factor at which two overlapping parts, scaled about their centres, only touch | |
+
+For parts that are apart the maximum is their distance, and GJK finds n. One plane often proves the rest: a pair of
+parts whose gap across the n of another pair is no less than the distance of that pair needs no search of its own.
+
+For parts that overlap, the normal n at which their scaled copies touch tells how far they are in each other:
+-g_ij(n) is how far one has to move along n to be free. The gap of the copies across a given n is linear in s, so
+Newton's iteration from s = 0 (Dinkelbach's) climbs to s* from below in a few steps [1]. From there n climbs to a
+maximum of g_ij, the shortest way out.
+
+[1] C. J. Ong, E. G. Gilbert, "Growth distances: new measures for object separation and penetration", IEEE Trans.
+Robotics and Automation 12 (1996) 888-903.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from verify.bodies import Array
+from verify.convex import Convex
+from verify.fcl_queries import FARTHEST
+from verify.gjk import Cores, Flags, cores, nearest
+from verify.meshes import Indices
+
+CHUNK = 2_000_000
+"""Coordinates of vertices that are held at a time."""
+NEWTON_STEPS = 12
+"""Most steps towards a growth distance; a few are enough."""
+ASCENT_STEPS = 6
+"""Steps from the normal at that factor towards the shortest way out."""
+TOUCHING = 1e-4
+"""Copies scaled by s touch when they are this part of 1 - s apart: less than they were drawn in from the parts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compound:
+    """A rigid body: the union of convex parts."""
+
+    parts: tuple[Convex, ...]
+    bounds: Convex
+    """A solid around all of them."""
+    frame: int = 0
+    """The first so many parts may touch the frame of a body that is bolted to this one."""
+
+    @functools.cached_property
+    def in_range(self) -> bool:
+        """Whether the body is where coordinates keep the digits that a proof needs."""
+        return bool(np.all(np.abs(self.bounds.centre) + self.bounds.radius < FARTHEST / 16))
+
+
+class Proximity(NamedTuple):
+    """How near two bodies are."""
+
+    d: float
+    """Clearance, negative if they overlap."""
+    lower: float
+    """Proven lower bound of d: the least gap across any of the planes."""
+    a: int
+    """The part of A that is nearest to, or deepest in, B."""
+    b: int
+    """The part of B."""
+    x_A: Array
+    """Of nearest points, the one in A; or a point in both, shape (3,)."""
+    x_B: Array
+    """The one in B; or the same point."""
+    normals: Array
+    """Which n separates parts i and j, or does best, shape (parts of A, parts of B, 3)."""
+    relevant: Flags
+    """Which parts must not touch each other, shape (parts of A, parts of B)."""
+
+    @property
+    def n(self) -> Array:
+        """The witness normal, from A to B."""
+        return np.asarray(self.normals[self.a, self.b])
+
+
+def proximities(pairs: Sequence[tuple[Compound, Compound]], bolted: Sequence[bool]) -> list[Proximity]:
+    """Return how near the bodies of every pair are.
+
+    Args:
+        pairs: the bodies.
+        bolted: whether their frames may touch.
+    """
+    if not pairs:
+        return []
+    bodies = list({id(body): body for pair in pairs for body in pair}.values())
+    batch = _Batch(bodies)
+    at = {id(body): k for k, body in enumerate(bodies)}
+    index = np.array([(at[id(A)], at[id(B)]) for A, B in pairs])
+    step = max(1, CHUNK // batch.coordinates)
+    found: list[Proximity] = []
+    for start in range(0, len(pairs), step):
+        part = slice(start, start + step)
+        found += batch.proximities(index[part], np.array(bolted[part], dtype=bool))
+    return found
+
+
+class _Apart(NamedTuple):
+    """How near N pairs of parts are: d_ij, g_ij(n), n, and points as in `Proximity`."""
+
+    d: Array
+    g: Array
+    n: Array
+    x_A: Array
+    x_B: Array
+
+
+class _Batch:
+    """Some bodies, all parts in arrays."""
+
+    def __init__(self, bodies: list[Compound]) -> None:
+        self.bodies = bodies
+        flat = [part for body in bodies for part in body.parts]
+        most = max(len(body.parts) for body in bodies)
+        self.cores = cores(flat)
+        self.ball = np.array([part.ball for part in flat])
+        self.first = np.cumsum([0] + [len(body.parts) for body in bodies[:-1]])
+        self.count = np.array([len(body.parts) for body in bodies])
+        self.frame = np.array([body.frame for body in bodies])
+        self.centre = np.array([body.bounds.centre for body in bodies])
+        self.middle = np.array([part.centre for part in flat])
+        # Bodies with fewer parts than others repeat their first one.
+        k = np.arange(most)
+        self.part = self.first[:, None] + np.where(k < self.count[:, None], k, 0)
+        self.coordinates = 3 * most * self.cores.vertices.shape[1]
+
+    def reach(self, part: Indices, n: Array) -> Array:
+        """Return h(n) of parts (N, m) along unit vectors (N, 3), shape (N, m)."""
+        along = np.einsum("nmkx,nx->nmk", self.cores.vertices[part], n).max(axis=2)
+        axis = self.cores.axis[part]
+        across = np.linalg.norm(n[:, None] - np.einsum("nmx,nx->nm", axis, n)[..., None] * axis, axis=2)
+        return np.asarray(along + self.cores.disc[part] * across + self.ball[part])
+
+    def gaps(self, A: Indices, B: Indices, n: Array) -> Array:
+        """Return g_ij(n) of the parts of pairs, shape (N, m, m)."""
+        return -self.reach(A, n)[:, :, None] - self.reach(B, -n)[:, None, :]
+
+    def proximities(self, index: Indices, bolted: Flags) -> list[Proximity]:
+        """Return how near the bodies `index`, shape (N, 2), are."""
+        rows = np.arange(len(index))
+        A, B = self.part[index[:, 0]], self.part[index[:, 1]]
+        k = np.arange(self.part.shape[1])
+        in_frame = k < self.frame[index][..., None]
+        relevant = ~(bolted[:, None, None] & in_frame[:, 0, :, None] & in_frame[:, 1, None, :])
+        relevant &= (k < self.count[index[:, 0], None])[:, :, None] & (k < self.count[index[:, 1], None])[:, None]
+        along = _unit(self.centre[index[:, 1]] - self.centre[index[:, 0]])
+        guess = np.where(relevant, self.gaps(A, B, along), np.inf).reshape(len(index), -1).argmin(axis=1)
+        a, b = np.divmod(guess, k.size)
+        best = self.apart(A[rows, a], B[rows, b], along)
+        # What that plane says of all parts, then what one across their own centre line says; last, a search.
+        g = np.where(relevant, self.gaps(A, B, best.n), np.inf)
+        n = np.broadcast_to(best.n[:, None, None], (*g.shape, 3)).copy()
+        d, x_A, x_B = np.full_like(g, np.inf), np.zeros_like(n), np.zeros_like(n)
+        d[rows, a, b], g[rows, a, b], x_A[rows, a, b], x_B[rows, a, b] = best.d, best.g, best.x_A, best.x_B
+        open_ = (g < best.d[:, None, None]) & (d == np.inf)
+        p, i, j = np.nonzero(open_)
+        own = _unit(self.middle[B[p, j]] - self.middle[A[p, i]])
+        own_g = self.gap(A[p, i], B[p, j], own)
+        better = own_g > g[p, i, j]
+        p, i, j = p[better], i[better], j[better]
+        g[p, i, j], n[p, i, j] = own_g[better], own[better]
+        p, i, j = np.nonzero(open_ & (g < best.d[:, None, None]))
+        more = self.apart(A[p, i], B[p, j], n[p, i, j])
+        d[p, i, j], g[p, i, j], n[p, i, j], x_A[p, i, j], x_B[p, i, j] = more
+        a, b = np.divmod(d.reshape(len(index), -1).argmin(axis=1), k.size)
+        least, lower = d[rows, a, b].tolist(), g.min(axis=(1, 2)).tolist()
+        m = self.count[index]
+        return [
+            Proximity(
+                *(least[row], lower[row], int(a[row]), int(b[row])),
+                *(x_A[row, a[row], b[row]], x_B[row, a[row], b[row]]),
+                n[row, : m[row, 0], : m[row, 1]],
+                relevant[row, : m[row, 0], : m[row, 1]],
+            )
+            for row in rows
+        ]
+
+    def gap(self, A: Indices, B: Indices, n: Array) -> Array:
+        """Return g(n) of N pairs of parts, shape (N,)."""
+        return self.gaps(A[:, None], B[:, None], n)[:, 0, 0]
+
+    def apart(self, A: Indices, B: Indices, n: Array) -> _Apart:
+        """Return how near N pairs of parts are; `n` stands in where nearest points have no direction."""
+        found = nearest(self.cores.take(A), self.cores.take(B))
+        size = np.linalg.norm(found.v, axis=1)
+        n = np.where(found.overlap[:, None], n, -found.v / np.where(size > 0, size, 1.0)[:, None])
+        r_A, r_B = self.ball[A], self.ball[B]
+        d = size - r_A - r_B
+        x_A, x_B = found.x_A + r_A[:, None] * n, found.x_B - r_B[:, None] * n
+        deep = np.flatnonzero(found.overlap)
+        if len(deep):
+            flat = [part for body in self.bodies for part in body.parts]
+            n[deep], x_A[deep] = touching([(flat[A[k]], flat[B[k]]) for k in deep])
+            n[deep], x_B[deep] = self.steepest(A[deep], B[deep], n[deep]), x_A[deep]
+        g = self.gap(A, B, n)
+        d[deep] = g[deep]
+        return _Apart(d, g, n, x_A, x_B)
+
+    def steepest(self, A: Indices, B: Indices, n: Array) -> Array:
+        """Return directions in which N pairs of overlapping parts are less far in each other than along n, if any.
+
+        Moved apart along n by twice -g(n), the parts are |v| >= -g(n) apart across n', so g(n') = |v| + 2 g(n) n.n'
+        is at least g(n), and more unless n' = n.
+        """
+        for _ in range(ASCENT_STEPS):
+            g = self.gap(A, B, n)
+            moved = self.cores.take(B)
+            moved = moved._replace(vertices=moved.vertices - 2 * (g[:, None] * n)[:, None])
+            v = nearest(self.cores.take(A), moved).v
+            size = np.linalg.norm(v, axis=1)
+            turned = -v / np.where(size > 0, size, 1.0)[:, None]
+            better = (size > 0) & (self.gap(A, B, turned) > g)
+            n = np.where(better[:, None], turned, n)
+        return n
+
+
+def touching(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:
+    """Return the normals, from A to B, at which scaled copies of overlapping solids touch, and where.
+
+    Args:
+        pairs: the solids.
+
+    Returns:
+        n, shape (N, 3), and a point in both solids each, shape (N, 3).
+    """
+    A, B = (cores([pair[side] for pair in pairs]) for side in (0, 1))
+    c_A, c_B = (np.array([pair[side].centre for pair in pairs]) for side in (0, 1))
+    r_A, r_B = (np.array([pair[side].ball for pair in pairs]) for side in (0, 1))
+    n, x, s = _unit(c_B - c_A), (c_A + c_B) / 2, np.zeros(len(pairs))
+    left = np.arange(len(pairs))
+    for _ in range(NEWTON_STEPS):
+        # The factor at which the gap across n vanishes; never beyond s*, since the copies are apart below it.
+        width = np.sum((A.take(left).support(n[left]) - c_A[left]) * n[left], axis=1) + r_A[left]
+        width += np.sum((c_B[left] - B.take(left).support(-n[left])) * n[left], axis=1) + r_B[left]
+        s[left] = np.maximum(s[left], np.sum((c_B - c_A)[left] * n[left], axis=1) / width)
+        found = nearest(_scaled(A, c_A, s, left), _scaled(B, c_B, s, left))
+        size = np.linalg.norm(found.v, axis=1)
+        x[left] = (found.x_A + found.x_B + (s * (r_A - r_B))[left, None] * n[left]) / 2
+        apart = ~found.overlap & (size - (s * (r_A + r_B))[left] > TOUCHING * (1 - s[left]))
+        left = left[apart]
+        if not len(left):
+            break
+        n[left] = -found.v[apart] / size[apart][:, None]
+    return n, x
+
+
+def _scaled(solids: Cores, centre: Array, s: Array, some: Indices) -> Cores:
+    """Return some of the solids, scaled by s about their centres."""
+    c, by = centre[some, None], s[some]
+    return Cores(c + by[:, None, None] * (solids.vertices[some] - c), solids.axis[some], by * solids.disc[some])
+
+
+def _unit(v: Array) -> Array:
+    """Return unit vectors; the z axis for those without a direction."""
+    length = np.linalg.norm(v, axis=1, keepdims=True)
+    return np.where(length > 0, v / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 1.0]))

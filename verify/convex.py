@@ -1,0 +1,233 @@
+"""Convex solids that the rigid parts are made of: boxes and other polyhedra, cylinders, capsules.
+
+| symbol | meaning | shape |
+|---|---|---|
+| C | conv(V) + a disc of radius R across the unit vector a + a ball of radius r | |
+| V | vertices: of a polyhedron; the ends of the axis of a cylinder or capsule | (k, 3) |
+| a, R | axis and radius of a cylinder; R = 0 for the others | (3,), scalar |
+| r | radius of a capsule; 0 for the others | scalar |
+| h_C(u) | support for a unit vector u: max u.V + R |u - (u.a) a| + r | |
+
+One formula for all of them lets many pairs be treated at once. Lengths are in l_arm.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+
+from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis
+from verify.fcl_queries import Shape
+from verify.meshes import ROUNDING, Indices, Polytope, inner_mesh, outer_mesh
+
+SIDES = 16
+"""Sides of the prisms inside and around a cylinder: turned towards what matters, they lose nothing there."""
+CAPSULE_LEVEL = 2
+"""Icosphere level of the meshes of a capsule."""
+
+
+@dataclass(frozen=True, eq=False)
+class Convex(ABC):
+    """A convex solid with a name."""
+
+    name: str
+    """What it is, in the user's words."""
+    vertices: Array
+    """V, shape (k, 3)."""
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]), kw_only=True)
+    """a, shape (3,)."""
+    disc: float = field(default=0.0, kw_only=True)
+    """R."""
+    ball: float = field(default=0.0, kw_only=True)
+    """r."""
+
+    @functools.cached_property
+    def centre(self) -> Array:
+        """A point inside, shape (3,)."""
+        return np.asarray(self.vertices.mean(axis=0))
+
+    @functools.cached_property
+    def radius(self) -> float:
+        """The solid lies in the ball of this radius around its centre."""
+        across = np.linalg.norm(self.vertices - self.centre, axis=1).max()
+        return float(np.hypot(across, self.disc)) + self.ball
+
+    @property
+    def reach(self) -> float:
+        """Distance of its farthest point from the origin."""
+        along = self.vertices @ self.axis
+        across = np.linalg.norm(self.vertices - along[:, None] * self.axis, axis=1)
+        return float(np.hypot(across + self.disc, along).max()) + self.ball
+
+    def support(self, u: Array) -> float:
+        """Return h_C(u) for a unit vector u."""
+        across = float(np.linalg.norm(u - (u @ self.axis) * self.axis))
+        return float((self.vertices @ u).max()) + self.disc * across + self.ball
+
+    @functools.cached_property
+    def shape(self) -> Shape:
+        """A polytope around the solid as FCL holds it, made once for all that it is shown to."""
+        return Shape(self.outer(self.axis))
+
+    @abstractmethod
+    def depth(self, x: Array) -> float:
+        """Return the radius of a ball around x, shape (3,), that the solid holds; negative outside."""
+
+    @abstractmethod
+    def outer(self, n: Array) -> Polytope:
+        """Return a polytope around the solid that has its support along n."""
+
+    @abstractmethod
+    def inner(self, x: Array) -> Polytope:
+        """Return a polytope inside the solid that holds its point x."""
+
+    @abstractmethod
+    def placed(self, R: Array, p: Array) -> Self:
+        """Return the solid turned by R, shape (3, 3), then moved by p, shape (3,)."""
+
+    @abstractmethod
+    def grown(self, factor: float) -> Self:
+        """Return the solid scaled about its centre."""
+
+
+@dataclass(frozen=True, eq=False)
+class Polyhedron(Convex):
+    """The hull of its vertices."""
+
+    triangles: Indices
+    """Its surface, counter-clockwise seen from outside, shape (f, 3)."""
+
+    @functools.cached_property
+    def faces(self) -> tuple[Array, Array]:
+        """Outward unit normals, shape (f, 3), and offsets of the triangles' planes, shape (f,)."""
+        corners = self.vertices[self.triangles]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return normals, np.einsum("fx,fx->f", normals, corners[:, 0])
+
+    def depth(self, x: Array) -> float:
+        """Return the distance to the nearest face's plane."""
+        normals, offsets = self.faces
+        return float((offsets - normals @ x).min())
+
+    def outer(self, n: Array) -> Polytope:
+        """Return the polyhedron itself, larger by the allowance for rounding."""
+        return Polytope(self.centre + (1 + ROUNDING) * (self.vertices - self.centre), self.triangles)
+
+    def inner(self, x: Array) -> Polytope:
+        """Return the polyhedron itself."""
+        return Polytope(self.vertices, self.triangles)
+
+    def placed(self, R: Array, p: Array) -> Polyhedron:
+        """Return the solid turned by R, then moved by p."""
+        return Polyhedron(self.name, self.vertices @ R.T + p, self.triangles)
+
+    def grown(self, factor: float) -> Polyhedron:
+        """Return the solid scaled about its centre."""
+        return Polyhedron(self.name, self.centre + factor * (self.vertices - self.centre), self.triangles)
+
+
+def box(name: str, centre: Array, half: Array) -> Polyhedron:
+    """Return a box whose rows of half edges are `half`, right-handed and at right angles, shape (3, 3)."""
+    # Corner 4 i + 2 j + k has the signs i, j, k along the three edges.
+    signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = [half_side for a, b, c, d in sides for half_side in ((a, b, c), (a, c, d))]
+    return Polyhedron(name, centre + signs @ half, np.array(triangles, dtype=np.intp))
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder(Convex):
+    """A cylinder with flat ends; its vertices are the centres of the lower and of the upper end."""
+
+    def depth(self, x: Array) -> float:
+        """Return the distance to the nearest of the two ends and the side."""
+        q = x - self.centre
+        along = float(q @ self.axis)
+        half = float(np.linalg.norm(self.vertices[1] - self.vertices[0])) / 2
+        return min(self.disc - float(np.linalg.norm(q - along * self.axis)), half - abs(along))
+
+    def outer(self, n: Array) -> Polytope:
+        """Return a prism around the cylinder, with a flat side towards n."""
+        radius = self.disc / math.cos(math.pi / SIDES)
+        return self._prism(n, (1 + ROUNDING) * radius, 0.5, 1 + ROUNDING)
+
+    def inner(self, x: Array) -> Polytope:
+        """Return a prism inside the cylinder, with an edge on the side of x."""
+        return self._prism(x - self.centre, (1 - ROUNDING) * self.disc, 0.0, 1.0)
+
+    def _prism(self, towards: Array, radius: float, phase: float, stretch: float) -> Polytope:
+        across = towards - (towards @ self.axis) * self.axis
+        length = np.linalg.norm(across)
+        e_1 = across / length if length > ROUNDING else basis_across(self.axis)[0]
+        angles = (np.arange(SIDES) + phase) * (2 * math.pi / SIDES)
+        ring = np.outer(np.cos(angles), e_1) + np.outer(np.sin(angles), np.cross(self.axis, e_1))
+        low, high = self.centre + stretch * (self.vertices - self.centre)
+        k = np.arange(SIDES)
+        after = (k + 1) % SIDES
+        fan = np.stack([np.zeros(SIDES - 2, dtype=np.intp), k[1:-1], k[2:]], axis=1)
+        triangles = [
+            np.stack([k, after, after + SIDES], axis=1),
+            np.stack([k, after + SIDES, k + SIDES], axis=1),
+            fan[:, ::-1],
+            fan + SIDES,
+        ]
+        return Polytope(np.concatenate([low + radius * ring, high + radius * ring]), np.concatenate(triangles))
+
+    def placed(self, R: Array, p: Array) -> Cylinder:
+        """Return the solid turned by R, then moved by p."""
+        return Cylinder(self.name, self.vertices @ R.T + p, axis=R @ self.axis, disc=self.disc)
+
+    def grown(self, factor: float) -> Cylinder:
+        """Return the solid scaled about its centre."""
+        vertices = self.centre + factor * (self.vertices - self.centre)
+        return Cylinder(self.name, vertices, axis=self.axis, disc=factor * self.disc)
+
+
+def cylinder(name: str, centre: Array, axis: Array, radius: float, height: float) -> Cylinder:
+    """Return a cylinder around a unit axis."""
+    return Cylinder(name, centre + np.outer([-height / 2, height / 2], axis), axis=axis, disc=radius)
+
+
+@dataclass(frozen=True, eq=False)
+class Capsule(Convex):
+    """A ball swept from the first vertex to the second."""
+
+    @property
+    def body(self) -> ConeSphere:
+        """The capsule as a cone-sphere."""
+        return ConeSphere(self.vertices[0], self.vertices[1] - self.vertices[0], self.ball, 0.0)
+
+    def depth(self, x: Array) -> float:
+        """Return how far inside the nearest ball x lies."""
+        return float(self.body.depth(x))
+
+    def outer(self, n: Array) -> Polytope:
+        """Return a polytope around the capsule, with a face towards n."""
+        return outer_mesh(self.body, CAPSULE_LEVEL, n)
+
+    def inner(self, x: Array) -> Polytope:
+        """Return a polytope inside the capsule, with vertices from its axis towards x."""
+        body = self.body
+        away = x - body.centre(float(nearest_on_axis(body.o - x, body.d, body.dr)))
+        distance = np.linalg.norm(away)
+        return inner_mesh(body, CAPSULE_LEVEL, away / distance if distance > 0 else self.axis)
+
+    def placed(self, R: Array, p: Array) -> Capsule:
+        """Return the solid turned by R, then moved by p."""
+        return Capsule(self.name, self.vertices @ R.T + p, ball=self.ball)
+
+    def grown(self, factor: float) -> Capsule:
+        """Return the solid scaled about its centre."""
+        vertices = self.centre + factor * (self.vertices - self.centre)
+        return Capsule(self.name, vertices, ball=factor * self.ball)
+
+
+def capsule(name: str, start: Array, end: Array, radius: float) -> Capsule:
+    """Return the balls around a segment."""
+    return Capsule(name, np.stack([start, end]), ball=radius)
