@@ -17,7 +17,7 @@ from topo_search.export.picture import draw, figure_of, title
 from topo_search.export.poses import poses
 from topo_search.export.scene import Scene
 from topo_search.export.tree_layout import flat_layout, layered_layout
-from topo_search.model import Design, Module, Topology
+from topo_search.model import BadInput, Design, Module, Topology
 from topo_search.model.files import examples, read_task
 
 
@@ -165,12 +165,11 @@ def test_a_cone_has_its_half_angle() -> None:
 
 
 def volume(faces: np.ndarray) -> float:
-    """Return the volume inside closed faces around the origin's side, whatever their orientation."""
-    centre = faces.reshape(-1, 3).mean(axis=0)
-    corners = faces - centre
+    """Return the volume inside closed faces, negative if they were seen counter-clockwise from inside."""
+    corners = faces - faces.reshape(-1, 3).mean(axis=0)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals += np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 0])
-    return float(np.abs(np.einsum("fi,fi->f", normals / 2, corners[:, 0])).sum() / 3)
+    return float(np.einsum("fi,fi->f", normals / 2, corners[:, 0]).sum() / 3)
 
 
 def test_the_parts_have_the_sizes_of_the_module() -> None:
@@ -223,3 +222,20 @@ def test_the_viewer_looks_across_the_offset(angle_deg: int) -> None:
     scene = Scene(Figure(), (0.0, 0.0, 1.0, 1.0), sideways, poses(sideways))
     assert np.linalg.norm(scene.v) == pytest.approx(1)
     assert abs(scene.v @ sideways.end_effector_m) < 0.75
+
+
+def test_faces_are_seen_from_outside_and_only_those_towards_the_viewer_are_drawn(tmp_path: Path) -> None:
+    module = Module()
+    for shell in (*np.split(parts.frame(module), 5), *np.split(parts.rotors(module), 4)):
+        centre = shell.reshape(-1, 3).mean(axis=0)
+        normals = np.cross(shell[:, 1] - shell[:, 0], shell[:, 2] - shell[:, 1])
+        assert np.all(np.einsum("fi,fi->f", normals, shell.mean(axis=1) - centre) > 0)
+    draw(design(CROSS), tmp_path / "picture.svg")
+    assert (tmp_path / "picture.svg").stat().st_size < 320_000
+
+
+@pytest.mark.parametrize("far", [[1e200, 0.0, 0.0], [0.0, -1e5, 0.0], [0.0, 0.0, 1.7e308]])
+def test_an_end_effector_out_of_sight_is_refused(tmp_path: Path, far: list[float]) -> None:
+    with pytest.raises(BadInput, match=r"end_effector_m: must be within .* m of the root module to be drawn"):
+        draw(design(CROSS, end_effector_m=far), tmp_path / "picture.png")
+    assert list(tmp_path.iterdir()) == []

@@ -1,6 +1,6 @@
 """The rigid parts of a module as four-cornered faces: hub and arms as boxes, rotor discs as short cylinders.
 
-All in the module frame, (faces, 4, 3) [m]; the sizes are those of `[module.body]`.
+All in the module frame, (faces, 4, 3) [m], corners counter-clockwise from outside; sizes as in `[module.body]`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,14 @@ ROTOR_SPINS = (-1, 1, -1, 1)
 """(-1)^q: sign of the drag torque of rotor q along the thrust axis."""
 
 _SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-CUBE = np.array([np.insert(_SQUARE, axis, side, axis=1) for axis in range(3) for side in (-1.0, 1.0)])
+_TURNED = _SQUARE[::-1]
+CUBE = np.array(
+    [
+        np.insert(_SQUARE if outwards else _TURNED, axis, side, axis=1)
+        for axis in range(3)
+        for side, outwards in ((-1.0, axis == 1), (1.0, axis != 1))
+    ]
+)
 """Faces of the cube [-1, 1]^3."""
 
 
@@ -42,7 +49,7 @@ def cylinder(radius: float, height: float, *, sides: int = 16) -> Array:
     top, bottom = ring + np.array([0, 0, height / 2]), ring - np.array([0, 0, height / 2])
     around = np.stack([bottom, np.roll(bottom, -1, axis=0), np.roll(top, -1, axis=0), top], axis=1)
     strips = [[k, k + 1, sides - 2 - k, sides - 1 - k] for k in range(sides // 2 - 1)]
-    return np.concatenate([around, top[strips], bottom[strips]])
+    return np.concatenate([around, top[strips], bottom[strips][:, ::-1]])
 
 
 def _turn(angle: float) -> Array:

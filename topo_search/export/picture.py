@@ -17,9 +17,9 @@ from matplotlib.patches import Patch
 
 from topo_search.export import palette
 from topo_search.export.figure_file import content, save
-from topo_search.export.poses import poses
 from topo_search.export.scene import Scene
 from topo_search.export.tree_plot import draw_tree
+from topo_search.export.viewpoint import poses_to_draw
 from topo_search.model.design import Design
 from topo_search.model.exposure import Exterior
 
@@ -34,6 +34,7 @@ def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | No
 
     Raises:
         ValueError: neither `format` nor the name says `png` or `svg`.
+        BadInput: the end-effector is too far away to be drawn with the rest.
     """
     with mpl.rc_context({"font.size": 8}):
         save(figure_of(design), path, format=format)
@@ -53,13 +54,13 @@ class Picture:
 def figure_of(design: Design) -> Figure:
     """Return the picture as a matplotlib figure."""
     figure = Figure(figsize=(10.5, 6.8))
-    at = poses(design)
+    at = poses_to_draw(design)
     whole = Scene(figure, (0.0, 0.10, 0.58, 0.82), design, at)
     whole.exposure()
     whole.airflow()
     whole.platform()
     whole.finish()
-    close = Scene(figure, (0.58, 0.47, 0.42, 0.45), design, at)
+    close = Scene(figure, (0.57, 0.47, 0.42, 0.45), design, at)
     close.platform()
     close.finish()
     close.number_modules()

@@ -25,7 +25,7 @@ LIGHT = np.array([0.27, -0.18, 0.95])
 """Towards the light, for the shading of faces."""
 MARGIN = np.array([1.3, 0.8])
 """Left for the labels of the axes, in width and height [in]."""
-ASIDE = np.array(sorted(itertools.product(range(-4, 5), repeat=2), key=lambda step: math.hypot(*step)))
+ASIDE = np.array(sorted(itertools.product(range(-6, 7), repeat=2), key=lambda step: math.hypot(*step)))
 """Where a number may move to, nearest first, in font sizes."""
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
 """Keeps a number readable over whatever lies behind it."""
@@ -125,13 +125,16 @@ class Scene:
             axis._axinfo["grid"].update(color="0.9", linewidth=0.5)
 
     def number_modules(self) -> None:
-        """Write every module's number at its thrust axis, moved aside where two would overlap; after `finish`."""
-        anchors = self.at.p + 2.0 * self.design.task.module.arm_length * self.at.z
+        """Write every module's number beside it, clear of thrust axes, marks and other numbers; after `finish`."""
+        anchors = self.at.p
         size = float(np.clip(40 / len(anchors), 5, 8))
-        taken = list(self._on_page(np.stack([self.at.p_com, self.at.end_effector])))
+        along = np.linspace(0.0, 1.6, 5)[:, None, None] * self.design.task.module.arm_length * self.at.z
+        marks = np.stack([self.at.p_com, self.at.end_effector])
+        taken = list(self._on_page(np.concatenate([(self.at.p + along).reshape(-1, 3), marks])))
         for i, (on_axes, on_page) in enumerate(zip(self._projected(anchors), self._on_page(anchors), strict=True)):
             aside = next(
-                (step * size for step in ASIDE if not _overlap(on_page + step * size, taken, size)), np.zeros(2)
+                (step * size for step in ASIDE if not _overlap(on_page + step * size, taken, size)),
+                size * ASIDE[-1],
             )
             taken.append(on_page + aside)
             self.axes.annotate(
@@ -143,9 +146,13 @@ class Scene:
                 ha="center",
                 va="center",
                 path_effects=HALO,
-                arrowprops={"arrowstyle": "-", "linewidth": 0.3, "shrinkA": 0, "shrinkB": 0}
-                if aside.any()
-                else None,
+                arrowprops={
+                    "arrowstyle": "-",
+                    "linewidth": 0.7,
+                    "shrinkA": 0,
+                    "shrinkB": 0,
+                    "path_effects": [patheffects.withStroke(linewidth=1.8, foreground="white")],
+                },
                 zorder=9,
             )
 
@@ -177,13 +184,16 @@ class Scene:
         self._keep(polygons)
 
     def _solid(self, faces: Array, tints: Array) -> None:
+        """Draw the faces that the viewer can see."""
+        self._keep([faces])
         normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1])
+        seen = normals @ self.v > 0
+        faces, normals = faces[seen], normals[seen]
         cosine = np.abs(normals @ LIGHT) / np.linalg.norm(normals, axis=1)
-        tints = tints * (0.7 + 0.3 * cosine[:, None])
+        tints = tints[seen] * (0.7 + 0.3 * cosine[:, None])
         self.axes.add_collection3d(
             Poly3DCollection(faces, facecolors=tints, edgecolors=tints, linewidths=0.2, zorder=5)
         )
-        self._keep([faces])
 
     def _lines(self, lines: list[Array], colour: str, width: float) -> None:
         self.axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=width, zorder=4))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from markupsafe import Markup
 
-from topo_search.export.poses import poses
+from topo_search.export.viewpoint import poses_to_draw
 from topo_search.model import Audit, Clearance, Design, Limit, Status
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
@@ -23,7 +23,7 @@ NEAREST = 12
 
 def design_part(design: Design, audit: Audit | None) -> DesignPart:
     """Return all that is shown of a design."""
-    at = poses(design)
+    at = poses_to_draw(design)
     pairs = () if audit is None else audit.pairs
     closest = min(pairs, key=lambda pair: pair.analytic_m, default=None)
     return DesignPart(
