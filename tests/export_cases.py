@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model import Design, Task, Topology
+from topo_search.model import Design, Mount, Task, Topology
 from topo_search.topologies import sample
-from verify.kinematics import platform
+from verify.kinematics import PORT_DIRECTIONS, platform
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,20 @@ def drawn_trees() -> list[Topology]:
         *(tree for n in (2, 5, 9) for tree in sample(n, 2, n)),
         *(tree for n in (3, 5, 9) for tree in sample(n, 2, n, connectors="any")),
     ]
+
+
+def with_rod(design: Design) -> Design:
+    """The design with its end-effector on a rod from the last free connector."""
+    module, port = design.topology.free_connectors[-1]
+    return design.model_copy(update={"mount": Mount(module=module, port=port)})
+
+
+def rod_ends(design: Design) -> Array:
+    """Connector and tip of that rod, in W."""
+    at, l_c = platform(design), design.task.module.connector_distance
+    module, port = design.topology.free_connectors[-1]
+    start = at.poses.p[module] + l_c * at.poses.R[module] @ PORT_DIRECTIONS[port]
+    return np.stack([start, design.end_effector_m])
 
 
 def inertia_about_com(design: Design) -> Array:

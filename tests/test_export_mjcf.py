@@ -5,7 +5,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from export_cases import drawn_trees, inertia_about_com, random_design
+from export_cases import drawn_trees, inertia_about_com, random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
 import nlp
@@ -113,6 +113,20 @@ def test_poses_wrenches_masses_and_inertia_are_those_of_the_audit(topology: Topo
     np.testing.assert_allclose(M[:3, :3], m_t * np.eye(3), atol=1e-13)
     np.testing.assert_allclose(M[:3, 3:], 0, atol=1e-13)
     np.testing.assert_allclose(M[3:, 3:], inertia_about_com(design), atol=1e-13)
+
+
+@pytest.mark.parametrize("topology", drawn_trees(), ids=lambda tree: tree.key)
+def test_the_rod_runs_from_its_connector_to_the_end_effector_and_weighs_nothing(topology: Topology) -> None:
+    design = with_rod(random_design(topology, 3))
+    model, data = at_load_case(design, 0, gravity=False)
+    start, tip = rod_ends(design) - platform(design).p_com
+    rod, radius, half = data.geom("rod"), *model.geom("rod").size[:2]
+    assert radius == design.task.end_effector.rod_radius
+    assert 2 * half == pytest.approx(np.linalg.norm(tip - start), rel=1e-12)
+    np.testing.assert_allclose(rod.xpos, (start + tip) / 2, atol=1e-14)
+    np.testing.assert_allclose(np.abs(rod.xmat.reshape(3, 3)[:, 2] @ (tip - start)), 2 * half, rtol=1e-12)
+    assert model.body("platform").subtreemass == pytest.approx(design.task.total_mass(topology.n), rel=1e-14)
+    assert data.ncon == 0
 
 
 def test_a_rotor_gives_no_more_than_its_largest_thrust() -> None:

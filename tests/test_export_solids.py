@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from export_cases import drawn_trees, random_design
+from export_cases import drawn_trees, random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
 from topo_search.export.meshes import cone_sphere, frame, rotors
@@ -114,6 +114,21 @@ def test_a_printed_platform_is_closed_and_in_millimetres(topology: Topology) -> 
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(1e9 * topology.n * (FRAME + DISCS), rel=4e-3)
     np.testing.assert_allclose(mesh.center_mass, 1e3 * platform(design).poses.p.mean(axis=0), atol=1e-3)
+
+
+@pytest.mark.parametrize("topology", drawn_trees(), ids=lambda tree: tree.key)
+def test_the_rod_is_a_closed_part_of_the_platform(topology: Topology) -> None:
+    bare = random_design(topology, 4)
+    design = with_rod(bare)
+    start, tip = rod_ends(design)
+    rod = in_place(loaded_glb(design, parts="platform"), "rod_0")
+    assert rod.is_watertight
+    right = cone_sphere_volume(float(np.linalg.norm(tip - start)), 0.005, 0.005)
+    assert rod.volume == pytest.approx(right, rel=5e-3)
+    np.testing.assert_allclose(rod.center_mass, (start + tip) / 2, atol=1e-5)
+    printed, without = (trimesh.load_mesh(io.BytesIO(stl(one)), file_type="stl") for one in (design, bare))
+    assert printed.is_watertight
+    assert printed.volume - without.volume == pytest.approx(1e9 * right, rel=5e-3)
 
 
 def test_parts_are_chosen() -> None:

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
-from export_cases import drawn_trees, inertia_about_com, random_design
+from export_cases import drawn_trees, inertia_about_com, random_design, rod_ends, with_rod
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -89,6 +89,19 @@ def test_thrust_applied_as_the_file_says_gives_the_wrench_of_the_audit(topology:
     about_com = about_root - np.cross(data.body("centre_of_mass").xpos, force)
     expected = wrench_map(platform(design), design.task.module) @ design.inputs[0].ravel()
     np.testing.assert_allclose([*force, *about_com], expected, atol=1e-11)
+
+
+@pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
+def test_the_rod_runs_from_its_connector_to_the_end_effector(topology: Topology) -> None:
+    design = with_rod(random_design(topology, 8))
+    frames = UrdfTransformManager()
+    frames.load_urdf(urdf(design))
+    (rod,) = (part for part in frames.visuals if part.frame.startswith("visual:end_effector"))
+    start, tip = rod_ends(design)
+    assert (rod.radius, rod.length) == (0.005, pytest.approx(np.linalg.norm(tip - start), rel=1e-12))
+    pose = frames.get_transform(rod.frame, "module_0")  # the axes of W
+    ends = pose[:3, 3] + np.outer([-rod.length / 2, rod.length / 2], pose[:3, 2])
+    np.testing.assert_allclose(ends, [start, tip], atol=1e-13)
 
 
 @given(*[st.floats(-7, 7)] * 3)

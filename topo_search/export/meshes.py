@@ -18,7 +18,7 @@ import trimesh
 from trimesh import Trimesh
 
 from topo_search.export.parts import ROTOR_ANGLES
-from topo_search.export.poses import rotation
+from topo_search.export.poses import rotation, rotation_to
 from topo_search.model.arrays import Array
 from topo_search.model.module import Module
 
@@ -58,7 +58,7 @@ def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = 
     profile = np.concatenate([_arc(0.0, theta_t, r_1, L, sides), _arc(theta_t, math.pi, r_0, 0.0, sides)])
     profile[[0, -1], 0] = 0.0  # the poles lie on the axis
     mesh: Trimesh = trimesh.creation.revolve(profile[::-1], sections=sides)
-    return mesh.apply_transform(placed(_along(a / L) if L else np.eye(3), P_0))
+    return mesh.apply_transform(placed(rotation_to(a / L) if L else np.eye(3), P_0))
 
 
 def placed(R: Array, p: Array) -> Array:
@@ -73,13 +73,6 @@ def joined(meshes: list[Trimesh]) -> Trimesh:
     mesh = trimesh.util.concatenate(meshes)
     assert isinstance(mesh, Trimesh)  # as all of them are
     return mesh
-
-
-def _along(a: Array) -> Array:
-    """Return a rotation that takes the z axis to a unit vector."""
-    s = np.cross(np.eye(3)[np.argmin(np.abs(a))], a)
-    s /= np.linalg.norm(s)
-    return np.stack([s, np.cross(a, s), a], axis=1)
 
 
 def _arc(start: float, end: float, r: float, height: float, sides: int) -> Array:

@@ -11,7 +11,7 @@
 The body `platform` floats freely. Its frame has its origin at the centre of mass and the axes of the task frame
 W, so that a load case reads there as it stands in the task. Modules hang below it as the topology says, each behind
 its hinge with the angle that the design states. Masses are those of the solver and the audit: m at every module's
-centre with the module's inertia, m_E at p_E as a point.
+centre with the module's inertia, m_E at p_E as a point. The rod that holds it has a shape, but no mass.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from xml.etree.ElementTree import Comment, Element, SubElement
 from topo_search.export import palette
 from topo_search.export.parts import ROTOR_ANGLES, ROTOR_SPINS
 from topo_search.export.poses import PORTS, poses
+from topo_search.export.rod import rod_of
 from topo_search.export.xml_text import numbers, rgba, xml_text
 from topo_search.model.design import Design
 from topo_search.model.module import Module
@@ -63,6 +64,10 @@ def mjcf(design: Design) -> str:
         bodies.append(_module_body(hinge, i, behind, module))
     end_effector = SubElement(platform, "body", name="end_effector", pos=numbers(*at.p_E))
     SubElement(end_effector, "inertial", pos="0 0 0", mass=numbers(task.end_effector.mass), diaginertia="0 0 0")
+    if rod := rod_of(design, at):
+        ends = numbers(*(rod.start - rod.end), 0, 0, 0)
+        shape = {"type": "capsule", "size": numbers(rod.radius), "rgba": rgba(palette.END_EFFECTOR)}
+        SubElement(end_effector, "geom", {"name": "rod", "fromto": ends, **shape})
     SubElement(end_effector, "site", name="end_effector", rgba=rgba(palette.END_EFFECTOR))
     _actuators(SubElement(model, "actuator"), design.topology.n)
     _keyframes(SubElement(model, "keyframe"), design)

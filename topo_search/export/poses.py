@@ -75,3 +75,10 @@ def rotation(axis: str, angle: float) -> Array:
     R[k, j] = math.sin(angle)
     R[j, k] = -R[k, j]
     return R
+
+
+def rotation_to(a: Array) -> Array:
+    """Return a rotation that takes the z axis to a unit vector, (3, 3)."""
+    s = np.cross(np.eye(3)[np.argmin(np.abs(a))], a)
+    s /= np.linalg.norm(s)
+    return np.stack([s, np.cross(a, s), a], axis=1)

@@ -21,6 +21,7 @@ from topo_search.export import outlines, palette
 from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
 from topo_search.export.poses import Poses, poses, rotation
 from topo_search.export.regions import cone_axis, paths
+from topo_search.export.rod import rod_of
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.exposure import Directional, Exterior
@@ -74,6 +75,9 @@ def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
     if parts != "airflow":
         yield Solid("frame", frame(module), palette.MODULE, here)
         yield Solid("rotors", rotors(module), palette.ROTOR, here)
+        if rod := rod_of(design, at):
+            tube = cone_sphere(rod.start, rod.radius, rod.end, rod.radius)
+            yield Solid("rod", tube, palette.END_EFFECTOR, [np.eye(4)])
     if parts != "platform":
         envelope, far = module.envelope, np.array([0.0, 0.0, -module.envelope.length])
         volume = cone_sphere(np.zeros(3), envelope.start_radius, far, envelope.end_radius)

@@ -22,7 +22,8 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.export.parts import ROTOR_ANGLES
-from topo_search.export.poses import poses, rotation
+from topo_search.export.poses import poses, rotation, rotation_to
+from topo_search.export.rod import rod_of
 from topo_search.export.xml_text import numbers, rgba, xml_text
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
@@ -56,12 +57,14 @@ def urdf(design: Design) -> str:
             _joint(robot, f"module_{i}", rotor, R @ _along(angle, module.arm_length), R)
     for h, i, _, _ in design.topology.edges():
         _joint(robot, f"module_{h}", f"module_{i}", F[h].T @ (at.p[i] - at.p[h]), F[h].T @ F[i])
-    for name, mass, place in (
-        ("end_effector", task.end_effector.mass, at.end_effector),
-        ("centre_of_mass", 0.0, at.p_com),
-    ):
-        _point(robot, name, mass)
-        _joint(robot, "module_0", name, place, np.eye(3))
+    _point(robot, "centre_of_mass", 0.0)
+    _joint(robot, "module_0", "centre_of_mass", at.p_com, np.eye(3))
+    tip = _point(robot, "end_effector", task.end_effector.mass)
+    _joint(robot, "module_0", "end_effector", at.end_effector, np.eye(3))
+    if rod := rod_of(design, at):
+        tube = "cylinder", {"radius": numbers(rod.radius), "length": numbers(rod.length)}
+        R = rotation_to((rod.end - rod.start) / rod.length)
+        _shape(tip, tube, (rod.start - rod.end) / 2, R, "end_effector")
     return xml_text(robot)
 
 
@@ -87,9 +90,11 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
         _shape(link, rotor, R @ _along(angle, l_arm), R, "rotor")
 
 
-def _point(robot: Element, name: str, mass: float) -> None:
-    """Add a link without extent."""
-    _inertial(SubElement(robot, "link", name=name), mass, (0.0, 0.0, 0.0), np.eye(3))
+def _point(robot: Element, name: str, mass: float) -> Element:
+    """Add a link whose mass is a point."""
+    link = SubElement(robot, "link", name=name)
+    _inertial(link, mass, (0.0, 0.0, 0.0), np.eye(3))
+    return link
 
 
 def _along(angle: float, length: float) -> Array:
