@@ -64,10 +64,11 @@ def mjcf(design: Design) -> str:
         bodies.append(_module_body(hinge, i, behind, module))
     end_effector = SubElement(platform, "body", name="end_effector", pos=numbers(*at.p_E))
     SubElement(end_effector, "inertial", pos="0 0 0", mass=numbers(task.end_effector.mass), diaginertia="0 0 0")
-    if rod := rod_of(design, at):
-        ends = numbers(*(rod.start - rod.end), 0, 0, 0)
+    if design.mount is not None and (rod := rod_of(design, at)):
         shape = {"type": "capsule", "size": numbers(rod.radius), "rgba": rgba(palette.END_EFFECTOR)}
+        ends = numbers(*(rod.start - rod.end), 0, 0, 0)
         SubElement(end_effector, "geom", {"name": "rod", "fromto": ends, **shape})
+        _bar(bodies[design.mount.module], design.mount.port, module)
     SubElement(end_effector, "site", name="end_effector", rgba=rgba(palette.END_EFFECTOR))
     _actuators(SubElement(model, "actuator"), design.topology.n)
     _keyframes(SubElement(model, "keyframe"), design)
@@ -101,11 +102,16 @@ def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Ele
     """Add the hinge at a parent's port a, at which module i hangs."""
     about_x, about_y = (0.0, alpha) if a % 2 == 0 else (alpha, 0.0)
     step = numbers(*module.connector_distance * PORTS[a])
-    bar = {"class": "joint", "fromto": f"0 0 0 {step}"}
-    SubElement(parent, "geom", bar)
+    _bar(parent, a, module)
     hinge = SubElement(parent, "body", name=f"hinge_{i}", pos=step, euler=numbers(0, about_x, about_y))
-    SubElement(hinge, "geom", bar)
+    _bar(hinge, a, module)
     return hinge
+
+
+def _bar(body: Element, port: int, module: Module) -> None:
+    """Draw the bar between a module's centre and a connector in use, which has neither mass nor contact."""
+    ends = numbers(0, 0, 0, *module.connector_distance * PORTS[port])
+    SubElement(body, "geom", {"class": "joint", "fromto": ends})
 
 
 def _module_body(parent: Element, i: int, place: dict[str, str], module: Module) -> Element:
