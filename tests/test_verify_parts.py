@@ -9,13 +9,13 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from verify_cases import FAN, changed, design, fan, unit
 
-from topo_search.model import Status, Topology
-from verify import audit
+from topo_search.model import Module, Status, Topology
+from verify import audit, kinematics
 from verify.compound_certificate import certify_compounds
 from verify.compounds import Compound, proximities
 from verify.convex import Capsule, Cylinder, box, capsule, cylinder
 from verify.kinematics import platform
-from verify.parts import bounding_box, rigid_parts
+from verify.parts import bounding_box, module_parts, rigid_parts
 
 UP = np.array([0.0, 0.0, 1.0])
 ORIGIN = np.zeros(3)
@@ -253,3 +253,60 @@ def test_every_pair_of_modules_has_a_row():
 def test_parts_out_of_range_are_undecided():
     result = audit(fan(task={"module": {"connector_distance": 1e7}}))
     assert {pair.status for pair in result.pairs if pair.kind == "body"} == {Status.UNDECIDED}
+
+
+# ---- what keeps real parts apart
+
+
+def facing(distance, tilt):
+    """Two modules of the default shape, rotor towards rotor, each tilted by as much towards the other's top."""
+    modules = []
+    frame, rotors = module_parts(Module())
+    bounds = bounding_box(frame + rotors)
+    for side in (-1.0, 1.0):
+        R = kinematics.rotation(1, -side * tilt) @ kinematics.rotation(2, math.pi / 4)
+        p = np.array([side * distance / 2, 0.0, 0.0])
+        modules.append(Compound(tuple(part.placed(R, p) for part in frame + rotors), bounds.placed(R, p)))
+    (found,) = certify_compounds([tuple(modules)], [False])
+    return found
+
+
+def test_at_the_default_body_clearance_only_the_rims_of_facing_rotors_can_touch():
+    """0.30 m is twice the reach in the plane of the rotors; a rim is farther out by its half height."""
+    reach = math.hypot(1.5, 0.1)
+    assert module_parts(Module())[1][0].reach == pytest.approx(reach, rel=1e-12)
+    tilt = math.atan2(0.1, 1.5)
+    assert facing(3.0, 0.0).analytic == pytest.approx(0.0, abs=1e-9)
+    touching = facing(3.0, tilt)
+    assert touching.status == Status.VIOLATED
+    assert touching.analytic == pytest.approx(3.0 - 2 * reach, abs=1e-6)
+    assert facing(2 * reach + 1e-6, tilt).status == Status.CLEAR
+
+
+def test_two_reaches_between_centres_keep_all_parts_apart():
+    """The proof: a module lies in the ball of its reach around its centre, and these balls are apart."""
+    rng = np.random.default_rng(6)
+    for _ in range(40):
+        shape = {"body": {"rotor_height": rng.uniform(0.002, 0.1), "hub": rng.uniform(0.02, 0.3, 3).tolist()}}
+        frame, rotors = module_parts(Module.model_validate(shape))
+        parts = frame + rotors
+        reach, bounds = max(part.reach for part in parts), bounding_box(parts)
+        pair = []
+        for p in (ORIGIN, (2 * reach + 1e-6) * unit(rng)):
+            R = rotation(rng)
+            pair.append(Compound(tuple(part.placed(R, p) for part in parts), bounds.placed(R, p)))
+        (found,) = certify_compounds([tuple(pair)], [False])
+        assert found.status == Status.CLEAR
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.06, 0.069, 0.07])
+@pytest.mark.parametrize("kappa", [0, 1])
+def test_rotors_of_bolted_neighbours_stay_within_their_wedge(radius, kappa):
+    """Bodies with |x| + |z| < l_c meet at no hinge angle: each keeps to its side of the planes at 45 degrees."""
+    height = 0.02
+    within = 0.1 / math.sqrt(2) + radius + height / 2 < 0.15
+    task = {"module": {"body": {"rotor_radius": radius, "rotor_height": height}}, "search": {"connectors": "any"}}
+    chain = Topology(((-1, -1, -1), (0, 0, 2 + kappa)))
+    worst = design(chain, task, hinges=(math.pi / 2,))
+    (body,) = [pair for pair in audit(worst).pairs if pair.kind == "body"]
+    assert (body.status == Status.CLEAR) == within

@@ -40,7 +40,9 @@ CHUNK = 2_000_000
 NEWTON_STEPS = 12
 """Most steps towards a growth distance; a few are enough."""
 ASCENT_STEPS = 6
-"""Steps from the normal at that factor towards the shortest way out."""
+"""Most steps from the normal at that factor towards the shortest way out."""
+LEAST_GAIN = 1e-9
+"""Of a step towards the shortest way out [l_arm]."""
 TOUCHING = 1e-4
 """Copies scaled by s touch when they are this part of 1 - s apart: less than they were drawn in from the parts."""
 
@@ -87,17 +89,20 @@ class Proximity(NamedTuple):
         return np.asarray(self.normals[self.a, self.b])
 
 
-def proximities(pairs: Sequence[tuple[Compound, Compound]], bolted: Sequence[bool]) -> list[Proximity]:
+def proximities(
+    pairs: Sequence[tuple[Compound, Compound]], bolted: Sequence[bool], *, measured: bool = True
+) -> list[Proximity]:
     """Return how near the bodies of every pair are.
 
     Args:
         pairs: the bodies.
         bolted: whether their frames may touch.
+        measured: whether it matters how far they are in each other if they are; else d is only a lower bound then.
     """
     if not pairs:
         return []
     bodies = list({id(body): body for pair in pairs for body in pair}.values())
-    batch = _Batch(bodies)
+    batch = _Batch(bodies, measured)
     at = {id(body): k for k, body in enumerate(bodies)}
     index = np.array([(at[id(A)], at[id(B)]) for A, B in pairs])
     step = max(1, CHUNK // batch.coordinates)
@@ -121,8 +126,8 @@ class _Apart(NamedTuple):
 class _Batch:
     """Some bodies, all parts in arrays."""
 
-    def __init__(self, bodies: list[Compound]) -> None:
-        self.bodies = bodies
+    def __init__(self, bodies: list[Compound], measured: bool) -> None:
+        self.bodies, self.measured = bodies, measured
         flat = [part for body in bodies for part in body.parts]
         most = max(len(body.parts) for body in bodies)
         self.cores = cores(flat)
@@ -201,7 +206,7 @@ class _Batch:
         d = size - r_A - r_B
         x_A, x_B = found.x_A + r_A[:, None] * n, found.x_B - r_B[:, None] * n
         deep = np.flatnonzero(found.overlap)
-        if len(deep):
+        if len(deep) and self.measured:
             flat = [part for body in self.bodies for part in body.parts]
             n[deep], x_A[deep] = touching([(flat[A[k]], flat[B[k]]) for k in deep])
             n[deep], x_B[deep] = self.steepest(A[deep], B[deep], n[deep]), x_A[deep]
@@ -215,15 +220,18 @@ class _Batch:
         Moved apart along n by twice -g(n), the parts are |v| >= -g(n) apart across n', so g(n') = |v| + 2 g(n) n.n'
         is at least g(n), and more unless n' = n.
         """
+        n, left = n.copy(), np.arange(len(n))
         for _ in range(ASCENT_STEPS):
-            g = self.gap(A, B, n)
-            moved = self.cores.take(B)
-            moved = moved._replace(vertices=moved.vertices - 2 * (g[:, None] * n)[:, None])
-            v = nearest(self.cores.take(A), moved).v
-            size = np.linalg.norm(v, axis=1)
-            turned = -v / np.where(size > 0, size, 1.0)[:, None]
-            better = (size > 0) & (self.gap(A, B, turned) > g)
-            n = np.where(better[:, None], turned, n)
+            g = self.gap(A[left], B[left], n[left])
+            moved = self.cores.take(B[left])
+            moved = moved._replace(vertices=moved.vertices - 2 * (g[:, None] * n[left])[:, None])
+            v = nearest(self.cores.take(A[left]), moved).v
+            turned = _unit(-v)
+            better = self.gap(A[left], B[left], turned) > g + LEAST_GAIN
+            left = left[better]
+            if not len(left):
+                break
+            n[left] = turned[better]
         return n
 
 

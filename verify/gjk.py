@@ -171,5 +171,7 @@ def _least_weights(Y: Array) -> tuple[Array, Flags]:
 
 def _cross(a: Array, b: Array) -> Array:
     """Return the cross products of vectors, shape (..., 3); several times faster than NumPy's on small batches."""
-    (a_x, a_y, a_z), (b_x, b_y, b_z) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
-    return np.stack([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x], axis=-1)
+    (a_x, a_y, a_z), (b_x, b_y, b_z) = ((v[..., 0], v[..., 1], v[..., 2]) for v in (a, b))
+    c = np.empty_like(a)
+    c[..., 0], c[..., 1], c[..., 2] = a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x
+    return c

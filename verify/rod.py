@@ -78,7 +78,7 @@ def free_connectors(design: Design, parts: RigidParts) -> tuple[FreeConnector, .
     near = [(rod, i, beside) for rod in rods for i in _near(rod, parts) if (beside := rod.beside(i)) is not None]
     pairs = [(parts.modules[i], beside) for _, i, beside in near]
     blocked: dict[Mount, list[Obstacle]] = {}
-    for (rod, i, _), found in zip(near, proximities(pairs, [False] * len(pairs)), strict=True):
+    for (rod, i, _), found in zip(near, proximities(pairs, [False] * len(pairs), measured=False), strict=True):
         if found.d <= FLOOR:
             obstacle = Obstacle(module=i, part=parts.modules[i].parts[found.a].name)
             blocked.setdefault(rod.mount, []).append(obstacle)
