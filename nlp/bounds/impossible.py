@@ -6,7 +6,7 @@ Every rule leaves out all that it does not name, so what it refuses cannot be do
 from __future__ import annotations
 
 from nlp.bounds.forces import all_forces, axes, one_force
-from nlp.bounds.overlap import bolted_overlap
+from nlp.bounds.paths import crowded_path
 from nlp.bounds.torques import torque_reach
 from topo_search.model import Infeasible, ResolvedTask, Topology
 
@@ -19,10 +19,11 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    for_all = one_force(task) or axes(task) or all_forces(task) or torque_reach(task) or bolted_overlap(task)
+    for_all = one_force(task) or axes(task) or all_forces(task) or torque_reach(task) or crowded_path(task)
     shortfall, concerned = for_all, None
     if shortfall is None and topology is not None:
-        shortfall, concerned = axes(task, topology) or torque_reach(task, topology), topology
+        shortfall = axes(task, topology) or torque_reach(task, topology) or crowded_path(task, topology)
+        concerned = topology
     if shortfall is None:
         return None
     return Infeasible(
