@@ -55,6 +55,13 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
     assert list(said["warnings"]) == ["load_cases[0]", "load_cases[1]"]
 
 
+def test_tolerances_are_told_where_there_are_any() -> None:
+    title = "tolerances that the audit allows for"
+    assert title not in groups("push")
+    told = groups("push", "--set", "tolerances.hinge_angle_deg=0.5", "--set", "tolerances.position=0.002")[title]
+    assert list(told.values()) == ["within 0.5°", "within 2 mm", "up to 0 mm"]
+
+
 def test_of_a_range_of_sizes_each_has_its_weight_and_its_candidates() -> None:
     said = check("push", "--modules", "2-3").stdout
     assert [said.count(f"{n} modules\n  mass m_t") for n in (2, 3)] == [1, 1]

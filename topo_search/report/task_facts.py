@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from topo_search.model import Directional, Exterior, LoadCase, Local, ResolvedTask
+from topo_search.model.task import Tolerances
 from topo_search.model.value import Vector, is_zero
 from topo_search.report.wording import counted, figures, length, modules
 
@@ -65,10 +67,12 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                     "distance from module centres",
                     f"at least {figures(module.connector_distance)} m" if task.end_effector.exclusion else "any",
                 ),
+                ("radius of its rod", length(task.end_effector.rod_radius)),
             ),
         ),
         Facts("must stay out of the airflow", exposure or (("regions", "none but the platform's own modules"),)),
         Facts("search", _search(task)),
+        *_tolerances(task),
     )
 
 
@@ -136,6 +140,18 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
             "any distance" if body is None else f"at least {figures(body)} m apart",
         ),
     )
+
+
+def _tolerances(task: ResolvedTask) -> Iterator[Facts]:
+    """Yield how exactly the platform is built, if the task says so."""
+    built = task.tolerances
+    if built != Tolerances():
+        rows = (
+            ("hinge angles", f"within {figures(built.hinge_angle_deg)}°"),
+            ("module centres and end-effector", f"within {length(built.position)}"),
+            ("airflow beyond its envelope", f"up to {length(built.envelope)}"),
+        )
+        yield Facts("tolerances that the audit allows for", rows)
 
 
 def _position(task: ResolvedTask) -> str:
