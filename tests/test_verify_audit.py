@@ -144,6 +144,24 @@ def test_a_file_of_another_program_is_audited(tmp_path):
     assert audit(read_json(Design, path)).verdict == Status.CLEAR
 
 
+@pytest.mark.parametrize("broken", [{}, {"hinge_angles_rad": [0.1, -0.1]}, {"objective": 1.0}])
+def test_a_file_of_another_program_is_judged_like_our_own(broken, tmp_path):
+    ours = changed(fan({"exposure": FREE_ABOVE}), **broken)
+    told = json.loads(to_json(ours))
+    foreign = {name: told[name] for name in sorted(told, reverse=True) if told[name] is not None}
+    for name in ("topology_key", "lower_bound", "gap", "solver", "root_module"):
+        foreign.pop(name, None)
+    foreign["task"] = {"name": "theirs", "modules": 3, "load_cases": [HOVER], "exposure": FREE_ABOVE}
+    foreign["made_by"] = {"program": "another", "version": [1, 2]}
+    path = tmp_path / "theirs.json"
+    path.write_text("\ufeff" + json.dumps(foreign, indent=7).replace("0.0,", "0,"), encoding="utf-8")
+    theirs = audit(read_json(Design, path))
+    mine = audit(ours)
+    assert mine.verdict == (Status.VIOLATED if broken else Status.CLEAR)
+    assert (theirs.verdict, theirs.pairs, theirs.residuals) == (mine.verdict, mine.pairs, mine.residuals)
+    assert (theirs.interference, theirs.assembly) == (mine.interference, mine.assembly)
+
+
 # ---- broken
 
 
@@ -180,6 +198,84 @@ def test_each_broken_requirement_is_caught_and_named(given, kind, modules):
         assert pair.lower_m is None
         assert pair.analytic_m <= pair.upper_m + 1e-12
         assert pair.upper_m < 0
+
+
+LITTLE = 1e-7
+"""A tenth of a micrometre."""
+
+JUST_BROKEN = {
+    "airflow": ({}, lambda less: {"module": {"airflow": {"start_radius": 0.1 + less / 2}}}),
+    "local": (
+        {"exposure": [{"kind": "local", "radius": 0.15}]},
+        lambda less: {"exposure": [{"kind": "local", "radius": 0.15 + less}]},
+    ),
+    "directional": (
+        {"exposure": [{"kind": "directional", "radius": 0.1, "segments": [[1.0, 0.0, 0.2]]}]},
+        lambda less: {"exposure": [{"kind": "directional", "radius": 0.1 + less, "segments": [[1.0, 0.0, 0.2]]}]},
+    ),
+    "separation": (
+        {"search": {"body_clearance": 0.3}},
+        lambda less: {"search": {"body_clearance": 0.3 + less}},
+    ),
+    "ablation": (
+        {"search": {"interference": "separation", "separation": 0.2}},
+        lambda less: {"search": {"interference": "separation", "separation": 0.2 + less}},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", JUST_BROKEN)
+def test_a_requirement_broken_by_a_tenth_of_a_micrometre_is_caught_and_named(name):
+    task, tightened = JUST_BROKEN[name]
+    kind = "separation" if name == "ablation" else name
+    least = min(pair.analytic_m for pair in audit(fan(task)).pairs if pair.kind == kind)
+    assert least > 1e-3
+    just_met, just_broken = (audit(fan(tightened(least + by))) for by in (-LITTLE, LITTLE))
+    assert just_met.verdict == Status.CLEAR, failing(just_met)
+    assert just_broken.verdict == Status.VIOLATED
+    assert failing(just_broken) == {kind}
+    worst = min((pair for pair in just_broken.pairs if pair.kind == kind), key=lambda pair: pair.analytic_m)
+    assert worst.status == Status.VIOLATED
+    assert worst.analytic_m == pytest.approx(-LITTLE, rel=1e-6)
+    assert worst.upper_m == pytest.approx(-LITTLE, rel=1e-3)
+
+
+def test_a_cone_too_narrow_by_a_millionth_of_a_degree_is_caught_and_named():
+    def of(half_angle_deg):
+        return audit(fan({"exposure": [{"kind": "exterior", "half_angle_deg": half_angle_deg}]}))
+
+    low, high = 15.0, 60.0
+    assert (of(low).verdict, of(high).verdict) == (Status.VIOLATED, Status.CLEAR)
+    while high - low > 1e-6:
+        middle = (low + high) / 2
+        low, high = (low, middle) if of(middle).verdict == Status.CLEAR else (middle, high)
+    assert failing(of(low)) == {"exterior"}
+    assert max(pair.analytic_m for pair in of(low).pairs if pair.status != Status.CLEAR) > -1e-7
+
+
+def test_an_exclusion_broken_by_a_tenth_of_a_micrometre_is_caught_and_named():
+    for by, expected in ((LITTLE, set()), (-LITTLE, {"exclusion"})):
+        assert failing(audit(fan(end_effector=(0.0, 0.0, 0.15 + by)))) == expected
+
+
+@pytest.mark.parametrize("name", ["largest", "smallest"])
+def test_an_input_beyond_its_limit_by_little_is_caught_and_named(name):
+    given = fan()
+    u = np.array(_rows(given))
+    if name == "largest":
+        limit = given.task.module.max_thrust_to_weight * u.max() / given.task.module.max_input(given.task.gravity)
+
+        def beyond(by):
+            return fan({"module": {"max_thrust_to_weight": limit / (1 + by)}})
+    else:
+        u_max = given.task.module.max_input(given.task.gravity)
+
+        def beyond(by):
+            return changed(given, rotor_speeds_squared=[[-by * u_max, *u[0, 1:].tolist()]])
+
+    row = f"load case 0, {name} rotor input"
+    assert row not in failing(audit(beyond(1e-7)))
+    assert row in failing(audit(beyond(1e-5)))
 
 
 def test_the_broken_segment_is_named():

@@ -2,14 +2,16 @@
 
 import ast
 import pathlib
+import pickle
 
 import fcl
 import numpy as np
 import pytest
-from verify_cases import at_clearance, random_pair
+from verify_cases import at_clearance, fan, random_pair
 
 import verify.fcl_queries
 from topo_search.model import Status
+from verify import audit
 from verify.bodies import ConeSphere, ball
 from verify.certificate import Solid, certify_pairs
 from verify.fcl_queries import Shape
@@ -33,6 +35,20 @@ def test_only_the_query_that_is_right_is_used():
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "fcl":
                 used.add(node.attr)
     assert used == {"Convex", "CollisionObject", "Transform", "collide", "CollisionRequest", "CollisionResult"}
+
+
+def test_requests_are_left_at_their_defaults():
+    # A request may name another solver: `distance` ignores that, and in `collide` INDEP misses thin pairs.
+    tree = ast.parse(pathlib.Path(verify.fcl_queries.__file__).read_text(encoding="utf-8"))
+    requests = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and node.func.attr in {"CollisionRequest", "CollisionResult"}
+    ]
+    assert len(requests) == 2
+    assert not any(request.args or request.keywords for request in requests)
 
 
 def test_distance_of_convex_bodies_is_not_reported():
@@ -72,6 +88,24 @@ def test_bodies_far_from_the_origin_keep_their_verdict():
         for gap, status in ((1e-6, Status.CLEAR), (-1e-6, Status.VIOLATED)):
             A, B = at_clearance(*random_pair("generic", rng), gap)
             assert judged(A.moved(shift), B.moved(shift)) == status
+
+
+def test_an_arm_is_a_thousand_of_fcl_s_lengths_long(monkeypatch):
+    # Its tolerances are absolute: of bodies an arm long it would not see a gap of 1e-6.
+    given = []
+    convex = fcl.Convex
+    monkeypatch.setattr(fcl, "Convex", lambda *arguments: given.append(arguments[0]) or convex(*arguments))
+    mesh = inner_mesh(ball(np.array([2.0, 0.0, 0.0]), 1.0), 1)
+    Shape(mesh)
+    assert np.array_equal(given[0], 1e3 * mesh.vertices)
+
+
+def test_what_leaves_the_process_holds_no_fcl_object():
+    # They cannot be pickled; each worker process makes its own.
+    with pytest.raises(TypeError):
+        pickle.dumps(Shape(inner_mesh(ball(np.zeros(3), 1.0), 1)))
+    result = audit(fan())
+    assert pickle.loads(pickle.dumps(result)) == result
 
 
 def test_queries_remember_nothing():
