@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from topo_search.compose import audit, figure, search, solve, write_report
-    from topo_search.export.tables import clearances
+    from topo_search.export.tables import clearances, residuals
     from topo_search.model import Design, Task, Topology
     from topo_search.model.files import read_json, read_task
 
@@ -20,6 +20,7 @@ __all__ = [
     "figure",
     "read_json",
     "read_task",
+    "residuals",
     "search",
     "solve",
     "write_report",
@@ -34,6 +35,7 @@ _HOMES = {
     "figure": "topo_search.compose",
     "read_json": "topo_search.model.files",
     "read_task": "topo_search.model.files",
+    "residuals": "topo_search.export.tables",
     "search": "topo_search.compose",
     "solve": "topo_search.compose",
     "write_report": "topo_search.compose",
