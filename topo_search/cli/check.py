@@ -33,7 +33,9 @@ WIDTH = 120
 )
 @options.as_json
 def check(task: str, modules: str | None, settings: tuple[str, ...], picture: Path | None, as_json: bool) -> None:
-    """Explain TASK (a file, or the name of a shipped example) in words, and warn about odd values.
+    """Explain a task in words, and warn about odd values.
+
+    TASK is a file, or the name of a shipped example.
 
     Exit status: 0 a task, whatever is odd about it; 2 bad input.
     """

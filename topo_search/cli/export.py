@@ -55,15 +55,15 @@ AUDIT = "topo-search/audit"
     help="Where to write it; a file that is there is replaced.",
 )
 def export(source: str, kind: Any, parts: Any, out: Path) -> None:
-    """Hand a design, or the tables of an audit or of a run's folder, to other tools.
+    """Hand a design, an audit or a run to other tools.
 
     \b
-    png, svg   a picture: the platform with its airflow, a close-up, the tree
-    glb        a scene for viewers and Blender: platform, airflow, regions at the target
-    stl        solids in millimetres for CAD and printing
-    mjcf       a model for the simulator MuJoCo, with a keyframe for each load case (.mjcf, .xml)
-    urdf       a robot description with a frame at every rotor
-    csv, parquet   tables: of a run its candidates, of an audit its clearances; a design is audited first
+    png, svg      a picture: the platform with its airflow, a close-up, the tree
+    glb           a scene for viewers and Blender: platform, airflow, regions at the target
+    stl           solids in millimetres for CAD and printing
+    mjcf          a model for the simulator MuJoCo, with a keyframe for each load case (.mjcf, .xml)
+    urdf          a robot description with a frame at every rotor
+    csv, parquet  a table: candidates of a run, clearances of an audit; a design is audited first
 
     Pictures and parquet need the extra `viz`. A design need not be audited, nor pass its audit.
 

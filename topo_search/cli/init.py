@@ -15,7 +15,9 @@ from topo_search.cli.errors import explained
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False), metavar="[FILE]", default="task.toml")
 @click.option("--force", is_flag=True, help="Replace a file that is there.")
 def init(file: Path, force: bool) -> None:
-    """Write a commented task file (default: task.toml) with every field, its default, its unit and its meaning.
+    """Write a commented task file to start from.
+
+    FILE (default: task.toml) has every field of a task, with its default, its unit and its meaning.
 
     Exit status: 0 written; 2 bad input.
     """
