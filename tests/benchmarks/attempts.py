@@ -43,7 +43,7 @@ class Stated:
 
 
 def attempts(method: Method, kind: Method, stated: Stated, keys: list[str], starts: Sequence[int]) -> Iterator[Row]:
-    """Yield one row for every solve: the first start of every topology in turn, then the second, and so on.
+    """Yield an empty row, then one a solve: the first start of every topology in turn, then the second ones.
 
     Args:
         method: who solves.
@@ -57,6 +57,7 @@ def attempts(method: Method, kind: Method, stated: Stated, keys: list[str], star
     task, watch = stated.resolve(), Stopwatch()
     topologies = [Topology.from_key(key) for key in keys]
     ready: dict[str, Solver] = {}
+    yield {}
     for index in starts:
         for topology in topologies:
             key, clock = topology.key, Clock()

@@ -1,7 +1,8 @@
 """Measurements in child processes of their own, so that CPU time and peak memory are nobody else's.
 
-A measurement is a generator function that runs in the child; the parent asks for one row at a time, and the child
-rests in between. Two children asked in turn are interleaved: what else the machine does meets both alike.
+A measurement is a generator function that runs in the child. First it yields an empty row when it is ready to be
+measured; then the parent asks for one row at a time, and the child rests in between. Two children asked in turn are
+interleaved: what else the machine does meets both alike.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class Child:
         Args:
             measurement: the generator function, importable by name.
             args: its arguments.
-            cap: CPU seconds after which the system ends the child, wherever it is.
+            cap: CPU seconds after which the system ends the child, counted from when it is ready.
         """
         context = multiprocessing.get_context("spawn")
         self._pipe, end = context.Pipe()
@@ -75,6 +76,7 @@ class Child:
 
 def _serve(pipe: Connection, measurement: Measurement, args: tuple[object, ...], cap: int | None) -> None:
     rows = measurement(*args)
+    next(rows)
     if cap is not None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_CPU, (int(time.process_time()) + cap, resource.RLIM_INFINITY))

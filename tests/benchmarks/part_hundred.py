@@ -41,9 +41,10 @@ def measure(rows: Rows, options: Options) -> None:
 
 
 def _starts(stated: Stated, key: str, starts: int) -> Iterator[Row]:
-    """Yield what comes of one start after the other; placing and audit are timed for themselves."""
+    """Yield an empty row, then what comes of every start; placing and audit are timed for themselves."""
     load(stated)
     task, topology = stated.resolve(), Topology.from_key(key)
+    yield {}
     for index in range(starts):
         clock = Clock()
         start = draw(task, topology, generator(task, topology, index, 0))
