@@ -12,6 +12,7 @@ import nlp
 from topo_search.export.mjcf import mjcf
 from topo_search.model import Design, LoadCase, Topology
 from topo_search.model.files import read_task
+from topo_search.topologies import sample
 from verify.kinematics import platform
 from verify.wrench import wrench_map
 
@@ -113,6 +114,18 @@ def test_poses_wrenches_masses_and_inertia_are_those_of_the_audit(topology: Topo
     np.testing.assert_allclose(M[:3, :3], m_t * np.eye(3), atol=1e-13)
     np.testing.assert_allclose(M[:3, 3:], 0, atol=1e-13)
     np.testing.assert_allclose(M[3:, 3:], inertia_about_com(design), atol=1e-13)
+
+
+def test_a_platform_of_a_hundred_modules() -> None:
+    (topology,) = sample(100, 1, 0)
+    design = random_design(topology, 0)
+    at = platform(design)
+    _, data = at_load_case(design, 0, gravity=False)
+    for i in range(100):
+        np.testing.assert_allclose(data.body(f"module_{i}").xpos, at.o[i], atol=1e-12)
+    expected = wrench_map(at, design.task.module) @ design.inputs[0].ravel()
+    units = np.repeat([design.task.force_unit(100), design.task.torque_unit(100)], 3)
+    assert np.abs((data.qfrc_actuator - expected) / units).max() < 1e-12
 
 
 @pytest.mark.parametrize("topology", drawn_trees(), ids=lambda tree: tree.key)
