@@ -16,7 +16,7 @@ from nlp.ipopt import Answer
 from nlp.point import Point
 from nlp.program import Program, program
 from nlp.starts import draw, generator
-from topo_search.model import Design, Infeasible, ResolvedTask, SolverRecord, Topology
+from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Topology
 
 DEFAULT_STARTS = 24
 """Starts a topology when nobody says otherwise."""
@@ -74,7 +74,7 @@ def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -
         starts_feasible=sum(trial.worst.met for trial in trials),
         versions=_versions(),
     )
-    return _design(best, record) if best.worst.met else _infeasible(best, record)
+    return _design(best, record) if best.worst.met else _infeasible(trials, best, record)
 
 
 def _trial(program: Program, start: Point, index: int) -> _Trial:
@@ -104,19 +104,21 @@ def _design(best: _Trial, record: SolverRecord) -> Design:
     )
 
 
-def _infeasible(best: _Trial, record: SolverRecord) -> Infeasible:
-    reason = best.worst
-    starts = "the only start" if record.starts == 1 else f"the closest of {record.starts} starts"
-    return Infeasible(
+def _infeasible(trials: list[_Trial], best: _Trial, record: SolverRecord) -> Infeasible:
+    closest = Infeasible(
         topology=best.point.topology,
         topology_key=best.point.topology.key,
         status="infeasible",
-        worst_constraint=reason.name,
-        violation=reason.amount,
-        unit=reason.unit,
-        message=f"{starts} misses `{reason.name}` by {reason.amount:.3g} {reason.unit}",
-        solver=record,
+        worst_constraint=best.worst.name,
+        violation=best.worst.amount,
+        unit=best.worst.unit,
+        message="",
     )
+    return closest.with_starts((_shortfall(trial.worst) for trial in trials), record)
+
+
+def _shortfall(worst: Violation) -> Shortfall:
+    return Shortfall(constraint=worst.name, starts=1, violation=worst.amount, unit=worst.unit)
 
 
 def _vector(values: np.ndarray) -> tuple[float, float, float]:

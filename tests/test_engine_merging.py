@@ -21,7 +21,17 @@ def test_the_closest_start_speaks_for_what_is_infeasible(monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     whole = solve(range(32))
     assert isinstance(whole, Infeasible)
-    assert merge(solve(range(8)), solve(range(8, 32)), TASK) == whole
+    for cut in range(1, 32):
+        assert merge(solve(range(cut)), solve(range(cut, 32)), TASK) == whole
+    assert [shortfall.starts for shortfall in whole.shortfalls] == [7, 7, 6, 6, 6]
+    assert f"7 `{whole.shortfalls[0].constraint}`" in whole.message
+    assert whole.message.endswith(", 12 another constraint")
+
+
+def test_a_single_start_is_called_so(monkeypatch):
+    monkeypatch.setenv("TOY_NONE", "*")
+    result = solve(range(1))
+    assert result.message == f"the only start misses `load case 0, torque` by {result.violation:.3g} N m"
 
 
 def test_any_design_is_better_than_none(monkeypatch):

@@ -1,5 +1,7 @@
 """What is said when there is no design: the reason in the user's words, with its amount and unit."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from nlp_cases import HOVER, as_design, as_point, hover, push, random_point, random_tree
@@ -42,8 +44,8 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
     assert result.unit == unit or not unit
     assert result.violation > 0
     assert (result.status, result.topology, result.topology_key) == ("infeasible", FIVE, key)
-    assert result.message == (
-        f"the closest of 3 starts misses `{result.worst_constraint}` by {result.violation:.3g} {result.unit}"
+    assert result.message.startswith(
+        f"the closest of 3 starts misses `{result.worst_constraint}` by {result.violation:.3g} {result.unit}; "
     )
     program, reasons = GraphProgram(task, FIVE), []
     for s in range(3):
@@ -52,6 +54,12 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
     closest = min(reasons, key=lambda check: check.scaled)
     assert (result.worst_constraint, result.unit) == (closest.name, closest.unit)
     assert result.violation == pytest.approx(closest.amount, rel=1e-9)
+    tally = Counter(reason.name for reason in reasons)
+    assert {shortfall.constraint: shortfall.starts for shortfall in result.shortfalls} == tally
+    for shortfall in result.shortfalls:
+        least = min(reason.amount for reason in reasons if reason.name == shortfall.constraint)
+        assert shortfall.violation == pytest.approx(least, rel=1e-9)
+        assert f"`{shortfall.constraint}` (by {shortfall.violation:.2g} {shortfall.unit} or more)" in result.message
     assert result.solver is not None
     assert reasons[result.solver.start] is closest
     assert (result.solver.starts, result.solver.starts_feasible, result.solver.seed) == (3, 0, 0)

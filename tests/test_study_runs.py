@@ -107,7 +107,7 @@ def test_infeasible_candidates_give_the_smallest_shortfall(tmp_path, monkeypatch
     least = min(rows, key=lambda row: float(row["violation"]))
     assert answer.sizes[0].reason == (
         f"none of {len(rows)} candidates is feasible; the smallest shortfall: {least['key']} misses "
-        f"`load case 0, torque` by {float(least['violation']):.3g} N m"
+        f"`{least['worst_constraint']}` by {float(least['violation']):.3g} N m"
     )
     assert not (tmp_path / "run" / "best.json").exists()
 

@@ -23,6 +23,7 @@ from topo_search.model import (
     Infeasible,
     LoadCase,
     ResolvedTask,
+    Shortfall,
     SolverRecord,
     Task,
     Topology,
@@ -75,16 +76,26 @@ def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -
         versions={},
     )
     if not feasible:
-        missed = value(key, best, seed, margin)
-        return Infeasible(
+        closest = Infeasible(
             topology=topology,
             topology_key=key,
             status="infeasible",
-            worst_constraint="load case 0, torque",
-            violation=missed,
+            worst_constraint=f"load case {best % 5}, torque",
+            violation=value(key, best, seed, margin),
             unit="N m",
-            message=f"load case 0, torque is missed by {missed:.3g} N m",
-            solver=record,
+            message="",
+        )
+        return closest.with_starts(
+            (
+                Shortfall(
+                    constraint=f"load case {s % 5}, torque",
+                    starts=1,
+                    violation=value(key, s, seed, margin),
+                    unit="N m",
+                )
+                for s in starts
+            ),
+            record,
         )
     return Design(
         task=task,

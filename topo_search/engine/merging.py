@@ -27,7 +27,10 @@ def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: Resolv
             "seconds": sum(record.seconds for record in records),
         }
     )
-    return best.model_copy(update={"solver": record if isinstance(best, Infeasible) else record.model_dump()})
+    if isinstance(best, Design):
+        return best.model_copy(update={"solver": record.model_dump()})
+    both = [result for result in (earlier, later) if isinstance(result, Infeasible)]
+    return best.with_starts((shortfall for result in both for shortfall in result.shortfalls), record)
 
 
 def _standing(result: Design | Infeasible, task: ResolvedTask) -> tuple[bool, float]:

@@ -16,7 +16,7 @@ from topo_search.model.audit import (
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design, Mount, SolverRecord
 from topo_search.model.exposure import LEAST_OFFSET, Directional, Exterior, Local, needs_offset
-from topo_search.model.infeasible import Infeasible
+from topo_search.model.infeasible import Infeasible, Shortfall
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
 from topo_search.model.module import AirflowEnvelope, Module
 from topo_search.model.task import EndEffector, ResolvedTask, Search, Task, Tolerances
@@ -52,6 +52,7 @@ __all__ = [
     "Rod",
     "Search",
     "Sensitivity",
+    "Shortfall",
     "SolverRecord",
     "Status",
     "Task",

@@ -2,10 +2,40 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
 from typing import Literal
 
 from topo_search.model.design import SolverRecord, TopologyRows
 from topo_search.model.value import Number, Value
+
+NAMED = 3
+"""Most constraints that a message names beside the closest."""
+
+
+class Shortfall(Value):
+    """A constraint that some starts missed by more than any other."""
+
+    constraint: str
+    """In the user's words, with the modules or the load case."""
+    starts: int
+    """How many."""
+    violation: Number
+    """The least that one of them missed it by, positive, in `unit`."""
+    unit: str
+
+    @staticmethod
+    def gathered(shortfalls: Iterable[Shortfall]) -> tuple[Shortfall, ...]:
+        """Return one for each constraint, the most frequent first."""
+        least: dict[str, Shortfall] = {}
+        starts: Counter[str] = Counter()
+        for shortfall in shortfalls:
+            name = shortfall.constraint
+            starts[name] += shortfall.starts
+            if name not in least or shortfall.violation < least[name].violation:
+                least[name] = shortfall
+        ordered = sorted(least, key=lambda name: (-starts[name], name))
+        return tuple(least[name].model_copy(update={"starts": starts[name]}) for name in ordered)
 
 
 class Infeasible(Value):
@@ -25,5 +55,23 @@ class Infeasible(Value):
     unit: str
     message: str
     """The whole reason in one sentence."""
+    shortfalls: tuple[Shortfall, ...] = ()
+    """What all starts ended short of, the most frequent first; none for a proof."""
     solver: SolverRecord | None = None
     """How the closest start came about; None for a proof."""
+
+    def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
+        """Return the same closest start among these starts."""
+        gathered = Shortfall.gathered(shortfalls)
+        update = {"shortfalls": gathered, "solver": solver, "message": self._message(gathered, solver.starts)}
+        return self.model_copy(update=update)
+
+    def _message(self, shortfalls: tuple[Shortfall, ...], starts: int) -> str:
+        missed = f"misses `{self.worst_constraint}` by {self.violation:.3g} {self.unit}"
+        if starts == 1:
+            return f"the only start {missed}"
+        named = [f"{s.starts} `{s.constraint}` (by {s.violation:.2g} {s.unit} or more)" for s in shortfalls[:NAMED]]
+        others = sum(s.starts for s in shortfalls[NAMED:])
+        if others:
+            named.append(f"{others} another constraint")
+        return f"the closest of {starts} starts {missed}; what they miss most: {', '.join(named)}"
