@@ -4,11 +4,15 @@ import json
 import re
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 from report_cases import design, grown, toy_page
 
 from topo_search.compose import audit
+from topo_search.export.poses import poses
 from topo_search.model import Topology
+from topo_search.model.topology import PORT_NAMES
+from topo_search.report.closest import closest_points
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 
@@ -146,3 +150,35 @@ def test_any_size_has_a_page():
         traces = json.loads(page.data["view-data"])["data"]
         assert len(traces) <= 20
         assert "cone to hold all airflow" in {trace.get("name") for trace in traces}
+
+
+def test_the_rod_and_the_blocked_connectors_are_shown(audited):
+    made, verdict = audited
+    sheet = verdict.assembly.end_effector
+    blocked = [connector for connector in sheet.connectors if connector.blocked_by]
+    page = Reader(render(design_page(made, verdict, "mine.json")))
+    traces = {trace["name"]: trace for trace in json.loads(page.data["view-data"])["data"]}
+    assert ("rod of the end-effector" in traces) == (sheet.mount is not None)
+    assert len(traces["connectors blocked for the rod"]["hovertext"]) == len(blocked) > 0
+    assert (f"from port {PORT_NAMES[sheet.mount.port]} of module {sheet.mount.module}" in page.text) or sheet.note
+
+
+def test_the_marked_points_are_as_far_apart_as_the_audit_says(audited):
+    made, verdict = audited
+    at = poses(made)
+    kinds = set()
+    for pair in verdict.pairs:
+        if pair.kind in ("airflow", "local", "directional", "exterior") and pair.analytic_m > 0:
+            one, other = closest_points(made, at, pair, None)
+            assert np.linalg.norm(one - other) == pytest.approx(pair.analytic_m, abs=1e-6)
+            kinds.add(pair.kind)
+    assert kinds == {"airflow", "directional"}
+
+
+def test_the_marked_points_of_a_cone_are_too():
+    made = design(Topology.from_key("af0000"), "push-exterior-60", end_effector_m=[0.0, 0.0, 3.0])
+    found = [pair for pair in audit(made).pairs if pair.kind == "exterior" and pair.analytic_m > 0]
+    assert found
+    for pair in found:
+        one, other = closest_points(made, poses(made), pair, None)
+        assert np.linalg.norm(one - other) == pytest.approx(pair.analytic_m, abs=1e-6)

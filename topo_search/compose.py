@@ -109,12 +109,15 @@ def write_report(source: str | Path, *, out: str | Path | None = None) -> Path:
 
 
 def figure(design: Design, audited: Audit | None = None) -> Any:
-    """Return a design in interactive 3-D, a Plotly figure; with its audit, the closest pair is marked."""
+    """Return a design in interactive 3-D, a Plotly figure; with its audit, the closest pair and the rod too."""
     from topo_search.export.viewpoint import poses_to_draw
     from topo_search.report.scene import scene
 
-    pairs = () if audited is None else audited.pairs
-    return scene(design, poses_to_draw(design), min(pairs, key=lambda pair: pair.analytic_m, default=None))
+    at = poses_to_draw(design)
+    if audited is None:
+        return scene(design, at)
+    closest = min(audited.pairs, key=lambda pair: pair.analytic_m, default=None)
+    return scene(design, at, closest, audited.assembly)
 
 
 def solve(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from plotly.colors import sequential
 from plotly.subplots import make_subplots
 
 from topo_search.export import palette
@@ -19,6 +21,8 @@ IN_CELLS = 10
 """Most rows and columns of a matrix whose values are written into its cells."""
 DECADES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 """Lengths at the colour bar of a matrix [m]."""
+NOT_CLEAR = -4.5
+"""Where the colour bar has the colour of what is not clear [log10 m]."""
 MOST_POINTS = 4000
 """Of one chart; of more solves, evenly many are left out."""
 MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
@@ -36,7 +40,7 @@ def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.F
         pairs = [pair for pair in audit.pairs if pair.kind == kind]
         if pairs:
             cells = {(pair.a, pair.b): pair for pair in pairs}
-            both = cells | {(b, a): pair for (a, b), pair in cells.items()}
+            both = cells if n > IN_CELLS else cells | {(b, a): pair for (a, b), pair in cells.items()}
             yield caption, _matrix(both, n, [str(j) for j in range(n)], "module")
     rest = [pair for pair in audit.pairs if pair.kind not in PAIRWISE]
     if rest:
@@ -55,43 +59,39 @@ def _requirement(pair: Clearance) -> str:
 
 
 def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[str], title: str) -> go.Figure:
-    """Return a matrix with colours by the logarithm of the clearance; what is not clear looks like a violation."""
-    shades, wrong = np.full((n, len(columns)), np.nan), np.full((n, len(columns)), np.nan)
+    """Return a matrix with colours by the logarithm of the clearance; what is not clear has one of its own."""
+    shades = np.full((n, len(columns)), np.nan)
     hover = np.full((n, len(columns)), "", dtype=object)
     written = hover.copy()
     for (i, j), pair in cells.items():
-        if pair.status == "clear":
-            shades[i, j] = np.log10(np.clip(pair.analytic_m, DECADES[0] / 10, DECADES[-1]))
-        else:
-            wrong[i, j] = 1
+        shown = np.log10(np.clip(pair.analytic_m, DECADES[0], DECADES[-1]))
+        shades[i, j] = shown if pair.status == "clear" else NOT_CLEAR
         hover[i, j] = _described(pair)
         written[i, j] = length(pair.analytic_m)
-    rows = [str(i) for i in range(n)]
     text = {"text": written, "texttemplate": "%{text}"} if max(n, len(columns)) <= IN_CELLS else {}
-    same: dict[str, Any] = {
-        "x": list(columns),
-        "y": rows,
-        "customdata": hover,
-        "hovertemplate": "%{customdata}<extra></extra>",
-        "hoverongaps": False,
-        "xgap": 1,
-        "ygap": 1,
-        **text,
-    }
-    bar = {
-        "tickvals": [float(np.log10(x)) for x in DECADES],
-        "ticktext": [length(x) for x in DECADES],
-        "thickness": 12,
-        "outlinewidth": 0,
-    }
+    ticks = {NOT_CLEAR: "not clear", **{float(np.log10(x)): length(x) for x in DECADES}}
     figure = go.Figure(
-        go.Heatmap(z=shades, colorscale="Cividis", zmin=-4.5, zmax=0, colorbar=bar, **same),
-    )
-    if np.isfinite(wrong).any():
-        vermilion = palette.VERDICTS["violated"]
-        figure.add_trace(
-            go.Heatmap(z=wrong, colorscale=[[0, vermilion], [1, vermilion]], showscale=False, **same),
+        go.Heatmap(
+            z=shades.astype(np.float32),
+            x=list(columns),
+            y=[str(i) for i in range(n)],
+            customdata=hover,
+            hovertemplate="%{customdata}<extra></extra>",
+            hoverongaps=False,
+            xgap=1,
+            ygap=1,
+            colorscale=_colours(),
+            zmin=NOT_CLEAR,
+            zmax=0,
+            colorbar={
+                "tickvals": list(ticks),
+                "ticktext": list(ticks.values()),
+                "thickness": 12,
+                "outlinewidth": 0,
+            },
+            **text,
         )
+    )
     figure.update_layout(
         xaxis={"type": "category", "title": {"text": title}, "constrain": "domain", "showgrid": False},
         yaxis={
@@ -104,6 +104,15 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
         },
     )
     return figure
+
+
+def _colours() -> list[tuple[float, str]]:
+    """Return a colour scale from NOT_CLEAR to 0: vermilion, then from the least length shown on blue to yellow."""
+    least = 1 - math.log10(DECADES[0]) / NOT_CLEAR
+    wrong = palette.VERDICTS["violated"]
+    clear = sequential.Cividis
+    shades = [(least + (1 - least) * k / (len(clear) - 1), colour) for k, colour in enumerate(clear)]
+    return [(0.0, wrong), (least / 2, wrong), (least / 2, clear[0]), *shades]
 
 
 def _described(pair: Clearance) -> str:

@@ -40,10 +40,22 @@ class ConeSphere(NamedTuple):
         )
 
 
-def closest_points(design: Design, at: Poses, pair: Clearance) -> tuple[Array, Array]:
-    """Return the points, one on each side of a clearance, that are closest; (3,) each [m]."""
-    if pair.kind in ("exclusion", "rod"):
+def closest_points(design: Design, at: Poses, pair: Clearance, mount: Array | None) -> tuple[Array, Array]:
+    """Return the points, one on each side of a clearance, that are closest; (3,) each [m].
+
+    For rigid parts these are their modules' centres, and the point of the rod closest to one.
+
+    Args:
+        design: the design.
+        at: its poses.
+        pair: the clearance.
+        mount: the connector that carries the rod, if there is one.
+    """
+    if pair.kind == "exclusion" or (pair.kind == "rod" and mount is None):
         return at.p[pair.a], at.end_effector
+    if pair.kind == "rod" and mount is not None:
+        centre = ConeSphere(at.p[pair.a], at.p[pair.a], 0.0, 0.0)
+        return between(centre, ConeSphere(mount, at.end_effector, 0.0, 0.0))
     if pair.kind in ("separation", "body"):
         return at.p[pair.a], at.p[pair.b]
     envelope = _envelope(design, at, pair.a)

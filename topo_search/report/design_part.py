@@ -9,29 +9,34 @@ import numpy as np
 from markupsafe import Markup
 
 from topo_search.export.viewpoint import poses_to_draw
-from topo_search.model import Audit, Clearance, Design, Limit, Status
+from topo_search.model import Assembly, Audit, Clearance, Design, Limit, Status
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
 from topo_search.report.page import Chart, DesignPart, Table
 from topo_search.report.scene import scene
+from topo_search.report.task_facts import vector
 from topo_search.report.tree_svg import tree_svg
 from topo_search.report.wording import counted, figures, length, modules
 
 NEAREST = 12
-"""Number of clear pairs in the table of the nearest; those that are not clear are all listed."""
+"""Number of clear pairs in the table of the nearest."""
+WRONG = 200
+"""Most pairs in it that are not clear: the deepest."""
 
 
 def design_part(design: Design, audit: Audit | None) -> DesignPart:
     """Return all that is shown of a design."""
     at = poses_to_draw(design)
+    assembly = None if audit is None else audit.assembly
     pairs = () if audit is None else audit.pairs
     closest = min(pairs, key=lambda pair: pair.analytic_m, default=None)
     return DesignPart(
         heading=f"{design.topology.key}, {modules(design.topology.n)}",
         verdict=None if audit is None else str(audit.verdict),
-        scene=Chart("view", "The platform in the axes of the task", scene(design, at, closest)),
-        tree=Markup(tree_svg(design)),
+        scene=Chart("view", "The platform in the axes of the task", scene(design, at, closest, assembly)),
+        tree=Markup(tree_svg(design, assembly)),
         joints=_joints(design),
+        rod=None if assembly is None else _rod(assembly),
         clearances=()
         if audit is None
         else tuple(
@@ -56,8 +61,24 @@ def _joints(design: Design) -> Table:
     return Table(("module", "by its port", "to module", "at its port", "hinge angle"), rows, frozenset({0, 2, 4}))
 
 
+def _rod(assembly: Assembly) -> str | None:
+    """Return what holds the end-effector, as far as the audit says."""
+    sheet = assembly.end_effector
+    if sheet is None:
+        return None
+    note = "" if sheet.note is None else f" Note: {sheet.note}."
+    if sheet.mount is None or sheet.rod is None:
+        return note.strip() or None
+    return (
+        f"The end-effector sits on a straight rod of {length(sheet.rod.length_m)}, "
+        f"{length(2 * sheet.rod.radius_m)} thick, {figures(1000 * sheet.rod.mass_kg, 3)} g, "
+        f"from port {PORT_NAMES[sheet.mount.port]} of module "
+        f"{sheet.mount.module}, along {vector(sheet.rod.direction_in_module)} in the axes of that module.{note}"
+    )
+
+
 def _nearest(pairs: tuple[Clearance, ...]) -> Table:
-    """Return everything that is not clear, and the nearest pairs that are."""
+    """Return what is not clear, the deepest first, and the nearest pairs that are."""
     nearest_first = sorted(pairs, key=lambda pair: pair.analytic_m)
     wrong = [pair for pair in nearest_first if pair.status != Status.CLEAR]
     clear = [pair for pair in nearest_first if pair.status == Status.CLEAR]
@@ -68,7 +89,7 @@ def _nearest(pairs: tuple[Clearance, ...]) -> Table:
             length(pair.analytic_m),
             *("" if bound is None else length(bound) for bound in (pair.lower_m, pair.upper_m)),
         ]
-        for pair in (*wrong, *clear[:NEAREST])
+        for pair in (*wrong[:WRONG], *clear[:NEAREST])
     ]
     columns = ("clearance of", "audit", "closed form", "proven at least", "proven at most")
     return Table(columns, rows, frozenset({2, 3, 4}))

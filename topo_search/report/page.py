@@ -61,6 +61,8 @@ class DesignPart:
     scene: Chart
     tree: Markup
     joints: Table
+    rod: str | None
+    """What holds the end-effector, in a sentence."""
     clearances: tuple[Chart, ...]
     nearest: Table | None
     findings: tuple[str, ...]

@@ -15,14 +15,13 @@ from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
 from topo_search.export.poses import PORTS, Poses
 from topo_search.export.regions import cone_axis, cone_slant, paths
 from topo_search.export.viewpoint import azimuth_deg, towards_viewer
-from topo_search.model import Clearance, Design, Directional, Exterior
+from topo_search.model import Assembly, Clearance, Design, Directional, Exterior
 from topo_search.model.arrays import Array
+from topo_search.model.topology import PORT_NAMES
 from topo_search.report.closest import closest_points
 from topo_search.report.wording import length
 
-SIDES = 24
-"""Of circles: fewer than in files for other programs, for many modules are turned at once."""
-CLOSE = 1.5
+CLOSE = 1.9
 """Distance of the viewer, in edges of a cube as large as what is shown."""
 NUMBERED = 30
 """Most modules that carry their number in the picture; more are named where the pointer is."""
@@ -32,17 +31,25 @@ MATT = {"ambient": 0.65, "diffuse": 0.6, "specular": 0.05, "roughness": 0.9}
 GHOSTLY = {"ambient": 0.8, "diffuse": 0.4, "specular": 0.0, "roughness": 1.0}
 
 
-def scene(design: Design, at: Poses, closest: Clearance | None) -> go.Figure:
+def scene(
+    design: Design, at: Poses, closest: Clearance | None = None, assembly: Assembly | None = None
+) -> go.Figure:
     """Return the figure of a design.
 
     Args:
         design: any design.
         at: its poses.
         closest: the clearance to mark; None if there is no audit.
+        assembly: says which connector carries the end-effector, and which are blocked; None if there is no audit.
     """
-    figure = go.Figure([*_volumes(design, at), *_platform(design, at), *_end_effector(at)])
+    connectors = at.p[:, None] + design.task.module.connector_distance * np.einsum("nij,aj->nai", at.R, PORTS)
+    mount = None if assembly is None or assembly.mount is None else assembly.mount
+    foot = None if mount is None else connectors[mount.module, mount.port]
+    figure = go.Figure([*_volumes(design, at), *_platform(design, at, connectors)])
+    figure.add_traces(_free_connectors(design, connectors, assembly))
+    figure.add_traces(_end_effector(design, at, foot))
     if closest is not None:
-        figure.add_traces(_closest(design, at, closest))
+        figure.add_traces(_closest(closest, np.stack(closest_points(design, at, closest, foot))))
     axis = {"backgroundcolor": "white", "gridcolor": "#dddddd", "zerolinecolor": "#bbbbbb", "showspikes": False}
     figure.update_layout(
         scene={
@@ -63,7 +70,7 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
     envelope = design.task.module.envelope
     ends = at.p - envelope.length * at.z
     airflow = [
-        cone_sphere(p, envelope.start_radius, end, envelope.end_radius, sides=SIDES)
+        cone_sphere(p, envelope.start_radius, end, envelope.end_radius, sides=_sides(design))
         for p, end in zip(at.p, ends, strict=True)
     ]
     traces = [_mesh("airflow envelopes", airflow, palette.AIRFLOW, opacity=0.22, meta=AROUND)]
@@ -84,17 +91,14 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
     return traces
 
 
-def _platform(design: Design, at: Poses) -> list[Any]:
-    """Return the modules with their rotors, axes, joints and connectors."""
+def _platform(design: Design, at: Poses, connectors: Array) -> list[Any]:
+    """Return the modules with their rotors, axes and joints."""
     module, topology = design.task.module, design.topology
     here = [placed(R, p) for R, p in zip(at.R, at.p, strict=True)]
     bodies, discs = (
         [mesh.copy().apply_transform(pose) for pose in here]
-        for mesh in (frame(module), rotors(module, sides=SIDES))
+        for mesh in (frame(module), rotors(module, sides=_sides(design)))
     )
-    connectors = at.p[:, None] + module.connector_distance * np.einsum("nij,aj->nai", at.R, PORTS)
-    used = {(h, a) for h, _, a, _ in topology.edges()} | {(i, b) for _, i, _, b in topology.edges()}
-    free = [(i, port) for i in range(topology.n) for port in range(4) if (i, port) not in used]
     joints = [np.stack([at.p[h], connectors[h, a], at.p[i]]) for h, i, a, _ in topology.edges()]
     tips = at.p + 1.8 * module.arm_length * at.z
     head, slim = 0.4 * module.arm_length, math.radians(14)
@@ -107,11 +111,6 @@ def _platform(design: Design, at: Poses) -> list[Any]:
     ]
     if joints:
         traces.append(_lines("joints", joints, palette.CONNECTOR, 8))
-    if free:
-        names = [f"module {i}, port {port}: free" for i, port in free]
-        traces.append(
-            _points("free connectors", connectors[tuple(zip(*free, strict=True))], palette.FREE_PORT, names)
-        )
     numbers = [
         f"module {i}<br>thrust axis [{x:.3f}, {y:.3f}, {z:.3f}]" for i, (x, y, z) in enumerate(at.z.tolist())
     ]
@@ -131,10 +130,47 @@ def _platform(design: Design, at: Poses) -> list[Any]:
     return traces
 
 
-def _end_effector(at: Poses) -> list[Any]:
-    """Return the centre of mass, the end-effector, and the line between them."""
+def _free_connectors(design: Design, connectors: Array, assembly: Assembly | None) -> list[Any]:
+    """Return the connectors without a joint; those from which no straight rod reaches the end-effector apart."""
+    sheet = None if assembly is None else assembly.end_effector
+    obstacles = {
+        (connector.module, connector.port): ", ".join(
+            f"{x.part} of module {x.module}" for x in connector.blocked_by
+        )
+        for connector in (() if sheet is None else sheet.connectors)
+        if connector.blocked_by
+    }
+    traces = []
+    for name, colour, blocked in (
+        ("free connectors", palette.FREE_PORT, False),
+        ("connectors blocked for the rod", palette.BLOCKED_PORT, True),
+    ):
+        places = [place for place in sorted(design.topology.free_connectors) if (place in obstacles) == blocked]
+        if places:
+            told = [
+                f"module {i}, port {PORT_NAMES[port]}: {f'blocked by {obstacles[i, port]}' if blocked else 'free'}"
+                for i, port in places
+            ]
+            traces.append(_points(name, connectors[tuple(zip(*places, strict=True))], colour, told))
+    return traces
+
+
+def _end_effector(design: Design, at: Poses, foot: Array | None) -> list[Any]:
+    """Return the centre of mass, the end-effector, the line between them, and the rod from its foot."""
     p_E = ", ".join(f"{x:.3f}" for x in at.p_E.tolist())
+    rod = []
+    if foot is not None:
+        r = design.task.end_effector.rod_radius
+        rod.append(
+            _mesh(
+                "rod of the end-effector",
+                [cone_sphere(foot, r, at.end_effector, r, sides=12)],
+                palette.END_EFFECTOR,
+                lighting=MATT,
+            )
+        )
     return [
+        *rod,
         _lines(
             "p_E: end-effector from the centre of mass", [np.stack([at.p_com, at.end_effector])], palette.OFFSET, 8
         ),
@@ -152,9 +188,8 @@ def _end_effector(at: Poses) -> list[Any]:
     ]
 
 
-def _closest(design: Design, at: Poses, pair: Clearance) -> list[Any]:
+def _closest(pair: Clearance, ends: Array) -> list[Any]:
     """Return the mark between the two volumes that come closest."""
-    ends = np.stack(closest_points(design, at, pair))
     text = f"closest pair: {length(pair.analytic_m)}, {pair.name}"
     return [
         go.Scatter3d(
@@ -167,6 +202,11 @@ def _closest(design: Design, at: Poses, pair: Clearance) -> list[Any]:
             hoverinfo="text",
         )
     ]
+
+
+def _sides(design: Design) -> int:
+    """Return the number of sides of a circle: fewer than in files for other programs, fewest for many modules."""
+    return 24 if design.topology.n <= NUMBERED else 12
 
 
 def _triangles(corners: Array) -> Trimesh:

@@ -13,7 +13,7 @@ import numpy as np
 from topo_search.export import palette
 from topo_search.export.poses import PORTS
 from topo_search.export.tree_layout import layout
-from topo_search.model import Design
+from topo_search.model import Assembly, Design
 from topo_search.model.arrays import Array
 from topo_search.model.topology import PORT_NAMES
 
@@ -25,8 +25,8 @@ CELL = 90
 """Width of a cell on the page at most [px]."""
 
 
-def tree_svg(design: Design) -> str:
-    """Return the drawing as the text of an `svg` element."""
+def tree_svg(design: Design, assembly: Assembly | None = None) -> str:
+    """Return the drawing as the text of an `svg` element; an assembly sheet adds mount and blocked connectors."""
     topology = design.topology
     cells, turns = layout(topology)
     place = cells * np.array([1, -1])  # y points down on a page
@@ -52,18 +52,32 @@ def tree_svg(design: Design) -> str:
             for end, other, port in ((h, i, a), (i, h, b)):
                 at = place[end] + 0.33 * (place[other] - place[end])
                 _text(svg, at, PORT_NAMES[port], 0.13, palette.CONNECTOR)
-    used = {(h, a) for h, _, a, _ in topology.edges()} | {(i, b) for _, i, _, b in topology.edges()}
+    colours = _port_colours(design, assembly)
     for i, centre in enumerate(place):
         _square(svg, centre, SIDE, "#ffffff", palette.MODULE, 0.05 if i == 0 else 0.025)
         _text(svg, centre, str(i), 0.2)
         if turns is None:
             continue
         for port in range(4):
-            colour = palette.CONNECTOR if (i, port) in used else palette.FREE_PORT
-            _square(svg, centre + SIDE / 2 * _on_page(port + turns[i]), PORT, colour, "#ffffff", 0.015)
+            place_of_port = centre + SIDE / 2 * _on_page(port + turns[i])
+            _square(svg, place_of_port, PORT, colours[i, port], palette.MODULE, 0.012)
         x, y = centre + 0.32 * SIDE * _on_page(turns[i])
         _add(svg, "circle", cx=x, cy=y, r=0.03, fill=palette.THRUST_AXIS)
     return ElementTree.tostring(svg, encoding="unicode")
+
+
+def _port_colours(design: Design, assembly: Assembly | None) -> dict[tuple[int, int], str]:
+    """Return the colour of every port: with a joint, free, blocked for the rod, or its mount."""
+    topology = design.topology
+    colours = {(i, port): palette.CONNECTOR for i in range(topology.n) for port in range(4)}
+    colours.update(dict.fromkeys(topology.free_connectors, palette.FREE_PORT))
+    if assembly is not None and assembly.end_effector is not None:
+        for connector in assembly.end_effector.connectors:
+            if connector.blocked_by:
+                colours[connector.module, connector.port] = palette.BLOCKED_PORT
+    if assembly is not None and assembly.mount is not None:
+        colours[assembly.mount.module, assembly.mount.port] = palette.END_EFFECTOR
+    return colours
 
 
 def _on_page(port: int) -> Array:

@@ -1,0 +1,53 @@
+"""The page of a large run stays small: ten thousand candidates, solved twice each."""
+
+import itertools
+import json
+import math
+import re
+
+from toy_problem import BOUND, lower_bound, solve, toy_task
+
+from topo_search.model import Design, Infeasible, ResolvedTask
+from topo_search.report.run_page import write_run_page
+from topo_search.study import Request, RunFolder
+from topo_search.study.row import Row, row_of
+from topo_search.topologies import Candidate, candidates
+
+NUMBER = 10_000
+
+
+def result(number: int, candidate: Candidate, task: ResolvedTask) -> tuple[Row, Design | Infeasible]:
+    """Return what becomes of a candidate: every third is infeasible."""
+    outcome = solve(task, candidate.topology, starts=range(1), seed=0)
+    if number % 3 == 0:
+        outcome = Infeasible(
+            topology=candidate.topology,
+            topology_key=candidate.key,
+            status="infeasible",
+            worst_constraint=f"airflow of modules {number % 7} and {number % 7 + 1}",
+            violation=0.001 * number,
+            unit="m",
+            message="missed",
+        )
+    return row_of(outcome, key=candidate.key, modules=9, orbit=1, asked=1, lower_bound=BOUND), outcome
+
+
+def test_ten_thousand_candidates_take_less_than_ten_megabytes(tmp_path):
+    request = Request(toy_task(9), "none", starts=1, seed=0)
+    (context, *_), path = request.contexts(9), tmp_path / "run"
+    with RunFolder.opened(path, request) as folder:
+        folder.ledger.begin(context, lower_bound(context.task), None)
+        drawn = list(itertools.islice(candidates(9), NUMBER))
+        assert len(drawn) == NUMBER
+        rows = [result(number, candidate, context.task) for number, candidate in enumerate(drawn)]
+        best = min(rows, key=lambda pair: (pair[0].objective or math.inf, pair[0].key))
+        for _ in range(2):
+            folder.ledger.record(context, [pair if pair is best else (pair[0], None) for pair in rows])
+        write_run_page(folder)
+    page = path / "report.html"
+    assert page.stat().st_size < 10e6
+    text = page.read_text(encoding="utf-8")
+    (data,) = re.findall(r'id="ranking-data">(.*?)</script>', text, re.DOTALL)
+    assert len(json.loads(data)["rows"]) == NUMBER
+    assert "airflow of two modules" in text
+    assert text.count("<tr>") < 200
