@@ -152,6 +152,9 @@ def test_the_summary_names_what_is_wrong_and_by_how_much(command, tmp_path):
     (objective,) = (row for row in rows if row[0] == "objective")
     stated, derived = (float(cell) for cell in objective[-2:])
     assert stated == pytest.approx(2 * derived)
+    shares = {row[0]: row[-1] for row in rows if row[0].startswith("airflow of modules") and row[1] == "violated"}
+    depth = 100 * (1 - 0.3 / (2 * OVERLAPPING.task.module.envelope.end_radius))
+    assert shares == dict.fromkeys(shares, f"{-depth:.3g} %")
     assert {row[0] for row in rows if row[1:2] == ["violated"]} >= {
         "airflow of modules 0 and 1",
         "airflow of modules 0 and 2",

@@ -88,7 +88,7 @@ def _section(each: Judged) -> Iterator[str]:
     wrong = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
     if wrong:
         yield ""
-        head = ["clearance", "status", "closed form [m]", "at least [m]", "at most [m]"]
+        head = ["clearance", "status", "closed form [m]", "at least [m]", "at most [m]", "of the deepest"]
         yield from _table(head, [_clearance_row(pair) for pair in wrong[:LISTED]])
         if len(wrong) > LISTED:
             yield ""
@@ -110,7 +110,8 @@ def _section(each: Judged) -> Iterator[str]:
 
 
 def _clearance_row(pair: Clearance) -> list[str]:
-    return [pair.name, pair.status, f"{pair.analytic_m:.6g}", _number(pair.lower_m), _number(pair.upper_m)]
+    share = "" if pair.percent is None else f"{pair.percent:.3g} %"
+    return [pair.name, pair.status, f"{pair.analytic_m:.6g}", _number(pair.lower_m), _number(pair.upper_m), share]
 
 
 def _residual_row(row: Residual) -> list[str]:
