@@ -27,6 +27,8 @@ from verify.meshes import ROUNDING, Indices, Polytope, inner_mesh, outer_mesh
 
 SIDES = 16
 """Sides of the prisms inside and around a cylinder: turned towards what matters, they lose nothing there."""
+SLIVER = 1e-9
+"""Area over size squared under which a triangle's direction is lost; its neighbours are faces enough."""
 CAPSULE_LEVEL = 2
 """Icosphere level of the meshes of a capsule."""
 
@@ -104,11 +106,13 @@ class Polyhedron(Convex):
 
     @functools.cached_property
     def faces(self) -> tuple[Array, Array]:
-        """Outward unit normals, shape (f, 3), and offsets of the triangles' planes, shape (f,)."""
+        """Outward unit normals, shape (f, 3), and offsets of the faces' planes, shape (f,)."""
         corners = self.vertices[self.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return normals, np.einsum("fx,fx->f", normals, corners[:, 0])
+        length = np.linalg.norm(normals, axis=1)
+        told = length > SLIVER * self.radius**2
+        normals = normals[told] / length[told, None]
+        return normals, np.einsum("fx,fx->f", normals, corners[told, 0])
 
     def depth(self, x: Array) -> float:
         """Return the distance to the nearest face's plane."""

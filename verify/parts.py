@@ -1,8 +1,9 @@
 """The rigid parts of a platform: hub, arms and rotor discs of every module, in the audit's coordinates.
 
 Module frame: the hub a box about the centre; four arms, boxes from the centre to the rotors (X layout); four rotor
-discs, cylinders about the rotors, at the height of the centre. Sizes are those of `[module.body]`; lengths are in
-l_arm, positions relative to the mean of the module centres.
+discs, cylinders about the rotors, at the height of the centre. Sizes are those of `[module.body]`; convex pieces of
+the user may stand in place of hub and arms. Lengths are in l_arm, positions relative to the mean of the module
+centres.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from topo_search.model import Design, Module
 from verify.bodies import Array
 from verify.compounds import Compound
-from verify.convex import Convex, box, cylinder
+from verify.convex import Convex, Polyhedron, box, cylinder
 from verify.fcl_queries import FARTHEST
 from verify.kinematics import ROTOR_DIRECTIONS, Platform
 
@@ -25,13 +26,16 @@ def module_parts(module: Module) -> tuple[tuple[Convex, ...], tuple[Convex, ...]
     """Return the frame (hub and arms) and the rotors of a module, in its own frame [l_arm]."""
     body, l_arm = module.body, module.arm_length
     width, radius, height = body.arm_width / l_arm, body.rotor_radius / l_arm, body.rotor_height / l_arm
-    frame = [box("hub", np.zeros(3), np.diag(body.hub) / l_arm / 2)]
-    rotors = []
-    for q, along in enumerate(ROTOR_DIRECTIONS):
-        edges = np.stack([along, width * np.cross(UP, along), width * UP]) / 2
-        frame.append(box(f"arm {q}", along / 2, edges))
-        rotors.append(cylinder(f"rotor {q}", along, UP, radius, height))
-    return tuple(frame), tuple(rotors)
+    rotors = tuple(cylinder(f"rotor {q}", along, UP, radius, height) for q, along in enumerate(ROTOR_DIRECTIONS))
+    if body.frame is not None:
+        surfaces = [(np.array(piece.vertices) / l_arm, np.array(piece.triangles)) for piece in body.frame]
+        return tuple(Polyhedron(f"frame {k}", *surface) for k, surface in enumerate(surfaces)), rotors
+    hub = box("hub", np.zeros(3), np.diag(body.hub) / l_arm / 2)
+    arms = [
+        box(f"arm {q}", along / 2, np.stack([along, width * np.cross(UP, along), width * UP]) / 2)
+        for q, along in enumerate(ROTOR_DIRECTIONS)
+    ]
+    return (hub, *arms), rotors
 
 
 def bounding_box(parts: tuple[Convex, ...]) -> Convex:

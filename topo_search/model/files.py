@@ -15,6 +15,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest, shown
+from topo_search.model.frame import read_frame
 from topo_search.model.settings import apply_settings
 from topo_search.model.task import Task
 
@@ -45,6 +46,7 @@ def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     except (ValueError, RecursionError) as error:
         raise BadInput(name, [Fault("", f"is not a TOML file, or only a part of one: {error}")]) from None
     apply_settings(data, settings)
+    read_frame(data, Path() if name in examples() else Path(path).parent, name)
     return validate(Task, data, name)
 
 

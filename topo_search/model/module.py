@@ -22,7 +22,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from topo_search.model.value import Number, Positive, PositiveVector, Value, refuse
+from topo_search.model.frame import ConvexPiece
+from topo_search.model.value import NonEmpty, Number, Positive, PositiveVector, Value, refuse
 
 
 class Airflow(Value):
@@ -47,8 +48,18 @@ class Body(Value):
     """Width and height of an arm [m]."""
     hub: PositiveVector = (0.08, 0.08, 0.04)
     """Edges of the hub along x, y, z [m]."""
+    frame: Annotated[
+        Annotated[tuple[ConvexPiece, ...], NonEmpty] | None, Field(exclude_if=lambda given: given is None)
+    ] = None
+    """In place of hub and arms: convex pieces; a task file may name the `mesh` that consists of them."""
     inertia: PositiveVector | None = None
     """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at one density."""
+
+    @model_validator(mode="after")
+    def _inertia_of_a_frame(self) -> Self:
+        if self.frame is not None and self.inertia is None:
+            refuse("Body", (("inertia",), "must be given with a `frame` or `mesh` of its own, but is missing"))
+        return self
 
     @model_validator(mode="after")
     def _inertia_of_a_body(self) -> Self:

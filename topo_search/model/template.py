@@ -81,10 +81,10 @@ def _tables(stated: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:
 
 
 def _fields(stated: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[str]:
-    """Yield a line for every field with a plain value, commented out, its meaning beside it."""
+    """Yield a line for every field with a plain value by default, commented out, its meaning beside it."""
     for field, known in type(filled).model_fields.items():
         value = getattr(filled, field)
-        if field in without or isinstance(value, BaseModel):
+        if field in without or value is None or isinstance(value, BaseModel):
             continue
         if getattr(stated, field) is None:
             value = _rounded(value)

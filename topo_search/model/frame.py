@@ -1,0 +1,125 @@
+"""A module's own frame: closed convex surfaces, from a mesh file or as a design file holds them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import networkx as nx
+import numpy as np
+from pydantic import AfterValidator, model_validator
+
+from topo_search.model.arrays import Array
+from topo_search.model.bad_input import BadInput, Fault, shown
+from topo_search.model.value import Index, Value, Vector, refuse
+
+FLAT = 1e-6
+"""How far a corner of a convex surface may lie beyond a face, over the surface's size: single precision."""
+
+CLOSED = (
+    "must be a closed surface, every edge once in either direction; "
+    "pieces of a mesh that share a corner count as one, so let them overlap"
+)
+
+
+def _corners(value: tuple[int, ...]) -> tuple[int, int, int]:
+    i, j, k = value
+    if len({i, j, k}) < 3:
+        raise ValueError("must have three different corners")
+    return i, j, k
+
+
+class ConvexPiece(Value):
+    """A convex body by its surface: triangles that turn counter-clockwise seen from outside."""
+
+    vertices: tuple[Vector, ...]
+    """Corners, in the module's frame [m]."""
+    triangles: tuple[Annotated[tuple[Index, Index, Index], AfterValidator(_corners)], ...]
+    """Numbers of their corners."""
+
+    @model_validator(mode="after")
+    def _closed_and_convex(self) -> Self:
+        faces = np.array(self.triangles, dtype=np.int64).reshape(-1, 3)
+        if not len(faces) or set(faces.ravel().tolist()) != set(range(len(self.vertices))):
+            refuse("ConvexPiece", (("triangles",), "must use every vertex, and no other"))
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).tolist()
+        there = {(i, j) for i, j in edges}
+        if len(there) < len(edges) or there != {(j, i) for i, j in there}:
+            refuse("ConvexPiece", (("triangles",), CLOSED))
+        sticks_out = _beyond_faces(np.array(self.vertices), faces)
+        if sticks_out > FLAT:
+            text = f"must be convex, but a corner lies {100 * sticks_out:.3g} % of its size beyond a face"
+            refuse("ConvexPiece", (("triangles",), text))
+        return self
+
+
+def _beyond_faces(vertices: Array, faces: Any) -> float:
+    """Return how far the farthest corner lies beyond a face, over the size; 1 of a surface that is inside out."""
+    corners = vertices[faces]
+    size = float(np.ptp(vertices, axis=0).max())
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    if float(np.einsum("fx,fx->", normals, corners[:, 0] - vertices.mean(axis=0))) <= 1e-12 * size**3:
+        return 1.0
+    told = area > 1e-9 * size * size  # of slivers the direction is lost
+    unit = normals[told] / area[told, None]
+    beyond = vertices @ unit.T - np.einsum("fx,fx->f", unit, corners[told, 0])
+    return float(beyond.max()) / size
+
+
+def read_frame(data: dict[str, Any], folder: Path, source: str) -> None:
+    """Put the pieces of the file that a task's `module.body.mesh` names in its place, as `module.body.frame`.
+
+    Args:
+        data: the task as its file holds it; changed.
+        folder: where the mesh is looked for.
+        source: the task's file, for messages.
+
+    Raises:
+        BadInput: the mesh cannot be used.
+    """
+    module = data.get("module")
+    body = module.get("body") if isinstance(module, dict) else None
+    if not isinstance(body, dict) or "mesh" not in body:
+        return
+    name = body.pop("mesh")
+
+    def wrong(rule: str) -> BadInput:
+        return BadInput(source, [Fault("module.body.mesh", f"{rule}, but got {shown(name)}")])
+
+    if not isinstance(name, str) or Path(name).suffix.lower() not in (".stl", ".obj"):
+        raise wrong("must be the name of an .stl or .obj file")
+    if "frame" in body:
+        raise wrong("must be left out where `frame` is given")
+    if not (folder / name).is_file():
+        raise wrong(f"must be a file in {folder.absolute()}")
+    import trimesh  # only tasks with a mesh need it
+
+    try:
+        mesh = trimesh.load_mesh(folder / name, process=False)
+    except OSError as error:
+        raise wrong(f"must be a file that can be read ({error.strerror})") from None
+    except (ValueError, IndexError, KeyError, TypeError, AttributeError) as error:
+        raise wrong(f"must be a mesh ({error})") from None
+    body["frame"] = pieces(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces))
+
+
+def pieces(vertices: Array, faces: Any) -> list[dict[str, Any]]:
+    """Return the connected parts of a surface, corners at one place being one corner, flat triangles left out.
+
+    Args:
+        vertices: corners, shape (v, 3).
+        faces: triangles, shape (f, 3).
+    """
+    unique, number = np.unique(vertices, axis=0, return_inverse=True)
+    faces = number.reshape(-1)[faces]
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    graph: nx.Graph[int] = nx.Graph()
+    graph.add_edges_from(faces[:, :2].tolist())
+    graph.add_edges_from(faces[:, 1:].tolist())
+    found = []
+    for connected in sorted(nx.connected_components(graph), key=min):
+        own = faces[np.isin(faces[:, 0], list(connected))]
+        used, compact = np.unique(own, return_inverse=True)
+        found.append({"vertices": unique[used].tolist(), "triangles": compact.reshape(-1, 3).tolist()})
+    return found
