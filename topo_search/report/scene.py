@@ -21,7 +21,7 @@ from topo_search.model.topology import PORT_NAMES
 from topo_search.report.closest import closest_points
 from topo_search.report.wording import length
 
-CLOSE = 1.9
+CLOSE = 2.0
 """Distance of the viewer, in edges of a cube as large as what is shown."""
 NUMBERED = 30
 """Most modules that carry their number in the picture; more are named where the pointer is."""
@@ -55,6 +55,7 @@ def scene(
         scene={
             "aspectmode": "data",
             "camera": {
+                "center": {"x": 0.0, "y": 0.0, "z": -0.12},  # the legend covers the lower edge
                 "eye": dict(zip("xyz", (CLOSE * towards_viewer(azimuth_deg(at))).tolist(), strict=True)),
             },
             **{f"{name}axis": {**axis, "title": {"text": f"{name} [m]"}} for name in "xyz"},
