@@ -14,10 +14,11 @@ from itertools import combinations
 import numpy as np
 
 from nlp import names
-from nlp.geometry import Swept, clearance, cone_clearance
+from nlp.geometry import Swept, clearance, cone_clearance, hull_clearance
 from nlp.point import Point
 from topo_search.model import LEAST_OFFSET, Directional, Exterior, Local, Module, needs_offset
 from topo_search.model.arrays import Array
+from topo_search.model.hulls import convex_hull
 
 WRENCH_TOLERANCE = 1e-8
 """Largest wrench residual of a design [m_t g, l_arm m_t g]; the audit allows 1e-6."""
@@ -133,8 +134,10 @@ def _gaps(point: Point) -> Iterator[tuple[str, float]]:
             yield names.OFFSET, float(np.linalg.norm(offset)) - LEAST_OFFSET * task.module.arm_length
         match requirement:
             case Local():
-                ball = Swept(point.p_E, np.zeros(3), requirement.radius)
-                gaps = clearance(envelopes, ball)
+                if requirement.radius is None:
+                    gaps = hull_clearance(envelopes, point.p_E, convex_hull(requirement.corners))
+                else:
+                    gaps = clearance(envelopes, Swept(point.p_E, np.zeros(3), requirement.radius))
                 yield from ((names.exposure(number, requirement, a), gap) for a, gap in enumerate(gaps))
             case Directional():
                 along = requirement.length and requirement.length * offset / np.linalg.norm(offset)

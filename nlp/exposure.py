@@ -20,8 +20,10 @@ from collections.abc import Iterator
 import casadi as ca
 
 from nlp.envelope import Ball, ConeSphere, clearance
+from nlp.hull import hull_clearances
 from nlp.units import Units
 from topo_search.model import Directional, Exterior, Local
+from topo_search.model.hulls import convex_hull
 
 ROUNDING = 1e-8
 """Added to ||rho||^2 so that its root is smooth on the axis [l_arm^2]; asks for more clearance, never for less."""
@@ -47,8 +49,10 @@ def exposure_clearances(
         unit: units of the dimensionless problem.
     """
     match requirement:
+        case Local(radius=float(radius)):
+            yield None, clearance(envelope, Ball(p_E, radius / unit.length), beta)
         case Local():
-            yield None, clearance(envelope, Ball(p_E, requirement.radius / unit.length), beta)
+            yield None, hull_clearances(envelope, p_E, convex_hull(requirement.corners / unit.length), beta)
         case Directional():
             for segment, d_cap in enumerate(_segments(requirement, p_EB, unit)):
                 capsule = ConeSphere(p_E, d_cap, requirement.radius / unit.length)

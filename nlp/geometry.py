@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
+from topo_search.model.hulls import Hull
 
 PORTS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """e_a of the ports 0..3."""
@@ -108,6 +109,36 @@ def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float)
         ends.append(along * np.sin(half_angle) - across * np.cos(half_angle) - envelope.r_0 - eta * envelope.dr)
     least: Array = np.minimum(*ends)
     return least
+
+
+def hull_clearance(envelope: Swept, corner: Array, hull: Hull) -> Array:
+    """Return the clearance of n envelopes from a hull that stands at a place, with its exact sign [m].
+
+    Outside the hull the nearest point is on an edge, or inside a face and then nearest to an end of the axis: the
+    distance from a plane is linear. Where the axis enters the hull the gap is minus the radius there.
+
+    Args:
+        envelope: the envelopes, `o` and `d` of shape (n, 3).
+        corner: where the hull's origin is, shape (3,).
+        hull: the hull.
+    """
+    a, b = hull.corners[hull.edges].transpose(1, 0, 2)
+    one = Swept((envelope.o - corner)[:, None], envelope.d[:, None], envelope.r_0, envelope.dr)
+    least = clearance(one, Swept(a, b - a, 0.0)).min(axis=1)
+    heights = [(one.o[:, 0] + eta * envelope.d) @ hull.normals.T - hull.offsets for eta in (0.0, 1.0)]  # (n, f)
+    for eta, height in enumerate(heights):
+        face = height.argmax(axis=1)
+        gap = height.max(axis=1)
+        foot = one.o[:, 0] + eta * envelope.d - gap[:, None] * hull.normals[face]
+        on_face = np.all(foot @ hull.normals.T <= hull.offsets + 1e-12, axis=1)
+        least = np.where(on_face, np.minimum(least, gap - envelope.r_0 - eta * envelope.dr), least)
+    slope = heights[1] - heights[0]
+    crossing = -heights[0] / np.where(slope == 0, 1.0, slope)
+    enters = np.max(np.where(slope < 0, crossing, 0.0), axis=1, initial=0.0)
+    leaves = np.min(np.where(slope > 0, crossing, 1.0), axis=1, initial=1.0)
+    pierced = (enters <= leaves) & ~np.any((slope == 0) & (heights[0] > 0), axis=1)
+    result: Array = np.where(pierced, -envelope.r_0 - leaves * envelope.dr, least)
+    return result
 
 
 def _dot(a: Array, b: Array) -> Array:

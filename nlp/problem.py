@@ -19,7 +19,7 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
     & \|p_i - p_j\| \ge d                          \quad \forall i < j \text{ not bolted together}   & (5) \\
     & \|p_i - p'_E\| \ge l_c                                                 \quad \forall i         & (6) \\
     & \tilde\phi_{i,\mathrm{sph}}(\beta),\ \tilde\phi_{i,\mathrm{cap}}(\beta) \ge 0,
-      \text{ and the cone}                                                   \quad \forall i         & (7) \\
+      \text{ hulls and the cone}                                                   \quad \forall i         & (7) \\
     & 0 \le u_k \le u_{max}, \quad -\pi/2 \le \alpha \le \pi/2                                       & (8)
 
 (3) is the paper's torque balance about the origin of W instead of the COM: the same constraint, since it differs

@@ -29,6 +29,11 @@ GENTLE_PUSH: list[Table] = [
 """Feasible where the push task is not."""
 
 LOCAL: Table = {"kind": "local", "radius": 0.15}
+BOX: Table = {"kind": "local", "box": [0.35, 0.3, 0.2]}
+WEDGE: Table = {
+    "kind": "local",
+    "vertices": [[-0.15, -0.1, 0.1], [0.2, -0.1, 0.1], [-0.1, 0.2, 0.1], [0.0, 0.0, -0.15], [0.1, 0.1, 0.2]],
+}
 PATH: Table = {"kind": "directional", "radius": 0.15, "segments": [[1.0, 0.0, 0.0]]}
 TWO_PATHS: Table = {"kind": "directional", "radius": 0.15, "segments": [[1.0, 0.0, 0.0], [1.0, 1.0, -1.0]]}
 OUTWARDS: Table = {"kind": "directional", "radius": 0.15, "along": "end_effector", "length": 1.0}
@@ -40,6 +45,8 @@ HALF_SPACE_DOWN: Table = {"kind": "exterior", "half_angle_deg": 90.0, "axis": [0
 FEATURES: dict[str, Table] = {
     "push": {},
     "local": {"exposure": [LOCAL]},
+    "box": {"exposure": [BOX]},
+    "convex region": {"exposure": [WEDGE]},
     "one path": {"exposure": [PATH]},
     "two paths": {"exposure": [TWO_PATHS]},
     "a path along the end-effector": {"exposure": [OUTWARDS]},

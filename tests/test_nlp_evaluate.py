@@ -17,10 +17,10 @@ from nlp.units import Units
 from topo_search.model import Exterior, Topology
 from verify import audit
 from verify.bodies import Cone
-from verify.clearance import clearances, cone_clearance
 from verify.kinematics import platform
 from verify.requirements import Scene
 from verify.residuals import residuals
+from verify.sensitivity import clearance_of
 
 BOUNDS = ("rotor input", "hinge angle", "root orientation", "end-effector position")
 """Not constraints of the problem but bounds of its variables, or met by construction."""
@@ -103,12 +103,7 @@ def audited_clearances(design):
             name = names.exposure(r.b, task.exposure[r.b], r.a, r.segment)
         inside = isinstance(r.against, Cone)
         assert inside == (r.kind == "exterior")
-        c = (
-            cone_clearance(r.body.body, r.against)[0]
-            if inside
-            else clearances([(r.body.body, r.against.body)]).d[0]
-        )
-        found[name] = float(c) * task.module.arm_length
+        found[name] = clearance_of(r) * task.module.arm_length
     return found
 
 

@@ -21,6 +21,7 @@ from verify.tolerance import Errors, Tolerance
 CHAIN = Topology(((-1, -1, -1), (0, 0, 2), (1, 1, 3), (2, 0, 2), (3, 1, 3)))
 EVERYTHING: list[dict[str, Any]] = [
     {"kind": "local", "radius": 0.15},
+    {"kind": "local", "box": [0.2, 0.3, 0.1]},
     {"kind": "directional", "radius": 0.1, "segments": [[0.0, 0.0, 1.0], [1.0, 0.0, 0.2]]},
     {"kind": "directional", "radius": 0.1, "along": "end_effector", "length": 1.0},
     {"kind": "exterior", "half_angle_deg": 75.0},
@@ -166,7 +167,7 @@ def test_errors_that_two_modules_share_cancel() -> None:
 
 @given(st.floats(1e-4, 0.2), st.floats(1.0, 3.0))
 def test_larger_errors_never_leave_more(delta: float, factor: float) -> None:
-    bounds = tolerance(fan({"exposure": EVERYTHING[:3]}))
+    bounds = tolerance(fan({"exposure": EVERYTHING[:4]}))
     errors = Errors(delta, delta, delta)
     assert bounds.weakest(errors.times(factor)).bound <= bounds.weakest(errors).bound + 1e-12
 
@@ -190,7 +191,7 @@ def test_angles_do_not_depend_on_the_unit_of_length_and_lengths_scale_with_it(sc
 
 
 def test_what_is_tolerated_is_clear_and_what_violates_is_violated() -> None:
-    of = fan({"exposure": EVERYTHING[:3]}, end_effector=(0.0, 0.0, 0.8))
+    of = fan({"exposure": EVERYTHING[:4]}, end_effector=(0.0, 0.0, 0.8))
     result = audit(of).sensitivity
     assert result is not None
     assert result.hinge_angle_deg is not None

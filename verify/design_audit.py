@@ -17,11 +17,13 @@ import numpy as np
 from topo_search.model import Audit, Clearance, Design, Module, Status
 from verify.assembly import assembly
 from verify.bodies import Cone
-from verify.certificate import Certificate, certify_pairs
+from verify.certificate import Certificate, Solid, certify_pairs
 from verify.compound_certificate import certify_compounds, compound_evidence
 from verify.cone_certificate import certify_inside
 from verify.contacts import RigidRequirement, allowed_contacts, keep_apart
 from verify.evidence import evidence
+from verify.hull_certificate import certify_outside
+from verify.hulls import Hull
 from verify.interference import interference, percent_of_deepest
 from verify.kinematics import platform
 from verify.parts import rigid_parts
@@ -79,12 +81,15 @@ def _audit(design: Design, started: float) -> Audit:
 
 
 def _certificates(requirements: list[Requirement]) -> list[Certificate]:
-    """Return one certificate a requirement, pairs of bodies all at once."""
-    pairs = [(r.body, r.against) for r in requirements if not isinstance(r.against, Cone)]
-    certified = iter(certify_pairs(pairs))
-    return [
-        certify_inside(r.body, r.against) if isinstance(r.against, Cone) else next(certified) for r in requirements
-    ]
+    """Return one certificate a requirement, pairs of cone-spheres all at once."""
+    certified = iter(certify_pairs([(r.body, r.against) for r in requirements if isinstance(r.against, Solid)]))
+
+    def certificate(body: Solid, against: Solid | Cone | Hull) -> Certificate:
+        if isinstance(against, Cone):
+            return certify_inside(body, against)
+        return certify_outside(body, against) if isinstance(against, Hull) else next(certified)
+
+    return [certificate(r.body, r.against) for r in requirements]
 
 
 def _clearance(requirement: Requirement | RigidRequirement, certificate: Certificate, module: Module) -> Clearance:

@@ -13,13 +13,17 @@ from verify.bodies import Array, Cone, ConeSphere
 from verify.certificate import TURNED_LEVELS, Solid, inner_shapes, outer_meshes, plane_gap, witnesses
 from verify.clearance import cone_clearance
 from verify.cone_certificate import SIDES, keeps_off, least_s, reaches_beyond
+from verify.hull_certificate import inner_overlap, outer_gap, witness
+from verify.hulls import Hull
 
 ENDS = (0.0, 1.0)
 
 
-def evidence(body: Solid, against: Solid | Cone) -> tuple[str, ...]:
+def evidence(body: Solid, against: Solid | Cone | Hull) -> tuple[str, ...]:
     """Return what is found about a body and what it must keep clear of, or inside of; one finding a line."""
-    return tuple(_of_cone(body.body, against) if isinstance(against, Cone) else _of_pair(body, against))
+    if isinstance(against, Cone):
+        return tuple(_of_cone(body.body, against))
+    return tuple(_of_hull(body.body, against) if isinstance(against, Hull) else _of_pair(body, against))
 
 
 def _of_pair(A: Solid, B: Solid) -> Iterator[str]:
@@ -58,6 +62,25 @@ def _of_cone(body: ConeSphere, cone: Cone) -> Iterator[str]:
         off, beyond = keeps_off(body, cone, eta), reaches_beyond(body, cone, eta)
         yield f"plane at the {name} ball, FCL: outer mesh {'off it' if off else 'not off it'}"
         yield f"plane at the {name} ball, FCL: inner mesh {'reaches' if beyond else 'does not reach'} beyond it"
+
+
+def _of_hull(body: ConeSphere, region: Hull) -> Iterator[str]:
+    at = witness(body, region)
+    yield f"body: {_told(body)}"
+    yield f"corners of the region: {region.mesh.vertices.tolist()}"
+    yield f"closed form: clearance {at.d!r}, normal from body to region {_vector(at.n)}, at {_vector(at.x)}"
+    yield f"depth of that place in the body {float(body.depth(at.x))!r}, in the region {region.depth(at.x)!r}"
+    yield f"upper bound that the closed form's points prove: {'none' if at.upper is None else repr(at.upper)}"
+    for level in range(len(TURNED_LEVELS)):
+        outer, inner = outer_gap(body, region, at, level), inner_overlap(body, region, at, level)
+        if outer is None:
+            yield f"level {level}: the outer mesh does not hold its body"
+        else:
+            yield f"level {level}: outer mesh {outer[0]!r} apart along the normal, FCL: {_overlap(outer[1])}"
+        if inner is None:
+            yield f"level {level}: the inner mesh is not within its body"
+        else:
+            yield f"level {level}: inner mesh, FCL: {_overlap(inner)}"
 
 
 def _told(body: ConeSphere) -> str:

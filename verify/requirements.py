@@ -17,6 +17,7 @@ from topo_search.model import Design, Directional, Exterior, Local
 from topo_search.model.audit import Kind
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import Solid
+from verify.hulls import Hull, hull
 from verify.kinematics import Platform
 
 
@@ -30,7 +31,7 @@ class Requirement:
     b: int
     """The other module, or the number of the exposure requirement; -1 for p_E."""
     body: Solid
-    against: Solid | Cone
+    against: Solid | Cone | Hull
     segment: int | None = None
     counts: bool = True
     """Whether it sets the verdict; what does not is measured all the same."""
@@ -59,8 +60,10 @@ class Scene:
         for number, requirement in enumerate(self.design.task.exposure):
             if isinstance(requirement, Exterior):
                 yield from self._exterior(number, requirement)
+            elif isinstance(requirement, Local):
+                yield from self._local(number, requirement)
             else:
-                yield from self._target(number, requirement)
+                yield from self._directional(number, requirement)
         yield from self._exclusion()
         yield from self._separation()
 
@@ -69,13 +72,17 @@ class Scene:
         for a, b in combinations(range(len(self.envelopes)), 2):
             yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=counts)
 
-    def _target(self, number: int, requirement: Local | Directional) -> Iterator[Requirement]:
+    def _local(self, number: int, requirement: Local) -> Iterator[Requirement]:
+        volume: Solid | Hull
+        if requirement.radius is not None:
+            volume = Solid(ball(self.p_E, requirement.radius / self.l_arm))
+        else:
+            volume = hull(self.p_E + requirement.corners / self.l_arm)
+        for a, envelope in enumerate(self.envelopes):
+            yield Requirement("local", a, number, envelope, volume)
+
+    def _directional(self, number: int, requirement: Directional) -> Iterator[Requirement]:
         r = requirement.radius / self.l_arm
-        if isinstance(requirement, Local):
-            volume = Solid(ball(self.p_E, r))
-            for a, envelope in enumerate(self.envelopes):
-                yield Requirement("local", a, number, envelope, volume)
-            return
         if requirement.segments is not None:
             paths = [np.array(segment) / self.l_arm for segment in requirement.segments]
         elif requirement.length is not None and (outwards := self._outwards()) is not None:

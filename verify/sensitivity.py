@@ -23,6 +23,7 @@ from topo_search.model import Design, Limit, Sensitivity, Status, WorstCase
 from verify.bodies import Array, Cone
 from verify.certificate import ROUNDING
 from verify.clearance import clearances, cone_clearance
+from verify.hulls import Hull, approach
 from verify.kinematics import Platform, platform
 from verify.requirements import Requirement, Scene
 from verify.tolerance import KINDS, Errors, Tolerance, Weakest
@@ -170,6 +171,8 @@ def clearance_of(requirement: Requirement) -> float:
     """Return the exact clearance of a requirement from its closed form [l_arm]."""
     if isinstance(requirement.against, Cone):
         return cone_clearance(requirement.body.body, requirement.against)[0]
+    if isinstance(requirement.against, Hull):
+        return approach(requirement.body.body, requirement.against).d
     return float(clearances([(requirement.body.body, requirement.against.body)]).d[0])
 
 

@@ -6,7 +6,7 @@ r"""Proven bounds of a design's clearances as functions of the errors with which
 | delta_p | largest error of every module's centre and of p_E, from where the hinges put them | l_arm |
 | delta_e | how far the airflow may reach beyond its envelope | l_arm |
 | A, B | the sides of a requirement; B may be a target volume, which goes with p_E | |
-| X, r | centres and radii of balls whose hull a side is: the end balls of a cone-sphere | l_arm |
+| X, r | centres and radii of balls whose hull a side is: the end balls of a cone-sphere, corners | l_arm |
 | n | unit vector from A to B where they are nearest; any would do | |
 | v, e | p_E from the COM, and its largest error | l_arm |
 | kappa | largest change of v / \|v\|, where a requirement takes its direction from it | |
@@ -36,8 +36,9 @@ import numpy as np
 from topo_search.model import Design, needs_offset
 from topo_search.model.audit import Kind
 from verify.bodies import Array, Cone, ConeSphere
-from verify.certificate import Solid
-from verify.clearance import clearances
+from verify.certificate import Solid, witnesses
+from verify.hull_certificate import witness
+from verify.hulls import Hull
 from verify.kinematics import Platform
 from verify.levers import Levers, Motion
 from verify.requirements import Requirement, Scene
@@ -137,19 +138,17 @@ class Tolerance:
     def _apart(self, group: list[Requirement]) -> _Group:
         """Return requirements of pairs of bodies."""
         kind, a = group[0].kind, np.array([r.a for r in group])
-        sides = [(r.body.body, r.against.body) for r in group if isinstance(r.against, Solid)]
-        _, eta, gamma = clearances(sides)
-        apart = [
-            B.centre(at_B) - A.centre(at_A)
-            for (A, B), at_A, at_B in zip(sides, eta.tolist(), gamma.tolist(), strict=True)
-        ]
-        n = _units(np.array(apart))
-        least_of_B = np.array([_ends(B, direction, -1) for (_, B), direction in zip(sides, n, strict=True)])
-        most_of_A = np.array([_ends(A, direction, +1) for (A, _), direction in zip(sides, n, strict=True)])
+        of_solids = witnesses([(r.body, r.against) for r in group if isinstance(r.against, Solid)])
+        at = [witness(r.body.body, r.against) if isinstance(r.against, Hull) else next(of_solids) for r in group]
+        n = np.array([nearest.n for nearest in at])
+        most_of_A = np.array([_ends(r.body.body, direction, 1) for r, direction in zip(group, n, strict=True)])
+        least_of_B = np.array([_least(r.against, direction) for r, direction in zip(group, n, strict=True)])
         gaps = least_of_B[:, None, :] - most_of_A[:, :, None]
         n = np.repeat(n[:, None], 2, axis=1)
         swing = np.zeros((len(group), 2))
-        swing[:, 1] = [np.linalg.norm(B.d) * self._turns(r) for r, (_, B) in zip(group, sides, strict=True)]
+        for row, r in enumerate(group):
+            if isinstance(r.against, Solid) and self._turns(r):
+                swing[row, 1] = np.linalg.norm(r.against.body.d)
         between = kind in ("airflow", "separation")
         b = np.array([r.b for r in group]) if between else np.zeros_like(a)
         ends = CENTRE if kind in ("exclusion", "separation") else BOTH
@@ -227,7 +226,10 @@ def _ends(body: ConeSphere, n: Array, side: int) -> tuple[float, float]:
     return first + side * body.r, first + float(body.d @ n) + side * (body.r + body.dr)
 
 
-def _units(v: Array) -> Array:
-    """Return unit vectors, shape (N, 3); the z axis for those without a direction."""
-    length = np.linalg.norm(v, axis=1, keepdims=True)
-    return np.where(length > 0, v / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 1.0]))
+def _least(against: Solid | Cone | Hull, n: Array) -> tuple[float, float]:
+    """Return where both ends of a side begin along n; a region has but one."""
+    if isinstance(against, Solid):
+        return _ends(against.body, n, -1)
+    assert isinstance(against, Hull)  # cones have bounds of their own
+    first = float((against.mesh.vertices @ n).min())
+    return first, first

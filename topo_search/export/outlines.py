@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from topo_search.model.arrays import Array
 
@@ -28,6 +29,11 @@ def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, v: Array, *, poi
     u = np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)
     second = (u @ P_1 + r_1 > u @ P_0 + r_0)[:, None]
     return np.asarray(np.where(second, P_1 + r_1 * u, P_0 + r_0 * u))
+
+
+def flat_hull(points: Array) -> Array:
+    """Return the outline of points on paper, (m, 2), as a closed polygon, (k, 2)."""
+    return np.asarray(points[ConvexHull(points).vertices])
 
 
 def circle(centre: Array, radius: float, axis: Array, *, points: int = 48) -> Array:

@@ -7,7 +7,8 @@ import numpy as np
 from topo_search.export.poses import Poses
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
-from topo_search.model.exposure import Directional, Exterior
+from topo_search.model.exposure import Directional, Exterior, Local
+from topo_search.model.hulls import Hull, convex_hull
 
 
 def paths(requirement: Directional, at: Poses) -> list[Array]:
@@ -16,6 +17,12 @@ def paths(requirement: Directional, at: Poses) -> list[Array]:
         return [np.array(segment) for segment in requirement.segments]
     assert requirement.length is not None  # given with `along`
     return [requirement.length * _unit(at.p_E)]
+
+
+def polytope(requirement: Local | Directional) -> Hull:
+    """Return the hull of a region without a radius, a box or another convex shape, from the end-effector [m]."""
+    assert isinstance(requirement, Local)
+    return convex_hull(requirement.corners)
 
 
 def cone_axis(requirement: Exterior, at: Poses) -> Array:

@@ -15,11 +15,11 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from topo_search.export import outlines, palette, parts
 from topo_search.export.poses import PORTS, Poses
-from topo_search.export.regions import cone_axis, cone_slant, paths
+from topo_search.export.regions import cone_axis, cone_slant, paths, polytope
 from topo_search.export.viewpoint import ELEVATION_DEG, azimuth_deg, towards_viewer
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
-from topo_search.model.exposure import Directional, Exterior
+from topo_search.model.exposure import Directional, Exterior, Local
 
 LIGHT = np.array([0.27, -0.18, 0.95])
 """Towards the light, for the shading of faces."""
@@ -81,6 +81,9 @@ class Scene:
             if isinstance(requirement, Directional):
                 ends = [apex + path for path in paths(requirement, self.at)]
             r = requirement.radius
+            if r is None:
+                self._region(apex, requirement)
+                continue
             self._volumes([outlines.cone_sphere(apex, r, end, r, self.v) for end in ends], palette.EXPOSURE, 0.3)
             self._lines([outlines.circle(end, r, np.array([0.0, 0.0, 1.0])) for end in ends], palette.EXPOSURE, 0.8)
 
@@ -172,6 +175,11 @@ class Scene:
         self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
         self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
         self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
+
+    def _region(self, apex: Array, requirement: Local | Directional) -> None:
+        corners, triangles, _, edges = polytope(requirement)
+        self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
+        self._lines(list(apex + corners[edges]), palette.EXPOSURE, 0.8)
 
     def _volumes(self, polygons: list[Array], colour: str, alpha: float = 0.16, *, edge: float = 0.7) -> None:
         collection = Poly3DCollection(

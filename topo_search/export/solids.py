@@ -20,7 +20,7 @@ from trimesh.visual.material import PBRMaterial
 from topo_search.export import outlines, palette
 from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
 from topo_search.export.poses import Poses, poses, rotation
-from topo_search.export.regions import cone_axis, paths
+from topo_search.export.regions import cone_axis, paths, polytope
 from topo_search.export.rod import rod_of
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
@@ -105,6 +105,9 @@ def _region(design: Design, number: int, at: Poses) -> Solid:
         surface = Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
         return Solid(name, surface, palette.EXPOSURE, apex, opacity=0.15)
     r = requirement.radius
+    if r is None:
+        region = polytope(requirement)
+        return Solid(name, Trimesh(region.corners, region.triangles), palette.EXPOSURE, apex, opacity=0.3)
     ends = [origin]
     if isinstance(requirement, Directional):
         ends = paths(requirement, at)

@@ -25,7 +25,7 @@ from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
 from topo_search.export import outlines, palette
 from topo_search.export.poses import Poses
-from topo_search.export.regions import cone_axis, paths
+from topo_search.export.regions import cone_axis, paths, polytope
 from topo_search.model import Directional, Exterior, Local, ResolvedTask, needs_offset
 from topo_search.model.arrays import Array
 
@@ -86,6 +86,9 @@ def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[Arr
             theta = math.radians(asked.half_angle_deg)
             outlined.append(_wedge(cone_axis(asked, at), theta, view, 4 * size))
             continue
+        if asked.radius is None:
+            outlined.append(outlines.flat_hull(polytope(asked).corners[:, view]))
+            continue
         for end in _ends(task, asked):
             outline = outlines.cone_sphere(np.zeros(3), asked.radius, end, asked.radius, _towards_viewer(view))
             outlined.append(outline[:, view])
@@ -128,8 +131,13 @@ def _forces(task: ResolvedTask) -> list[tuple[int, Array]]:
 def _reach(task: ResolvedTask) -> float:
     """Return how far all regions with an end reach, and most of a module's airflow [m]."""
     finite = [asked for asked in task.exposure if not isinstance(asked, Exterior)]
-    ends = [asked.radius + float(np.linalg.norm(end)) for asked in finite for end in _ends(task, asked)]
-    return max([0.6 * task.module.reach, *ends])
+    reaches = [0.6 * task.module.reach]
+    for asked in finite:
+        if asked.radius is None:
+            reaches.append(float(np.linalg.norm(polytope(asked).corners, axis=1).max()))
+        else:
+            reaches += [asked.radius + float(np.linalg.norm(end)) for end in _ends(task, asked)]
+    return max(reaches)
 
 
 def _legend(task: ResolvedTask) -> list[Artist]:

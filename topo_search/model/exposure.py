@@ -5,11 +5,35 @@ Points are in metres from the end-effector p_E, in the axes of the task frame.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, Tag, model_validator
+import numpy as np
+from pydantic import AfterValidator, Field, Tag, ValidationInfo, model_validator
 
-from topo_search.model.value import NonEmpty, Positive, Value, Vector, is_zero, one_of, refuse
+from topo_search.model.arrays import Array
+from topo_search.model.bad_input import shown
+from topo_search.model.hulls import has_volume
+from topo_search.model.mesh_file import hull_corners
+from topo_search.model.value import (
+    NonEmpty,
+    Positive,
+    PositiveVector,
+    Value,
+    Vector,
+    is_zero,
+    one_of,
+    refuse,
+)
+
+
+@dataclass(frozen=True)
+class Folder:
+    """The context of validation that lets a task name files: the folder that they are looked for in."""
+
+    path: Path
 
 
 def _has_direction(vector: Vector) -> Vector:
@@ -25,12 +49,82 @@ Axis = Annotated[
 ]
 
 
+MOST_CORNERS = 100
+"""Most corners of a convex region: the solver looks at each of them for every module."""
+
+
+def _solid(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
+    if len(vertices) > MOST_CORNERS:
+        raise ValueError(f"must have at most {MOST_CORNERS} corners, but got {len(vertices)}; simplify the shape")
+    if not has_volume(np.array(vertices).reshape(-1, 3)):
+        raise ValueError(f"must span a volume, but got {shown(vertices)}")
+    return vertices
+
+
+def _not_given(value: object) -> bool:
+    return value is None
+
+
 class Local(Value):
-    """A ball around the end-effector that no envelope may enter."""
+    """A region around the end-effector that no envelope may enter: a ball, a box, or the convex hull of points.
+
+    In a task file `mesh`, the name of an STL or OBJ file in metres with its origin at p_E, may stand for
+    `vertices`: those of its hull. The axes of boxes, points and meshes are those of the task frame.
+    """
 
     kind: Literal["local"] = "local"
-    radius: Positive = 0.15
-    """r_sph [m]."""
+    radius: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
+    """r_sph of a ball centred at p_E [m]; 0.15 if nothing else is given."""
+    box: Annotated[PositiveVector | None, Field(exclude_if=_not_given)] = None
+    """Edges of a box centred at p_E, along x, y and z [m]."""
+    vertices: Annotated[
+        Annotated[tuple[Vector, ...], AfterValidator(_solid)] | None, Field(exclude_if=_not_given)
+    ] = None
+    """Points whose convex hull the region is, from p_E [m]."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_shape(cls, data: Any, info: ValidationInfo) -> Any:
+        """Fill in the default, or the corners of a mesh."""
+        if not isinstance(data, dict):
+            return data
+        given = [name for name in ("radius", "box", "vertices", "mesh") if data.get(name) is not None]
+        if len(given) > 1:
+            text = f"must have one of `radius`, `box`, `vertices` and `mesh`, but got {' and '.join(given)}"
+            refuse("Local", ((), text))
+        if given == ["mesh"]:
+            rest = {name: value for name, value in data.items() if name != "mesh"}
+            return {**rest, "vertices": _corners_of(data["mesh"], info.context)}
+        return data if given else {**data, "radius": 0.15}
+
+    @property
+    def corners(self) -> Array:
+        """Corners of a box, or points whose hull the region is, from p_E, shape (k, 3) [m]; none of a ball."""
+        if self.box is not None:
+            corners: Array = np.array(list(product((-0.5, 0.5), repeat=3))) * np.array(self.box)
+            return corners
+        return np.array(self.vertices or ()).reshape(-1, 3)
+
+
+def _corners_of(name: Any, context: Any) -> Any:
+    """Return the corners of a mesh file's hull; a file is only looked for beside a task file."""
+
+    def wrong(text: str) -> None:
+        refuse("Local", (("mesh",), f"{text}, but got {shown(name)}"))
+
+    if not isinstance(context, Folder):
+        wrong("must be given by its `vertices` in anything but a task file")
+    elif not isinstance(name, str):
+        wrong("must be the name of an STL or OBJ file")
+    else:
+        path = context.path / name
+        try:
+            return hull_corners(path).tolist()
+        except OSError as error:
+            wrong(f"must be a file that can be read ({path}: {error.strerror})")
+        except ValueError as error:
+            wrong(str(error))
+    return None
 
 
 class Directional(Value):

@@ -15,6 +15,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest, shown
+from topo_search.model.exposure import Folder
 from topo_search.model.frame import read_frame
 from topo_search.model.settings import apply_settings
 from topo_search.model.task import Task
@@ -22,16 +23,25 @@ from topo_search.model.task import Task
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def validate(model: type[Model], data: Any, source: str) -> Model:
-    """Return `data` as a model; BadInput names every fault, `source` first."""
+def validate(model: type[Model], data: Any, source: str, folder: Folder | None = None) -> Model:
+    """Return `data` as a model; BadInput names every fault, `source` first.
+
+    Args:
+        model: the model.
+        data: what a file holds.
+        source: the file, in the reader's words.
+        folder: where files that the data may name are looked for; None: it may name none.
+    """
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context=folder)
     except ValidationError as error:
         raise BadInput(source, faults_of(error, model)) from None
 
 
 def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     """Return the task of a TOML file or of a shipped example, with `FIELD=VALUE` settings applied.
+
+    A mesh that it names is looked for in the file's folder; of a shipped example, in the current one.
 
     Raises:
         BadInput: one fault for each thing that is wrong.
@@ -46,8 +56,9 @@ def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     except (ValueError, RecursionError) as error:
         raise BadInput(name, [Fault("", f"is not a TOML file, or only a part of one: {error}")]) from None
     apply_settings(data, settings)
-    read_frame(data, Path() if name in examples() else Path(path).parent, name)
-    return validate(Task, data, name)
+    folder = Path() if name in examples() else Path(path).parent
+    read_frame(data, folder, name)
+    return validate(Task, data, name, Folder(folder))
 
 
 def examples() -> list[str]:

@@ -99,7 +99,9 @@ def _lengths(task: Task) -> Iterator[Oddity]:
     lengths = [("end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,))))]
     for e, asked in enumerate(task.exposure):
         if isinstance(asked, Local | Directional):
-            lengths.append((f"exposure[{e}].radius", asked.radius))
+            lengths.append((f"exposure[{e}].radius", asked.radius or 0.0))
+        if isinstance(asked, Local):
+            lengths += [(f"exposure[{e}]", math.hypot(*corner)) for corner in asked.corners[:1].tolist()]
         if isinstance(asked, Directional):
             lengths += [
                 (f"exposure[{e}].segments[{k}]", math.hypot(*end)) for k, end in enumerate(asked.segments or ())

@@ -42,6 +42,9 @@ com = { force = [0.0, 0.0, 1.0] }
 # [[exposure]]
 # kind = "local"                    # a ball around the end-effector
 # radius = 0.15
+# # in place of the radius, one of these:
+# # box = [0.4, 0.4, 0.2]           # edges along x, y and z, centred at the end-effector
+# # mesh = "target.stl"             # the convex hull of an STL or OBJ file beside this one, its origin at the tool
 
 # [[exposure]]
 # kind = "directional"              # capsules along paths that start at the end-effector

@@ -12,9 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from trimesh.triangles import closest_point
 
 from topo_search.export.poses import Poses
-from topo_search.export.regions import cone_axis, paths
+from topo_search.export.regions import cone_axis, paths, polytope
 from topo_search.model import Clearance, Design, Directional, Exterior
 from topo_search.model.arrays import Array
 
@@ -68,7 +69,11 @@ def closest_points(design: Design, at: Poses, pair: Clearance, mount: Array | No
     end = at.end_effector
     if isinstance(requirement, Directional):
         end = end + paths(requirement, at)[pair.segment or 0]
-    return between(envelope, ConeSphere(at.end_effector, end, requirement.radius, requirement.radius))
+    r = requirement.radius
+    if r is None:
+        corners, triangles, *_ = polytope(requirement)
+        return to_polytope(envelope, at.end_effector + corners[triangles])
+    return between(envelope, ConeSphere(at.end_effector, end, r, r))
 
 
 def between(one: ConeSphere, other: ConeSphere) -> tuple[Array, Array]:
@@ -89,6 +94,24 @@ def between(one: ConeSphere, other: ConeSphere) -> tuple[Array, Array]:
     gap = float(np.linalg.norm(across))
     n = across / gap if gap else np.array([0.0, 0.0, 1.0])
     return P + r * n, Q - q * n
+
+
+def to_polytope(body: ConeSphere, triangles: Array) -> tuple[Array, Array]:
+    """Return the points of a cone-sphere and of the surface of triangles, (f, 3, 3), that come closest."""
+    middle, half = 0.5, 0.5
+    for _ in range(ZOOMS):
+        s = np.clip(middle + half * np.linspace(-1, 1, SPLITS + 1), 0, 1)
+        P, r = body.ball(s)
+        each, place = np.repeat(triangles, len(s), axis=0), np.tile(P, (len(triangles), 1))
+        nearest = closest_point(each, place).reshape(len(triangles), len(s), 3)
+        distance = np.linalg.norm(nearest - P, axis=-1) - r
+        f, i = np.unravel_index(np.argmin(distance), distance.shape)
+        middle, half = float(s[i]), 4 * half / SPLITS
+        on_body, on_surface = P[i], nearest[f, i]
+    across = on_surface - on_body
+    gap = float(np.linalg.norm(across))
+    n = across / gap if gap else np.array([0.0, 0.0, 1.0])
+    return on_body + body.ball(np.array(middle))[1] * n, on_surface
 
 
 def to_cone(body: ConeSphere, apex: Array, axis: Array, theta: float) -> tuple[Array, Array]:

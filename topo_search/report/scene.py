@@ -13,7 +13,7 @@ from trimesh import Trimesh
 from topo_search.export import outlines, palette
 from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
 from topo_search.export.poses import PORTS, Poses
-from topo_search.export.regions import cone_axis, cone_slant, paths
+from topo_search.export.regions import cone_axis, cone_slant, paths, polytope
 from topo_search.export.viewpoint import azimuth_deg, towards_viewer
 from topo_search.model import Assembly, Clearance, Design, Directional, Exterior
 from topo_search.model.arrays import Array
@@ -83,8 +83,13 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
             d, theta = cone_axis(requirement, at), math.radians(requirement.half_angle_deg)
             cones.append(_triangles(outlines.cone(apex, d, theta, cone_slant(design, at))))
             continue
+        r = requirement.radius
+        if r is None:
+            corners, triangles, *_ = polytope(requirement)
+            kept_out.append(Trimesh(apex + corners, triangles))
+            continue
         along = paths(requirement, at) if isinstance(requirement, Directional) else [np.zeros(3)]
-        kept_out += [cone_sphere(apex, requirement.radius, apex + path, requirement.radius) for path in along]
+        kept_out += [cone_sphere(apex, r, apex + path, r) for path in along]
     if kept_out:
         traces.append(_mesh("to be kept out of the airflow", kept_out, palette.EXPOSURE, opacity=0.4, meta=AROUND))
     if cones:

@@ -76,10 +76,18 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
     )
 
 
+def _region(asked: Local) -> str:
+    if asked.radius is not None:
+        return f"a ball of radius {length(asked.radius)} around the end-effector"
+    if asked.box is not None:
+        return f"a box of {vector(asked.box)} m along x, y and z, centred at the end-effector"
+    return f"the convex hull of {counted(len(asked.corners), 'point')} about the end-effector"
+
+
 def requirement(asked: Local | Directional | Exterior) -> str:
     """Return one exposure requirement in words."""
     if isinstance(asked, Local):
-        return f"a ball of radius {length(asked.radius)} around the end-effector"
+        return _region(asked)
     if isinstance(asked, Directional):
         if asked.segments is None:
             along = f"{length(asked.length or 0.0)} along p_E, away from the centre of mass"

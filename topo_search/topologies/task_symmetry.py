@@ -7,6 +7,7 @@
 | f_E, f_C | force at the end-effector and at the COM | (3,) |
 | tau | sum of both torques of a load case: a torque is the same wherever it acts | (3,) |
 | p_E | end-effector from the COM, if the task fixes it | (3,) |
+| V | corners of a convex target region, in any order | (k, 3) |
 
 A mirrored platform is a platform of the same family: the mirror image of a module is the module with two opposite
 ports exchanged, and its rotors turn as its own do there (a mirror in a plane along the thrust axis exchanges two
@@ -25,12 +26,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model import Directional, Exterior, LoadCase, ResolvedTask
+from topo_search.model import Directional, Exterior, LoadCase, Local, ResolvedTask
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9
 """Largest difference of two things that count as equal, relative to the largest of their kind."""
+
+
+REGION = "region"
+"""The kind of a feature whose vectors have no order: a convex target region."""
 
 
 class _Feature(NamedTuple):
@@ -55,19 +60,24 @@ class _Feature(NamedTuple):
 
     def equals(self, other: _Feature) -> bool:
         """Whether two features are the same within the tolerance."""
-        return (
-            self.kind == other.kind
-            and bool(np.allclose(self.scalars, other.scalars, rtol=TOLERANCE, atol=0.0))
-            and bool(np.all(np.linalg.norm(self.vectors - other.vectors, axis=1) <= TOLERANCE))
-        )
+        if (
+            self.kind != other.kind
+            or len(self.vectors) != len(other.vectors)
+            or not np.allclose(self.scalars, other.scalars, rtol=TOLERANCE, atol=0.0)
+        ):
+            return False
+        if self.kind == REGION:
+            apart = np.linalg.norm(self.vectors[:, None] - other.vectors, axis=2)
+            return bool(np.all(apart.min(axis=0) <= TOLERANCE) and np.all(apart.min(axis=1) <= TOLERANCE))
+        return bool(np.all(np.linalg.norm(self.vectors - other.vectors, axis=1) <= TOLERANCE))
 
 
 def improper_isometry(task: ResolvedTask) -> Array | None:
     """Return an improper isometry that maps the task onto itself, shape (3, 3), or None if there is none.
 
     Load cases must be mapped onto load cases with the same weight (equal load cases count as one with the sum of
-    their weights), segments, cone axes and a fixed p_E onto themselves. Balls, paths along p_E and cones about the
-    COM axis go with p_E and allow every isometry. Among several the one nearest to a plain
+    their weights), segments, convex regions, cone axes and a fixed p_E onto themselves. Balls, paths along p_E and
+    cones about the COM axis go with p_E and allow every isometry. Among several the one nearest to a plain
     reflection is returned.
     """
     features = _features(task)
@@ -91,9 +101,12 @@ def _features(task: ResolvedTask) -> list[_Feature]:
     paths = [e for e in task.exposure if isinstance(e, Directional) and e.segments is not None]
     points = [(np.array(end), e.radius) for e in paths for end in e.segments or ()]
     p_E = task.end_effector.fixed_position
+    regions = [e.corners for e in task.exposure if isinstance(e, Local) and e.radius is None]
     lengths = [float(np.linalg.norm(end)) for end, _ in points] + [float(np.linalg.norm(p_E or 0.0))]
+    lengths += [float(np.linalg.norm(V, axis=1).max()) for V in regions]
     longest = max(lengths) or 1.0
     none = np.zeros((0, 3))
+    wanted += [_Feature(REGION, (), V / longest, none) for V in regions]
     wanted += [_Feature("segment", (radius,), end[None] / longest, none) for end, radius in points]
     for exposure in task.exposure:
         if isinstance(exposure, Exterior) and exposure.axis != "com":
@@ -161,8 +174,11 @@ def _images(features: list[_Feature], feature: _Feature, slot: int) -> Iterator[
     sign = -1.0 if slot < len(feature.polar) else 1.0
     length = np.linalg.norm(feature.vectors[slot])
     for other in features:
-        if other.kind == feature.kind and abs(np.linalg.norm(other.vectors[slot]) - length) <= 2 * TOLERANCE:
-            yield sign * other.vectors[slot]
+        if other.kind == feature.kind:
+            candidates = other.vectors if feature.kind == REGION else other.vectors[slot : slot + 1]
+            for vector in candidates:
+                if abs(np.linalg.norm(vector) - length) <= 2 * TOLERANCE:
+                    yield sign * vector
 
 
 def _frame(along: Array, beside: Array) -> Array:

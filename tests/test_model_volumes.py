@@ -1,0 +1,170 @@
+"""Target regions other than balls: what a task file says, what it leaves in a design, and what is refused."""
+
+import struct
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from verify_cases import FAN, design
+
+from topo_search.model import BadInput, Design, Local, Task
+from topo_search.model.files import read_task, to_json, to_toml
+from topo_search.model.hulls import convex_hull
+from topo_search.topologies.task_symmetry import improper_isometry
+
+TASK = """\
+name = "case"
+modules = 3
+[[load_cases]]
+com = {{ force = [0.0, 0.0, 1.0] }}
+[[exposure]]
+kind = "local"
+{region}
+"""
+CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
+
+
+def written(folder: Path, region: str) -> Path:
+    path = folder / "case.toml"
+    path.write_text(TASK.format(region=region))
+    return path
+
+
+def region(folder: Path, text: str) -> Local:
+    (asked,) = read_task(written(folder, text)).exposure
+    assert isinstance(asked, Local)
+    return asked
+
+
+def stl(points: np.ndarray) -> bytes:
+    """The triangles of a hull as a binary STL."""
+    hull = convex_hull(points)
+    facets = [
+        struct.pack("<12fH", 0, 0, 0, *corners.astype("f4").ravel(), 0) for corners in hull.corners[hull.triangles]
+    ]
+    return bytes(80) + struct.pack("<I", len(facets)) + b"".join(facets)
+
+
+def test_a_ball_is_what_it_was(tmp_path: Path) -> None:
+    assert region(tmp_path, "") == Local(radius=0.15)
+    assert region(tmp_path, "radius = 0.2").radius == 0.2
+    assert Local().model_dump() == {"kind": "local", "radius": 0.15}
+
+
+def test_a_box_is_centred_with_its_edges_along_the_axes(tmp_path: Path) -> None:
+    box = region(tmp_path, "box = [0.4, 0.2, 0.6]")
+    assert sorted(map(tuple, box.corners)) == sorted(map(tuple, CUBE * [0.2, 0.1, 0.3]))
+    assert box.model_dump(mode="json") == {"kind": "local", "box": [0.4, 0.2, 0.6]}
+
+
+@pytest.mark.parametrize("form", ["binary.stl", "ascii.STL", "lines.obj"])
+def test_a_mesh_becomes_the_corners_of_its_hull(tmp_path: Path, form: str) -> None:
+    inside = np.concatenate([CUBE, 0.3 * CUBE, [[0.0, 0.0, 0.0]]]) * [0.25, 0.5, 0.125]
+    if form == "binary.stl":
+        (tmp_path / form).write_bytes(stl(inside))
+    elif form == "ascii.STL":
+        lines = "".join(f"   vertex {x:.6e} {y} {z}\n" for x, y, z in inside)
+        (tmp_path / form).write_text(f"solid s\nfacet normal 0 0 0\n outer loop\n{lines} endloop\nendsolid s\n")
+    else:
+        lines = "".join(f"v {x} {y} {z} 1.0\nvn 9 9 9\n" for x, y, z in inside)
+        (tmp_path / form).write_text(f"# a remark\no thing\n{lines}f 1 2 3\n")
+    found = region(tmp_path, f'mesh = "{form}"')
+    assert sorted(found.vertices or ()) == sorted(map(tuple, CUBE * [0.25, 0.5, 0.125]))
+
+
+def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "shapes").mkdir()
+    (tmp_path / "shapes" / "cube.stl").write_bytes(stl(CUBE / 8))
+    task = read_task(written(tmp_path, 'mesh = "shapes/cube.stl"'))
+    (tmp_path / "shapes" / "cube.stl").unlink()
+    monkeypatch.chdir(Path(__file__).parent)
+    (tmp_path / "again.toml").write_text(to_toml(task))
+    assert read_task(tmp_path / "again.toml") == task
+    one = design(FAN, {"exposure": [task.exposure[0].model_dump()]}, hinges=(-0.6, 0.6))
+    assert Design.model_validate_json(to_json(one)) == one
+    assert "mesh" not in to_json(one)
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ('mesh = "none.stl"', "exposure[0].mesh: must be a file that can be read"),
+        ('mesh = "case.toml"', "exposure[0].mesh: must be an .stl or .obj file"),
+        ("mesh = 3", "exposure[0].mesh: must be the name of an STL or OBJ file"),
+        ('mesh = "empty.stl"', "exposure[0].mesh: must have vertices"),
+        ('mesh = "flat.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
+        ('mesh = "far.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
+        ('mesh = "ball.stl"', "exposure[0].vertices: must have at most 100 corners, but got 400"),
+        ("box = [1.0, 1.0]", "exposure[0].box: must be a list of three numbers"),
+        ("box = [1.0, 0.0, 1.0]", "exposure[0].box[1]: must be greater than 0"),
+        ("box = [1.0, 1.0, 1.0]\nradius = 0.2", "exposure[0]: must have one of"),
+        ("vertices = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]", "exposure[0].vertices: must span a volume"),
+        ("vertices = [[0.0, 0.0, nan]]", "exposure[0].vertices[0][2]: must be a finite number"),
+        ("edges = [1.0, 1.0, 1.0]", "exposure[0].edges: unknown field"),
+    ],
+)
+def test_what_is_no_region_is_refused_with_the_reason(tmp_path: Path, text: str, rule: str) -> None:
+    (tmp_path / "empty.stl").write_bytes(b"solid nothing")
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n")
+    (tmp_path / "far.obj").write_text("v 0 0 0\nv 1e300 0 0\nv 0 1e300 0\nv 1 1 1e999\n")
+    points = np.random.default_rng(0).normal(size=(400, 3))
+    (tmp_path / "ball.stl").write_bytes(stl(points / np.linalg.norm(points, axis=1, keepdims=True)))
+    with pytest.raises(BadInput) as refused:
+        read_task(written(tmp_path, text))
+    (fault,) = refused.value.faults
+    assert str(fault).startswith(rule)
+
+
+def test_only_a_task_file_may_name_a_file() -> None:
+    data: dict[str, Any] = {"name": "case", "modules": 3, "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}]}
+    with pytest.raises(ValueError, match="must be given by its `vertices`"):
+        Task.model_validate({**data, "exposure": [{"kind": "local", "mesh": "cube.stl"}]})
+
+
+@given(st.integers(0, 10_000), st.integers(4, 40))
+def test_the_hull_of_points_is_closed_convex_and_holds_them(seed: int, count: int) -> None:
+    points = np.random.default_rng(seed).normal(size=(count, 3))
+    hull = convex_hull(points)
+    assert np.all(points @ hull.normals.T <= hull.offsets + 1e-12)
+    # Euler: corners - edges + faces = 2, where every face is a triangle.
+    assert len(hull.corners) - len(hull.edges) + len(hull.triangles) == 2
+    turned = np.linalg.det(hull.corners[hull.triangles] - points.mean(axis=0))
+    assert np.all(turned > 0)  # counter-clockwise from outside
+    assert np.allclose(convex_hull(hull.corners).corners, hull.corners)
+
+
+def test_a_box_has_twelve_edges_and_no_diagonals() -> None:
+    hull = convex_hull(Local(box=(0.3, 1.0, 2.0)).corners)
+    lengths = np.linalg.norm(np.diff(hull.corners[hull.edges], axis=1), axis=2).ravel()
+    assert sorted(lengths.round(9)) == [0.3] * 4 + [1.0] * 4 + [2.0] * 4
+    assert len(hull.triangles) == 12
+
+
+PUSH = [
+    {"end_effector": {"force": [0.5, 0.0, 0.5]}},
+    {"end_effector": {"force": [0.0, 0.5, 0.5]}},
+    {"com": {"force": [0.0, 0.0, 1.0]}},
+]
+
+
+@pytest.mark.parametrize(
+    ("shape", "mirrored"),
+    [
+        ({"box": [0.4, 0.4, 0.2]}, True),
+        ({"box": [0.4, 0.3, 0.2]}, False),
+        ({"vertices": (CUBE / 5)[::-1].tolist()}, True),
+        ({"vertices": [[0.1, 0.2, 0.0], [0.2, 0.1, 0.0], [-0.1, -0.1, 0.0], [0.0, 0.0, 0.3]]}, True),
+        ({"vertices": [[0.1, 0.2, 0.0], [0.2, 0.0, 0.0], [-0.1, -0.1, 0.0], [0.0, 0.0, 0.3]]}, False),
+    ],
+)
+def test_a_mirror_of_the_task_must_map_its_regions_onto_themselves(shape: dict[str, Any], mirrored: bool) -> None:
+    task = Task.model_validate(
+        {"name": "case", "modules": 5, "load_cases": PUSH, "exposure": [{"kind": "local", **shape}]}
+    ).resolve(5)
+    assert (improper_isometry(task) is not None) == mirrored
