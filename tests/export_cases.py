@@ -39,6 +39,24 @@ def drawn_trees() -> list[Topology]:
     ]
 
 
+WEDGE = np.array([[0.0, 0, 0], [0.12, 0, 0], [0, 0.09, 0], [0, 0, 0.06]]) - 0.01
+BLOCK = np.array([[x, y, z] for x in (-0.05, 0.02) for y in (-0.03, 0.04) for z in (-0.02, 0.01)])
+OWN_FRAME = {
+    "inertia": [1e-3, 1e-3, 1.8e-3],
+    "frame": [
+        {"vertices": WEDGE.tolist(), "triangles": [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]},
+        {
+            "vertices": BLOCK.tolist(),
+            "triangles": [
+                *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+                *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+            ],
+        },
+    ],
+}
+"""A module's body whose frame is a tetrahedron and a box, neither about the centre."""
+
+
 def with_rod(design: Design) -> Design:
     """The design with its end-effector on a rod from the last free connector."""
     module, port = design.topology.free_connectors[-1]

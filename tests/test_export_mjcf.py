@@ -1,11 +1,12 @@
 """The MJCF export, measured in MuJoCo itself: wrenches, masses, kinematics, hovering, pushing."""
 
+import itertools
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from export_cases import drawn_trees, inertia_about_com, random_design, rod_ends, with_rod
+from export_cases import BLOCK, OWN_FRAME, WEDGE, drawn_trees, inertia_about_com, random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
 import nlp
@@ -163,6 +164,27 @@ def test_parts_are_those_of_the_task_and_never_touch_each_other() -> None:
         along = arm.xmat.reshape(3, 3)[:, 0]
         np.testing.assert_allclose(data.body("module_0").xpos + 0.1 * along, rotor.xpos, atol=1e-15)
     assert data.ncon == 0  # drawn at random, arms reach through each other
+
+
+def test_a_frame_of_the_modules_own_is_where_its_pieces_are() -> None:
+    design = random_design(Topology.from_key("a300"), 2, {"module": {"body": OWN_FRAME}})
+    model, data = at_load_case(design, 0, gravity=False)
+    at = platform(design)
+    for i, k in itertools.product(range(3), range(2)):
+        body = data.body(f"module_{i}")
+        (geom,) = (
+            g
+            for g in range(model.ngeom)
+            if model.geom_bodyid[g] == body.id and model.geom_dataid[g] == model.mesh(f"frame_{k}").id
+        )
+        mesh = model.mesh(f"frame_{k}")
+        own = model.mesh_vert[mesh.vertadr[0] : mesh.vertadr[0] + mesh.vertnum[0]]
+        found = own @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+        right = (WEDGE, BLOCK)[k] @ at.poses.R[i].T + at.o[i]
+        apart = np.linalg.norm(found[:, None] - right, axis=-1)
+        assert apart.min(axis=0).max() < 1e-6  # single precision
+        assert apart.min(axis=1).max() < 1e-6
+    assert not any(model.geom(g).type == mujoco.mjtGeom.mjGEOM_BOX for g in range(model.ngeom))
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from export_cases import drawn_trees, random_design, rod_ends, with_rod
+from export_cases import BLOCK, OWN_FRAME, WEDGE, drawn_trees, random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
+from topo_search.export import parts
 from topo_search.export.meshes import cone_sphere, frame, rotors
+from topo_search.export.picture import Picture
 from topo_search.export.poses import rotation
 from topo_search.export.solids import glb, stl
 from topo_search.model import Design, Module, Topology
@@ -81,6 +83,21 @@ def test_frame_and_rotors_of_a_module_are_closed_and_of_the_right_volume() -> No
         [[-a, -a, -h] for a, h in [(0.1 / 2**0.5 + 0.05, 0.01)]] * np.array([[1], [-1]]),
         atol=1e-4,
     )
+
+
+def test_a_frame_of_the_modules_own_takes_the_place_of_hub_and_arms() -> None:
+    design = random_design(Topology.from_key("a10"), 1, {"module": {"body": OWN_FRAME}})
+    at = platform(design)
+    right = 0.12 * 0.09 * 0.06 / 6 + 0.07 * 0.07 * 0.03
+    middle = (0.12 * 0.09 * 0.06 / 6 * WEDGE.mean(axis=0) + 0.07 * 0.07 * 0.03 * BLOCK.mean(axis=0)) / right
+    for i in range(2):
+        mesh = in_place(loaded_glb(design), f"frame_{i}")
+        assert mesh.is_watertight
+        assert mesh.volume == pytest.approx(right, rel=1e-5)
+        np.testing.assert_allclose(mesh.center_mass, at.poses.R[i] @ middle + at.poses.p[i], atol=1e-6)
+    drawn = parts.frame(design.task.module).reshape(-1, 3)
+    assert {tuple(corner) for corner in drawn.tolist()} == {tuple(c) for c in np.vstack([WEDGE, BLOCK]).tolist()}
+    assert Picture(design)._repr_png_().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("topology", drawn_trees(), ids=lambda tree: tree.key)

@@ -27,11 +27,13 @@ SIDES = 48
 
 
 def frame(module: Module) -> Trimesh:
-    """Return hub and arms in the module frame, as closed shells that reach into each other.
+    """Return hub and arms, or a frame of the module's own, as closed shells that may reach into each other.
 
     Opposite arms are one bar, because shells with corners in common are no longer closed once corners are merged.
     """
     l_arm, w = module.arm_length, module.body.arm_width
+    if module.body.frame is not None:
+        return joined([Trimesh(piece.vertices, piece.triangles, process=False) for piece in module.body.frame])
     hub = trimesh.creation.box(extents=module.body.hub)
     bars = []
     for angle in ROTOR_ANGLES[:2]:

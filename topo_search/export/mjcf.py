@@ -48,7 +48,11 @@ def mjcf(design: Design) -> str:
     SubElement(model, "option", gravity=numbers(0, 0, -task.gravity))
     _defaults(SubElement(model, "default"), module, task.gravity)
     sky = {"type": "skybox", "builtin": "flat", "rgb1": "1 1 1", "rgb2": "1 1 1", "width": "8", "height": "8"}
-    SubElement(SubElement(model, "asset"), "texture", sky)
+    asset = SubElement(model, "asset")
+    SubElement(asset, "texture", sky)
+    for k, piece in enumerate(module.body.frame or ()):
+        corners = {"vertex": numbers(*itertools.chain(*piece.vertices)), "face": _indices(piece.triangles)}
+        SubElement(asset, "mesh", {"name": f"frame_{k}", **corners})
     world = SubElement(model, "worldbody")
     SubElement(world, "light", pos="0 0 5", dir="0 0 -1", directional="true")
     platform = SubElement(world, "body", name="platform")
@@ -81,6 +85,8 @@ def _defaults(default: Element, module: Module, gravity: float) -> None:
     SubElement(default, "site", type="sphere", size=numbers(body.arm_width / 2))
     hub = SubElement(default, "default", {"class": "hub"})
     SubElement(hub, "geom", type="box", size=numbers(*(edge / 2 for edge in body.hub)), rgba=rgba(palette.MODULE))
+    own = SubElement(default, "default", {"class": "frame"})
+    SubElement(own, "geom", type="mesh", rgba=rgba(palette.MODULE))
     arm = SubElement(default, "default", {"class": "arm"})
     half = l_arm / 2, body.arm_width / 2, body.arm_width / 2
     SubElement(arm, "geom", type="box", size=numbers(*half), rgba=rgba(palette.ARM))
@@ -119,14 +125,24 @@ def _module_body(parent: Element, i: int, place: dict[str, str], module: Module)
     body = SubElement(parent, "body", {"name": f"module_{i}", **place})
     inertia = numbers(*_as_mujoco_checks(module.inertia))
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(module.mass), diaginertia=inertia)
-    SubElement(body, "geom", {"class": "hub"})
+    frame = module.body.frame
+    if frame is None:
+        SubElement(body, "geom", {"class": "hub"})
+    for k in range(len(frame or ())):
+        SubElement(body, "geom", {"class": "frame", "mesh": f"frame_{k}"})
     for q, angle in enumerate(ROTOR_ANGLES, start=1):
         x, y = module.arm_length * math.cos(angle), module.arm_length * math.sin(angle)
         arm = {"class": "arm", "pos": numbers(x / 2, y / 2, 0), "euler": numbers(angle, 0, 0)}
-        SubElement(body, "geom", arm)
+        if frame is None:
+            SubElement(body, "geom", arm)
         SubElement(body, "geom", {"class": "rotor", "pos": numbers(x, y, 0)})
         SubElement(body, "site", name=f"module_{i}_rotor_{q}", pos=numbers(x, y, 0))
     return body
+
+
+def _indices(triangles: tuple[tuple[int, int, int], ...]) -> str:
+    """Return the corners' numbers of triangles, as MuJoCo writes them."""
+    return " ".join(str(corner) for triangle in triangles for corner in triangle)
 
 
 def _as_mujoco_checks(inertia: tuple[float, float, float]) -> tuple[float, float, float]:

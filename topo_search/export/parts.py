@@ -30,8 +30,12 @@ CUBE = np.array(
 
 
 def frame(module: Module) -> Array:
-    """Return the faces of the hub and the four arms."""
+    """Return the faces of hub and arms, or of a frame of the module's own: triangles, their last corner twice."""
     body, l_arm, w = module.body, module.arm_length, module.body.arm_width
+    if body.frame is not None:
+        own = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
+        seen = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 1]).any(axis=1)
+        return np.asarray(own[seen][:, [0, 1, 2, 2]])
     arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
     return np.concatenate([CUBE * np.array(body.hub) / 2, *(arm @ _turn(angle).T for angle in ROTOR_ANGLES)])
 

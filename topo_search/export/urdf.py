@@ -10,7 +10,8 @@
 The root of the tree is the link of module 0, with mass, because simulators fix or ignore a root without; its frame
 is W, so that a platform put down without a rotation stands as in the task. URDF has no actuators: a controller
 applies thrust and drag torque along z of the link `module_I_rotor_Q`, and the comment on top of the file says how
-large they are. Links that are only frames state the mass 0, because some readers take a missing mass for 1 kg.
+large they are. Links that are only frames state the mass 0, because some readers take a missing mass for 1 kg. A
+module's frame is drawn as hub and arms even if it has pieces of its own: URDF holds no meshes but in further files.
 """
 
 from __future__ import annotations
