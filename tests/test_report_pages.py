@@ -15,6 +15,7 @@ from topo_search.model.topology import PORT_NAMES
 from topo_search.report.closest import closest_points
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
+from topo_search.study import RunFolder
 
 VOID = {"meta", "input", "link", "br", "img"}
 
@@ -80,7 +81,10 @@ def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     page = Reader(toy_page(tmp_path / "run"))
     assert "No design was found for toy: with 3 modules, none of" in page.text
-    assert "load case 0, torque" in page.text
+    with RunFolder.found(tmp_path / "run") as folder:
+        closest = min(folder.ledger.ranked(3), key=lambda row: row.violation)
+        reason = folder.ledger.result(folder.request.contexts(3)[0], closest.key)
+    assert " ".join(reason.message.split()) in page.text
     assert "view-data" not in page.data
     statuses = {row[6] for row in json.loads(page.data["ranking-data"])["rows"]}
     assert statuses == {"infeasible"}

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from topo_search.model import Audit, Design
+from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_toml, write_atomically
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, effort, task_part, verdict
@@ -108,7 +108,7 @@ def _run_part(folder: RunFolder, answer: Answer) -> RunPart:
         sizes=_sizes(answer),
         candidates=json_in_script({"columns": COLUMNS, "rows": [_cells(row) for row in rows]}),
         progress=tuple(charts),
-        reasons=_reasons(rows),
+        reasons=_reasons(folder, rows),
         remarks=tuple(remark for size in answer.sizes for remark in size.remarks),
     )
 
@@ -165,7 +165,7 @@ def _rounded(value: float | None, digits: int) -> float | None:
     return None if value is None else float(f"{value:.{digits}g}")
 
 
-def _reasons(rows: Iterable[Row]) -> Table | None:
+def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
     """Return how often which constraint was the one that the closest start missed, and by how little."""
     groups: dict[tuple[int, str, str], list[Row]] = {}
     for row in rows:
@@ -181,8 +181,18 @@ def _reasons(rows: Iterable[Row]) -> Table | None:
     for (n, status, missed), members in most_first:
         closest = min(members, key=lambda row: float("inf") if row.violation is None else row.violation)
         by = "" if closest.violation is None else f"{figures(closest.violation, 3)} {closest.unit or ''}"
-        cells.append([str(n), status, missed, str(len(members)), by, closest.key])
-    columns = ("modules", "status", "constraint missed by most", "candidates", "least missed by", "in tree")
+        found = folder.ledger.result(folder.request.contexts(n)[closest.step], closest.key)
+        told = found.message if isinstance(found, Infeasible) else ""
+        cells.append([str(n), status, missed, str(len(members)), by, closest.key, told])
+    columns = (
+        "modules",
+        "status",
+        "constraint missed by most",
+        "candidates",
+        "least missed by",
+        "in tree",
+        "there",
+    )
     return Table(columns, cells, frozenset({0, 3, 4}))
 
 
