@@ -73,6 +73,16 @@ def test_solids_are_written(command, tmp_path, words, solids):
     assert kind == "stl" or set(loaded.geometry) == solids
 
 
+def test_the_assembly_sheet_of_a_design_or_of_an_audit_is_a_table(command, tmp_path):
+    result = command("design.json", "--format", "assembly", "--out", "assembly.csv")
+    assert (result.exit_code, result.stdout) == (0, "the table is in assembly.csv\n")
+    audited = audit(read_json(Design, tmp_path / "design.json"))
+    (tmp_path / "audit.json").write_text(to_json(audited))
+    assert command("audit.json", "--format", "assembly", "--out", "again.csv").exit_code == 0
+    texts = {(tmp_path / name).read_text() for name in ("assembly.csv", "again.csv")}
+    assert texts == {audited.assembly.csv()}
+
+
 def test_a_design_is_audited_for_the_table_of_its_clearances_and_an_audit_is_not(command, tmp_path):
     result = command("design.json", "--out", "pairs.csv")
     assert (result.exit_code, result.stdout) == (0, "the table is in pairs.csv\n")
@@ -109,7 +119,7 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
         (["design.json", "--out", "new"], "but got new"),
         (
             ["design.json", "--out", "new.png", "--format", "pdf"],
-            "'pdf' is not one of 'csv', 'glb', 'mjcf', 'parquet', 'png', 'stl', 'svg', 'urdf'",
+            "'pdf' is not one of 'assembly', 'csv', 'glb', 'mjcf', 'parquet', 'png', 'stl', 'svg', 'urdf'",
         ),
         (["design.json", "--out", "new.png", "--parts", "all"], "--parts: must be left out unless"),
         (["design.json", "--out", "."], "is a directory"),

@@ -13,7 +13,7 @@ from topo_search.cli.errors import explained, needs_extras
 if TYPE_CHECKING:
     import pandas as pd
 
-    from topo_search.model import Design
+    from topo_search.model import Audit, Design
 
 SUFFIXES = {
     ".csv": "csv",
@@ -29,7 +29,7 @@ SUFFIXES = {
 """The kind of file that a name's end stands for."""
 PICTURES = ("png", "svg")
 SOLIDS = ("glb", "stl")
-TABLES = ("csv", "parquet")
+TABLES = ("assembly", "csv", "parquet")
 AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
 
@@ -39,7 +39,7 @@ AUDIT = "topo-search/audit"
 @click.option(
     "--format",
     "kind",
-    type=click.Choice(sorted({*SUFFIXES.values()})),
+    type=click.Choice(sorted({*SUFFIXES.values(), *TABLES})),
     help="Kind of file (default: by the end of --out's name).",
 )
 @click.option(
@@ -64,6 +64,7 @@ def export(source: str, kind: Any, parts: Any, out: Path) -> None:
     mjcf          a model for the simulator MuJoCo, with a keyframe for each load case (.mjcf, .xml)
     urdf          a robot description with a frame at every rotor
     csv, parquet  a table: candidates of a run, clearances of an audit; a design is audited first
+    assembly      the assembly sheet as CSV: what to bolt to what, at which angle, in which order
 
     Pictures and parquet need the extra `viz`. A design need not be audited, nor pass its audit.
 
@@ -123,24 +124,31 @@ def _write_table(source: str, kind: Any, out: Path) -> None:
     from topo_search.export import tables
     from topo_search.model.files import write_atomically
 
+    if kind == "assembly":
+        write_atomically(out, _audit_of(source).assembly.csv())
+        return
     frame = _table(source)
     write_atomically(out, tables.parquet(frame) if kind == "parquet" else tables.csv(frame))
 
 
 def _table(source: str) -> pd.DataFrame:
     """Return the candidates of a run's folder, or the clearances of an audit or a design."""
-    from topo_search.compose import audits
-    from topo_search.engine import Failed
     from topo_search.export.tables import clearances
-    from topo_search.model import Audit, BadInput, Design, Fault
-    from topo_search.model.files import format_of, read_json
     from topo_search.study.frame import candidates
 
-    if Path(source).is_dir():
-        return candidates(Path(source))
+    return candidates(Path(source)) if Path(source).is_dir() else clearances(_audit_of(source))
+
+
+def _audit_of(source: str) -> Audit:
+    """Return the audit that a file holds, or that of the design that it holds."""
+    from topo_search.compose import audits
+    from topo_search.engine import Failed
+    from topo_search.model import Audit, BadInput, Design, Fault
+    from topo_search.model.files import format_of, read_json
+
     if format_of(source) == AUDIT:
-        return clearances(read_json(Audit, source))
+        return read_json(Audit, source)
     (result,) = audits([read_json(Design, source)])
     if isinstance(result, Failed):
         raise BadInput(source, [Fault("", f"the audit failed: {result.reason}")])
-    return clearances(result)
+    return result
