@@ -85,8 +85,7 @@ def main() -> None:
         if values:
             row = "".join(f"{value:>10.1e}" for value in np.quantile(values, SHARES))
             print(f"{kind:28}{len(values):>8}{row}")
-    needed = max(0.0, -min(least)) + floor
-    print(f"with a margin of {needed:.1e} m every clearance would be above the audit's floor")
+    print(f"the margin falls short by {max(0.0, -min(least)):.1e} m at most; the audit's floor is {floor:.1e} m")
 
 
 if __name__ == "__main__":
