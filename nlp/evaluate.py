@@ -79,13 +79,12 @@ def rotor_positions(module: Module) -> Array:
 
 def asked_wrenches(point: Point) -> Array:
     """Return the wrench of every load case about W's origin, shape (K, 6) [N, N m]."""
-    rows = []
-    for case in point.task.load_cases:
-        tip, com = case.at_end_effector, case.at_com
-        force = np.add(tip.force, com.force)
-        torque = np.add(tip.torque, com.torque) + np.cross(point.p_E, tip.force) + np.cross(point.p_COM, com.force)
-        rows.append(np.concatenate([force, torque]))
-    return np.array(rows)
+    tip = [case.at_end_effector for case in point.task.load_cases]
+    com = [case.at_com for case in point.task.load_cases]
+    f_E, tau_E = np.array([wrench.force for wrench in tip]), np.array([wrench.torque for wrench in tip])
+    f_C, tau_C = np.array([wrench.force for wrench in com]), np.array([wrench.torque for wrench in com])
+    torque = tau_E + tau_C + np.cross(point.p_E, f_E) + np.cross(point.p_COM, f_C)
+    return np.concatenate([f_E + f_C, torque], axis=1)
 
 
 def _wrenches(point: Point) -> Iterator[Violation]:

@@ -11,7 +11,7 @@ from nlp.geometry import root_angles, root_rotation
 from nlp.point import Point
 
 PASSES = 3
-"""Corrections of the inputs; the first leaves rounding errors only, unless an input meets its bound."""
+"""Most corrections of the inputs; one leaves rounding errors only, unless an input meets its bound."""
 
 
 def finish(point: Point) -> Point:
@@ -28,6 +28,9 @@ def finish(point: Point) -> Point:
         for _ in range(PASSES):
             free = (u[k] > 0.0) & (u[k] < u_max)
             correction = np.linalg.lstsq(A[:, free], b[k] - A @ u[k], rcond=1e-6)[0]
-            u[k, free] = np.clip(u[k, free] + correction, 0.0, u_max)
+            corrected = u[k, free] + correction
+            u[k, free] = np.clip(corrected, 0.0, u_max)
+            if np.all((corrected > 0.0) & (corrected < u_max)):
+                break
     root = root_angles(root_rotation(point.root)) if point.task.search.root == "free" else point.root
     return replace(point, root=root, u=u.reshape(point.u.shape))
