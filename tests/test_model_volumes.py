@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from verify_cases import FAN, design
@@ -61,17 +62,12 @@ def test_a_box_is_centred_with_its_edges_along_the_axes(tmp_path: Path) -> None:
     assert box.model_dump(mode="json") == {"kind": "local", "box": [0.4, 0.2, 0.6]}
 
 
-@pytest.mark.parametrize("form", ["binary.stl", "ascii.STL", "lines.obj"])
+@pytest.mark.parametrize("form", ["binary.stl", "ascii.STL", "faces.obj"])
 def test_a_mesh_becomes_the_corners_of_its_hull(tmp_path: Path, form: str) -> None:
-    inside = np.concatenate([CUBE, 0.3 * CUBE, [[0.0, 0.0, 0.0]]]) * [0.25, 0.5, 0.125]
-    if form == "binary.stl":
-        (tmp_path / form).write_bytes(stl(inside))
-    elif form == "ascii.STL":
-        lines = "".join(f"   vertex {x:.6e} {y} {z}\n" for x, y, z in inside)
-        (tmp_path / form).write_text(f"solid s\nfacet normal 0 0 0\n outer loop\n{lines} endloop\nendsolid s\n")
-    else:
-        lines = "".join(f"v {x} {y} {z} 1.0\nvn 9 9 9\n" for x, y, z in inside)
-        (tmp_path / form).write_text(f"# a remark\no thing\n{lines}f 1 2 3\n")
+    edges = [0.5, 1.0, 0.25]
+    bodies = [trimesh.creation.box(edges), trimesh.creation.box([0.3 * edge for edge in edges])]
+    content = trimesh.util.concatenate(bodies).export(file_type={"ascii.STL": "stl_ascii"}.get(form, form[-3:]))
+    (tmp_path / form).write_bytes(content if isinstance(content, bytes) else content.encode())
     found = region(tmp_path, f'mesh = "{form}"')
     assert sorted(found.vertices or ()) == sorted(map(tuple, CUBE * [0.25, 0.5, 0.125]))
 
@@ -97,7 +93,7 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(
         ('mesh = "none.stl"', "exposure[0].mesh: must be a file that can be read"),
         ('mesh = "case.toml"', "exposure[0].mesh: must be an .stl or .obj file"),
         ("mesh = 3", "exposure[0].mesh: must be the name of an STL or OBJ file"),
-        ('mesh = "empty.stl"', "exposure[0].mesh: must have vertices"),
+        ('mesh = "empty.stl"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "flat.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "far.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "ball.stl"', "exposure[0].vertices: must have at most 100 corners, but got 400"),

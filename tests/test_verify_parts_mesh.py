@@ -114,7 +114,7 @@ def test_a_surface_that_is_inside_out_is_refused(tmp_path):
     ("mesh", "content", "rule"),
     [
         ("none.stl", None, "must be a file in"),
-        ("frame.step", b"", "must be the name of an .stl or .obj file"),
+        ("frame.step", b"", "must be an .stl or .obj file"),
         ("frame.stl", b"no mesh at all", "module.body"),
         ("frame.obj", b"v 0 0\nf 1 2 3\n", "module.body"),
         ("frame.obj", b"", "module.body"),

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, model_validator
 
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault, shown
+from topo_search.model.mesh_file import surface
 from topo_search.model.value import Index, Value, Vector, refuse
 
 FLAT = 1e-6
@@ -87,21 +88,18 @@ def read_frame(data: dict[str, Any], folder: Path, source: str) -> None:
     def wrong(rule: str) -> BadInput:
         return BadInput(source, [Fault("module.body.mesh", f"{rule}, but got {shown(name)}")])
 
-    if not isinstance(name, str) or Path(name).suffix.lower() not in (".stl", ".obj"):
+    if not isinstance(name, str):
         raise wrong("must be the name of an .stl or .obj file")
     if "frame" in body:
         raise wrong("must be left out where `frame` is given")
     if not (folder / name).is_file():
         raise wrong(f"must be a file in {folder.absolute()}")
-    import trimesh  # only tasks with a mesh need it
-
     try:
-        mesh = trimesh.load_mesh(folder / name, process=False)
+        body["frame"] = pieces(*surface(folder / name))
     except OSError as error:
         raise wrong(f"must be a file that can be read ({error.strerror})") from None
-    except (ValueError, IndexError, KeyError, TypeError, AttributeError) as error:
-        raise wrong(f"must be a mesh ({error})") from None
-    body["frame"] = pieces(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces))
+    except ValueError as error:
+        raise wrong(str(error)) from None
 
 
 def pieces(vertices: Array, faces: Any) -> list[dict[str, Any]]:
