@@ -59,7 +59,7 @@ def test_a_solved_topology_shows_its_design_and_audit_or_the_reason(monkeypatch)
     assert solved.design is solved.outcome
     assert "audit: clear" in words(solved)
     monkeypatch.setenv("TOY_NONE", "a10")
-    assert "load case 0, torque is missed by" in words(toy_solved("a10", monkeypatch))
+    assert "the only start misses `load case 0, torque` by" in words(toy_solved("a10", monkeypatch))
     assert toy_solved("a10", monkeypatch).design is None
     monkeypatch.setenv("TOY_NONE", "")
     monkeypatch.setenv("TOY_VIOLATED", "a10")
