@@ -31,13 +31,15 @@ EVERYTHING: list[dict[str, Any]] = [
 SMALL_AIR = {"airflow": {"start_radius": 0.03, "spread_angle_deg": 4.0, "reach": 0.4}}
 
 
-def tolerance(of: Design) -> Tolerance:
+def tolerance(of: Design, holder: int = 0) -> Tolerance:
     found = platform(of)
     scene = Scene(of, found)
-    return Tolerance(of, found, scene, list(scene.requirements()))
+    return Tolerance(of, found, scene, list(scene.requirements()), holder)
 
 
-def built(of: Design, errors: Errors, rng: np.random.Generator, *, worst: bool) -> list[Requirement]:
+def built(
+    of: Design, errors: Errors, rng: np.random.Generator, *, worst: bool, holder: int = 0
+) -> list[Requirement]:
     """The requirements of a platform that is built with random errors, or with errors at their largest."""
     n, l_arm = of.topology.n, of.task.module.arm_length
 
@@ -53,6 +55,7 @@ def built(of: Design, errors: Errors, rng: np.random.Generator, *, worst: bool) 
         shifts=errors.delta_p * l_arm * shifts(n),
         tip=errors.delta_p * l_arm * shifts(1)[0],
         envelope=errors.delta_e * l_arm * (1.0 if worst else rng.random()),
+        holder=holder,
     )
     return list(scene.requirements())
 
@@ -68,11 +71,12 @@ def random_platform(seed: int) -> Design:
 def test_no_platform_built_within_the_errors_is_below_the_bound(seed: int) -> None:
     of = random_platform(seed)
     rng = np.random.default_rng(1000 + seed)
-    bounds = tolerance(of)
+    holder = int(rng.integers(of.topology.n))
+    bounds = tolerance(of, holder)
     for errors in (Errors(delta=0.02), Errors(delta=0.3), Errors(delta_p=0.1), Errors(0.02, 0.05, 0.03)):
         bound = bounds.weakest(errors).bound
         for trial in range(16):
-            least = min(map(clearance_of, built(of, errors, rng, worst=trial % 2 == 0)))
+            least = min(map(clearance_of, built(of, errors, rng, worst=trial % 2 == 0, holder=holder)))
             assert least >= bound - 1e-9
 
 
@@ -89,13 +93,14 @@ def test_every_kind_of_requirement_has_a_bound_of_its_own(seed: int, kind: str) 
         assert of.topology.n == 2
         return
     errors = Errors(0.03, 0.02, 0.01)
+    holder = int(rng.integers(of.topology.n))
     for asked in some[:4]:
-        bound = Tolerance(of, found, scene, [asked]).weakest(errors).bound
+        bound = Tolerance(of, found, scene, [asked], holder).weakest(errors).bound
         assert bound <= clearance_of(asked)
         for _ in range(12):
             same = [
                 r
-                for r in built(of, errors, rng, worst=True)
+                for r in built(of, errors, rng, worst=True, holder=holder)
                 if (r.kind, r.a, r.b, r.segment) == (asked.kind, asked.a, asked.b, asked.segment)
             ]
             assert clearance_of(same[0]) >= bound - 1e-9
@@ -108,11 +113,13 @@ def test_adversarial_errors_come_near_the_bound_but_never_below() -> None:
         of = random_platform(200 + seed)
         rng = np.random.default_rng(seed)
         delta = 0.01
-        weakest = tolerance(of).weakest(Errors(delta=delta))
+        holder = int(rng.integers(of.topology.n))
+        weakest = tolerance(of, holder).weakest(Errors(delta=delta))
         name = weakest.requirement.kind, weakest.requirement.a, weakest.requirement.b, weakest.requirement.segment
 
-        def left(turns: np.ndarray, of: Design = of, name: Any = name) -> float:
-            scene = deviated(of, turns=turns, shifts=np.zeros((of.topology.n, 3)), tip=np.zeros(3), envelope=0.0)
+        def left(turns: np.ndarray, of: Design = of, name: Any = name, holder: int = holder) -> float:
+            still = np.zeros((of.topology.n, 3))
+            scene = deviated(of, turns=turns, shifts=still, tip=still[0], envelope=0.0, holder=holder)
             return clearance_of(next(r for r in scene.requirements() if (r.kind, r.a, r.b, r.segment) == name))
 
         least = math.inf
@@ -126,7 +133,7 @@ def test_adversarial_errors_come_near_the_bound_but_never_below() -> None:
             least = min(least, left(turns))
         assert least >= weakest.bound - 1e-9
         nominal = clearance_of(weakest.requirement)
-        if weakest.bound < nominal:  # not the root's own envelope, which no hinge moves
+        if weakest.bound < nominal:  # not the holder's own envelope, which no hinge moves
             shares.append((nominal - least) / (nominal - weakest.bound))
     assert len(shares) >= 4
     assert np.median(shares) > 0.8  # the bound gives away little of what hinges can really take
@@ -160,9 +167,39 @@ def test_errors_that_two_modules_share_cancel() -> None:
         found = platform(of)
         scene = Scene(of, found)
         pair = next(r for r in scene.requirements() if (r.kind, r.a, r.b) == ("airflow", a, b))
-        return Tolerance(of, found, scene, [pair]).weakest(Errors(delta=0.01)).bound
+        return Tolerance(of, found, scene, [pair], holder=0).weakest(Errors(delta=0.01)).bound
 
     assert bound(near, 0, 1) == pytest.approx(bound(far, 2, 3), abs=1e-12)
+
+
+def test_the_module_that_the_rod_is_bolted_to_holds_the_end_effector() -> None:
+    """A ball at the tip keeps its place at the module that carries the rod, and hinges move the others."""
+    chain = Topology(((-1, -1, -1), (0, 0, 2), (1, 0, 2)))
+    of = design(chain, {"exposure": [{"kind": "local", "radius": 0.15}]}, hinges=(-0.3, -0.3))
+    errors = Errors(delta=0.01)
+    found = platform(of)
+    scene = Scene(of, found)
+    local = {r.a: r for r in scene.requirements() if r.kind == "local"}
+
+    def lost(module: int, holder: int) -> float:
+        bound = Tolerance(of, found, scene, [local[module]], holder).weakest(errors).bound
+        return clearance_of(local[module]) - bound
+
+    assert lost(2, holder=2) == pytest.approx(0.0, abs=1e-12)
+    assert lost(0, holder=0) == pytest.approx(0.0, abs=1e-12)
+    assert lost(2, holder=1) > 1e-3
+    assert lost(0, holder=2) > lost(0, holder=1) > 1e-3
+    stated = audit(changed(of, mount={"module": 2, "port": 0}))
+    assert stated.assembly.end_effector.mount is not None
+    assert stated.assembly.end_effector.mount.module == 2
+    for module, port in ((0, 2), (1, 1), (2, 0)):
+        result = audit(changed(of, mount={"module": module, "port": port})).sensitivity
+        assert result is not None
+        assert result.hinge_angle_deg is not None
+        bounds = tolerance(of, holder=module)
+        tolerated = math.radians(result.hinge_angle_deg.tolerated)
+        assert bounds.weakest(Errors(delta=tolerated)).bound > 0
+        assert bounds.weakest(Errors(delta=1.001 * tolerated)).bound < 1e-9
 
 
 @given(st.floats(1e-4, 0.2), st.floats(1.0, 3.0))

@@ -117,6 +117,12 @@ class Rows(NamedTuple):
         """Return r(eta) of every body, shape (N,)."""
         return np.asarray(self.r + eta * self.dr)
 
+    def ends(self, u: Array, side: int) -> Array:
+        """Return how far both end balls reach along unit vectors, or where they begin (side -1), shape (N, 2)."""
+        first = np.einsum("nx,nx->n", self.o, u)
+        last = first + np.einsum("nx,nx->n", self.d, u)
+        return np.stack([first + side * self.r, last + side * (self.r + self.dr)], axis=1)
+
     def depth(self, x: Array) -> Array:
         """Return how deep point i lies inside body i, shape (N, 3) to (N,); positive is inside."""
         w = self.o - x

@@ -65,14 +65,15 @@ def _audit(design: Design, started: float) -> Audit:
     ]
     statuses = [row.status for row in rows]
     statuses += [c.status for requirement, c in zip(asked, certificates, strict=True) if requirement.counts]
-    module = design.task.module
+    mount, module = sheet.mount, design.task.module
+    holder = 0 if mount is None else mount.module
     pairs = tuple(_clearance(*row, module) for row in zip(asked, certificates, strict=True))
     return Audit(
         verdict=Status.worst(statuses),
         pairs=pairs,
         residuals=rows,
         interference=interference(pairs),
-        sensitivity=sensitivity(design, found, scene, requirements),
+        sensitivity=sensitivity(design, found, scene, requirements, holder),
         assembly=sheet,
         allowed_contacts=allowed_contacts(design, sheet.mount),
         versions=dict(_versions()),

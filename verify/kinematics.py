@@ -104,18 +104,22 @@ def poses(
     return Poses(R, p)
 
 
-def platform(design: Design, shifts: Array | None = None) -> Platform:
+def poses_of(design: Design) -> Poses:
+    """Return the poses of all modules of a design in W [m]."""
+    l_c = design.task.module.connector_distance
+    return poses(design.topology, design.root_orientation_rad, design.hinge_angles_rad, l_c)
+
+
+def platform(design: Design, built: Poses | None = None) -> Platform:
     """Return a design's poses, COM, end-effector and rotor positions.
 
     Args:
         design: the design.
-        shifts: errors of the modules' centres, shape (n, 3) [m].
+        built: where its modules are if not where its angles put them [m].
     """
     task, module = design.task, design.task.module
     n = design.topology.n
-    found = poses(design.topology, design.root_orientation_rad, design.hinge_angles_rad, module.connector_distance)
-    if shifts is not None:
-        found = Poses(found.R, found.p + shifts)
+    found = poses_of(design) if built is None else built
     p_E_in_W = np.array(design.end_effector_m)
     p_com = (task.end_effector.mass * p_E_in_W + module.mass * found.p.sum(axis=0)) / task.total_mass(n)
     o = found.p - p_com

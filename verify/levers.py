@@ -5,7 +5,7 @@ r"""How far errors of the hinge angles can move what the modules carry.
 | a_h, c_h | axis of hinge h and a point on it, where the design puts them | (H, 3) |
 | x | a point that a module carries | (3,) |
 | n | unit vector | (3,) |
-| m | a hinge's place on the path from the module that is held to the one that carries x, 1 the nearest | |
+| m | a hinge's place on the path from the module that holds the target to the one that carries x, 1 the nearest | |
 | rho_h | \|a_h x (x - c_h)\|, the distance of x from the hinge's axis: its arm | |
 | t_h | n . (a_h x (x - c_h)), the part of the arm that counts along n | |
 | delta | largest error of an angle | |
@@ -58,7 +58,7 @@ class Motion:
 class Levers:
     """The hinges of a platform, and the arms of two points that each module carries."""
 
-    def __init__(self, topology: Topology, poses: Poses, points: Array, half_step: float) -> None:
+    def __init__(self, topology: Topology, poses: Poses, points: Array, half_step: float, holder: int) -> None:
         """Find the hinges.
 
         Args:
@@ -66,27 +66,33 @@ class Levers:
             poses: where the design puts the modules; only their orientations are used.
             points: two points that each module carries, its centre first, shape (n, 2, 3).
             half_step: from a module's centre to the hinge at its port, in the unit of the points.
+            holder: the module that all others are seen from.
         """
         n = topology.n
         self.moves = np.zeros((n - 1, n), dtype=bool)
-        """[h, i]: hinge h, that of module h + 1, lies between the root and module i."""
+        """[h, i]: hinge h, that of module h + 1, lies between the holder and module i."""
         axes, on_axes = np.zeros((n - 1, 3)), np.zeros((n - 1, 3))
         for h, i, a, _ in topology.edges():
             self.moves[:, i] = self.moves[:, h]
             self.moves[i - 1, i] = True
             axes[i - 1] = poses.R[h] @ np.eye(3)[1 if a % 2 == 0 else 0]
             on_axes[i - 1] = points[h, 0] + half_step * poses.R[h] @ PORT_DIRECTIONS[a]
+        # Seen from beyond a hinge, what is before it moves, and the other way round.
+        beyond = self.moves[:, holder].copy()
+        self.moves ^= beyond[:, None]
+        axes[beyond] *= -1
         arms = np.cross(axes[:, None, None], points[None] - on_axes[:, None, None])
         self._arms = arms.transpose(1, 0, 2, 3)  # (n, H, 2, 3)
         self._rho = np.linalg.norm(self._arms, axis=-1)
-        self._depth = np.array([self.moves[:, i].sum() for i in range(1, n)], dtype=float)
+        on_path = self.moves.sum(axis=0, dtype=float)
+        self._depth = np.array([max(on_path[h], on_path[i]) for h, i, _, _ in topology.edges()])
 
     def motion(self, carrier: Indices, held: Indices, ends: Indices, n: Array) -> Motion:
-        """Return how far points can move along n, seen from the last module that two paths from the root share.
+        """Return how far points can move along n, seen from the last module that two paths from the holder share.
 
         Args:
             carrier: the module that carries the point, shape (N,).
-            held: the module at the other end of the path, shape (N,); the root holds all that follows it.
+            held: the module at the other end of the path, shape (N,).
             ends: which two of the carrier's points, shape (2,).
             n: unit vectors, shape (N, 2, 3).
         """
@@ -98,8 +104,8 @@ class Levers:
             on_path = (self.moves[:, i] & ~self.moves[:, j]).T
             shared = (self.moves[:, i] & self.moves[:, j]).sum(axis=0)
             order = np.where(on_path, self._depth - shared[:, None], 0.5)
-            rho = self._rho[i][:, :, ends] * on_path[..., None]
-            t = np.einsum("nhex,nex->nhe", self._arms[i][:, :, ends], n[rows]) * on_path[..., None]
+            rho = self._rho[:, :, ends][i] * on_path[..., None]
+            t = np.einsum("nhex,nex->nhe", self._arms[:, :, ends][i], n[rows]) * on_path[..., None]
             L[rows], S[rows] = rho.sum(axis=1), np.abs(t).sum(axis=1)
             C[rows] = ((order - 0.5)[..., None] * rho).sum(axis=1)
         return Motion(L, S, C)

@@ -24,7 +24,7 @@ from verify.bodies import Array, Cone
 from verify.certificate import ROUNDING
 from verify.clearance import clearances, cone_clearance
 from verify.hulls import Hull, approach
-from verify.kinematics import Platform, platform
+from verify.kinematics import Platform, Poses, platform, poses_of
 from verify.requirements import Requirement, Scene
 from verify.tolerance import KINDS, Errors, Tolerance, Weakest
 
@@ -45,7 +45,7 @@ LEAP = 1.5
 
 
 def sensitivity(
-    design: Design, found: Platform, scene: Scene, requirements: Sequence[Requirement]
+    design: Design, found: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
 ) -> Sensitivity | None:
     """Return how much error a design tolerates; None if there is no clearance to lose.
 
@@ -54,11 +54,12 @@ def sensitivity(
         found: its geometry.
         scene: its volumes.
         requirements: what is asked of them; those that do not count are left out.
+        holder: the module that carries the end-effector.
     """
     bounded = [r for r in requirements if r.counts and r.kind in KINDS]
     if not bounded:
         return None
-    search = _Search(design, Tolerance(design, found, scene, bounded), scene.l_arm)
+    search = _Search(design, Tolerance(design, found, scene, bounded, holder), scene.l_arm, holder)
     l_arm, asked = scene.l_arm, design.task.tolerances
     errors = Errors(math.radians(asked.hinge_angle_deg), asked.position / l_arm, asked.envelope / l_arm)
     return Sensitivity(
@@ -72,8 +73,8 @@ def sensitivity(
 class _Search:
     """Looks for the largest errors of one design."""
 
-    def __init__(self, design: Design, tolerance: Tolerance, l_arm: float) -> None:
-        self._design, self._tolerance, self._l_arm = design, tolerance, l_arm
+    def __init__(self, design: Design, tolerance: Tolerance, l_arm: float, holder: int) -> None:
+        self._design, self._tolerance, self._l_arm, self._holder = design, tolerance, l_arm, holder
 
     def limit(self, errors: Errors, largest: float, unit: float) -> Limit | None:
         """Return the largest factor of some errors that is proven to violate nothing, times a unit.
@@ -141,13 +142,14 @@ class _Search:
                 shifts=errors.delta_p * self._l_arm * weakest.shifts,
                 tip=errors.delta_p * self._l_arm * weakest.tip,
                 envelope=errors.delta_e * self._l_arm,
+                holder=self._holder,
             )
             least = min(least, clearance_of(next(r for r in scene.requirements() if _pair(r) == pair)))
         return least
 
 
-def deviated(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope: float) -> Scene:
-    """Return the volumes of a design that is built with errors.
+def deviated(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope: float, holder: int) -> Scene:
+    """Return the volumes of a design that is built with errors, seen from the module that carries the end-effector.
 
     Args:
         design: the design.
@@ -155,6 +157,7 @@ def deviated(design: Design, *, turns: Array, shifts: Array, tip: Array, envelop
         shifts: errors of the modules' centres, shape (n, 3) [m].
         tip: error of p'_E, shape (3,) [m].
         envelope: how far the airflow reaches beyond its envelope [m].
+        holder: that module; no hinge moves it.
     """
     module = design.task.module
     airflow = module.airflow.model_copy(
@@ -164,7 +167,10 @@ def deviated(design: Design, *, turns: Array, shifts: Array, tip: Array, envelop
     angles = [alpha + turn for alpha, turn in zip(design.hinge_angles_rad, turns.tolist(), strict=True)]
     p_E = tuple(x + error for x, error in zip(design.end_effector_m, tip.tolist(), strict=True))
     built = design.model_copy(update={"task": task, "hinge_angles_rad": tuple(angles), "end_effector_m": p_E})
-    return Scene(built, platform(built, shifts))
+    stated, turned = poses_of(design), poses_of(built)
+    R = stated.R[holder] @ turned.R[holder].T
+    p = stated.p[holder] + (turned.p - turned.p[holder]) @ R.T
+    return Scene(built, platform(built, Poses(R @ turned.R, p + shifts)))
 
 
 def clearance_of(requirement: Requirement) -> float:

@@ -11,8 +11,9 @@ r"""Proven bounds of a design's clearances as functions of the errors with which
 | v, e | p_E from the COM, and its largest error | l_arm |
 | kappa | largest change of v / \|v\|, where a requirement takes its direction from it | |
 
-The root holds the end-effector and its target volumes, for p'_E is given from there. Whatever the errors, both
-sides are hulls of balls again, and no clearance is less than the gap of a plane across n:
+One module, the holder, carries the end-effector: the one that its rod is bolted to. Seen from there, p_E and its
+target volumes stay where they are. Whatever the errors, both sides are hulls of balls again, and no clearance is
+less than the gap of a plane across n:
 
     clearance >= min over ends of n . (X_B - X_A) - r_A - r_B - (moves of X_A along n, and of X_B against it)
 
@@ -35,7 +36,7 @@ import numpy as np
 
 from topo_search.model import Design, needs_offset
 from topo_search.model.audit import Kind
-from verify.bodies import Array, Cone, ConeSphere
+from verify.bodies import Array, Cone, Rows
 from verify.certificate import Solid, witnesses
 from verify.hull_certificate import witness
 from verify.hulls import Hull
@@ -113,9 +114,11 @@ class _Group:
 class Tolerance:
     """What errors leave of the clearances of a design."""
 
-    def __init__(self, design: Design, found: Platform, scene: Scene, requirements: Sequence[Requirement]) -> None:
-        """Measure every requirement of KINDS once; there must be one."""
-        self._task, self._scene = design.task, scene
+    def __init__(
+        self, design: Design, found: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
+    ) -> None:
+        """Measure every requirement of KINDS once; there must be one. The holder is a module."""
+        self._task, self._scene, self._holder = design.task, scene, holder
         envelopes = [solid.body for solid in scene.envelopes]
         l_c = design.task.module.connector_distance / scene.l_arm
         self._levers = Levers(
@@ -123,12 +126,12 @@ class Tolerance:
             found.poses,
             np.array([(body.o, body.o + body.d) for body in envelopes]),
             l_c,
+            holder,
         )
         of_kind = [[r for r in requirements if r.kind == kind] for kind in KINDS]
         self._groups = [self._group(group) for group in of_kind if group]
         n = design.topology.n
-        root = np.zeros(n, dtype=np.intp)
-        self._arms = self._levers.motion(np.arange(n), root, CENTRE, np.zeros((n, 2, 3))).L[:, 0]
+        self._arms = self._levers.motion(np.arange(n), np.full(n, holder), CENTRE, np.zeros((n, 2, 3))).L[:, 0]
         self._share = design.task.module.mass / design.task.total_mass(n)
         self._offset = float(np.linalg.norm(scene.offset))
 
@@ -141,8 +144,8 @@ class Tolerance:
         of_solids = witnesses([(r.body, r.against) for r in group if isinstance(r.against, Solid)])
         at = [witness(r.body.body, r.against) if isinstance(r.against, Hull) else next(of_solids) for r in group]
         n = np.array([nearest.n for nearest in at])
-        most_of_A = np.array([_ends(r.body.body, direction, 1) for r, direction in zip(group, n, strict=True)])
-        least_of_B = np.array([_least(r.against, direction) for r, direction in zip(group, n, strict=True)])
+        most_of_A = Rows.of([r.body.body for r in group]).ends(n, 1)
+        least_of_B = _starts([r.against for r in group], n)
         gaps = least_of_B[:, None, :] - most_of_A[:, :, None]
         n = np.repeat(n[:, None], 2, axis=1)
         swing = np.zeros((len(group), 2))
@@ -150,7 +153,7 @@ class Tolerance:
             if isinstance(r.against, Solid) and self._turns(r):
                 swing[row, 1] = np.linalg.norm(r.against.body.d)
         between = kind in ("airflow", "separation")
-        b = np.array([r.b for r in group]) if between else np.zeros_like(a)
+        b = np.array([r.b for r in group]) if between else np.full_like(a, self._holder)
         ends = CENTRE if kind in ("exclusion", "separation") else BOTH
         return _Group(
             group,
@@ -182,7 +185,7 @@ class Tolerance:
             BOTH,
             np.repeat(gaps[:, :, None], 2, axis=2),
             -m,
-            self._levers.motion(a, np.zeros_like(a), BOTH, m),
+            self._levers.motion(a, np.full_like(a, self._holder), BOTH, m),
             None,
             1,
             turns[:, None] * np.linalg.norm(q, axis=-1),
@@ -211,7 +214,7 @@ class Tolerance:
         a, b = requirement.a, requirement.b
         shifts = np.zeros((len(self._scene.centres), 3))
         shifts[a], tip = n, -n
-        held = 0 if group.of_B is None else b
+        held = self._holder if group.of_B is None else b
         turns = np.array([self._levers.turns(a, held, end, n) for end in group.ends])
         if group.of_B is not None:
             shifts[b], tip = -n, np.zeros(3)
@@ -220,16 +223,12 @@ class Tolerance:
         return Weakest(bound, requirement, np.unique(turns, axis=0), shifts, tip)
 
 
-def _ends(body: ConeSphere, n: Array, side: int) -> tuple[float, float]:
-    """Return how far both end balls reach along n (side 1), or where they begin (side -1)."""
-    first = float(body.o @ n)
-    return first + side * body.r, first + float(body.d @ n) + side * (body.r + body.dr)
-
-
-def _least(against: Solid | Cone | Hull, n: Array) -> tuple[float, float]:
-    """Return where both ends of a side begin along n; a region has but one."""
-    if isinstance(against, Solid):
-        return _ends(against.body, n, -1)
-    assert isinstance(against, Hull)  # cones have bounds of their own
-    first = float((against.mesh.vertices @ n).min())
-    return first, first
+def _starts(against: Sequence[Solid | Cone | Hull], n: Array) -> Array:
+    """Return where both ends of every second side begin along n, shape (N, 2); a region has but one."""
+    solid = np.array([isinstance(each, Solid) for each in against])
+    starts = np.empty((len(against), 2))
+    starts[solid] = Rows.of([each.body for each in against if isinstance(each, Solid)]).ends(n[solid], -1)
+    for row, each in enumerate(against):
+        if isinstance(each, Hull):
+            starts[row] = (each.mesh.vertices @ n[row]).min()
+    return starts
