@@ -84,20 +84,19 @@ def table(rows: Rows) -> str:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     groups: dict[tuple[float, int], list[tuple[bool, bool]]] = {}
-    for number, row in enumerate(rows.where(part=PART)):
+    for row in rows.where(part=PART):
         tried = row["tried"]
         seconds, placing = (sum(start[name] for start in tried) for name in ("seconds", "draw"))
         peak = max((start["peak_mb"] for start in tried), default=0.0)
         last = tried[-1] if tried else {"verdict": None}
         clear = last["verdict"] == "clear"
-        groups.setdefault((row["distance"], row["n"]), []).append(
-            (clear, clear and seconds < SECONDS and peak < MEGABYTES)
-        )
+        group = groups.setdefault((row["distance"], row["n"]), [])
+        group.append((clear, clear and seconds < SECONDS and peak < MEGABYTES))
         reason = "" if clear else _reason(tried) + (", stopped by the cap" if row["capped"] else "")
         gap = f"{last['gap']:.1%}" if clear else ""
         cells = [
             f"{row['distance']:.2f}",
-            str(number),
+            str(len(group) - 1),
             last["verdict"] or "none",
             str(len(tried)),
             f"{seconds:.0f}",
