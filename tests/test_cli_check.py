@@ -169,6 +169,17 @@ def test_a_cone_on_the_paper_is_the_shadow_of_the_cone(seed: int) -> None:
             assert np.abs(drawn).max() > 3.0
 
 
+def test_what_airflow_keeps_out_of_and_what_it_stays_in_look_different() -> None:
+    looks = set()
+    for task, words in (("push-two-paths", "to be kept out"), ("push-exterior-60", "cone to hold")):
+        figure = task_figure(read_task(task).resolve(5))
+        (named,) = (entry for entry in figure.legends[0].get_patches() if entry.get_label().startswith(words))
+        drawn = figure.axes[0].patches[0]
+        assert drawn.get_facecolor() == named.get_facecolor()
+        looks |= {drawn.get_facecolor(), drawn.get_linestyle()}
+    assert len(looks) == 4
+
+
 def test_forces_point_where_they_push() -> None:
     front = task_figure(read_task("push").resolve(5)).axes[0]
     labels = {text.get_text(): np.array(text.get_position()) for text in front.texts}

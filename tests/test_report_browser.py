@@ -155,6 +155,10 @@ def test_on_paper_there_are_no_controls(opened: Open, five: str) -> None:
     page.emulate_media(media="print")
     assert page.locator("#view canvas").first.is_visible()
     assert not page.locator("nav").is_visible()
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert page.locator("details").count() == page.locator("details[open]").count() > 0
+    page.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    assert page.locator("details[open]").count() == 0
     pages = re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))
     assert 2 <= len(pages) <= 12
 

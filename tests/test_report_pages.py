@@ -66,7 +66,9 @@ def audited():
 
 def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
     page = Reader(toy_page(tmp_path / "run", modules=(2, 3), starts=4, seed=5))
-    (best,) = re.findall(r"best platform for toy is (\w+), of 2 modules", page.text)
+    (best,) = re.findall(
+        r"best platform for toy is (\w+), of 2 modules, the smallest size that has one:", page.text
+    )
     rows = json.loads(page.data["ranking-data"])["rows"]
     assert rows[0][0] == best
     assert {row[1] for row in rows} == {2, 3}
@@ -86,6 +88,9 @@ def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):
         reason = folder.ledger.result(folder.request.contexts(3)[0], closest.key)
     assert " ".join(reason.message.split()) in page.text
     assert "view-data" not in page.data
+    assert "Why trees have no design" in page.text
+    (words,) = json.loads(page.data["progress-3-data"])["layout"]["annotations"]
+    assert words["text"] == "no solve has found a design"
     statuses = {row[6] for row in json.loads(page.data["ranking-data"])["rows"]}
     assert statuses == {"infeasible"}
 

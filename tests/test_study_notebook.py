@@ -36,8 +36,9 @@ def toy_solved(key: str, monkeypatch: pytest.MonkeyPatch) -> Solved:
 def test_an_answer_shows_its_ranking_and_holds_its_best(tmp_path) -> None:
     answer = toy_run(tmp_path / "run", modules=(2, 3))
     head, *rows = cells(answer.sizes[1])
-    assert head == ["key", "objective", "gap", "orbit", "audit"]
+    assert head == ["key", "J [rad^4/s^4]", "gap", "stands for", "audit"]
     assert [row[0] for row in rows] == [row.key for row in answer.sizes[1].top]
+    assert [row[2] for row in rows] == [f"{100 * row.gap:.2f} %" for row in answer.sizes[1].top]
     assert "modules: 2" in words(answer)
     assert "half turns" in words(answer)
     assert str(tmp_path / "run") in words(answer)
@@ -76,6 +77,7 @@ def test_a_design_shows_what_to_bolt_to_what() -> None:
 def test_an_audit_shows_all_that_is_not_clear_and_the_tightest_of_the_rest() -> None:
     many = audit(fan())
     assert len(cells(many)) == 1 + min(10, len(many.pairs))
+    assert [name[-3:] for name in cells(many)[0][2:]] == ["[m]"] * 3
     assert [row[-1] for row in cells(many)[1:]] == [
         f"{d:.6g}" for d in sorted(pair.analytic_m for pair in many.pairs)[:10]
     ]

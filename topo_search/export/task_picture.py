@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from itertools import cycle
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -55,8 +56,8 @@ def task_figure(task: ResolvedTask) -> Figure:
 def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) -> None:
     """Draw one view of what lies within `size` metres of the end-effector."""
     right, up = view
-    for outline in _regions(task, view, size):
-        axes.add_patch(Polygon(outline, facecolor=(palette.EXPOSURE, 0.25), edgecolor=palette.EXPOSURE))
+    for is_cone, outline in _regions(task, view, size):
+        axes.add_patch(Polygon(outline, **_look(is_cone)))
     module, envelope = np.zeros(3), task.module.envelope
     module[right] = -0.75 * size
     far = module - envelope.length * UP
@@ -78,20 +79,26 @@ def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) ->
     axes.set_axisbelow(True)
 
 
-def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[Array]:
-    """Return the outlines of all regions on the paper, (points, 2) each; of a cone that of the cone itself."""
-    at, outlined = _stand_in(task), []
+def _look(is_cone: bool) -> dict[str, Any]:
+    """Return how a region is drawn: what airflow keeps out of full, the cone that it stays in pale and dashed."""
+    opacity, line = (0.1, "dashed") if is_cone else (0.4, "solid")
+    return {"facecolor": (palette.EXPOSURE, opacity), "edgecolor": palette.EXPOSURE, "linestyle": line}
+
+
+def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[tuple[bool, Array]]:
+    """Return the outlines of all regions on the paper, (points, 2) each, and whether it is a cone to stay in."""
+    at, outlined = _stand_in(task), list[tuple[bool, Array]]()
     for asked in task.exposure:
         if isinstance(asked, Exterior):
             theta = math.radians(asked.half_angle_deg)
-            outlined.append(_wedge(cone_axis(asked, at), theta, view, 4 * size))
+            outlined.append((True, _wedge(cone_axis(asked, at), theta, view, 4 * size)))
             continue
         if asked.radius is None:
-            outlined.append(outlines.flat_hull(polytope(asked).corners[:, view]))
+            outlined.append((False, outlines.flat_hull(polytope(asked).corners[:, view])))
             continue
         for end in _ends(task, asked):
             outline = outlines.cone_sphere(np.zeros(3), asked.radius, end, asked.radius, _towards_viewer(view))
-            outlined.append(outline[:, view])
+            outlined.append((False, outline[:, view]))
     return outlined
 
 
@@ -157,7 +164,7 @@ def _legend(task: ResolvedTask) -> list[Artist]:
     ]
     for is_cone, words in ((False, "to be kept out of the airflow"), (True, "cone to hold all airflow")):
         if any(isinstance(asked, Exterior) is is_cone for asked in task.exposure):
-            entries.append(Patch(facecolor=(palette.EXPOSURE, 0.25), edgecolor=palette.EXPOSURE, label=words))
+            entries.append(Patch(**_look(is_cone), label=words))
     for (k, force), colour in zip(_forces(task), cycle(palette.SERIES), strict=False):
         label = f"load case {k}: {np.linalg.norm(force):.3g} N"
         entries.append(Line2D([], [], color=colour, marker=">", label=label))

@@ -182,8 +182,9 @@ class Audit(Value):
         nearest = sorted(self.pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
         odd = sum(pair.status is not Status.CLEAR for pair in self.pairs)
         shown = nearest[: max(odd, SHOWN)]
-        columns = ("clearance", "status", "lower_m", "upper_m", "analytic_m")
-        pairs = table(columns, [tuple(getattr(pair, name) for name in ("name", *columns[1:])) for pair in shown])
+        columns = ("clearance of", "audit", "proven at least [m]", "proven at most [m]", "closed form [m]")
+        values = ("name", "status", "lower_m", "upper_m", "analytic_m")
+        pairs = table(columns, [tuple(getattr(pair, name) for name in values) for pair in shown])
         broken = [residual for residual in self.residuals if residual.status is not Status.CLEAR]
         checked = ("name", "value", "unit", "scaled", "tolerance", "status")
         residuals = table(checked, [tuple(getattr(residual, name) for name in checked) for residual in broken])

@@ -144,15 +144,15 @@ def rotor_inputs(design: Design) -> go.Figure:
                 hovertemplate="%{text}, %{y:.3f} u_max<extra></extra>",
             )
         )
-    for bound, side in ((0.0, "bottom"), (1.0, "top")):
+    for bound, name in ((0.0, "least input"), (1.0, "largest input, u_max")):
         figure.add_hline(
             bound,
             line={"color": "#000000", "width": 1.5, "dash": "dash"},
-            annotation={"text": "0" if bound == 0 else "u_max", "yanchor": side, "xanchor": "left"},
+            annotation={"text": name, "yanchor": "bottom", "xanchor": "right"},
         )
     figure.update_layout(
         xaxis={"title": {"text": "module (four rotors each)"}, "dtick": 1 if n <= 30 else None, "zeroline": False},
-        yaxis={"title": {"text": "rotor input / u_max"}, "range": [-0.06, 1.1], "zeroline": False},
+        yaxis={"title": {"text": "rotor input / u_max"}, "range": [-0.06, 1.13], "zeroline": False},
         legend={"orientation": "h", "y": -0.25},
     )
     return figure
@@ -215,6 +215,10 @@ def progress(solves: Sequence[Solve], lower_bound: float) -> go.Figure:
         figure.update_yaxes(
             range=[1.0 - 0.05 * (top - 1.0), max(top, least) + 0.1 * (top - 1.0) + 1e-3], row=1, col=1
         )
+    else:
+        words = {"text": "no solve has found a design", "showarrow": False}
+        figure.update_yaxes(visible=False, row=1, col=1)
+        figure.add_annotation(**words, x=0.5, y=0.5, xref="x domain", yref="y domain")
     figure.update_yaxes(title={"text": "solves"}, rangemode="tozero", row=2, col=1)
     figure.update_xaxes(title={"text": "solves"}, row=2, col=1)
     figure.update_layout(legend={"orientation": "h", "y": -0.2})

@@ -81,7 +81,10 @@ def _answer(answer: Answer, name: str, design: Design | None, audit: Audit | Non
     else:
         found = f"Of {counted(tried, 'candidate')}, the best platform for {name} is"
         checked = verdict(audit)
-    return f"{found} {design.topology.key}, of {modules(design.topology.n)}: {effort(design)}; {checked}."
+    size = modules(design.topology.n)
+    if answer.best is not None and len(answer.sizes) > 1:
+        size += ", the smallest size that has one"
+    return f"{found} {design.topology.key}, of {size}: {effort(design)}; {checked}."
 
 
 def _limits(size: SizeAnswer) -> list[str]:

@@ -46,7 +46,7 @@ def tree_svg(design: Design, assembly: Assembly | None = None) -> str:
         ends = place[[h, i]]
         (x1, y1), (x2, y2) = ends
         _add(svg, "line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=palette.CONNECTOR, stroke_width=0.05)
-        aside = np.array([0.0, -0.09]) if turns is not None and y1 == y2 else np.array([0.19, 0.0])
+        aside = np.array([0.0, -0.12]) if turns is not None and y1 == y2 else np.array([0.19, 0.0])
         _text(svg, ends.mean(axis=0) + aside, f"{math.degrees(alpha):.0f}°".replace("-", "−"), 0.15)
         if turns is None:
             for end, other, port in ((h, i, a), (i, h, b)):

@@ -57,8 +57,11 @@ class SizeAnswer:
         """Show a notebook the best designs of this size."""
         counts = ", ".join(f"{number} {status}" for status, number in sorted(self.statuses.items()))
         title = heading(f"modules: {self.modules}; candidates: {self.candidates} ({counts or 'none settled'})")
-        names = ("key", "objective", "gap", "orbit", "audit")
-        rows = [tuple(getattr(row, name) for name in names) for row in self.top]
+        names = ("key", "J [rad^4/s^4]", "gap", "stands for", "audit")
+        rows = [
+            (row.key, row.objective, None if row.gap is None else f"{100 * row.gap:.2f} %", row.orbit, row.audit)
+            for row in self.top
+        ]
         remarks = (self.quotient, *self.remarks, *([self.reason] if self.reason else []))
         return title + (table(names, rows) if rows else "") + "".join(paragraph(text) for text in remarks)
 

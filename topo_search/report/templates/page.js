@@ -20,6 +20,11 @@ for (const button of document.querySelectorAll("[data-alone]")) {
   });
 }
 
+// Paper cannot be unfolded.
+const folded = document.querySelectorAll("details:not([open])");
+window.addEventListener("beforeprint", () => folded.forEach((details) => (details.open = true)));
+window.addEventListener("afterprint", () => folded.forEach((details) => (details.open = false)));
+
 // The ranking: sorted and filtered here, with as many rows in the document as are looked at.
 const FIRST = 100;
 
