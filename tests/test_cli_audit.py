@@ -162,6 +162,16 @@ def test_the_summary_names_what_is_wrong_and_by_how_much(command, tmp_path):
     assert "## Not audited\n\n- half.json: is not a JSON file" in text
 
 
+def test_that_no_straight_rod_reaches_is_told(command, tmp_path):
+    inside = fan({"end_effector": {"exclusion": False}}, end_effector=(0.0, 0.0, 0.0))
+    write(tmp_path / "inside.json", inside)
+    note = "no straight rod reaches the end-effector: every free connector is blocked"
+    told = command("inside.json", "--markdown", "audit.md")
+    assert told.exit_code == 0
+    assert f"  note: {note}\n" in told.output
+    assert f"\nNote: {note}.\n" in (tmp_path / "audit.md").read_text()
+
+
 def test_tables_have_as_many_cells_in_every_row(command, tmp_path):
     write(tmp_path / "a|b `c` <b>*_x_.json", changed(OVERLAPPING, objective=1.0))
     assert command("a|b `c` <b>*_x_.json", "--markdown", "audit.md").exit_code == 1

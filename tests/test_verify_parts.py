@@ -250,6 +250,15 @@ def test_every_pair_of_modules_has_a_row():
     assert FAN.bolted == {(0, 1), (0, 2)}
 
 
+@pytest.mark.parametrize("width", [1e-11, 1e-13])
+def test_parts_too_thin_for_a_proof_are_undecided(width):
+    """The sides of arms as thin as that have no direction, and hub and rotors do not hide them."""
+    body = {"arm_width": width, "hub": [1e-9, 1e-9, 1e-9], "rotor_radius": 1e-9, "rotor_height": 1e-9}
+    result = audit(fan(task={"module": {"body": body}}))
+    assert {pair.status for pair in result.pairs if pair.kind == "body"} == {Status.UNDECIDED}
+    assert "too thin" in result.assembly.end_effector.note
+
+
 def test_parts_out_of_range_are_undecided():
     result = audit(fan(task={"module": {"connector_distance": 1e7}}))
     assert {pair.status for pair in result.pairs if pair.kind == "body"} == {Status.UNDECIDED}

@@ -189,9 +189,6 @@ def test_the_module_that_the_rod_is_bolted_to_holds_the_end_effector() -> None:
     assert lost(0, holder=0) == pytest.approx(0.0, abs=1e-12)
     assert lost(2, holder=1) > 1e-3
     assert lost(0, holder=2) > lost(0, holder=1) > 1e-3
-    stated = audit(changed(of, mount={"module": 2, "port": 0}))
-    assert stated.assembly.end_effector.mount is not None
-    assert stated.assembly.end_effector.mount.module == 2
     for module, port in ((0, 2), (1, 1), (2, 0)):
         result = audit(changed(of, mount={"module": module, "port": port})).sensitivity
         assert result is not None

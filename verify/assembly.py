@@ -13,7 +13,7 @@ from verify.residuals import finite
 from verify.rod import free_connectors, straight_rod
 
 NO_ROD = "no straight rod reaches the end-effector: every free connector is blocked"
-LOST = "positions are too large to tell which connectors a straight rod reaches from"
+LOST = "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"
 
 
 def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:

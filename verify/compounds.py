@@ -59,8 +59,9 @@ class Compound:
 
     @functools.cached_property
     def in_range(self) -> bool:
-        """Whether the body is where coordinates keep the digits that a proof needs."""
-        return bool(np.all(np.abs(self.bounds.centre) + self.bounds.radius < FARTHEST / 16))
+        """Whether the body is where coordinates keep the digits that a proof needs, and thick enough for one."""
+        near = bool(np.all(np.abs(self.bounds.centre) + self.bounds.radius < FARTHEST / 16))
+        return near and all(part.thick for part in self.parts)
 
 
 class Proximity(NamedTuple):

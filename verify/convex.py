@@ -76,6 +76,11 @@ class Convex(ABC):
         """A polytope around the solid as FCL holds it, made once for all that it is shown to."""
         return Shape(self.outer(self.axis))
 
+    @property
+    def thick(self) -> bool:
+        """Whether the directions of its surface have the digits that a proof needs."""
+        return True
+
     @abstractmethod
     def depth(self, x: Array) -> float:
         """Return the radius of a ball around x, shape (3,), that the solid holds; negative outside."""
@@ -113,6 +118,11 @@ class Polyhedron(Convex):
         told = length > SLIVER * self.radius**2
         normals = normals[told] / length[told, None]
         return normals, np.einsum("fx,fx->f", normals, corners[told, 0])
+
+    @property
+    def thick(self) -> bool:
+        """Whether any face is no sliver."""
+        return len(self.faces[0]) > 0
 
     def depth(self, x: Array) -> float:
         """Return the distance to the nearest face's plane."""

@@ -121,6 +121,9 @@ def print_audit(name: str, audit: Audit) -> None:
     for residual in audit.residuals:
         if residual.status != "clear":
             click.echo(f"  {residual.name}: {residual.status}, off by {residual.value:.3g} {residual.unit}")
+    sheet = audit.assembly.end_effector
+    if sheet is not None and sheet.note is not None:
+        click.echo(f"  note: {sheet.note}")
     if audit.sensitivity is not None:
         _print_sensitivity(audit.sensitivity)
 

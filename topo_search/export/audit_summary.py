@@ -101,6 +101,10 @@ def _section(each: Judged) -> Iterator[str]:
         if len(off) > LISTED:
             yield ""
             yield f"{len(off) - LISTED} more numbers are off."
+    sheet = audit.assembly.end_effector
+    if sheet is not None and sheet.note is not None:
+        yield ""
+        yield f"Note: {escaped(sheet.note)}."
     for pair in wrong[:LISTED]:
         if pair.evidence:
             yield ""
