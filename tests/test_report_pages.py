@@ -15,6 +15,7 @@ from topo_search.model.topology import PORT_NAMES
 from topo_search.report.closest import closest_points
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
+from topo_search.report.scene import scene
 from topo_search.study import RunFolder
 
 VOID = {"meta", "input", "link", "br", "img"}
@@ -191,3 +192,11 @@ def test_the_marked_points_of_a_cone_are_too():
     for pair in found:
         one, other = closest_points(made, poses(made), pair, None)
         assert np.linalg.norm(one - other) == pytest.approx(pair.analytic_m, abs=1e-6)
+
+
+def test_a_distance_that_is_marked_is_told_from_a_gap(audited):
+    made, verdict = audited
+    for kind, told in (("airflow", "1 mm, airflow"), ("separation", "1 mm beyond the least distance, separation")):
+        pair = next(pair for pair in verdict.pairs if pair.kind == kind).model_copy(update={"analytic_m": 1e-3})
+        mark = scene(made, poses(made), pair).data[-1]
+        assert mark.name.startswith(f"closest pair: {told} of modules")

@@ -196,7 +196,8 @@ def _end_effector(design: Design, at: Poses, foot: Array | None) -> list[Any]:
 
 def _closest(pair: Clearance, ends: Array) -> list[Any]:
     """Return the mark between the two volumes that come closest."""
-    text = f"closest pair: {length(pair.analytic_m)}, {pair.name}"
+    spare = " beyond the least distance" if pair.kind in ("separation", "exclusion") else ""
+    text = f"closest pair: {length(pair.analytic_m)}{spare}, {pair.name}"
     return [
         go.Scatter3d(
             **_columns(ends),
