@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from report_cases import grown
 
 from topo_search.export import outlines, parts
 from topo_search.export.picture import draw, figure_of, title
@@ -34,18 +35,6 @@ def design(topology: Topology, name: str = "push", *settings: str, **given: Any)
         "gap": 0.0932,
     }
     return Design.model_validate({"task": task, "topology": topology, **numbers, **given})
-
-
-def grown(n: int) -> Topology:
-    """Return an aligned tree with modules added at random free ports."""
-    rng = np.random.default_rng(n)
-    joints, free = [(-1, -1, -1)], [(0, port) for port in range(4)]
-    for i in range(1, n):
-        h, a = free.pop(int(rng.integers(len(free))))
-        b = (a + 2) % 4
-        joints.append((h, a, b))
-        free += [(i, port) for port in range(4) if port != b]
-    return Topology(tuple(joints))
 
 
 CROSS = Topology.from_key("af0000")
