@@ -1,9 +1,10 @@
 """A problem without physics for tests of the search: values follow from keys, and keys can be told to misbehave.
 
 Environment variables reach the worker processes. TOY_LOG names a file that gets a line `key margin pid` for every
-solve, TOY_AUDIT_LOG one that gets the key for every audit; TOY_SLEEP is the time a solve takes [s]. TOY_SEGFAULT,
-TOY_HANG, TOY_RAISE, TOY_MEMORY, TOY_NONE and TOY_VIOLATED name keys (`*` for all) that crash, never end, raise, run
-out of memory, are infeasible, or fail their audit while the margin is under TOY_MARGIN.
+solve, and then the keys of the designs that were to be carried over, TOY_AUDIT_LOG one that gets the key for every
+audit; TOY_SLEEP is the time a solve takes [s]. TOY_SEGFAULT, TOY_HANG, TOY_RAISE, TOY_MEMORY, TOY_NONE and
+TOY_VIOLATED name keys (`*` for all) that crash, never end, raise, run out of memory, are infeasible, or fail their
+audit while the margin is under TOY_MARGIN.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from unittest.mock import patch
 
@@ -49,11 +51,13 @@ def value(key: str, start: int, seed: int, margin: float) -> float:
     return BOUND + 1 + drawn + 100 * margin
 
 
-def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -> Design | Infeasible:
+def solve(
+    task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design] = ()
+) -> Design | Infeasible:
     key, margin = topology.key, task.search.margin
     if log := os.environ.get("TOY_LOG"):
         with Path(log).open("a") as stream:
-            stream.write(f"{key} {margin:g} {os.getpid()}\n")
+            print(key, f"{margin:g}", os.getpid(), *(design.topology.key for design in near), file=stream)
     if _told("TOY_SEGFAULT", key):
         os.kill(os.getpid(), signal.SIGSEGV)
     if _told("TOY_MEMORY", key):

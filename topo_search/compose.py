@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,8 +28,10 @@ from topo_search.study import Answer, Observer, Request, RunFolder, Silent, Solv
 from topo_search.topologies import Symmetry
 
 
-def _solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -> Design | Infeasible:
-    """Solve one topology, and choose where the rod of a design's end-effector is bolted."""
+def _solve(
+    task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design] = ()
+) -> Design | Infeasible:
+    """Solve one topology, and choose where the rod of a design's end-effector is bolted; `near` is left out."""
     outcome = nlp.solve(task, topology, starts=starts, seed=seed)
     if isinstance(outcome, Design):
         return outcome.model_copy(update={"mount": verify.choose_mount(outcome)})

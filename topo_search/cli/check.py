@@ -117,7 +117,7 @@ def _size(task: Task, n: int) -> dict[str, Any]:
     proof = prove_impossible(resolved)
     return {
         "modules": n,
-        "candidates": request.count(n),
+        "candidates": request.space(n).count(),
         "quotient": quotient_remark(request.quotient(n)),
         "lower_bound": lower_bound(resolved),
         "impossible": proof and proof.message,

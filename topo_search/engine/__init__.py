@@ -1,9 +1,12 @@
 """The search engine: solves candidates in worker processes and hands their outcomes on, storing nothing."""
 
-from topo_search.engine.exhaustive import Job, exhaustive, solved
+from topo_search.engine.exhaustive import exhaustive
+from topo_search.engine.job import Job, solved
 from topo_search.engine.merging import merge, record_of
 from topo_search.engine.rounds import rounds
 from topo_search.engine.shortfall import scaled_violation
+from topo_search.engine.space import Space
+from topo_search.engine.strategy import Proposal, Round, Scored, Strategy
 from topo_search.engine.verbs import AuditDesign, Failed, Outcome, Solve, Verbs
 from topo_search.engine.workers import Workers, WorkersLost, audit_deadline, solve_deadline
 
@@ -12,7 +15,12 @@ __all__ = [
     "Failed",
     "Job",
     "Outcome",
+    "Proposal",
+    "Round",
+    "Scored",
     "Solve",
+    "Space",
+    "Strategy",
     "Verbs",
     "Workers",
     "WorkersLost",

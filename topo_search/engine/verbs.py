@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -15,8 +15,18 @@ class Solve(Protocol):
     Start s is drawn from (task, topology, s, seed) alone: the best of two ranges is the best of their union.
     """
 
-    def __call__(self, task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -> Design | Infeasible:
-        """Return the best design over the starts, or the start that came closest."""
+    def __call__(
+        self, task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design] = ()
+    ) -> Design | Infeasible:
+        """Return the best design over the starts, or the start that came closest.
+
+        Args:
+            task: the task.
+            topology: the tree.
+            starts: indices of the starts.
+            seed: draws them.
+            near: designs of other topologies that can be carried over, each as one more start before these.
+        """
         ...
 
 

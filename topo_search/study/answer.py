@@ -114,12 +114,13 @@ def size_answer(
     *,
     candidates: int,
     starts: int,
+    ended: bool,
     audits_left: bool,
     lower_bound: float,
     proof: Infeasible | None,
     quotient: Resolution,
 ) -> SizeAnswer:
-    """Sum up the ranked rows of one size, of which `starts` starts each were asked for, in one pass."""
+    """Sum up the ranked rows of one size, of which at most `starts` starts each were asked for, in one pass."""
     statuses: Counter[str] = Counter()
     fewest = starts
     feasible = 0
@@ -153,7 +154,7 @@ def size_answer(
         quotient=quotient_remark(quotient),
         settled=settled,
         starts=fewest,
-        complete=fewest == starts and not audits_left,
+        complete=ended and not audits_left,
         statuses=dict(statuses),
         feasible=feasible,
         lower_bound=lower_bound,

@@ -11,8 +11,7 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
-from topo_search.engine import AuditDesign, Failed, Job, Verbs, Workers, audit_deadline
-from topo_search.engine.exhaustive import solved
+from topo_search.engine import AuditDesign, Failed, Job, Verbs, Workers, audit_deadline, solved
 from topo_search.model import Audit, Design, Topology
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
@@ -92,7 +91,7 @@ def _left(ledger: Ledger, contexts: Sequence[Context], key: str, starts: int) ->
     """Return whether one candidate is not yet clear, nor passed over."""
     for context in contexts:
         row = ledger.row(context, key)
-        if row is None or row.asked < starts:
+        if row is None or (context.step and row.asked < starts):
             return True
         if not row.feasible:
             return False

@@ -49,7 +49,7 @@ class RunFolder:
         with locked(path), Ledger.opened(ledger_path) as ledger:
             ledger.claim(request.identity)
             folder = cls._of_ledger(path, request, ledger)
-            ledger.ask(request.starts)
+            ledger.ask(request.starts, request.trials)
             _write(path / "task.toml", to_toml(request.task))
             yield folder
 
@@ -75,8 +75,17 @@ class RunFolder:
             held = ledger.identity()
             if held is None:
                 raise BadInput(str(path), [Fault("", "holds no run yet")])
-            versions = ledger.versions() or installed()
-            request = Request(task, held["symmetry"], ledger.starts(), held["seed"], versions)
+            starts, trials = ledger.asked()
+            request = Request(
+                task,
+                held["symmetry"],
+                starts,
+                held["seed"],
+                strategy=held["strategy"],
+                sampler=held.get("sampler", "moves"),
+                trials=trials,
+                versions=ledger.versions() or installed(),
+            )
             yield cls._of_ledger(path, request, ledger)
 
     @classmethod

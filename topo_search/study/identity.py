@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import metadata
-from typing import Any, TypedDict
+from typing import Any, Literal
 
+from topo_search.engine import Space
 from topo_search.model import ResolvedTask, Task
-from topo_search.topologies import (
-    Candidate,
-    Connectors,
-    Resolution,
-    Root,
-    Symmetry,
-    candidates,
-    count,
-    resolve_symmetry,
-)
+from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 
 LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl")
 """Distributions whose versions can change a result."""
+
+StrategyName = Literal["exhaustive", "optuna"]
+Sampler = Literal["moves", "tpe", "nsga2", "random"]
 
 LARGER_MARGINS = 3
 """How often a design that fails its audit is solved again, each time with ten times the margin."""
@@ -67,15 +61,6 @@ class Context:
         return self.task.search.margin
 
 
-class _Family(TypedDict):
-    """Which trees are candidates, and which of them are one."""
-
-    symmetry: Symmetry
-    connectors: Connectors
-    root: Root
-    task: ResolvedTask
-
-
 @dataclass(frozen=True)
 class Request:
     """What a run is asked to find; with what force (workers, time) is not part of it."""
@@ -84,41 +69,41 @@ class Request:
     symmetry: Symmetry
     """Which trees are one candidate."""
     starts: int
+    """Number of starts of each candidate, at most."""
     seed: int
+    strategy: StrategyName = "exhaustive"
+    """How candidates are chosen."""
+    sampler: Sampler = "moves"
+    """What proposes candidates when not all are solved."""
+    trials: int | None = None
+    """Number of candidates to propose when not all are solved."""
     versions: dict[str, str] = field(default_factory=installed)
     """Of the libraries that solve; rows that others solved do not count."""
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """What one folder can hold one of. More starts extend a run, so they are left out."""
+        """What one folder can hold one of. More starts and more trials extend a run, so they are left out."""
         tasks = [self.task.resolve(n).model_dump(mode="json") for n in self.task.sizes]
-        return {"task": digest(tasks), "seed": self.seed, "symmetry": self.symmetry}
+        identity = {
+            "task": digest(tasks),
+            "seed": self.seed,
+            "symmetry": self.symmetry,
+            "strategy": self.strategy,
+        }
+        return identity if self.strategy == "exhaustive" else {**identity, "sampler": self.sampler}
 
     @property
     def folder_name(self) -> str:
         """The name of the default folder, NAME-HASH."""
         return f"{self.task.name}-{digest({**self.identity, 'starts': self.starts})[:8]}"
 
-    def candidates(self, n: int) -> Iterator[Candidate]:
-        """Yield every candidate of n modules."""
-        return candidates(n, **self._family(n))
-
-    def count(self, n: int) -> int:
-        """Return the number of candidates of n modules."""
-        return count(n, **self._family(n))
+    def space(self, n: int) -> Space:
+        """Return the candidates of n modules."""
+        return Space(self.task.resolve(n), self.symmetry)
 
     def quotient(self, n: int) -> Resolution:
         """Return which trees stand for one candidate, whether that is exact, and why."""
         return resolve_symmetry(self.task.resolve(n), self.symmetry)
-
-    def _family(self, n: int) -> _Family:
-        search = self.task.search
-        return {
-            "symmetry": self.symmetry,
-            "connectors": search.connectors,
-            "root": search.root,
-            "task": self.task.resolve(n),
-        }
 
     def contexts(self, n: int) -> list[Context]:
         """Return the contexts of n modules: the task's own margin, then each larger one."""

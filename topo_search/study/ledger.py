@@ -11,27 +11,28 @@ import sqlite3
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any, Self
 
+from topo_search.engine import Scored
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible
 from topo_search.model.files import to_json
 from topo_search.study.identity import Context
-from topo_search.study.row import Row, Solve
+from topo_search.study.row import Row, Solve, score
 
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
-VERSION = 2
+VERSION = 3
 
 SCHEMA = f"""
 BEGIN;
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {VERSION};
-CREATE TABLE run (identity TEXT NOT NULL, starts INTEGER NOT NULL);
+CREATE TABLE run (identity TEXT NOT NULL, starts INTEGER NOT NULL, trials INTEGER);
 CREATE TABLE contexts (
     context TEXT PRIMARY KEY, modules INTEGER NOT NULL, step INTEGER NOT NULL, margin REAL NOT NULL,
-    fixed_by TEXT NOT NULL, lower_bound REAL NOT NULL, proof TEXT
+    fixed_by TEXT NOT NULL, lower_bound REAL NOT NULL, proof TEXT, ended_starts INTEGER, ended_trials INTEGER
 ) WITHOUT ROWID;
 CREATE TABLE candidates (
     context TEXT NOT NULL, key TEXT NOT NULL, modules INTEGER NOT NULL, orbit INTEGER NOT NULL,
@@ -43,14 +44,15 @@ CREATE TABLE candidates (
     PRIMARY KEY (context, key)
 ) WITHOUT ROWID;
 CREATE TABLE solves (
-    number INTEGER PRIMARY KEY, at REAL NOT NULL, context TEXT NOT NULL, key TEXT NOT NULL, status TEXT NOT NULL,
-    objective REAL
+    number INTEGER PRIMARY KEY, at REAL NOT NULL, context TEXT NOT NULL, key TEXT NOT NULL, asked INTEGER NOT NULL,
+    status TEXT NOT NULL, objective REAL, violation REAL
 );
 CREATE INDEX ranking ON candidates (context, objective, key);
 COMMIT;
 """
 """`starts`: asked for last. `standing`: this row speaks for its candidate, not one with another margin. `solves`:
-one row a solve, in the order of their ends."""
+one row a solve, in the order of their ends, with what the candidate had reached after `asked` starts; a strategy is
+replayed from them. `ended_...`: what the strategy was asked for when it last came to its end."""
 
 _FIELDS = tuple(field.name for field in fields(Row))
 _SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
@@ -60,7 +62,7 @@ INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * len(_WRI
 ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in _WRITTEN)},
 audit_result = CASE WHEN excluded.audit IS NULL THEN NULL ELSE audit_result END
 """
-_LOG = "INSERT INTO solves (at, context, key, status, objective) VALUES (?, ?, ?, ?, ?)"
+_LOG = "INSERT INTO solves (at, context, key, asked, status, objective, violation) VALUES (?, ?, ?, ?, ?, ?, ?)"
 _LATEST = "SELECT fixed_by FROM contexts LEFT JOIN solves USING (context) ORDER BY number DESC LIMIT 1"
 _STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (SELECT context FROM current)"
 
@@ -106,16 +108,17 @@ class Ledger:
     def claim(self, identity: dict[str, Any]) -> None:
         """Give a new ledger the identity of its run; one that was claimed keeps its own."""
         self._database.execute(
-            "INSERT INTO run SELECT ?, 0 WHERE NOT EXISTS (SELECT * FROM run)", (json.dumps(identity),)
+            "INSERT INTO run SELECT ?, 0, NULL WHERE NOT EXISTS (SELECT * FROM run)", (json.dumps(identity),)
         )
 
-    def ask(self, starts: int) -> None:
-        """Record how many starts of each candidate were asked for last."""
-        self._database.execute("UPDATE run SET starts = ?", (starts,))
+    def ask(self, starts: int, trials: int | None) -> None:
+        """Record how many starts of each candidate, and how many proposals, were asked for last."""
+        self._database.execute("UPDATE run SET starts = ?, trials = ?", (starts, trials))
 
-    def starts(self) -> int:
-        """Return how many starts of each candidate were asked for last."""
-        return int(self._database.execute("SELECT starts FROM run").fetchone()[0])
+    def asked(self) -> tuple[int, int | None]:
+        """Return how many starts of each candidate, and how many proposals, were asked for last."""
+        starts, trials = self._database.execute("SELECT starts, trials FROM run").fetchone()
+        return starts, trials
 
     def versions(self) -> dict[str, str] | None:
         """Return the versions of the libraries that solved last; None if nothing was begun."""
@@ -134,9 +137,26 @@ class Ledger:
         """Record a context."""
         values = (context.name, context.task.n, context.step, context.margin, json.dumps(context.fixed_by))
         self._database.execute(
-            "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?)",
+            "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?, NULL, NULL)",
             (*values, lower_bound, None if proof is None else to_json(proof)),
         )
+
+    def end(self, context: Context, starts: int, trials: int | None) -> None:
+        """Record that the strategy came to its end with so many starts and proposals."""
+        query = "UPDATE contexts SET ended_starts = ?, ended_trials = ? WHERE context = ?"
+        self._database.execute(query, (starts, trials, context.name))
+
+    def ended(self, context: Context, starts: int, trials: int | None) -> bool:
+        """Return whether the strategy came to its end with at least so many starts and proposals."""
+        query = "SELECT ended_starts >= ? AND (? IS NULL OR ended_trials >= ?) FROM contexts WHERE context = ?"
+        found = self._database.execute(query, (starts, trials, trials, context.name)).fetchone()
+        return found is not None and bool(found[0])
+
+    def scores(self, context: Context) -> Iterator[Scored]:
+        """Yield what candidates of a context had reached after each of their solves, in the order of the ends."""
+        query = "SELECT key, asked, status, objective, violation FROM solves WHERE context = ? ORDER BY number"
+        for values in self._database.execute(query, (context.name,)):
+            yield Scored(*values)
 
     def row(self, context: Context, key: str) -> Row | None:
         """Return one candidate's row in a context."""
@@ -174,9 +194,8 @@ class Ledger:
                 values = [getattr(row, name) for name in _FIELDS]
                 text = None if result is None else to_json(result)
                 self._database.execute(_UPSERT, (*values, context.name, standing, text))
-                if row.status != "impossible":  # a proof is no solve
-                    event = (time.time(), context.name, row.key, row.status, row.objective)
-                    self._database.execute(_LOG, event)
+                reached = astuple(score(row, context.task))
+                self._database.execute(_LOG, (time.time(), context.name, *reached))
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
@@ -189,12 +208,6 @@ class Ledger:
         """Write why a candidate's design has no audit."""
         self._database.execute(
             "UPDATE candidates SET audit_failure = ? WHERE context = ? AND key = ?", (reason, context.name, key)
-        )
-
-    def settle(self, context: Context, key: str, asked: int) -> None:
-        """Write that a candidate with a result is not to be solved from starts under `asked` any more."""
-        self._database.execute(
-            "UPDATE candidates SET asked = ? WHERE context = ? AND key = ?", (asked, context.name, key)
         )
 
     def consider(self, contexts: Sequence[Context]) -> None:
@@ -216,7 +229,8 @@ class Ledger:
         """Yield the solves of n modules in the order in which they ended."""
         query = (
             "SELECT at, key, status, objective, margin FROM solves JOIN contexts USING (context) "
-            "WHERE modules = ? AND context IN (SELECT context FROM current) ORDER BY number"
+            "WHERE modules = ? AND context IN (SELECT context FROM current) "
+            "AND status <> 'impossible' ORDER BY number"  # a proof is no solve
         )
         for values in self._database.execute(query, (n,)):
             yield Solve(*values)

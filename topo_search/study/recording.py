@@ -8,25 +8,29 @@ from topo_search.engine import Failed, Job, Outcome, merge
 from topo_search.model import Design, Infeasible
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
-from topo_search.study.row import row_of
+from topo_search.study.row import Row, row_of
 
 
-def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lower_bound: float) -> None:
-    """Write what became of a job; more starts of a candidate extend its row, and so does giving them up."""
+def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lower_bound: float) -> Row:
+    """Write what became of a job, and return the candidate's row.
+
+    More starts of a candidate extend its row; giving them up leaves what the earlier ones found.
+    """
     key, asked = job.topology.key, job.starts.stop
-    earlier = ledger.result(context, key)
-    if isinstance(outcome, Failed) and earlier is not None:
-        ledger.settle(context, key, asked)
-        return
+    before, earlier = ledger.row(context, key), ledger.result(context, key)
+    if before is not None and earlier is not None and isinstance(outcome, Failed):
+        row = replace(before, asked=asked)
+        ledger.record(context, [(row, earlier)])
+        return row
     result = None if isinstance(outcome, Failed) else outcome
     if result is not None and earlier is not None:
         outcome = result = merge(earlier, result, context.task)
     row = row_of(outcome, key=key, modules=context.task.n, orbit=job.orbit, asked=asked, lower_bound=lower_bound)
     row = replace(row, margin=context.margin, step=context.step)
-    before = ledger.row(context, key)
     if before is not None and _same_platform(earlier, result):
         row = replace(row, audit=before.audit, audit_failure=before.audit_failure)
     ledger.record(context, [(row, result)])
+    return row
 
 
 def _same_platform(earlier: Design | Infeasible | None, later: Design | Infeasible | None) -> bool:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from topo_search.engine import Failed, Outcome, record_of
-from topo_search.model import Design, Infeasible
+from topo_search.engine import Failed, Outcome, Scored, record_of, scaled_violation
+from topo_search.model import Design, Infeasible, ResolvedTask
 
 COLUMNS = (
     "key",
@@ -115,3 +115,9 @@ def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, asked: int, 
         lower_bound=bound,
         gap=Design.gap_of(outcome.objective, bound),
     )
+
+
+def score(row: Row, task: ResolvedTask) -> Scored:
+    """Return what a strategy is told of a candidate."""
+    violation = None if row.violation is None else scaled_violation(row.violation, row.unit or "", task)
+    return Scored(row.key, row.asked, row.status, row.objective, violation)

@@ -9,16 +9,16 @@ from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 
-from topo_search.engine import Verbs, Workers, exhaustive, rounds
+from topo_search.engine import Verbs, Workers, exhaustive
 from topo_search.model import Infeasible
 from topo_search.study.answer import Answer, SizeAnswer, quotient_remark, size_answer
 from topo_search.study.audits import audit_best, audits_left
 from topo_search.study.folder import LEDGER, RunFolder
+from topo_search.study.following import Following
 from topo_search.study.identity import Context, Request
 from topo_search.study.ledger import Ledger
 from topo_search.study.lock import ReadOnlyFolder
 from topo_search.study.observer import Observer
-from topo_search.study.recording import record
 from topo_search.study.row import row_of
 
 MOST_ROWS_OF_A_PROOF = 100_000
@@ -93,10 +93,11 @@ def _search_size(
         _record_proof(ledger, request, context, proof, lower_bound)
         return
 
-    for starts in rounds(request.starts, request.starts, timed=math.isfinite(until)):
-        _solve_round(ledger, request, context, starts.stop, lower_bound, verbs, workers, observer, until)
-        if time.monotonic() >= until:
-            break
+    if not ledger.ended(context, request.starts, request.trials):
+        strategy = exhaustive(request.space(n), starts=request.starts, timed=math.isfinite(until))
+        following = Following(ledger, context, lower_bound, verbs.solve, workers, observer)
+        if following.follow(strategy, until):
+            ledger.end(context, request.starts, request.trials)
     audit_best(
         ledger,
         contexts,
@@ -109,55 +110,15 @@ def _search_size(
     )
 
 
-def _solve_round(
-    ledger: Ledger,
-    request: Request,
-    context: Context,
-    starts: int,
-    lower_bound: float,
-    verbs: Verbs,
-    workers: Workers,
-    observer: Observer,
-    until: float,
-) -> None:
-    """Solve every candidate of one size from those of its first `starts` starts that are not in the ledger yet."""
-    n = context.task.n
-    observer.size(n, request.count(n), starts)
-
-    def settled() -> None:
-        observer.settled(next(iter(ledger.best_designs(context, 0, 1)), None))
-
-    def tried(key: str) -> int:
-        row = ledger.row(context, key)
-        if row is None:
-            return 0
-        if row.asked >= starts:
-            settled()
-        return row.asked
-
-    outcomes = exhaustive(
-        context.task,
-        request.candidates(n),
-        starts=starts,
-        seed=request.seed,
-        tried=tried,
-        solve=verbs.solve,
-        workers=workers,
-        until=until,
-    )
-    for job, outcome in outcomes:
-        record(ledger, context, job, outcome, lower_bound=lower_bound)
-        settled()
-
-
 def _record_proof(
     ledger: Ledger, request: Request, context: Context, proof: Infeasible, lower_bound: float
 ) -> None:
     """Write a row for every candidate that a proof rules out."""
     n = context.task.n
-    if request.count(n) > MOST_ROWS_OF_A_PROOF:
+    space = request.space(n)
+    if space.count() > MOST_ROWS_OF_A_PROOF:
         return
-    candidates = request.candidates(n)
+    candidates = space.candidates()
     while batch := list(islice(candidates, 1000)):
         rows = [
             row_of(
@@ -195,8 +156,9 @@ def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
     return size_answer(
         ledger.ranked(n),
         contexts[0].task,
-        candidates=request.count(n),
+        candidates=request.space(n).count(),
         starts=request.starts,
+        ended=proof is not None or ledger.ended(contexts[0], request.starts, request.trials),
         audits_left=audits_left(ledger, contexts, request.starts),
         lower_bound=lower_bound,
         proof=proof,

@@ -1,0 +1,61 @@
+"""What a strategy searches: the candidates of one size, listed, counted, looked up and drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypedDict
+
+from topo_search.model import ResolvedTask, Topology
+from topo_search.topologies import Candidate, Symmetry, candidate_of, candidates, count, sample
+from topo_search.topologies.symmetry import Connectors, Root
+
+
+class _Family(TypedDict):
+    """Which trees are candidates, and which of them are one."""
+
+    symmetry: Symmetry
+    connectors: Connectors
+    root: Root
+    task: ResolvedTask
+
+
+@dataclass(frozen=True)
+class Space:
+    """All candidates for a task."""
+
+    task: ResolvedTask
+    """It fixes the number of modules, the connectors and the root."""
+    symmetry: Symmetry
+    """Which trees are one candidate."""
+
+    @property
+    def n(self) -> int:
+        """The number of modules."""
+        return self.task.n
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Yield every candidate, in ascending order of keys."""
+        return candidates(self.n, **self._family)
+
+    def count(self) -> int:
+        """Return the number of candidates, by closed form."""
+        return count(self.n, **self._family)
+
+    def candidate_of(self, topology: Topology) -> Candidate:
+        """Return the candidate that stands for a topology."""
+        return candidate_of(topology, **self._family)
+
+    def sample(self, m: int, seed: int) -> list[Topology]:
+        """Return m candidates, drawn independently and uniformly."""
+        return sample(self.n, m, seed, **self._family)
+
+    @property
+    def _family(self) -> _Family:
+        search = self.task.search
+        return {
+            "symmetry": self.symmetry,
+            "connectors": search.connectors,
+            "root": search.root,
+            "task": self.task,
+        }

@@ -1,0 +1,56 @@
+"""What every way of searching is: a generator that proposes rounds of candidates and is sent their results.
+
+A strategy knows no workers and no files. It is deterministic, and learns from whole rounds alone: started again
+with the results that it had, it makes the same proposals. So a run that was killed is replayed from its ledger, and
+neither the number of workers nor their speed changes what is proposed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from topo_search.topologies import Candidate
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A candidate that is to have been solved from its first starts."""
+
+    candidate: Candidate
+    starts: int
+    """Number of starts in all; those that were tried in earlier rounds are not tried again."""
+    near: str | None = None
+    """Key of a candidate of an earlier round whose design is carried over as one more start."""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """What became of a candidate after so many starts."""
+
+    key: str
+    starts: int
+    """Number of starts that need no more solving: tried, or given up."""
+    status: str
+    """feasible, infeasible, impossible or failed."""
+    objective: float | None
+    """J of the best design [rad^4/s^4]."""
+    violation: float | None
+    """How far the closest start was from feasible, in the task's own units; None where there is a design."""
+
+
+class Round(Protocol):
+    """The proposals of one round, drawn one by one; a list is one. No candidate comes twice."""
+
+    def __iter__(self) -> Iterator[Proposal]:
+        """Yield the proposals."""
+        ...
+
+    def __len__(self) -> int:
+        """Return their number."""
+        ...
+
+
+Strategy = Generator[Round, list[Scored], None]
+"""Yields rounds; is sent what became of each round's proposals, in their order."""

@@ -1,0 +1,114 @@
+"""A run follows a strategy: what the ledger knows is answered from it, the rest is solved and recorded."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Iterator
+
+from topo_search.engine import Job, Proposal, Round, Scored, Solve, Strategy, Workers, solved
+from topo_search.model import Design
+from topo_search.study.identity import Context
+from topo_search.study.ledger import Ledger
+from topo_search.study.observer import Observer
+from topo_search.study.recording import record
+from topo_search.study.row import Row, score
+
+
+class Following:
+    """The search of one context: which of its candidates had reached what after how many starts."""
+
+    def __init__(
+        self,
+        ledger: Ledger,
+        context: Context,
+        lower_bound: float,
+        solve: Solve,
+        workers: Workers,
+        observer: Observer,
+    ) -> None:
+        self._ledger = ledger
+        self._context = context
+        self._lower_bound = lower_bound
+        self._solve = solve
+        self._workers = workers
+        self._observer = observer
+        self._incumbent: Row | None = next(iter(ledger.best_designs(context, 0, 1)), None)
+        self._scores: dict[str, list[Scored]] = {}
+        for scored in ledger.scores(context):
+            self._add(scored)
+
+    def follow(self, strategy: Strategy, until: float = math.inf) -> bool:
+        """Carry out what a strategy proposes, and return whether it came to its end.
+
+        Args:
+            strategy: is replayed as far as the ledger knows the results.
+            until: time.monotonic() at which to stop.
+        """
+        try:
+            proposed = next(strategy)
+            while (scores := self._scores_of(proposed, until)) is not None:
+                proposed = strategy.send(scores)
+        except StopIteration:
+            return True
+        strategy.close()
+        return False
+
+    def _scores_of(self, proposed: Round, until: float) -> list[Scored] | None:
+        """Return the results of a round, in its order; None if the time was over before."""
+        drawn: list[Proposal] = []
+        announced = 0
+
+        def jobs() -> Iterator[Job]:
+            nonlocal announced
+            for proposal in proposed:
+                if proposal.starts != announced:
+                    announced = proposal.starts
+                    self._observer.size(self._context.task.n, len(proposed), announced)
+                drawn.append(proposal)
+                if self._answer(proposal) is None:
+                    yield self._job(proposal)
+                else:
+                    self._observer.settled(self._incumbent)
+
+        for job, outcome in solved(jobs(), solve=self._solve, workers=self._workers, until=until):
+            row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
+            self._add(score(row, self._context.task))
+            self._incumbent = _better(self._incumbent, row)
+            self._observer.settled(self._incumbent)
+        answers = [self._answer(proposal) for proposal in drawn]
+        known = [answer for answer in answers if answer is not None]
+        return known if len(known) == len(proposed) else None
+
+    def _job(self, proposal: Proposal) -> Job:
+        """Return what is left to solve of a proposal."""
+        candidate = proposal.candidate
+        before = self._scores.get(candidate.key)
+        first = before[-1].starts if before else 0
+        near = self._ledger.result(self._context, proposal.near) if proposal.near and first == 0 else None
+        return Job(
+            self._context.task,
+            candidate.topology,
+            candidate.orbit,
+            range(first, proposal.starts),
+            self._context.seed,
+            (near,) if isinstance(near, Design) else (),
+        )
+
+    def _add(self, scored: Scored) -> None:
+        self._scores.setdefault(scored.key, []).append(scored)
+
+    def _answer(self, proposal: Proposal) -> Scored | None:
+        """Return what is known of a candidate after as many starts as proposed, or the next known number."""
+        known = self._scores.get(proposal.candidate.key, [])
+        place = bisect_left(known, proposal.starts, key=lambda scored: scored.starts)
+        return known[place] if place < len(known) else None
+
+
+def _better(incumbent: Row | None, row: Row) -> Row | None:
+    """Return the better of two rows, the first in a tie; one without a design is none."""
+    if row.objective is None:
+        return incumbent
+    if incumbent is None or incumbent.objective is None:
+        return row
+    return min(incumbent, row, key=lambda row: (row.objective, row.key))
