@@ -122,8 +122,8 @@ def _gaps(point: Point) -> Iterator[tuple[str, float]]:
         for a, b, length in zip(i.tolist(), j.tolist(), np.linalg.norm(p[i] - p[j], axis=1), strict=True):
             if (a, b) not in bolted:
                 yield names.separation(a, b), length - distance
-    if task.end_effector.exclusion:
-        gaps = np.linalg.norm(p - point.p_E, axis=1) - task.module.connector_distance
+    if task.exclusion_radius is not None:
+        gaps = np.linalg.norm(p - point.p_E, axis=1) - task.exclusion_radius
         yield from ((names.exclusion(a), gap) for a, gap in enumerate(gaps))
 
     offset = point.p_E - point.p_COM
@@ -156,7 +156,8 @@ def _bounds(point: Point) -> Iterator[Violation]:
     task = point.task
     u_max = task.module.max_input(task.gravity)
     for k, u in enumerate(point.u):
-        for name, excess in ((names.largest_input(k), np.max(u) - u_max), (names.smallest_input(k), -np.min(u))):
+        beyond = (names.largest_input(k), np.max(u) - task.max_input), (names.smallest_input(k), -np.min(u))
+        for name, excess in beyond:
             yield Violation(name, float(excess), "rad^2/s^2", float(excess) / u_max)
     right = math.pi / 2
     angles = [(names.hinge_angle(i), alpha, right) for i, alpha in enumerate(point.alpha.tolist(), start=1)]

@@ -20,7 +20,7 @@ def finish(point: Point) -> Point:
     Every load case's inputs are moved by the least-norm correction over the rotors that are not at a bound, then
     brought inside their bounds: the balance that Ipopt meets to its tolerance is then met to rounding.
     """
-    u_max = point.task.module.max_input(point.task.gravity)
+    u_max = point.task.max_input
     A, b = wrench_matrix(point), asked_wrenches(point)
     K, width = len(b), A.shape[1]
     u = np.clip(point.u.reshape(K, width), 0.0, u_max)

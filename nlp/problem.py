@@ -17,14 +17,16 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
       = \tau_E + p'_E \times f_E + \tau_C + p_{COM} \times f_C               \quad \forall k         & (3) \\
     & \tilde\phi_{ij}(\beta) \ge 0                                           \quad \forall i < j     & (4) \\
     & \|p_i - p_j\| \ge d                          \quad \forall i < j \text{ not bolted together}   & (5) \\
-    & \|p_i - p'_E\| \ge l_c                                                 \quad \forall i         & (6) \\
+    & \|p_i - p'_E\| \ge d_E                                                 \quad \forall i         & (6) \\
     & \tilde\phi_{i,\mathrm{sph}}(\beta),\ \tilde\phi_{i,\mathrm{cap}}(\beta) \ge 0,
       \text{ hulls and the cone}                                                   \quad \forall i         & (7) \\
-    & 0 \le u_k \le u_{max}, \quad -\pi/2 \le \alpha \le \pi/2                                       & (8)
+    & 0 \le u_k \le \rho u_{max}, \quad -\pi/2 \le \alpha \le \pi/2                                       & (8)
 
 (3) is the paper's torque balance about the origin of W instead of the COM: the same constraint, since it differs
 from it by p_COM x (2), and much sparser. (5) is this project's body clearance; in the paper's ablation it holds for
-all pairs, with the separation as d, in place of (4). Every clearance of (4) to (7) keeps the margin.
+all pairs, with the separation as d, in place of (4). d_E is the paper's l_c, or the task's stand-off where that is
+larger; rho is the share of u_max that the task allows, in the paper 1. Every clearance of (4) to (7) keeps the
+margin.
 """
 
 from __future__ import annotations
@@ -142,7 +144,7 @@ def variable_bounds(task: ResolvedTask, topology: Topology) -> tuple[list[float]
     free, right = (-math.inf, math.inf), (-math.pi / 2, math.pi / 2)
     bounds = [free, free, free] if task.search.root == "free" else [(0.0, 0.0), right, right]
     bounds += [right] * (n - 1) + [free] * (3 if task.end_effector.fixed_position is None else 0)
-    bounds += [(0.0, task.module.max_thrust_to_weight)] * (4 * n * K)
+    bounds += [(0.0, task.max_thrust_to_weight)] * (4 * n * K)
     lower, upper = (list(side) for side in zip(*bounds, strict=True))
     return lower, upper
 
@@ -173,9 +175,9 @@ def _clearances(
         for i, j in separated:
             gap = distance_gap(modules[i].p - modules[j].p, distance / unit.length)
             yield names.separation(i, j), gap
-    if task.end_effector.exclusion:  # (6)
+    if task.exclusion_radius is not None:  # (6)
         for i, pose in enumerate(modules):
-            gap = distance_gap(pose.p - p_E, task.module.connector_distance / unit.length)
+            gap = distance_gap(pose.p - p_E, task.exclusion_radius / unit.length)
             yield names.exclusion(i), gap
     for number, requirement in enumerate(task.exposure):  # (7)
         for i, envelope in enumerate(envelopes):

@@ -28,7 +28,7 @@ PLACED_FROM = 8
 CONE_SPREAD = 0.3
 """Scatter of the end-effector's direction about the axis of an allowed cone."""
 LEAST_INPUT, LARGEST_INPUT = 0.05, 0.95
-"""Range of the inputs of a start [u_max]: inside their bounds, as an interior-point method wants them."""
+"""Range of the inputs of a start, over their bound: strictly inside, as an interior-point method wants them."""
 
 
 def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> np.random.Generator:
@@ -64,6 +64,7 @@ def _end_effector(
 ) -> Array:
     """Return p'_E: anywhere around the platform; upstream of the rotors if the target must not be blown at."""
     direction, distance = rng.normal(size=3), rng.uniform(1.0, 10.0) * task.module.arm_length
+    distance += task.end_effector.stand_off
     if task.end_effector.fixed_position is not None:
         return fixed_end_effector(task, topology, root, alpha)
     upstream = _unit(_mean_force(task))
@@ -83,7 +84,7 @@ def _end_effector(
 
 def _with_inputs(point: Point) -> Point:
     """Return the point with the least-norm inputs of every load case, brought inside their bounds."""
-    u_max = point.task.module.max_input(point.task.gravity)
+    u_max = point.task.max_input
     u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=1e-6)[0].T
     u = np.clip(u, LEAST_INPUT * u_max, LARGEST_INPUT * u_max).reshape(point.u.shape)
     return Point(point.task, point.topology, point.root, point.alpha, point.p_E, u)

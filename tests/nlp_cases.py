@@ -59,6 +59,9 @@ FEATURES: dict[str, Table] = {
     "no body clearance": {"search": {"body_clearance": False}},
     "ablation": {"search": {"interference": "separation"}},
     "no exclusion": {"end_effector": {"exclusion": False}},
+    "stand-off": {"end_effector": {"stand_off": 0.4}},
+    "stand-off in place of exclusion": {"end_effector": {"exclusion": False, "stand_off": 0.1}},
+    "peak input": {"search": {"peak_input": 0.9}},
     "end-effector at the COM": {
         "end_effector": {"position": "com", "exclusion": False},
         "load_cases": GENTLE_PUSH,
@@ -113,7 +116,7 @@ def random_point(task: ResolvedTask, topology: Topology, rng: np.random.Generato
     p_E = rng.normal(size=3) * 5 * task.module.arm_length
     if task.end_effector.fixed_position is not None:
         p_E = fixed_end_effector(task, topology, root, alpha)
-    u = rng.uniform(0.0, task.module.max_input(task.gravity), (K, n, 4))
+    u = rng.uniform(0.0, task.max_input, (K, n, 4))
     return Point(task, topology, root, alpha, p_E, u)
 
 

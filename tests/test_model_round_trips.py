@@ -84,6 +84,7 @@ search = st.one_of(
         connectors=st.sampled_from(["aligned", "any"]),
         margin=st.floats(0, 1),
         body_clearance=positive | st.just(False),
+        peak_input=st.floats(1e-3, 1),
     ),
     st.fixed_dictionaries({"interference": st.just("separation")}, optional={"separation": positive}),
 )
@@ -104,7 +105,10 @@ tasks = st.one_of(
             "gravity": positive,
             "module": module,
             "end_effector": optional(
-                mass=st.floats(0, 10), position=st.just("free") | offset, exclusion=st.booleans()
+                mass=st.floats(0, 10),
+                position=st.just("free") | offset,
+                exclusion=st.booleans(),
+                stand_off=st.floats(0, 10),
             ),
             "exposure": st.lists(exposure, max_size=3),
             "search": search,

@@ -38,7 +38,7 @@ def test_the_python_code_runs_and_says_what_it_should(tmp_path):
 
 def test_overrides_are_those_of_a_task():
     found = re.findall(r"`--set '?([^'`]+)'?`", TEXT)
-    assert len(found) == 4
+    assert len(found) == 6
     for setting in found:
         assert to_toml(read_task("push", (setting,))) != to_toml(read_task("push"))
 

@@ -511,3 +511,23 @@ def test_the_objective_weighs_its_cases():
     one = fan()
     assert objective(given) == pytest.approx(4 * one.objective)
     assert FAN.n == one.topology.n
+
+
+def test_a_stand_off_is_the_distance_of_the_exclusion():
+    """p_E is 0.3 m from the only module."""
+    for asked, spare, verdict in ((0.1, 0.15, "clear"), (0.25, 0.05, "clear"), (0.3001, -0.0001, "violated")):
+        result = audit(design(ONE, {"end_effector": {"stand_off": asked}}, hinges=(), end_effector=BELOW))
+        (exclusion,) = (pair for pair in result.pairs if pair.kind == "exclusion")
+        assert exclusion.analytic_m == pytest.approx(spare, abs=1e-12)
+        assert (exclusion.status, result.verdict) == (verdict, verdict)
+
+
+def test_rotor_inputs_are_held_against_the_share_that_the_task_allows():
+    """Hovering needs m_t / m of 1 / 2.5 of u_max, 0.48."""
+    for share, missed in ((0.49, 0.0), (0.48, 0.0), (0.47, 0.01)):
+        given = design(ONE, {"search": {"peak_input": share}}, hinges=(), end_effector=BELOW)
+        result = audit(given)
+        (row,) = (row for row in result.residuals if row.name == "load case 0, largest rotor input")
+        assert row.scaled == pytest.approx(missed, abs=1e-9)
+        assert row.derived == pytest.approx(share * given.task.module.max_input(9.81), rel=1e-12)
+        assert (row.status == "violated") == (missed > 0)

@@ -2,7 +2,7 @@
 
 Lengths are in l_arm and positions relative to the mean of the module centres, so that scenes are centred and
 tolerances mean the same on every scale. A least distance d of two points is the requirement that balls of radius
-d / 2 around them keep apart; so is the end-effector's, p_E against a ball of radius l_c.
+d / 2 around them keep apart; so is the end-effector's from every module's centre.
 """
 
 from __future__ import annotations
@@ -110,8 +110,9 @@ class Scene:
         return _unit(self.offset) if np.abs(self.offset).max() > 1e-12 else None
 
     def _exclusion(self) -> Iterator[Requirement]:
-        if self.design.task.end_effector.exclusion:
-            r = self.design.task.module.connector_distance / self.l_arm / 2
+        distance = self.design.task.exclusion_radius
+        if distance is not None:
+            r = distance / self.l_arm / 2
             tip = Solid(ball(self.p_E, r))
             for a, centre in enumerate(self.centres):
                 yield Requirement("exclusion", a, -1, Solid(ball(centre, r)), tip)

@@ -69,16 +69,16 @@ def _wrenches(design: Design, platform: Platform) -> Iterator[Residual]:
 
 
 def _inputs(design: Design) -> Iterator[Residual]:
-    u_max = design.task.module.max_input(design.task.gravity)
+    u_max, limit = design.task.module.max_input(design.task.gravity), design.task.max_input
     for k, u in enumerate(design.inputs):
         most, least = float(u.max()), float(u.min())
         yield _row(
             f"load case {k}, largest rotor input",
-            max(0.0, most - u_max),
+            max(0.0, most - limit),
             "rad^2/s^2",
             u_max,
             stated=most,
-            derived=u_max,
+            derived=limit,
         )
         yield _row(f"load case {k}, smallest rotor input", max(0.0, -least), "rad^2/s^2", u_max, stated=least)
 

@@ -220,9 +220,9 @@ def _terms(task: ResolvedTask, topology: Topology, pairs: Indices, beta: float) 
     if distance is not None:
         i, j = np.array(separated, dtype=np.intp).reshape(-1, 2).T
         terms.append(Term(distance_formula(distance / unit.length), Differences.of((i, j))))
-    if task.end_effector.exclusion:
-        l_c = task.module.connector_distance / unit.length
-        terms.append(Term(distance_formula(l_c), Differences.of((everyone, carried.tip))))
+    if task.exclusion_radius is not None:
+        d_E = task.exclusion_radius / unit.length
+        terms.append(Term(distance_formula(d_E), Differences.of((everyone, carried.tip))))
     for requirement in task.exposure:
         seen = [(everyone, carried.tip), (axis(everyone), nothing)]
         vectors = Differences.of(*seen, *([offset] if needs_offset(requirement) else []))

@@ -24,8 +24,8 @@ def lower_bound(task: ResolvedTask) -> float:
     """Return a bound that no design of the task's size undercuts [rad^4/s^4].
 
     It is the larger of the closed form, which needs no sign of a thrust, and of a dual value, which knows that
-    rotors only pull, and no more than u_max. Torques and all geometry but that of axes are left out: a design that
-    produces its forces to within the audit's tolerances may be under the bound by as much.
+    rotors only pull, and no more than rho u_max. Torques and all geometry but that of axes are left out: a design
+    that produces its forces to within the audit's tolerances may be under the bound by as much.
     """
     return max(closed_form(task), _dual_bound(task))
 
@@ -49,9 +49,9 @@ def _dual_bound(task: ResolvedTask) -> float:
     """Return the best dual value found, as a bound on J [rad^4/s^4].
 
     Four rotors share a thrust of s m g at best equally, ||u_ik||^2 >= 4 (s_ik u_hover)^2, and s_ik <= T because
-    none of them exceeds u_max; `nlp.bounds.duality` bounds the sum of the squares.
+    none of them exceeds rho u_max; `nlp.bounds.duality` bounds the sum of the squares.
     """
-    unit, T = Units.of(task), task.module.max_thrust_to_weight
+    unit, T = Units.of(task), task.max_thrust_to_weight
     f, weights = total_forces(task) / (task.n * unit.force), _weights(task)
     size, mean_weight = float(np.linalg.norm(f, axis=1).max()), float(weights.mean())
     if size == 0:

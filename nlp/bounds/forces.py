@@ -8,7 +8,7 @@ What is asked counts as produced to within the audit's tolerance.
 | F_k | total force of load case k; the rows of F | (3,) | N |
 | nu_k | a direction for load case k, at most 1 long | (3,) | |
 | z_i | thrust axis of module i | (3,) | |
-| T | largest thrust of a module, over m g | | |
+| T | largest thrust that the task allows a module, over m g | | |
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SOFTENED = 0.01
 
 
 def one_force(task: ResolvedTask) -> Shortfall | None:
-    """All rotors together pull with 4 n k_f u_max at most, whatever the angles."""
+    """All rotors together pull with 4 n k_f rho u_max at most, whatever the angles."""
     asked = np.linalg.norm(total_forces(task), axis=1)
     k, most = int(np.argmax(asked)), largest_thrust(task)
     if asked[k] - TOLERANCE * task.force_unit(task.n) <= most:
@@ -75,7 +75,7 @@ def all_forces(task: ResolvedTask) -> Shortfall | None:
     Module i gives sum_k s_ik nu_k . z_i, no more than its largest thrust times the greatest sum_k max(nu_k . z, 0)
     over all unit z, whatever the nu_k; the load cases ask for sum_k nu_k . F_k.
     """
-    F, T = total_forces(task), task.module.max_thrust_to_weight
+    F, T = total_forces(task), task.max_thrust_to_weight
     if len(F) == 1:
         return None
     f = F / (task.n * Units.of(task).force)

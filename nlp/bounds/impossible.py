@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from nlp.bounds.forces import all_forces, axes, one_force
 from nlp.bounds.paths import crowded_path
+from nlp.bounds.shortfall import Shortfall
+from nlp.bounds.stand_off import stand_off
 from nlp.bounds.torques import torque_reach
 from topo_search.model import Infeasible, ResolvedTask, Topology
 
@@ -19,11 +21,9 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    for_all = one_force(task) or axes(task) or all_forces(task) or torque_reach(task) or crowded_path(task)
-    shortfall, concerned = for_all, None
+    shortfall, concerned = one_force(task) or axes(task) or all_forces(task) or _shape(task), None
     if shortfall is None and topology is not None:
-        shortfall = axes(task, topology) or torque_reach(task, topology) or crowded_path(task, topology)
-        concerned = topology
+        shortfall, concerned = axes(task, topology) or _shape(task, topology), topology
     if shortfall is None:
         return None
     return Infeasible(
@@ -35,3 +35,8 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
         unit=shortfall.unit,
         message=shortfall.message,
     )
+
+
+def _shape(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
+    """Return what the shape of one tree rules out at any hinge angles; without one, that of every tree."""
+    return torque_reach(task, topology) or crowded_path(task, topology) or stand_off(task, topology)

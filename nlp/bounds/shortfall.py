@@ -22,8 +22,8 @@ class Shortfall:
 
 
 def largest_thrust(task: ResolvedTask) -> float:
-    """Return what all rotors at their limit pull with, 4 n k_f u_max [N]."""
-    return 4 * task.n * task.module.thrust_coefficient * task.module.max_input(task.gravity)
+    """Return what all rotors at their limit pull with, 4 n k_f rho u_max [N]."""
+    return 4 * task.n * task.module.thrust_coefficient * task.max_input
 
 
 def modules(task: ResolvedTask) -> str:

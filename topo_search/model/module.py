@@ -93,7 +93,7 @@ class Module(Value):
     arm_length: Positive = 0.10
     """l_arm: module centre to rotor [m]."""
     connector_distance: Positive = 0.15
-    """l_c: module centre to connector, also the end-effector's exclusion radius [m]."""
+    """l_c: module centre to connector, also the least radius of the end-effector's exclusion [m]."""
     thrust_coefficient: Positive = 3.87e-7
     """k_f [N s^2]."""
     torque_coefficient: Positive = 1.06e-8

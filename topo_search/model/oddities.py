@@ -4,7 +4,7 @@
 |---|---|---|
 | F_z, m_t g | upward force of a load case; weight of the platform | N |
 | k_tau / k_f | drag torque of a rotor over its thrust | m |
-| u_max | largest squared rotor speed | rad^2/s^2 |
+| u_max | largest squared rotor speed of a module | rad^2/s^2 |
 """
 
 from __future__ import annotations
@@ -96,7 +96,10 @@ def _module(module: Module, u_max: float) -> Iterator[Oddity]:
 
 def _lengths(task: Task) -> Iterator[Oddity]:
     """Yield lengths at the target that look as if they were in millimetres."""
-    lengths = [("end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,))))]
+    lengths = [
+        ("end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,)))),
+        ("end_effector.stand_off", task.end_effector.stand_off),
+    ]
     for e, asked in enumerate(task.exposure):
         if isinstance(asked, Local | Directional):
             lengths.append((f"exposure[{e}].radius", asked.radius or 0.0))
@@ -116,7 +119,7 @@ def _thrust(task: Task, n: int) -> Iterator[Oddity]:
     most, weight = largest_thrust(task, n), task.force_unit(n)
     if most < weight:
         yield Oddity(
-            "module.max_thrust_to_weight",
+            "module.max_thrust_to_weight" if task.search.peak_input == 1 else "search.peak_input",
             f"all rotors together pull with {most:.4g} N at most, but {_platform(n)} weigh {weight:.4g} N",
         )
 
@@ -151,6 +154,13 @@ def _load_cases(task: Task, n: int) -> Iterator[Oddity]:
 
 
 def _search(task: Task) -> Iterator[Oddity]:
+    position, stand_off = task.end_effector.fixed_position, task.end_effector.stand_off
+    if position is not None and math.hypot(*position) < stand_off:
+        yield Oddity(
+            "end_effector.stand_off",
+            f"{stand_off:g} m is more than the {math.hypot(*position):.4g} m from the centre of mass to "
+            "`end_effector.position`: the modules would have to surround the end-effector",
+        )
     margin = task.search.margin
     if margin == 0:
         yield Oddity("search.margin", "with 0, clearances that touch can be too close for the audit to call clear")
@@ -170,8 +180,8 @@ def _platform(n: int) -> str:
 
 
 def largest_thrust(task: Task, n: int) -> float:
-    """Return what all rotors of n modules together pull with, if all point the same way [N]."""
-    return 4 * n * task.module.thrust_coefficient * task.module.max_input(task.gravity)
+    """Return what all rotors of n modules together may pull with, if all point the same way [N]."""
+    return 4 * n * task.module.thrust_coefficient * task.max_input
 
 
 def _falls(case: LoadCase, weight: float) -> bool:

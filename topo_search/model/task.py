@@ -77,6 +77,8 @@ class EndEffector(Value):
     """`free`: optimised; `com`: at the centre of mass; [x, y, z]: fixed, from the COM [m]."""
     exclusion: Flag = True
     """Whether p_E stays at least connector_distance away from every module's centre."""
+    stand_off: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0.0)] = 0.0
+    """Least distance of p_E from every module's centre, where it is more than the exclusion's [m]."""
     rod_radius: Positive = 0.005
     """Of the rod that carries it [m]."""
     rod_linear_density: NonNegative = 0.045
@@ -117,6 +119,8 @@ class Search(Value):
     """`separation`: the paper's ablation, a minimum distance in place of envelope clearance."""
     separation: Positive | None = None
     """Minimum distance of module centres in the ablation [m]; default: 2 arm_length."""
+    peak_input: Annotated[Positive, Field(le=1, exclude_if=lambda given: given == 1.0)] = 1.0
+    """Share of its largest squared speed that a rotor may use."""
     body_clearance: BodyClearance | None = None
     """Least distance of centres not bolted together [m]; default: 2 (arm_length + rotor_radius); or false."""
 
@@ -204,6 +208,22 @@ class Task(Value):
     def torque_unit(self, n: int) -> float:
         """l_arm m_t g of a platform of n modules [N m]."""
         return self.module.arm_length * self.force_unit(n)
+
+    @property
+    def max_thrust_to_weight(self) -> float:
+        """Largest thrust that a design may ask of a module, over the module's weight."""
+        return self.search.peak_input * self.module.max_thrust_to_weight
+
+    @property
+    def max_input(self) -> float:
+        """Largest squared rotor speed of a design, peak_input u_max [rad^2/s^2]."""
+        return self.search.peak_input * self.module.max_input(self.gravity)
+
+    @property
+    def exclusion_radius(self) -> float | None:
+        """d_E: least distance of p_E from every module's centre [m]; None when it is not asked for."""
+        l_c = self.module.connector_distance if self.end_effector.exclusion else 0.0
+        return max(l_c, self.end_effector.stand_off) or None
 
     @property
     def separation(self) -> float:

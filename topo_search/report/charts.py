@@ -144,7 +144,9 @@ def rotor_inputs(design: Design) -> go.Figure:
                 hovertemplate="%{text}, %{y:.3f} u_max<extra></extra>",
             )
         )
-    for bound, name in ((0.0, "least input"), (1.0, "largest input, u_max")):
+    share = design.task.search.peak_input
+    largest = "largest input, u_max" if share == 1 else f"largest input, {share:g} u_max"
+    for bound, name in ((0.0, "least input"), (share, largest)):
         figure.add_hline(
             bound,
             line={"color": "#000000", "width": 1.5, "dash": "dash"},

@@ -23,7 +23,7 @@ class Facts:
 def facts(task: ResolvedTask) -> tuple[Facts, ...]:
     """Return everything that a task asks for but its load cases."""
     n, module = task.n, task.module
-    envelope, u_max = module.envelope, module.max_input(task.gravity)
+    envelope, u_max, apart = module.envelope, module.max_input(task.gravity), task.exclusion_radius
     hover = module.hover_input(task.gravity)
     exposure = tuple((f"requirement {e}", requirement(asked)) for e, asked in enumerate(task.exposure))
     return (
@@ -65,7 +65,7 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                 ("position p_E from the centre of mass", _position(task)),
                 (
                     "distance from module centres",
-                    f"at least {figures(module.connector_distance)} m" if task.end_effector.exclusion else "any",
+                    "any" if apart is None else f"at least {figures(apart)} m",
                 ),
                 ("radius of its rod", length(task.end_effector.rod_radius)),
             ),
@@ -142,6 +142,7 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         ),
         ("connectors", "aligned" if search.connectors == "aligned" else "any port to any port"),
         ("margin of every clearance", length(search.margin)),
+        *([] if search.peak_input == 1 else [("rotor inputs", f"at most {figures(search.peak_input)} u_max")]),
         ("interference", apart),
         (
             "centres of modules not bolted together",

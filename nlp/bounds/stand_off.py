@@ -1,0 +1,51 @@
+"""End-effectors whose fixed place is too near to the platform, whatever its shape.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| q | end-effector position from the centroid of the modules' centres, (m_t / n m) p_E | (3,) | m |
+| d_ij | joints between the modules i and j | | |
+
+The least squared distance of p_E from a centre is at most their mean, |q|^2 + (1 / n^2) sum_{i<j} |p_i - p_j|^2,
+and two centres are at most 2 l_c d_ij apart.
+"""
+
+from __future__ import annotations
+
+import math
+
+import networkx as nx
+
+from nlp.bounds.shortfall import Shortfall, modules
+from topo_search.model import ResolvedTask, Topology
+
+ROUNDING = 1e-9
+"""Share of a length by which it must be missed."""
+
+
+def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
+    """Some module is nearer to a fixed end-effector than its stand-off, in every shape of the platform.
+
+    Of all trees a straight chain has the largest sum of squared distances, sum_{i<j} d_ij^2 = n^2 (n^2 - 1) / 12.
+    """
+    n, position, asked = task.n, task.end_effector.fixed_position, task.end_effector.stand_off
+    if position is None:
+        return None
+    squares = n**2 * (n**2 - 1) / 12 if topology is None else _squared_distances(topology)
+    q = task.total_mass(n) / (n * task.module.mass) * math.hypot(*position)
+    farthest = math.hypot(q, 2 * task.module.connector_distance / n * math.sqrt(squares))
+    if asked <= farthest * (1 + ROUNDING):
+        return None
+    return Shortfall(
+        "end-effector exclusion",
+        asked - farthest,
+        "m",
+        f"end_effector.stand_off asks {modules(task)} for {asked:g} m between every centre and an end-effector "
+        f"that is fixed {math.hypot(*position):.4g} m from the centre of mass: in any shape, one is within "
+        f"{farthest:.4g} m of it",
+    )
+
+
+def _squared_distances(topology: Topology) -> int:
+    """Return sum_{i<j} d_ij^2."""
+    lengths: dict[int, dict[int, int]] = dict(nx.all_pairs_shortest_path_length(topology.graph()))
+    return sum(d**2 for of_one in lengths.values() for d in of_one.values()) // 2
