@@ -24,14 +24,19 @@ SWEEPS = 3
 """How often every hinge is turned back towards zero, once no envelopes overlap."""
 
 
-def place(task: ResolvedTask, topology: Topology, alpha: Array, rng: np.random.Generator) -> Array:
-    """Return hinge angles, found from alpha, without overlaps; those with the fewest if there are none."""
+def place(
+    task: ResolvedTask, topology: Topology, alpha: Array, rng: np.random.Generator, *, leeway: bool = True
+) -> Array:
+    """Return hinge angles, found from alpha, without overlaps; those with the fewest if there are none.
+
+    Without leeway pairs may be as close as they like, and angles at which none overlap are returned as they are.
+    """
     order = _preorder(topology)
     l_c = task.module.connector_distance / task.module.arm_length
-    tree, rules = _tree(topology, order), _rules(task)
+    tree, rules = _tree(topology, order), _rules(task, CLEAR if leeway else 0.0)
     found = np.concatenate([[0.0], alpha])[order]
     at = _platform(topology, alpha, l_c, order)
-    if turn_free(tree, at, found, rules, TURNS * topology.n, rng) == 0.0:
+    if turn_free(tree, at, found, rules, TURNS * topology.n, rng) == 0.0 and leeway:
         straighten(tree, at, found, rules._replace(enough=ENOUGH), SWEEPS, rng)
         turn_free(tree, at, found, rules, TURNS * topology.n, rng)  # if room for some cost others all theirs
     placed = np.empty(topology.n)
@@ -73,13 +78,13 @@ def _platform(topology: Topology, alpha: Array, l_c: float, order: list[int]) ->
     return Platform(p[order], R[order, :, 2], c[order], omega[order])
 
 
-def _rules(task: ResolvedTask) -> Rules:
-    """Return what must be clear of what [l_arm]."""
+def _rules(task: ResolvedTask, enough: float) -> Rules:
+    """Return what must be clear of what, and by how much [l_arm]."""
     unit, air = task.module.arm_length, task.module.envelope
     airflow = task.search.interference == "airflow"
     apart = task.body_clearance if airflow else task.separation
     return Rules(
-        enough=CLEAR,
+        enough=enough,
         airflow=airflow,
         length=air.length / unit,
         start_radius=air.start_radius / unit,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 
 import numpy as np
@@ -13,6 +14,7 @@ from nlp.bounds import lower_bound, prove_impossible
 from nlp.evaluate import Violation, violations, worst
 from nlp.finish import finish
 from nlp.ipopt import Answer
+from nlp.neighbour import carried_over
 from nlp.point import Point
 from nlp.program import Program, program
 from nlp.starts import draw, generator
@@ -39,7 +41,9 @@ class _Trial:
         return not met, self.objective if met else self.worst.rank, self.start
 
 
-def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -> Design | Infeasible:
+def solve(
+    task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design] = ()
+) -> Design | Infeasible:
     """Return the best design of a topology over some starts, or the start that came closest to one.
 
     The program is built once. Starts are independent: the best of range(0, 8) and of range(8, 16) is the result
@@ -48,21 +52,26 @@ def solve(task: ResolvedTask, topology: Topology, *, starts: range, seed: int) -
     Args:
         task: the task, resolved for `topology.n` modules.
         topology: the tree of modules.
-        starts: indices of the starts to try; at least one.
+        starts: indices of the starts to try; at least one, unless there is a design to carry over.
         seed: draws the starts, together with the task, the topology and the index.
+        near: designs of other topologies, or of this one for another task, each carried over as one more start
+            before the others. They count as the starts -1, -2, ...
 
     Raises:
         ValueError: no starts, or a task of another size.
     """
     if task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    if not starts:
+    if not starts and not near:
         raise ValueError(f"`starts` must have at least one index, but got {starts}")
     if proof := prove_impossible(task, topology):
         return proof
     began = time.perf_counter()
     ready = program(task, topology)
-    trials = [_trial(ready, draw(task, topology, generator(task, topology, s, seed)), s) for s in starts]
+    draws: list[tuple[int, Callable[..., Point]]]
+    draws = [(-1 - k, partial(carried_over, donor=donor)) for k, donor in enumerate(near)]
+    draws += [(s, draw) for s in starts]
+    trials = [_trial(ready, start(task, topology, rng=generator(task, topology, s, seed)), s) for s, start in draws]
     best = min(trials, key=lambda trial: trial.rank)
     record = SolverRecord(
         status=best.answer.status,

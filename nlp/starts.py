@@ -40,8 +40,7 @@ def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> 
 def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
     """Return a random start."""
     n, l_c = topology.n, task.module.connector_distance
-    ports = [a for _, _, a, _ in topology.edges()]
-    alpha = SPLAY[ports] * rng.uniform(0.0, LARGEST_SPLAY, n - 1)
+    alpha = splayed(topology, rng)
     if n >= PLACED_FROM:
         from nlp.placing import place  # compiled code, which small platforms need not load
 
@@ -51,12 +50,22 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
     R_root = _towards(R[:, :, 2].sum(axis=0), _mean_force(task))
     if task.search.root == "free":
         R_root = rotation(_unit(_mean_force(task)), rng.uniform(-np.pi, np.pi)) @ R_root
-    root = root_angles(R_root)
-    if task.search.root == "paper":
-        root = np.array([0.0, *np.clip(root[1:], -np.pi / 2, np.pi / 2)])
-
+    root = root_of(task, R_root)
     p_E = _end_effector(task, topology, root, alpha, rng)
-    return _with_inputs(Point(task, topology, root, alpha, p_E, np.empty((len(task.load_cases), n, 4))))
+    return with_inputs(Point(task, topology, root, alpha, p_E, np.empty((len(task.load_cases), n, 4))))
+
+
+def splayed(topology: Topology, rng: np.random.Generator) -> Array:
+    """Return random hinge angles at which airflows of neighbours lean away from each other, shape (n-1,)."""
+    ports = [a for _, _, a, _ in topology.edges()]
+    alpha: Array = SPLAY[ports] * rng.uniform(0.0, LARGEST_SPLAY, topology.n - 1)
+    return alpha
+
+
+def root_of(task: ResolvedTask, R: Array) -> Array:
+    """Return the root angles of an orientation, brought inside their bounds if they have any."""
+    root = root_angles(R)
+    return root if task.search.root == "free" else np.array([0.0, *np.clip(root[1:], -np.pi / 2, np.pi / 2)])
 
 
 def _end_effector(
@@ -82,7 +91,7 @@ def _end_effector(
     return result
 
 
-def _with_inputs(point: Point) -> Point:
+def with_inputs(point: Point) -> Point:
     """Return the point with the least-norm inputs of every load case, brought inside their bounds."""
     u_max = point.task.max_input
     u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=1e-6)[0].T

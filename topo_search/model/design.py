@@ -58,8 +58,8 @@ class SolverRecord(Value):
     seconds: Number
     """Wall-clock time over all starts [s]."""
     seed: int
-    start: Index
-    """Index of the best start."""
+    start: int
+    """Index of the best start; -1, -2, ... for the first, second, ... design that was carried over."""
     starts: Index
     """Number of starts tried."""
     starts_feasible: Index
