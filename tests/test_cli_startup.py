@@ -40,7 +40,19 @@ def test_what_is_not_needed_is_not_loaded(statement, names):
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["run"], ["solve"], ["audit"], ["topologies"], ["report"], ["examples"], ["init"], ["check"]]
+    "command",
+    [
+        [],
+        ["run"],
+        ["solve"],
+        ["audit"],
+        ["topologies"],
+        ["report"],
+        ["experiment"],
+        ["examples"],
+        ["init"],
+        ["check"],
+    ],
 )
 def test_help_loads_nothing_heavy_and_has_an_example(command):
     statement = (

@@ -7,6 +7,7 @@ import click
 from topo_search.cli.audit import audit
 from topo_search.cli.check import check
 from topo_search.cli.examples import examples
+from topo_search.cli.experiment import experiment
 from topo_search.cli.export import export
 from topo_search.cli.init import init
 from topo_search.cli.report import report
@@ -24,5 +25,5 @@ def main() -> None:
     """Find the best topology of a modular aerial manipulator for a task, and audit it exactly."""
 
 
-for command in (run, solve, audit, topologies, export, report, examples, init, check):
+for command in (run, solve, audit, topologies, export, report, experiment, examples, init, check):
     main.add_command(command)

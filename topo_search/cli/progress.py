@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Self
 
@@ -24,28 +24,49 @@ from topo_search.study import Observer, Row
 
 EVERY = 10.0
 """Least time between two plain lines [s]."""
+Words = Callable[[Row | None], str]
+"""What to say of the best design so far."""
+
+
+def describe(incumbent: Row | None) -> str:
+    """Return the best design so far in a few words."""
+    if incumbent is None:
+        return "no design yet"
+    gap = "" if incumbent.gap is None else f", gap {100 * incumbent.gap:.1f} %"
+    return f"best {incumbent.key} J {incumbent.objective:.6g}{gap}"
+
+
+def _nothing(incumbent: Row | None) -> str:
+    """Say nothing: the designs are not of one task."""
+    return ""
 
 
 @contextmanager
-def shown_progress() -> Iterator[Observer]:
-    """Show the progress of a run on stderr while the block runs."""
+def shown_progress(*, incumbent: bool = True) -> Iterator[Observer]:
+    """Show the progress of a run on stderr while the block runs.
+
+    Args:
+        incumbent: whether there is a best design to speak of.
+    """
+    words = describe if incumbent else _nothing
     if sys.stderr.isatty():
-        with Bar.shown(Console(stderr=True)) as bar:
+        with Bar.shown(Console(stderr=True), words) as bar:
             yield bar
     else:
-        yield Lines()
+        yield Lines(words)
 
 
 class Bar:
     """A progress bar for each size and round of starts, with the incumbent, its gap and the time left."""
 
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self, progress: Progress, words: Words = describe) -> None:
         self._progress = progress
+        self._words = words
         self._task = progress.add_task("", visible=False, incumbent="")
 
     @classmethod
     @contextmanager
-    def shown(cls, console: Console) -> Iterator[Self]:
+    def shown(cls, console: Console, words: Words = describe) -> Iterator[Self]:
         """Show bars on a terminal while the block runs."""
         columns = (
             TextColumn("{task.description}"),
@@ -56,7 +77,7 @@ class Bar:
             TimeRemainingColumn(),
         )
         with Progress(*columns, console=console) as progress:
-            yield cls(progress)
+            yield cls(progress, words)
 
     def size(self, n: int, candidates: int, starts: int) -> None:
         """Begin a bar."""
@@ -66,7 +87,7 @@ class Bar:
 
     def settled(self, incumbent: Row | None) -> None:
         """Move the bar on."""
-        self._progress.update(self._task, advance=1, incumbent=describe(incumbent))
+        self._progress.update(self._task, advance=1, incumbent=self._words(incumbent))
 
     def note(self, text: str) -> None:
         """Print a line above the bar."""
@@ -76,7 +97,8 @@ class Bar:
 class Lines:
     """Plain lines, a few a minute."""
 
-    def __init__(self) -> None:
+    def __init__(self, words: Words = describe) -> None:
+        self._words = words
         self._done = self._candidates = 0
         self._began = self._last = time.monotonic()
         self._size = ""
@@ -95,19 +117,10 @@ class Lines:
             return
         self._last = now
         left = (now - self._began) / self._done * (self._candidates - self._done)
-        click.echo(
-            f"{self._size}: {self._done} of {self._candidates}, {describe(incumbent)}, about {left:.0f} s left",
-            err=True,
-        )
+        best = self._words(incumbent)
+        told = [f"{self._done} of {self._candidates}", *([best] if best else []), f"about {left:.0f} s left"]
+        click.echo(f"{self._size}: {', '.join(told)}", err=True)
 
     def note(self, text: str) -> None:
         """Print a line."""
         click.echo(text, err=True)
-
-
-def describe(incumbent: Row | None) -> str:
-    """Return the best design so far in a few words."""
-    if incumbent is None:
-        return "no design yet"
-    gap = "" if incumbent.gap is None else f", gap {100 * incumbent.gap:.1f} %"
-    return f"best {incumbent.key} J {incumbent.objective:.6g}{gap}"

@@ -1,0 +1,158 @@
+"""`topo-search experiment`: the studies of the paper, and ours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from topo_search.cli import options
+from topo_search.cli.errors import explained, needs_extras
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NAMES = ("scaling", "ablation")
+WIDTH = 200
+"""Columns of a printed table before it is folded."""
+
+
+def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
+    """Return what reads `A,B,...` as numbers of a kind."""
+
+    def read(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[Any, ...] | None:
+        if value is None:
+            return None
+        try:
+            return tuple(kind(part) for part in value.split(","))
+        except ValueError:
+            raise click.BadParameter(
+                f"must be numbers with commas in between, but got {value!r}", context, parameter
+            ) from None
+
+    return read
+
+
+@click.command(epilog="Example: topo-search experiment ablation --sizes 10,20 --topologies 5 --out ablation")
+@click.argument("name", type=click.Choice(NAMES))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="The experiment's folder.")
+@click.option("--small", is_flag=True, help="A setting that is done in seconds, to see how it goes.")
+@click.option(
+    "--task",
+    "tasks",
+    multiple=True,
+    metavar="TASK:N,...",
+    help="A shipped example and its numbers of modules (repeatable; default: those of the experiment).",
+)
+@click.option("--sizes", callback=_numbers(int), metavar="N,...", help="Numbers of modules of all tasks.")
+@click.option(
+    "--topologies",
+    callback=_numbers(int),
+    metavar="M[,M]",
+    help="Trees of each size, up to 40 modules and above (default: those of the experiment).",
+)
+@click.option(
+    "--distances", callback=_numbers(float), metavar="D,...", help="Connector distances in m (default: the task's)."
+)
+@options.starts
+@options.seed
+@options.workers
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    help="CPU time of a topology after which no further start is begun (default: 600).",
+)
+@click.option(
+    "--picture",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Draw the results as a .png or .svg; needs the extra `viz`.",
+)
+@options.as_json
+def experiment(
+    name: str,
+    out: Path,
+    small: bool,
+    tasks: tuple[str, ...],
+    sizes: tuple[int, ...] | None,
+    topologies: tuple[int, ...] | None,
+    distances: tuple[float, ...] | None,
+    starts: int | None,
+    seed: int,
+    workers: int | None,
+    time_limit: float | None,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
+    """Repeat a study of the paper, or one of ours, and keep its rows in a folder.
+
+    \b
+    scaling    time, memory and success against the number of modules
+    ablation   how airflow overlaps when only a minimum distance keeps modules apart
+
+    Without options it has the size of the paper's, which takes hours. Typing the same command again goes on where
+    it was stopped.
+
+    Exit status: 0 done; 2 bad input.
+    """  # noqa: D301 (\b is click's)
+    with explained(resumes=True):
+        from topo_search.cli.progress import shown_progress
+        from topo_search.experiments import Settings, conduct
+        from topo_search.experiments import experiment as found
+
+        asked = found(name)
+        settings = asked.small if small else asked.full
+        named = tuple(Settings.task_of(text) for text in tasks) or settings.tasks
+        if sizes is not None:
+            named = tuple((task, sizes) for task, _ in named)
+        if topologies is not None and len(topologies) > 2:
+            raise click.BadParameter(
+                f"must be one or two numbers, but got {len(topologies)}", param_hint="--topologies"
+            )
+        settings = settings.changed(
+            tasks=named,
+            topologies=None if topologies is None else (topologies[0], topologies[-1]),
+            starts=starts,
+            distances=distances,
+            seed=seed,
+            time_limit=time_limit,
+        )
+        _check_picture(picture)
+        with shown_progress(incumbent=False) as observer:
+            rows = conduct(asked, settings, out, workers=workers, observer=observer)
+        if picture is not None:
+            with needs_extras("--picture"):
+                from topo_search.export.figure_file import save
+
+                save(asked.figure(rows), picture)
+        _print(out, asked.summary(rows), asked.findings(rows), picture, as_json=as_json)
+
+
+def _print(out: Path, summary: pd.DataFrame, findings: list[str], picture: Path | None, *, as_json: bool) -> None:
+    """Print what came of an experiment."""
+    if as_json:
+        table = summary.astype(object).where(summary.notna(), None).to_dict(orient="records")
+        options.echo_json({"folder": str(out), "summary": table, "findings": findings})
+        return
+    click.echo(summary.to_string(index=False, line_width=WIDTH, float_format=lambda value: f"{value:.4g}"))
+    for sentence in findings:
+        click.echo(sentence)
+    click.echo(f"all rows are in {out / 'results.csv'}")
+    if picture is not None:
+        click.echo(f"the picture is in {picture}")
+
+
+def _check_picture(picture: Path | None) -> None:
+    """Refuse a picture that could not be drawn, before any work is done for it."""
+    from topo_search.model import BadInput, Fault
+
+    if picture is None:
+        return
+    if picture.suffix.lower() not in (".png", ".svg"):
+        raise BadInput("--picture", [Fault("", f"must end in .png or .svg, but got {picture.name}")])
+    options.require_writable(picture, "--picture")
+    with needs_extras("--picture"):
+        import matplotlib  # noqa: F401 (pandas and numpy are always there, it is not)

@@ -1,0 +1,122 @@
+"""What becomes of the airflow when nothing keeps the envelopes apart (paper, Sec. IV, its ablation).
+
+The airflow constraints are replaced by a minimum distance of module centres, `search.interference = "separation"`;
+the exact audit then says how severely envelopes overlap. A depth is in percent of the deepest overlap that two
+envelopes can have, twice the radius of their far end. A depth near 100 % means that the far ends of two axes meet:
+axes that cross elsewhere overlap by as much as their radii there, 48 % at the modules themselves.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from topo_search.experiments.cell import Cell, Variant, plan
+from topo_search.experiments.conducting import Experiment
+from topo_search.experiments.settings import Settings
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+SIZES = tuple(range(10, 101, 10))
+REACHED = 95.0
+"""Percent of the deepest overlap from which it counts as reached."""
+ABOUT_HALF = (0.4, 0.6)
+"""Shares of the modules that count as about half."""
+
+
+def cells(settings: Settings) -> list[Cell]:
+    """Return the plan."""
+    return plan(settings, (Variant("separation", ('search.interference="separation"',)),), first=True)
+
+
+def summary(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return one row a distance, task and size: the paper's three metrics over all designs."""
+    import pandas as pd
+
+    group = ["distance_m", "task", "n"]
+    every, designs = rows.groupby(group), _designs(rows).groupby(group)
+    return pd.DataFrame(
+        {
+            "trees": every.size(),
+            "designs": designs.size(),
+            "share_colliding": designs["colliding_pairs"].agg(lambda pairs: (pairs > 0).mean()),
+            "deepest_median_percent": designs["deepest_percent"].median(),
+            "share_deepest_reached": designs["deepest_percent"].agg(lambda depth: (depth >= REACHED).mean()),
+            "pair_depth_median_percent": designs["median_percent"].median(),
+            "cluster_median": designs["largest_cluster"].median(),
+            "cluster_share_median": designs["cluster_share"].median(),
+            "pairs_low_quartile": designs["colliding_pairs"].quantile(0.25),
+            "pairs_median": designs["colliding_pairs"].median(),
+            "pairs_high_quartile": designs["colliding_pairs"].quantile(0.75),
+        }
+    ).reset_index()
+
+
+def findings(rows: pd.DataFrame) -> list[str]:
+    """Return whether the paper's three findings hold."""
+    designs = _designs(rows)
+    if designs.empty:
+        return ["No topology has a design."]
+    deepest, (low, high) = designs["deepest_percent"], ABOUT_HALF
+    share = designs["cluster_share"]
+    told = [
+        f"{(designs['colliding_pairs'] > 0).mean():.0%} of {len(designs)} designs have overlapping airflow.",
+        f"The deepest overlap reaches {REACHED:.0f} % of the deepest possible in {(deepest >= REACHED).mean():.0%} "
+        f"of the designs; its median is {deepest.median():.0f} %, its least {deepest.min():.0f} %.",
+        f"The largest cluster holds {share.median():.0%} of the modules in the median; it is about half "
+        f"({low:.0%} to {high:.0%}) of them in {share.between(low, high).mean():.0%} of the designs, "
+        f"more in {(share > high).mean():.0%}.",
+    ]
+    pairs = designs.groupby("n")["colliding_pairs"].median()
+    if len(pairs) > 1:
+        rising = "with every step in" if pairs.is_monotonic_increasing else "not with every step in"
+        told.append(
+            f"The median number of colliding pairs goes from {pairs.iloc[0]:.0f} with {pairs.index[0]} modules to "
+            f"{pairs.iloc[-1]:.0f} with {pairs.index[-1]}, growing {rising} size."
+        )
+    return told
+
+
+def figure(rows: pd.DataFrame) -> Figure:
+    """Return the paper's plot: the distributions of the three metrics over the sizes."""
+    from matplotlib.figure import Figure
+
+    from topo_search.experiments.distributions import draw
+
+    designs = _designs(rows)
+    named = designs.groupby(["task", "distance_m"], sort=False)
+    series = [(f"{task}, {distance:.2f} m", of) for (task, distance), of in named]
+    sizes = sorted(rows["n"].unique())
+    drawn = Figure(figsize=(13.0, 4.2), layout="constrained")
+    deepest, cluster, pairs = drawn.subplots(1, 3)
+    draw(deepest, series, "deepest_percent", sizes)
+    deepest.set(title="Deepest overlap", ylabel="depth [% of the deepest possible]", ylim=(0, 105))
+    draw(cluster, series, "largest_cluster", sizes)
+    cluster.plot(range(len(sizes)), [n / 2 for n in sizes], "k--", linewidth=1, label="$n/2$")
+    cluster.set(title="Largest cluster of overlapping envelopes", ylabel="modules")
+    draw(pairs, series, "colliding_pairs", sizes)
+    pairs.set(title="Overlapping pairs of envelopes", ylabel="pairs")
+    cluster.legend(fontsize=8)
+    drawn.suptitle(
+        "Airflow constraints replaced by a minimum distance: boxes are quartiles, whiskers the whole range"
+    )
+    return drawn
+
+
+def _designs(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows with a design, with the share of modules in the largest cluster."""
+    designs = rows[rows["status"] == "feasible"]
+    return designs.assign(cluster_share=designs["largest_cluster"].astype("float64") / designs["n"])
+
+
+EXPERIMENT = Experiment(
+    name="ablation",
+    question="How severely does airflow interfere when only a minimum distance keeps modules apart?",
+    full=Settings(tasks=(("ten-wrenches", SIZES),), topologies=(50, 10), starts=5),
+    small=Settings(tasks=(("ten-wrenches", (3, 5)),), topologies=(3, 3), starts=2),
+    cells=cells,
+    summary=summary,
+    findings=findings,
+    figure=figure,
+)

@@ -1,0 +1,95 @@
+"""What an experiment varies, and how much of it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+from topo_search.model import BadInput, Fault
+from topo_search.model.bad_input import nearest
+from topo_search.model.files import examples
+
+FEW_ABOVE = 40
+"""Modules above which the paper's scaling study, run again, makes do with fewer topologies a size."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The conditions of an experiment, and its random numbers."""
+
+    tasks: tuple[tuple[str, tuple[int, ...]], ...]
+    """Shipped examples, each with the numbers of modules that do it."""
+    topologies: tuple[int, int]
+    """Trees a size, up to FEW_ABOVE modules and above; where there are no more than that, all of them."""
+    starts: int
+    """Starts of each topology, at most."""
+    distances: tuple[float, ...] = ()
+    """Connector distances [m]; none: every task's own."""
+    seed: int = 0
+    """Draws topologies, wrenches and starts."""
+    time_limit: float = 600.0
+    """CPU seconds of a cell after which no further start is begun."""
+
+    def __post_init__(self) -> None:
+        known = examples()
+        faults = [
+            Fault("--task", f"must name a shipped example, but got {name}; {nearest(name, known)}")
+            for name, _ in self.tasks
+            if name not in known
+        ]
+        numbers = {
+            "sizes": [n for _, sizes in self.tasks for n in sizes],
+            "topologies": self.topologies,
+            "starts": [self.starts],
+            "distances": self.distances,
+            "time-limit": [self.time_limit],
+        }
+        faults += [
+            Fault(f"--{option}", f"must be positive, but got {value:g}")
+            for option, values in numbers.items()
+            for value in values
+            if not value > 0
+        ]
+        if faults:
+            raise BadInput("experiment", faults)
+
+    def trees(self, n: int) -> int:
+        """Return the most trees of n modules."""
+        few, fewer = self.topologies
+        return few if n <= FEW_ABOVE else fewer
+
+    def as_json(self) -> dict[str, Any]:
+        """Return them as a JSON value."""
+        return {
+            **asdict(self),
+            "tasks": {name: list(sizes) for name, sizes in self.tasks},
+            "topologies": list(self.topologies),
+            "distances": list(self.distances),
+        }
+
+    def as_options(self) -> str:
+        """Return the options of the command line that ask for them."""
+        options = [f"--task {name}:{listed(sizes)}" for name, sizes in self.tasks]
+        options += [f"--topologies {listed(self.topologies)}", f"--starts {self.starts}"]
+        if self.distances:
+            options.append(f"--distances {listed(self.distances)}")
+        return " ".join([*options, f"--seed {self.seed}", f"--time-limit {self.time_limit:g}"])
+
+    @classmethod
+    def task_of(cls, text: str) -> tuple[str, tuple[int, ...]]:
+        """Read TASK:SIZES, as in `ten-wrenches:10,20`."""
+        match = re.fullmatch(r"([^:]+):(\d+(?:,\d+)*)", text)
+        if match is None:
+            raise BadInput("experiment", [Fault("--task", f"must be TASK:N,N,..., but got {text}")])
+        return match[1], tuple(int(n) for n in match[2].split(","))
+
+    def changed(self, **given: Any) -> Self:
+        """Return these settings with those that are given and not None."""
+        kept = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return type(self)(**{**kept, **{name: value for name, value in given.items() if value is not None}})
+
+
+def listed(values: tuple[float, ...]) -> str:
+    """Return numbers as the command line takes them."""
+    return ",".join(f"{value:g}" for value in values)
