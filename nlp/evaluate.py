@@ -115,7 +115,7 @@ def _gaps(point: Point) -> Iterator[tuple[str, float]]:
     if task.search.interference == "airflow":
         one, other = (Swept(p[side], d[side], air.start_radius, air.growth) for side in (i, j))
         yield from zip(map(names.airflow, i, j), clearance(one, other), strict=True)
-        distance, bolted = task.body_clearance, point.topology.bolted
+        distance, bolted = task.centre_distance, point.topology.bolted
     else:
         distance, bolted = task.separation, frozenset()
     if distance is not None:
@@ -160,7 +160,8 @@ def _bounds(point: Point) -> Iterator[Violation]:
         for name, excess in beyond:
             yield Violation(name, float(excess), "rad^2/s^2", float(excess) / u_max)
     right = math.pi / 2
-    angles = [(names.hinge_angle(i), alpha, right) for i, alpha in enumerate(point.alpha.tolist(), start=1)]
+    alpha_max = task.largest_hinge_angle()
+    angles = [(names.hinge_angle(i), alpha, alpha_max) for i, alpha in enumerate(point.alpha.tolist(), start=1)]
     if task.search.root == "paper":
         limits = zip(("psi", "alpha_0", "alpha_1"), point.root.tolist(), (0.0, right, right), strict=True)
         angles += [(names.root_angle(name), angle, limit) for name, angle, limit in limits]

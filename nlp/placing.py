@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from nlp.geometry import PORTS, poses
+from nlp.problem import hinge_limit
 from nlp.turning import Platform, Rules, Tree, straighten, turn_free
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -82,7 +83,7 @@ def _rules(task: ResolvedTask, enough: float) -> Rules:
     """Return what must be clear of what, and by how much [l_arm]."""
     unit, air = task.module.arm_length, task.module.envelope
     airflow = task.search.interference == "airflow"
-    apart = task.body_clearance if airflow else task.separation
+    apart = task.centre_distance if airflow else task.separation
     return Rules(
         enough=enough,
         airflow=airflow,
@@ -90,4 +91,5 @@ def _rules(task: ResolvedTask, enough: float) -> Rules:
         start_radius=air.start_radius / unit,
         growth=air.growth / unit,
         apart=-math.inf if apart is None else apart / unit,
+        turn=hinge_limit(task),
     )

@@ -20,10 +20,12 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
     & \|p_i - p'_E\| \ge d_E                                                 \quad \forall i         & (6) \\
     & \tilde\phi_{i,\mathrm{sph}}(\beta),\ \tilde\phi_{i,\mathrm{cap}}(\beta) \ge 0,
       \text{ hulls and the cone}                                                   \quad \forall i         & (7) \\
-    & 0 \le u_k \le \rho u_{max}, \quad -\pi/2 \le \alpha \le \pi/2                                       & (8)
+    & 0 \le u_k \le \rho u_{max}, \quad -\alpha_{max} \le \alpha \le \alpha_{max}                      & (8)
 
 (3) is the paper's torque balance about the origin of W instead of the COM: the same constraint, since it differs
-from it by p_COM x (2), and much sparser. (5) is this project's body clearance; in the paper's ablation it holds for
+from it by p_COM x (2), and much sparser. (5) is this project's body clearance, with d so large that no rigid parts
+can touch; with it alpha_max is pi/2 or, if less, where a rotor could touch the module that its own is bolted to
+(`topo_search.model.room`). Without it alpha_max is pi/2: the paper's problem. In the paper's ablation (5) holds for
 all pairs, with the separation as d, in place of (4). d_E is the paper's l_c, or the task's stand-off where that is
 larger; rho is the share of u_max that the task allows, in the paper 1. Every clearance of (4) to (7) keeps the
 margin.
@@ -141,12 +143,17 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
 def variable_bounds(task: ResolvedTask, topology: Topology) -> tuple[list[float], list[float]]:
     """Return (8): lower and upper bounds on the variables, in the order of `Variables.vector()`."""
     n, K = topology.n, len(task.load_cases)
-    free, right = (-math.inf, math.inf), (-math.pi / 2, math.pi / 2)
+    free, right, alpha_max = (-math.inf, math.inf), (-math.pi / 2, math.pi / 2), hinge_limit(task)
     bounds = [free, free, free] if task.search.root == "free" else [(0.0, 0.0), right, right]
-    bounds += [right] * (n - 1) + [free] * (3 if task.end_effector.fixed_position is None else 0)
+    bounds += [(-alpha_max, alpha_max)] * (n - 1) + [free] * (3 if task.end_effector.fixed_position is None else 0)
     bounds += [(0.0, task.max_thrust_to_weight)] * (4 * n * K)
     lower, upper = (list(side) for side in zip(*bounds, strict=True))
     return lower, upper
+
+
+def hinge_limit(task: ResolvedTask) -> float:
+    """Return alpha_max [rad]; zero where there is no room for any angle, which the check of the answer finds."""
+    return max(0.0, task.largest_hinge_angle(task.search.margin))
 
 
 def _clearances(
@@ -168,7 +175,7 @@ def _clearances(
     if task.search.interference == "airflow":  # (4)
         for i, j in pairs:
             yield names.airflow(i, j), clearance(envelopes[i], envelopes[j], beta)
-        distance, separated = task.body_clearance, [pair for pair in pairs if pair not in topology.bolted]
+        distance, separated = task.centre_distance, [pair for pair in pairs if pair not in topology.bolted]
     else:
         distance, separated = task.separation, pairs
     if distance is not None:  # (5)

@@ -16,6 +16,7 @@ import numpy as np
 from nlp.evaluate import asked_wrenches, wrench_matrix
 from nlp.geometry import poses, root_angles, root_rotation, rotation
 from nlp.point import Point, fixed_end_effector
+from nlp.problem import hinge_limit
 from topo_search.model import Exterior, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
@@ -40,7 +41,7 @@ def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> 
 def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
     """Return a random start."""
     n, l_c = topology.n, task.module.connector_distance
-    alpha = splayed(topology, rng)
+    alpha = splayed(task, topology, rng)
     if n >= PLACED_FROM:
         from nlp.placing import place  # compiled code, which small platforms need not load
 
@@ -55,10 +56,10 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
     return with_inputs(Point(task, topology, root, alpha, p_E, np.empty((len(task.load_cases), n, 4))))
 
 
-def splayed(topology: Topology, rng: np.random.Generator) -> Array:
+def splayed(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
     """Return random hinge angles at which airflows of neighbours lean away from each other, shape (n-1,)."""
     ports = [a for _, _, a, _ in topology.edges()]
-    alpha: Array = SPLAY[ports] * rng.uniform(0.0, LARGEST_SPLAY, topology.n - 1)
+    alpha: Array = SPLAY[ports] * rng.uniform(0.0, min(LARGEST_SPLAY, hinge_limit(task)), topology.n - 1)
     return alpha
 
 

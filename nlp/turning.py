@@ -48,8 +48,6 @@ GRUDGE = 0.1
 """What a pair's shortfall counts more for every turn that it lasts."""
 MEMORY = (3, 10)
 """Turns for which a hinge rests."""
-RIGHT = math.pi / 2
-"""Largest hinge angle [rad]."""
 FLAT = 1e-9
 """Share of its largest value under which the determinant of a clearance's quadratic counts as zero."""
 
@@ -73,7 +71,7 @@ class Platform(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """What must be clear of what [l_arm]."""
+    """What must be clear of what [l_arm], and how far a hinge turns."""
 
     enough: float
     """Clearance to reach."""
@@ -84,6 +82,8 @@ class Rules(NamedTuple):
     growth: float
     apart: float
     """Least distance of centres, with airflow only of modules that do not share a joint; -inf if there is none."""
+    turn: float
+    """Largest hinge angle [rad]."""
 
 
 @njit(cache=True)
@@ -210,8 +210,8 @@ def _best_turn(
     p, z = np.empty_like(at.p), np.empty_like(at.z)
     least, best = to_beat, alpha
     for trial in range(ANGLES):
-        angle = rng.uniform(-RIGHT, RIGHT) if 2 * trial < ANGLES else rng.normal(alpha, SPREAD)
-        angle = min(max(angle, -RIGHT), RIGHT)
+        angle = rng.uniform(-rules.turn, rules.turn) if 2 * trial < ANGLES else rng.normal(alpha, SPREAD)
+        angle = min(max(angle, -rules.turn), rules.turn)
         change = STRAIGHT * abs(angle) - before
         if change >= least:
             continue

@@ -97,6 +97,8 @@ def test_a_task_in_which_nothing_hovers() -> None:
         ({"load_cases": [{"com": {}}, HOVER]}, "load_cases[0]", "asks for no force and no torque"),
         ({"load_cases": [HOVER, PUSH_WHILE_HOVERING, HOVER]}, "load_cases[2]", "is the same as load_cases[0]"),
         ({"load_cases": [HOVER, {**PUSH_WHILE_HOVERING, "weight": 1e4}]}, "load_cases", "by a factor of 1e+04"),
+        ({"module": {"arm_length": 0.135}}, "module.body", "hinges turn by 47.5 deg at most"),
+        ({"module": {"body": {"hub": [0.37, 0.37, 0.04]}}}, "module.body", "at no hinge angle is it sure"),
         ({"search": {"margin": 0.0}}, "search.margin", "too close for the audit"),
         ({"search": {"margin": 0.1}}, "search.margin", "0.1 m beyond every clearance"),
     ],

@@ -1,5 +1,6 @@
 """What is said when there is no design: the reason in the user's words, with its amount and unit."""
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -260,13 +261,17 @@ def test_five_modules_around_a_square_are_in_their_own_way():
     assert -0.03 < least < -0.013  # 13.3 mm, by a longer search
 
 
+SMALL_ROTORS = {"body": {"rotor_radius": 0.02}}
+"""They end inside connectors of 0.091 m and more."""
+
+
 @pytest.mark.parametrize("l_c", [0.11, 0.13, 0.15])
 def test_a_tree_with_angles_that_clear_it_is_not_proven_to_be_in_its_way(l_c):
     """Random trees at random splayed angles; the clear ones are a counter-example to any proof."""
     rng, clear = np.random.default_rng(0), 0
     for _ in range(300):
         n = int(rng.integers(2, 6))
-        task, tree = hover(n, module={"connector_distance": l_c}), random_tree(n, rng)
+        task, tree = hover(n, module={"connector_distance": l_c, **SMALL_ROTORS}), random_tree(n, rng)
         ports = [a for _, _, a, _ in tree.edges()]
         if min(gaps_of(task, tree, SPLAY[ports] * rng.uniform(0.0, np.pi / 2, n - 1))) >= 0:
             clear += 1
@@ -284,6 +289,26 @@ def test_connectors_long_enough_make_every_tree_possible_again():
     ]
     assert refused[0] > refused[1] == 2
     assert refused[2] == 0
+
+
+@pytest.mark.parametrize("over", [-1e-4, 1e-4])
+def test_rotors_that_reach_beyond_the_connectors_are_impossible_with_body_clearance(over):
+    """At no angle does a design of two such modules pass its audit; without body clearance it does."""
+    module = {"connector_distance": 0.1 / math.sqrt(2) + 0.05 - over}
+    proof = prove_impossible(hover(2, module=module))
+    assert (proof is not None) == (over > 0)
+    literal = hover(2, module=module, search={"body_clearance": False})
+    assert prove_impossible(literal) is None
+    if proof is not None:
+        assert (proof.status, proof.unit) == ("impossible", "m")
+        assert proof.violation == pytest.approx(over, rel=1e-6)
+        assert "overlap at any hinge angle: they reach 0.1207 m towards a connector, beyond" in proof.message
+        assert prove_impossible(hover(1, module=module), Topology.from_key("a0")) is None
+    for angle in (0.0, 0.5, -1.0, math.pi / 2):
+        point = random_point(hover(2, module=module), PAIR, np.random.default_rng(0))
+        design = as_design(Point(point.task, PAIR, point.root, np.array([angle]), point.p_E, point.u))
+        (parts,) = [pair for pair in audit(design).pairs if pair.kind == "body"]
+        assert (parts.analytic_m < 0) == (over > 0 or angle != 0)
 
 
 def turning(torque, **fields):
@@ -316,7 +341,7 @@ def test_an_end_effector_too_far_from_the_centre_is_impossible():
 @pytest.mark.parametrize("shorter", [False, True])
 def test_connectors_too_short_for_the_airflow_are_impossible(shorter):
     """Centres that are bolted are 2 l_c apart at most: under 2 r_air the envelopes overlap where they begin."""
-    task = push(5, module={"connector_distance": 0.0985 if shorter else 0.102})
+    task = push(5, module={"connector_distance": 0.0985 if shorter else 0.102, **SMALL_ROTORS})
     result = prove_impossible(task)
     assert (result is not None) == shorter
     air, alpha = task.module.envelope, np.linspace(-np.pi / 2, np.pi / 2, 2001)

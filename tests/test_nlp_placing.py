@@ -1,5 +1,6 @@
 """Geometry first: hinges are placed where no envelopes overlap."""
 
+import math
 import subprocess
 import sys
 
@@ -10,6 +11,7 @@ from nlp_cases import push, random_tree
 from nlp.geometry import Swept, poses
 from nlp.geometry import clearance as vectorised
 from nlp.placing import CLEAR, place
+from nlp.starts import draw, generator
 from nlp.turning import Rules, clearance
 from topo_search.model import Topology
 from topo_search.topologies import sample
@@ -63,11 +65,27 @@ def test_body_clearance_is_kept_between_modules_that_are_not_bolted():
     topology = sample(8, 1, seed=1)[0]
     alpha = place(task, topology, np.zeros(7), np.random.default_rng(0))
     _, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
-    assert task.body_clearance is not None
+    assert task.centre_distance is not None
     for i in range(8):
         for j in range(i):
             if (j, i) not in topology.bolted:
-                assert np.linalg.norm(p[i] - p[j]) >= task.body_clearance
+                assert np.linalg.norm(p[i] - p[j]) >= task.centre_distance
+
+
+def test_no_hinge_is_turned_to_where_rotors_touch():
+    """Rotors as high as these meet at 52 degrees; there some hinge of this tree ends, which would turn farther."""
+    task = push(10, module={"body": {"rotor_height": 0.12}})
+    limit = task.largest_hinge_angle(1e-4)
+    assert limit == pytest.approx(math.pi - 2 * math.atan2(0.0601, 0.15 - 0.1 / math.sqrt(2) - 0.0501))
+    alpha = place(task, sample(10, 1, seed=1)[0], np.zeros(9), np.random.default_rng(0))
+    assert np.abs(alpha).max() == limit
+
+
+def test_no_start_has_rotors_that_touch():
+    task, topology = push(5, module={"body": {"rotor_radius": 0.076}}), Topology.from_key("a11210")
+    starts = [draw(task, topology, generator(task, topology, start, 0)) for start in range(10)]
+    turned = max(np.abs(start.alpha).max() for start in starts)
+    assert 0.9 * task.largest_hinge_angle(1e-4) < turned <= task.largest_hinge_angle(1e-4)
 
 
 def test_in_the_ablation_only_centres_count():
@@ -98,7 +116,7 @@ def test_the_compiled_clearance_is_the_vectorised_one(axes, growth):
     w, z_i, z_j = 5.0 * rng.normal(size=(500, 3)), random_axes(500, rng), random_axes(500, rng)
     if axes != "any":
         z_j = z_i if axes == "parallel" else -z_i
-    rules = Rules(enough=1e3, airflow=True, length=12.0, start_radius=1.0, growth=growth, apart=-np.inf)
+    rules = Rules(enough=1e3, airflow=True, length=12.0, start_radius=1.0, growth=growth, apart=-np.inf, turn=1.0)
     one, other = Swept(w, -12.0 * z_i, 1.0, growth), Swept(np.zeros(3), -12.0 * z_j, 1.0, growth)
     compiled = [clearance(rules, tuple(w[k].tolist()), z_i[k], z_j[k]) for k in range(500)]
     np.testing.assert_allclose(compiled, vectorised(one, other), atol=1e-9)

@@ -131,6 +131,10 @@ def test_scaling_all_lengths_changes_nothing(scale):
         module[name] *= scale
     for name in ("start_radius", "reach"):
         module["airflow"][name] *= scale
+    body = module["body"]
+    for name in ("rotor_radius", "rotor_height", "arm_width"):
+        body[name] *= scale
+    body["hub"] = [scale * x for x in body["hub"]]
     for name in ("margin", "separation", "body_clearance"):
         search[name] *= scale
     for case in data["load_cases"]:

@@ -214,7 +214,7 @@ def _terms(task: ResolvedTask, topology: Topology, pairs: Indices, beta: float) 
         if len(pairs):
             vectors = Differences.of((i, j), (axis(i), nothing), (axis(j), nothing))
             terms.append(Term(airflow_formula(length, r_air, dr_air, beta), vectors))
-        distance, separated = task.body_clearance, [pair for pair in all_pairs if pair not in bolted]
+        distance, separated = task.centre_distance, [pair for pair in all_pairs if pair not in bolted]
     else:
         distance, separated = task.separation, all_pairs
     if distance is not None:

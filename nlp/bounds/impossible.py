@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from nlp.bounds.forces import all_forces, axes, one_force
 from nlp.bounds.paths import crowded_path
+from nlp.bounds.rotors import rotors_overlap
 from nlp.bounds.shortfall import Shortfall
 from nlp.bounds.stand_off import stand_off
 from nlp.bounds.torques import torque_reach
@@ -21,7 +22,8 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    shortfall, concerned = one_force(task) or axes(task) or all_forces(task) or _shape(task), None
+    forces = one_force(task) or axes(task) or all_forces(task)
+    shortfall, concerned = forces or rotors_overlap(task) or _shape(task), None
     if shortfall is None and topology is not None:
         shortfall, concerned = axes(task, topology) or _shape(task, topology), topology
     if shortfall is None:

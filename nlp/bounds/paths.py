@@ -43,6 +43,7 @@ Turns = tuple[int, ...]
 def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
     """Some path of the tree is in its own way at any hinge angles; without a tree, two bolted modules are."""
     module, airflow = task.module, task.search.interference == "airflow"
+    # what is asked of a design, not the more that the search keeps: a proof is to hold for every design
     apart, l_c = task.body_clearance if airflow else task.separation, module.connector_distance
     paths = _paths(topology) if topology is not None else {()} if task.n > 1 else set()
     for turns in sorted(paths, key=lambda turns: (len(turns), turns)):

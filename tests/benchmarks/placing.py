@@ -28,9 +28,9 @@ def short(task: ResolvedTask, topology: Topology, alpha: Array) -> int:
     air, z = task.module.envelope, R[:, :, 2]
     one, other = (Swept(p[k], -air.length * z[k], air.start_radius, air.growth) for k in (i, j))
     near = np.zeros(len(i), dtype=bool)
-    if task.body_clearance is not None:
+    if task.centre_distance is not None:
         bolted = np.array([pair in topology.bolted for pair in zip(i.tolist(), j.tolist(), strict=True)])
-        near = ~bolted & (np.linalg.norm(p[i] - p[j], axis=1) < task.body_clearance)
+        near = ~bolted & (np.linalg.norm(p[i] - p[j], axis=1) < task.centre_distance)
     return int(np.sum(near | (clearance(one, other) < 0.0)))
 
 

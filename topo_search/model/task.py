@@ -20,6 +20,7 @@ from topo_search.model.bad_input import shown
 from topo_search.model.exposure import LEAST_OFFSET, Exposure, needs_offset
 from topo_search.model.load_case import LoadCase, ten_wrenches
 from topo_search.model.module import Module
+from topo_search.model.room import body_radius, largest_hinge_angle
 from topo_search.model.value import (
     Count,
     Flag,
@@ -237,6 +238,25 @@ class Task(Value):
         if given is False or self.search.interference == "separation":
             return None
         return given or 2 * (self.module.arm_length + self.module.body.rotor_radius)
+
+    @property
+    def centre_distance(self) -> float | None:
+        """Distance of module centres not bolted together that the search keeps [m]; None without body clearance.
+
+        `body_clearance`, or more if the balls around two modules' rigid parts need more: then no parts touch,
+        whichever way the modules are turned. That asks for 2 rho - body_clearance too much at most, 0.67 mm by
+        default. The audit asks for `body_clearance`, and measures the parts themselves.
+        """
+        asked = self.body_clearance
+        return None if asked is None else max(asked, 2 * body_radius(self.module))
+
+    def largest_hinge_angle(self, margin: float = 0.0) -> float:
+        """Return how far the search turns hinges: pi/2, or with body clearance less if rotors are in the way [rad].
+
+        Args:
+            margin: what rotors keep clear of the neighbour's parts by at least [m].
+        """
+        return math.pi / 2 if self.body_clearance is None else largest_hinge_angle(self.module, margin)
 
     def resolve(self, n: int) -> ResolvedTask:
         """Return the task for n modules with every default filled in and its load cases in N and N m."""

@@ -134,7 +134,11 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
     apart = "envelopes of airflow keep out of all modules' envelopes"
     if search.interference == "separation":
         apart = f"centres of modules at least {figures(task.separation)} m apart, in place of airflow (ablation)"
-    body = task.body_clearance
+    body, kept = task.body_clearance, task.centre_distance
+    centres = "any distance" if body is None else f"at least {figures(body)} m apart"
+    if body is not None and kept is not None and kept > body:
+        centres += f"; the search keeps {figures(kept)} m, at which no parts can touch"
+    turn = math.degrees(task.largest_hinge_angle(search.margin))
     return (
         (
             "root module",
@@ -144,10 +148,8 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         ("margin of every clearance", length(search.margin)),
         *([] if search.peak_input == 1 else [("rotor inputs", f"at most {figures(search.peak_input)} u_max")]),
         ("interference", apart),
-        (
-            "centres of modules not bolted together",
-            "any distance" if body is None else f"at least {figures(body)} m apart",
-        ),
+        ("centres of modules not bolted together", centres),
+        ("hinge angles", f"at most {figures(turn)}°" if turn > 0 else "none, lest rotors touch"),
     )
 
 

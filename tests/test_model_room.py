@@ -1,0 +1,134 @@
+"""The room that rigid parts need: what the search keeps, against the audit's exact parts."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from verify_cases import design
+
+from topo_search.model import Module, Status, Task, Topology
+from topo_search.model.room import body_radius, largest_hinge_angle
+from verify.compound_certificate import certify_compounds
+from verify.kinematics import platform
+from verify.parts import module_parts, rigid_parts
+
+HOVER = {"com": {"force": [0.0, 0.0, 1.0]}}
+
+
+def frame(rng, reach):
+    """A few convex pieces of a module's own, as far from the centre as `reach` at most [m]."""
+    pieces = []
+    for _ in range(3):
+        points = rng.normal(size=(12, 3))
+        points *= reach * rng.uniform(0.2, 1.0, 3) / np.abs(points).max(axis=0)
+        hull = trimesh.convex.convex_hull(points)
+        pieces.append({"vertices": hull.vertices.tolist(), "triangles": hull.faces.tolist()})
+    return {"frame": pieces, "inertia": [1e-3, 1e-3, 2e-3]}
+
+
+def random_body(rng, own_frame):
+    """Rotors that end inside the connectors of the default module, and frames that may reach beyond."""
+    body = {
+        "rotor_radius": rng.uniform(0.01, 0.0785),
+        "rotor_height": rng.uniform(0.002, 0.12),
+        "hub": [*rng.uniform(0.02, 0.4, 2).tolist(), rng.uniform(0.02, 0.2)],
+        "arm_width": rng.uniform(0.01, 0.06),
+    }
+    return body | frame(rng, rng.uniform(0.05, 0.2)) if own_frame else body
+
+
+def bolted(body, angle, a=0, b=2):
+    """The clearance of two bolted modules' parts, frames against frames left out."""
+    given = design(Topology(((-1, -1, -1), (0, a, b))), {"module": {"body": body}}, hinges=(angle,))
+    (found,) = certify_compounds([rigid_parts(given, platform(given)).modules], [True])
+    return found
+
+
+def test_the_default_module_needs_a_ball_of_its_farthest_rims_and_any_hinge_angle():
+    task = Task.model_validate({"name": "plain", "modules": 5, "load_cases": [HOVER]})
+    assert body_radius(task.module) == pytest.approx(math.hypot(0.15, 0.01), rel=1e-15)
+    assert task.centre_distance == pytest.approx(2 * math.hypot(0.15, 0.01), rel=1e-15)
+    assert task.largest_hinge_angle(1e-4) == math.pi / 2
+
+
+def test_what_a_user_asks_for_is_kept_where_it_is_more():
+    def asked(**search):
+        task = Task.model_validate({"name": "asked", "modules": 5, "load_cases": [HOVER], "search": search})
+        assert task.resolve(5).centre_distance == task.centre_distance
+        assert task.resolve(5).search.body_clearance == (task.body_clearance or False)
+        return task
+
+    assert asked(body_clearance=0.36).centre_distance == 0.36
+    assert asked(body_clearance=0.2).centre_distance == pytest.approx(0.3006659, rel=1e-6)
+    for literal in ({"body_clearance": False}, {"interference": "separation"}):
+        assert asked(**literal).centre_distance is None
+
+
+def test_without_body_clearance_hinges_turn_as_in_the_paper():
+    stated = {"name": "long", "modules": 5, "load_cases": [HOVER], "module": {"arm_length": 0.135}}
+    assert Task.model_validate(stated).largest_hinge_angle() < 0.9
+    literal = Task.model_validate({**stated, "search": {"body_clearance": False}})
+    assert literal.largest_hinge_angle() == math.pi / 2
+
+
+@pytest.mark.parametrize("own_frame", [False, True])
+def test_the_ball_is_the_least_one_around_the_parts_of_the_audit(own_frame):
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        module = Module.model_validate({"body": random_body(rng, own_frame)})
+        frame_parts, rotors = module_parts(module)
+        reach = max(part.reach for part in frame_parts + rotors)
+        assert body_radius(module) == pytest.approx(reach * module.arm_length, rel=1e-12)
+
+
+@pytest.mark.parametrize(("a", "b"), [(0, 2), (1, 3), (2, 0), (3, 1), (0, 1), (1, 1)])
+def test_rotors_touch_where_the_angle_ends(a, b):
+    """Long rotors alone: the bound is exact, on either side and at every port."""
+    rng = np.random.default_rng([a, b])
+    for _ in range(8):
+        body = {"rotor_radius": rng.uniform(0.07, 0.078), "rotor_height": rng.uniform(0.01, 0.1), "hub": [0.02] * 3}
+        module = Module.model_validate({"body": body})
+        limit = largest_hinge_angle(module)
+        beta = math.atan2(module.body.rotor_height / 2, 0.15 - 0.1 / math.sqrt(2) - module.body.rotor_radius)
+        assert limit == pytest.approx(min(math.pi / 2, math.pi - 2 * beta), rel=1e-12)
+        if limit == math.pi / 2:
+            continue
+        for side in (-1, 1):
+            assert abs(bolted(body, side * limit, a, b).analytic) < 1e-9
+            assert bolted(body, side * (limit - 1e-3), a, b).status == Status.CLEAR
+            assert bolted(body, side * (limit + 1e-3), a, b).status == Status.VIOLATED
+
+
+@pytest.mark.parametrize("own_frame", [False, True])
+def test_within_the_angle_no_rotor_touches_anything(own_frame):
+    rng, limited, near = np.random.default_rng(11), 0, 0
+    for _ in range(50):
+        body = random_body(rng, own_frame)
+        margin = rng.choice([0.0, 1e-4, 2e-3])
+        limit = largest_hinge_angle(Module.model_validate({"body": body}), margin)
+        if limit < 0:
+            continue
+        side = rng.choice([-1.0, 1.0])
+        angle = side * limit * rng.choice([1.0, rng.random()])
+        a, b = rng.integers(4, size=2).tolist()
+        assert bolted(body, angle, a, b).analytic * 0.1 >= margin - 1e-9
+        if limit < math.pi / 2:
+            limited += 1
+            near += bolted(body, side * (limit + 0.1), a, b).analytic * 0.1 < margin
+    assert limited > 8
+    assert near > limited / 3  # the bound is not far from where parts touch
+
+
+def test_a_frame_that_ends_at_its_connectors_does_not_hold_hinges_back():
+    """Struts as high as the rotors, to the connectors: rotors are nowhere as near to the hinge's axis."""
+    struts = [trimesh.creation.box([0.3, 0.02, 0.02]), trimesh.creation.box([0.02, 0.3, 0.02])]
+    pieces = [{"vertices": box.vertices.tolist(), "triangles": box.faces.tolist()} for box in struts]
+    body = {"frame": pieces, "inertia": [1e-3, 1e-3, 2e-3]}
+    assert largest_hinge_angle(Module.model_validate({"body": body}), 1e-4) == math.pi / 2
+    assert bolted(body, math.pi / 2).status == Status.CLEAR
+
+
+def test_a_frame_that_reaches_among_the_neighbours_rotors_leaves_no_angle():
+    assert largest_hinge_angle(Module.model_validate({"body": {"hub": [0.37, 0.37, 0.04]}})) < 0
+    assert bolted({"hub": [0.37, 0.37, 0.04]}, 0.0).status == Status.VIOLATED
