@@ -299,7 +299,7 @@ def test_plain_lines_come_now_and_then(capsys, monkeypatch):
         now += 1.0
         lines.settled(toy_problem.toy_row("a110", objective=4.0, gap=0.25))
     told = capsys.readouterr().err.splitlines()
-    assert told[0] == "3 modules: 100 candidates, 24 starts each"
+    assert told[0] == "3 modules: 100 candidates, at most 24 starts each"
     assert told[1] == "3 modules: 10 of 100, best a110 J 4, gap 25.0 %, about 90 s left"
     assert len(told) == 1 + 5
 

@@ -39,7 +39,8 @@ def processes_with(mark):
 class Coordinator:
     """A run in a process of its own."""
 
-    def __init__(self, tmp_path, **environment):
+    def __init__(self, tmp_path, *options, **environment):
+        self.options = options or ("--modules", "4")
         self.folder, self.log = tmp_path / "run", tmp_path / "log"
         self.log.touch()
         self.environment = {**os.environ, "TOY_LOG": str(self.log), "PYTHONFAULTHANDLER": "0", **environment}
@@ -48,7 +49,7 @@ class Coordinator:
         self.process = None
 
     def start(self):
-        command = [sys.executable, str(HERE / "toy_problem.py"), str(self.folder), "--modules", "4"]
+        command = [sys.executable, str(HERE / "toy_problem.py"), str(self.folder), *self.options]
         self.process = subprocess.Popen(
             command, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
         )

@@ -178,9 +178,22 @@ class InProcess:
         return function(job)
 
 
-def toy_run(path, *, modules=3, symmetry="c2", starts=2, seed=0, workers=None, observer=None, **options):
+def toy_run(
+    path,
+    *,
+    modules=3,
+    symmetry="c2",
+    starts=2,
+    seed=0,
+    strategy="exhaustive",
+    sampler="moves",
+    trials=None,
+    workers=None,
+    observer=None,
+    **options,
+):
     """Run the toy problem, in worker processes if their number is given."""
-    request = Request(toy_task(modules), symmetry, starts, seed)
+    request = Request(toy_task(modules), symmetry, starts, seed, strategy, sampler, trials)
     with patch.object(runner, "Workers", Workers if workers else InProcess):
         return run(request, Path(path), VERBS, workers=workers or 1, observer=observer or Silent(), **options)
 
@@ -200,6 +213,8 @@ if __name__ == "__main__":
     parser.add_argument("path")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--modules", type=int, default=3)
-    arguments = parser.parse_args()
-    answer = toy_run(arguments.path, modules=arguments.modules, workers=arguments.workers)
+    parser.add_argument("--starts", type=int, default=2)
+    parser.add_argument("--strategy", default="exhaustive")
+    parser.add_argument("--trials", type=int)
+    answer = toy_run(**vars(parser.parse_args()))
     sys.exit(answer.exit_status)

@@ -24,21 +24,35 @@ from topo_search.engine import (
 )
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.files import read_json, read_task, write_atomically
-from topo_search.study import Answer, Observer, Request, RunFolder, Silent, Solved, run, solve_single
+from topo_search.study import (
+    Answer,
+    Observer,
+    Request,
+    RunFolder,
+    Sampler,
+    Silent,
+    Solved,
+    StrategyName,
+    run,
+    solve_single,
+)
 from topo_search.topologies import Symmetry
 
 
 def _solve(
     task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design] = ()
 ) -> Design | Infeasible:
-    """Solve one topology, and choose where the rod of a design's end-effector is bolted; `near` is left out."""
-    outcome = nlp.solve(task, topology, starts=starts, seed=seed)
+    """Solve one topology, and choose where the rod of a design's end-effector is bolted."""
+    outcome = nlp.solve(task, topology, starts=starts, seed=seed, near=near)
     if isinstance(outcome, Design):
         return outcome.model_copy(update={"mount": verify.choose_mount(outcome)})
     return outcome
 
 
 VERBS = Verbs(solve=_solve, audit=verify.audit, lower_bound=nlp.lower_bound, prove_impossible=nlp.prove_impossible)
+
+DEFAULT_TRIALS = 512
+"""Candidates that are proposed when not all are solved and nobody says otherwise."""
 
 RUNS = Path("runs")
 """Where runs go unless another folder is named."""
@@ -49,20 +63,26 @@ def search(
     *,
     out: str | Path | None = None,
     symmetry: Symmetry = "task",
+    strategy: StrategyName = "exhaustive",
+    sampler: Sampler = "moves",
+    trials: int | None = DEFAULT_TRIALS,
     starts: int | None = None,
     seed: int = 0,
     workers: int | None = None,
     time_limit: float = math.inf,
     observer: Observer | None = None,
 ) -> Answer:
-    """Search every topology for the best design of a task, audit the best, and keep all of it in a folder.
+    """Search the topologies for the best design of a task, audit the best, and keep all of it in a folder.
 
     Args:
         task: a task, its file, or the name of a shipped example.
         out: the run's folder; default: `runs/NAME-HASH`.
         symmetry: which trees count as one candidate.
-        starts: starts of each candidate; default: the solver's.
-        seed: draws the starts.
+        strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes, one after the other.
+        sampler: what proposes them: `moves` on the best trees, `tpe`, `nsga2` or `random`.
+        trials: how many are proposed; None: all.
+        starts: starts of each candidate, or of the best that were proposed; default: the solver's.
+        seed: draws the starts and the proposals.
         workers: worker processes; default: the cores available. They change nothing but the time it takes.
         time_limit: seconds after which no more is solved.
         observer: is told of the progress.
@@ -70,7 +90,15 @@ def search(
     Raises:
         BadInput: the task or the folder cannot be used.
     """
-    request = Request(_task(task), symmetry, nlp.DEFAULT_STARTS if starts is None else starts, seed)
+    request = Request(
+        _task(task),
+        symmetry,
+        nlp.DEFAULT_STARTS if starts is None else starts,
+        seed,
+        strategy,
+        sampler,
+        trials if strategy == "optuna" else None,
+    )
     path = RUNS / request.folder_name if out is None else Path(out)
     return run(
         request,

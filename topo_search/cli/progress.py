@@ -107,7 +107,9 @@ class Lines:
         """Say how many candidates there are, and of how many starts."""
         self._size, self._done, self._candidates = modules(n), 0, candidates
         self._began = time.monotonic()
-        click.echo(f"{self._size}: {counted(candidates, 'candidate')}, {counted(starts, 'start')} each", err=True)
+        click.echo(
+            f"{self._size}: {counted(candidates, 'candidate')}, at most {counted(starts, 'start')} each", err=True
+        )
 
     def settled(self, incumbent: Row | None) -> None:
         """Say how far it is, unless that was said lately."""

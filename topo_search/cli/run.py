@@ -29,12 +29,17 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--strategy",
-    type=click.Choice(["exhaustive"]),
+    type=click.Choice(["exhaustive", "optuna"]),
     default="exhaustive",
     show_default=True,
-    expose_value=False,
-    help="How candidates are chosen: all of them.",
+    help="How candidates are chosen: all of them, or those that an Optuna sampler proposes.",
 )
+@click.option(
+    "--sampler",
+    type=click.Choice(["moves", "tpe", "nsga2", "random"]),
+    help="What proposes them: moves on the best trees so far (default), TPE, NSGA-II, or uniform draws.",
+)
+@click.option("--trials", type=click.IntRange(min=1), help="How many are proposed (default: 512).")
 @options.starts
 @options.seed
 @options.workers
@@ -48,6 +53,9 @@ def run(
     modules: str | None,
     settings: tuple[str, ...],
     symmetry: Any,
+    strategy: Any,
+    sampler: Any,
+    trials: int | None,
     starts: int | None,
     seed: int,
     workers: int | None,
@@ -57,16 +65,18 @@ def run(
     time_limit: float | None,
     as_json: bool,
 ) -> None:
-    """Search every topology for TASK (a file, or the name of a shipped example) and audit the best.
+    """Search the topologies for TASK (a file, or the name of a shipped example) and audit the best.
 
     Typing the same command again resumes a stopped run, or prints the answer of a finished one.
 
     Exit status: 0 audited design found; 1 designs found, but none passed its audit;
     2 bad input; 3 no design found, with the reasons.
     """
+    if strategy == "exhaustive" and (sampler or trials):
+        raise click.UsageError("--sampler and --trials go with --strategy optuna")
     with explained(resumes=True):
         from topo_search.cli.progress import shown_progress
-        from topo_search.compose import search
+        from topo_search.compose import DEFAULT_TRIALS, search
         from topo_search.model.files import read_task
 
         changes = options.overrides(settings, modules=modules, search__root=root, search__connectors=connectors)
@@ -76,6 +86,9 @@ def run(
                 asked,
                 out=out,
                 symmetry=symmetry,
+                strategy=strategy,
+                sampler=sampler or "moves",
+                trials=trials or DEFAULT_TRIALS,
                 starts=starts,
                 seed=seed,
                 workers=workers,

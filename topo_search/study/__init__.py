@@ -3,7 +3,7 @@
 from topo_search.study.answer import Answer, SizeAnswer, reason
 from topo_search.study.audits import AUDITED, audit_best
 from topo_search.study.folder import RunFolder
-from topo_search.study.identity import LARGER_MARGINS, Request, larger_margin
+from topo_search.study.identity import LARGER_MARGINS, Request, Sampler, StrategyName, larger_margin
 from topo_search.study.ledger import Ledger
 from topo_search.study.observer import Observer, Silent
 from topo_search.study.row import COLUMNS, Row, Solve
@@ -20,10 +20,12 @@ __all__ = [
     "Request",
     "Row",
     "RunFolder",
+    "Sampler",
     "Silent",
     "SizeAnswer",
     "Solve",
     "Solved",
+    "StrategyName",
     "answer_of",
     "audit_best",
     "larger_margin",

@@ -146,6 +146,8 @@ def size_answer(
     if statuses["failed"]:
         remarks.append("candidates failed that may not fail the next time: this run is not reproducible")
     settled = candidates if proof else statuses.total()
+    if ended and settled < candidates:
+        remarks.append(f"{candidates - settled} candidates were not proposed: nothing is known of them")
     if settled < candidates:
         fewest = 0
     return SizeAnswer(

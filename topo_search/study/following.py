@@ -34,48 +34,52 @@ class Following:
         self._workers = workers
         self._observer = observer
         self._incumbent: Row | None = next(iter(ledger.best_designs(context, 0, 1)), None)
+        self._settled: set[str] = set()
+        """Candidates that the observer was told of since the last announcement."""
         self._scores: dict[str, list[Scored]] = {}
         for scored in ledger.scores(context):
             self._add(scored)
 
-    def follow(self, strategy: Strategy, until: float = math.inf) -> bool:
+    def follow(self, strategy: Strategy, until: float = math.inf, *, announced: bool = False) -> bool:
         """Carry out what a strategy proposes, and return whether it came to its end.
 
         Args:
             strategy: is replayed as far as the ledger knows the results.
             until: time.monotonic() at which to stop.
+            announced: whether the observer knows of all candidates; else it is told of each round's.
         """
         try:
             proposed = next(strategy)
-            while (scores := self._scores_of(proposed, until)) is not None:
+            while (scores := self._scores_of(proposed, until, announced)) is not None:
                 proposed = strategy.send(scores)
         except StopIteration:
             return True
         strategy.close()
         return False
 
-    def _scores_of(self, proposed: Round, until: float) -> list[Scored] | None:
+    def _scores_of(self, proposed: Round, until: float, announced: bool) -> list[Scored] | None:
         """Return the results of a round, in its order; None if the time was over before."""
         drawn: list[Proposal] = []
-        announced = 0
+        starts = 0
 
         def jobs() -> Iterator[Job]:
-            nonlocal announced
+            nonlocal starts
             for proposal in proposed:
-                if proposal.starts != announced:
-                    announced = proposal.starts
-                    self._observer.size(self._context.task.n, len(proposed), announced)
+                if proposal.starts != starts and not announced:
+                    starts = proposal.starts
+                    self._observer.size(self._context.task.n, len(proposed), starts)
+                    self._settled.clear()
                 drawn.append(proposal)
                 if self._answer(proposal) is None:
                     yield self._job(proposal)
                 else:
-                    self._observer.settled(self._incumbent)
+                    self._settle(proposal.candidate.key)
 
         for job, outcome in solved(jobs(), solve=self._solve, workers=self._workers, until=until):
             row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
             self._add(score(row, self._context.task))
             self._incumbent = _better(self._incumbent, row)
-            self._observer.settled(self._incumbent)
+            self._settle(row.key)
         answers = [self._answer(proposal) for proposal in drawn]
         known = [answer for answer in answers if answer is not None]
         return known if len(known) == len(proposed) else None
@@ -94,6 +98,12 @@ class Following:
             self._context.seed,
             (near,) if isinstance(near, Design) else (),
         )
+
+    def _settle(self, key: str) -> None:
+        """Tell the observer of a candidate, once; more starts of it in a later round are no news."""
+        if key not in self._settled:
+            self._settled.add(key)
+            self._observer.settled(self._incumbent)
 
     def _add(self, scored: Scored) -> None:
         self._scores.setdefault(scored.key, []).append(scored)

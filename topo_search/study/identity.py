@@ -76,7 +76,7 @@ class Request:
     sampler: Sampler = "moves"
     """What proposes candidates when not all are solved."""
     trials: int | None = None
-    """Number of candidates to propose when not all are solved."""
+    """Number of candidates to propose; None: all."""
     versions: dict[str, str] = field(default_factory=installed)
     """Of the libraries that solve; rows that others solved do not count."""
 

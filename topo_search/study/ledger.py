@@ -147,9 +147,10 @@ class Ledger:
         self._database.execute(query, (starts, trials, context.name))
 
     def ended(self, context: Context, starts: int, trials: int | None) -> bool:
-        """Return whether the strategy came to its end with at least so many starts and proposals."""
-        query = "SELECT ended_starts >= ? AND (? IS NULL OR ended_trials >= ?) FROM contexts WHERE context = ?"
-        found = self._database.execute(query, (starts, trials, trials, context.name)).fetchone()
+        """Return whether the strategy came to its end with at least so many starts and proposals (None: all)."""
+        enough = "ended_starts >= ? AND (ended_trials IS NULL OR ended_trials >= ?)"
+        query = f"SELECT {enough} FROM contexts WHERE context = ?"
+        found = self._database.execute(query, (starts, trials, context.name)).fetchone()
         return found is not None and bool(found[0])
 
     def scores(self, context: Context) -> Iterator[Scored]:

@@ -55,7 +55,7 @@ def run(
         with RunFolder.opened(path, request) as folder, Workers(workers) as pool:
             try:
                 for n in request.task.sizes:
-                    _search_size(folder.ledger, request, n, verbs, pool, observer, until)
+                    _search_size(folder, n, verbs, pool, observer, until)
             except KeyboardInterrupt:
                 folder.write()
                 raise
@@ -70,8 +70,7 @@ def run(
 
 
 def _search_size(
-    ledger: Ledger,
-    request: Request,
+    folder: RunFolder,
     n: int,
     verbs: Verbs,
     workers: Workers,
@@ -79,6 +78,7 @@ def _search_size(
     until: float,
 ) -> None:
     """Solve the candidates of one size that are not in the ledger yet, and audit the best."""
+    ledger, request = folder.ledger, folder.request
     contexts = request.contexts(n)
     context = contexts[0]
     bound = ledger.bound(context)
@@ -94,9 +94,8 @@ def _search_size(
         return
 
     if not ledger.ended(context, request.starts, request.trials):
-        strategy = exhaustive(request.space(n), starts=request.starts, timed=math.isfinite(until))
         following = Following(ledger, context, lower_bound, verbs.solve, workers, observer)
-        if following.follow(strategy, until):
+        if _follow(following, folder, n, observer, until):
             ledger.end(context, request.starts, request.trials)
     audit_best(
         ledger,
@@ -108,6 +107,29 @@ def _search_size(
         observer=observer,
         until=until,
     )
+
+
+def _follow(following: Following, folder: RunFolder, n: int, observer: Observer, until: float) -> bool:
+    """Follow the strategy that was asked for, and return whether it came to its end."""
+    request = folder.request
+    space = request.space(n)
+    if request.strategy == "exhaustive":
+        strategy = exhaustive(space, starts=request.starts, timed=math.isfinite(until))
+        return following.follow(strategy, until)
+
+    from topo_search.engine.proposals import optuna_study  # loads Optuna
+
+    trials = space.count() if request.trials is None else min(request.trials, space.count())
+    observer.size(n, trials, request.starts)
+    strategy = optuna_study(
+        space,
+        sampler=request.sampler,
+        trials=trials,
+        starts=request.starts,
+        seed=request.seed,
+        journal=folder.path / f"study-n{n}.journal",
+    )
+    return following.follow(strategy, until, announced=True)
 
 
 def _record_proof(

@@ -21,6 +21,7 @@ change nothing, and either half turn of a pair of perpendicular frames will do.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +73,7 @@ class _Feature(NamedTuple):
         return bool(np.all(np.linalg.norm(self.vectors - other.vectors, axis=1) <= TOLERANCE))
 
 
+@lru_cache(maxsize=16)
 def improper_isometry(task: ResolvedTask) -> Array | None:
     """Return an improper isometry that maps the task onto itself, shape (3, 3), or None if there is none.
 

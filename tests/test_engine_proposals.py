@@ -1,0 +1,163 @@
+"""Every sampler keeps the contract of a strategy; moves find good trees sooner than uniform draws."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+import optuna
+import pytest
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+
+from topo_search.engine.proposals import optuna_study
+from topo_search.engine.proposals.promotion import CERTAIN, FEW
+from topo_search.engine.proposals.study import ROUND
+from topo_search.engine.space import Space
+from topo_search.engine.strategy import Proposal, Scored, Strategy
+from topo_search.model import Topology
+from topo_search.model.files import read_task
+
+SAMPLERS = ("moves", "tpe", "nsga2", "random")
+STARTS = 10
+
+Objective = Callable[[str, int], Scored]
+
+
+def space(n: int, connectors: str = "aligned") -> Space:
+    changes = (f"modules={n}", f"search.connectors={connectors}")
+    return Space(read_task("push", changes).resolve(n), "task")
+
+
+def spread(key: str) -> float:
+    """Mean square distance of the modules from their centre, flat on a grid: what a tree alone fixes."""
+    tree = Topology.from_key(key)
+    at, turned = [np.zeros(2)], [0]
+    ports = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+    for (h, _, a, _), kappa in zip(tree.edges(), tree.kappas[1:], strict=True):
+        at.append(at[h] + ports[(a + turned[h]) % 4])
+        turned.append((turned[h] + kappa) % 4)
+    return float(np.var(at, axis=0).sum())
+
+
+def scored(key: str, starts: int) -> Scored:
+    """Long trees are best; the very longest fail, the shortest are infeasible, and more starts help a little."""
+    value = spread(key)
+    if value > 0.95 * (Topology.from_key(key).n ** 2 - 1) / 12:
+        return Scored(key, starts, "failed", None, None)
+    if value < 0.8:
+        return Scored(key, starts, "impossible", None, 0.0)
+    if value < 1.0:
+        return Scored(key, starts, "infeasible", None, 1.0 - value)
+    return Scored(key, starts, "feasible", 10.0 / value + 0.1 / starts, None)
+
+
+def follow(strategy: Strategy, objective: Objective = scored) -> list[list[Proposal]]:
+    """Return the rounds that a strategy proposes."""
+    rounds = []
+    try:
+        proposed = list(next(strategy))
+        while True:
+            rounds.append(proposed)
+            proposed = list(strategy.send([objective(p.candidate.key, p.starts) for p in proposed]))
+    except StopIteration:
+        return rounds
+
+
+def new(rounds: Iterable[list[Proposal]]) -> list[str]:
+    """Return the candidates in the order in which they were first proposed."""
+    return list(dict.fromkeys(p.candidate.key for proposed in rounds for p in proposed))
+
+
+@pytest.mark.parametrize("connectors", ["aligned", "any"])
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_nothing_is_proposed_twice_and_the_same_again(sampler: str, connectors: str) -> None:
+    def proposed() -> list[list[Proposal]]:
+        return follow(optuna_study(space(6, connectors), sampler=sampler, trials=56, starts=STARTS, seed=3))
+
+    rounds = proposed()
+    first = [[p for p in part if p.starts == FEW] for part in rounds]
+    keys = [p.candidate.key for part in first for p in part]
+    assert len(keys) == len(set(keys)) == 56
+    assert [len(part) for part in first if part] == [16, 16, 16, 8]
+    listed = {candidate.key: candidate for candidate in space(6, connectors).candidates()}
+    assert all(listed[p.candidate.key] == p.candidate for part in rounds for p in part)
+    assert proposed() == rounds
+    other = optuna_study(space(6, connectors), sampler=sampler, trials=56, starts=STARTS, seed=4)
+    assert new(follow(other)) != keys
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
+    rounds = follow(optuna_study(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
+    assert sorted(new(rounds)) == [candidate.key for candidate in space(5).candidates()]
+
+
+@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_the_smallest_spaces(sampler: str, n: int) -> None:
+    rounds = follow(optuna_study(space(n), sampler=sampler, trials=5, starts=1, seed=0))
+    assert new(rounds) == [candidate.key for candidate in space(n).candidates()]
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_more_trials_go_on_with_the_same_ones(sampler: str) -> None:
+    few, many = (
+        new(follow(optuna_study(space(7), sampler=sampler, trials=trials, starts=4, seed=1))) for trials in (40, 64)
+    )
+    assert many[:40] == few
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
+    rounds = follow(optuna_study(space(7), sampler=sampler, trials=160, starts=24, seed=2))
+    reached = {p.candidate.key: p.starts for part in rounds for p in part}
+    scores = [scored(key, starts) for key, starts in reached.items()]
+    feasible = sorted((s for s in scores if s.objective), key=lambda s: s.objective or 0.0)
+    assert [s.starts for s in feasible[:CERTAIN]] == [24] * CERTAIN
+    number = Counter(reached.values())
+    assert number[4] > number[8] + number[16] + number[24] > number[24] >= CERTAIN
+    assert all(s.starts == 4 for s in scores if s.status in ("failed", "impossible"))
+
+
+def test_children_are_near_candidates_of_earlier_rounds_that_have_a_design() -> None:
+    rounds = follow(optuna_study(space(7), sampler="moves", trials=160, starts=4, seed=0))
+    earlier: set[str] = set()
+    near = 0
+    for part in rounds:
+        for proposal in part:
+            if proposal.near is not None:
+                near += 1
+                assert proposal.near in earlier
+                assert scored(proposal.near, 4).objective is not None
+        earlier |= {p.candidate.key for p in part}
+    assert near > 100
+
+
+def test_moves_find_better_trees_than_uniform_draws() -> None:
+    def best(sampler: str, seed: int) -> float:
+        keys = new(follow(optuna_study(space(10), sampler=sampler, trials=128, starts=4, seed=seed)))
+        return min(scored(key, 4).objective or math.inf for key in keys)
+
+    assert max(best("moves", seed) for seed in range(4)) < min(best("random", seed) for seed in range(4))
+
+
+def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> None:
+    journal = tmp_path / "study.journal"
+    journal.write_text("torn by a kill")
+    (tmp_path / "study.journal.lock").symlink_to(journal)
+    rounds = follow(optuna_study(space(6), sampler="moves", trials=3 * ROUND, starts=4, seed=0, journal=journal))
+    study = optuna.load_study(study_name=None, storage=JournalStorage(JournalFileBackend(str(journal))))
+    assert [trial.user_attrs["key"] for trial in study.trials] == new(rounds)
+    for trial in study.trials:
+        score = scored(trial.user_attrs["key"], 4)
+        assert trial.user_attrs["status"] == score.status
+        assert trial.value == (None if score.status == "failed" else score.objective or float("inf"))
+    best = min(scored(key, 4).objective or 99.0 for key in new(rounds))
+    assert study.best_value == best
+
+
+def test_an_unknown_sampler_is_refused() -> None:
+    with pytest.raises(ValueError, match="sampler must be one of moves, tpe, nsga2, random, but got 'cmaes'"):
+        next(optuna_study(space(3), sampler="cmaes", trials=1, starts=1, seed=0))

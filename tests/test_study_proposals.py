@@ -1,0 +1,80 @@
+"""A run in which candidates are proposed: as many as asked for, extended, killed and gone on with."""
+
+import os
+import signal
+
+import optuna
+import pytest
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from processes import eventually, recorded
+from test_study_interruptions import Coordinator, processes_with, ranking
+from toy_problem import solved_keys, toy_run
+
+PROPOSED = {"modules": 6, "strategy": "optuna", "starts": 9}
+
+
+def trials_of(folder):
+    storage = JournalStorage(JournalFileBackend(str(folder / "study-n6.journal")))
+    return optuna.load_study(study_name=None, storage=storage).trials
+
+
+@pytest.mark.parametrize("sampler", ["moves", "tpe", "nsga2", "random"])
+def test_as_many_candidates_are_solved_as_asked_for_and_the_number_can_be_raised(tmp_path, sampler):
+    answer = toy_run(tmp_path / "run", sampler=sampler, trials=40, **PROPOSED)
+    (size,) = answer.sizes
+    assert (size.settled, size.candidates, size.complete) == (40, 216, True)
+    assert "176 candidates were not proposed: nothing is known of them" in size.remarks
+    few = {row[0] for row in ranking(tmp_path / "run")}
+    assert {trial.user_attrs["key"] for trial in trials_of(tmp_path / "run")} == few
+
+    more = toy_run(tmp_path / "run", sampler=sampler, trials=56, **PROPOSED)
+    assert (more.sizes[0].settled, more.sizes[0].complete) == (56, True)
+    assert few < {row[0] for row in ranking(tmp_path / "run")}
+    assert len(trials_of(tmp_path / "run")) == 56
+    assert more.best.objective <= answer.best.objective
+
+
+def test_all_candidates_are_solved_in_the_end(tmp_path):
+    answer = toy_run(tmp_path / "run", modules=4, strategy="optuna", trials=1000)
+    (size,) = answer.sizes
+    assert (size.settled, size.candidates, size.complete) == (14, 14, True)
+    assert not any("not proposed" in remark for remark in size.remarks)
+    assert [row.asked for row in size.top] == [2] * 10
+
+
+def test_workers_change_nothing(tmp_path):
+    for workers in (1, 3):
+        toy_run(tmp_path / str(workers), trials=40, workers=workers, **PROPOSED)
+    assert ranking(tmp_path / "1") == ranking(tmp_path / "3")
+
+
+def test_a_killed_run_ends_like_one_that_was_not_and_solves_nothing_twice(tmp_path, monkeypatch):
+    options = ("--modules", "6", "--strategy", "optuna", "--trials", "40", "--starts", "9")
+    coordinator = Coordinator(tmp_path, *options, TOY_SLEEP="0.05")
+    try:
+        for rows in (9, 33):
+            coordinator.start()
+            coordinator.wait_for(rows)
+            os.kill(coordinator.process.pid, signal.SIGKILL)
+            coordinator.finish()
+            eventually(lambda: processes_with(str(coordinator.log)) == [])
+        assert len(recorded(coordinator.folder)) >= 33
+        coordinator.start()
+        assert coordinator.finish()[0] == 0
+    finally:
+        for pid in processes_with(str(coordinator.log)):
+            os.kill(pid, signal.SIGKILL)
+        coordinator.process.communicate()
+    log = tmp_path / "unkilled"
+    log.touch()
+    monkeypatch.setenv("TOY_LOG", str(log))
+    toy_run(tmp_path / "whole", trials=40, **PROPOSED)
+    assert ranking(coordinator.folder) == ranking(tmp_path / "whole")
+    in_flight = 2 * 2 * 2  # kills, workers, jobs a worker
+    assert len(solved_keys(coordinator.log)) <= len(solved_keys(log)) + in_flight
+    killed, unkilled = (
+        [(trial.params, trial.user_attrs, trial.values) for trial in trials_of(folder)]
+        for folder in (coordinator.folder, tmp_path / "whole")
+    )
+    assert killed == unkilled

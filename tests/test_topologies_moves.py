@@ -1,0 +1,85 @@
+"""Tree moves: nothing is lost, a move can be taken back, and moves lead everywhere."""
+
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from topo_search.model import Topology
+from topo_search.topologies import Connectors, Root, candidate_of, candidates, sample
+from topo_search.topologies.tree_moves import grafted, neighbour, part_of
+
+
+def spins(topology: Topology) -> list[int]:
+    """Whether each module's rotors turn as the root's do (0) or not (1)."""
+    found = [0]
+    for parent, kappa in zip(topology.parents[1:], topology.kappas[1:], strict=True):
+        found.append((found[parent] + kappa) % 2)
+    return found
+
+
+@st.composite
+def trees(draw: st.DrawFn, connectors: Connectors) -> Topology:
+    n, seed = draw(st.integers(2, 12)), draw(st.integers(0, 10**6))
+    (topology,) = sample(n, 1, seed, symmetry="none", connectors=connectors)
+    return topology
+
+
+@given(trees("aligned"), st.randoms(use_true_random=False))
+def test_a_neighbour_of_an_aligned_tree_is_an_aligned_tree_of_the_same_size(tree: Topology, random: Random) -> None:
+    other = neighbour(tree, random, "aligned")
+    assert other.aligned
+    assert other.n == tree.n
+
+
+@given(trees("any"), st.data())
+def test_a_graft_can_be_taken_back(tree: Topology, data: st.DataObject) -> None:
+    i = data.draw(st.integers(1, tree.n - 1))
+    part = part_of(tree, i)
+    own = tree.joints[i][:2]
+    ports = [port for port in (*tree.free_connectors, own) if port[0] not in part]
+    at, turns = data.draw(st.sampled_from(ports)), data.draw(st.integers(0, 3))
+    moved = grafted(tree, i, at, turns)
+
+    order = [h for h in range(tree.n) if h not in part] + sorted(part)
+    place = {old: new for new, old in enumerate(order)}
+    assert part_of(moved, place[i]) == {place[j] for j in part}
+    flipped = [
+        (a - b) % 2 for a, b in zip((spins(moved)[place[j]] for j in range(tree.n)), spins(tree), strict=True)
+    ]
+    changed = (moved.kappas[place[i]] - tree.kappas[i]) % 4
+    assert changed == turns
+    above = (spins(moved)[place[at[0]]] - spins(tree)[own[0]]) % 2
+    assert flipped == [(turns + above) % 2 if j in part else 0 for j in range(tree.n)]
+    assert grafted(moved, place[i], (place[own[0]], own[1]), -turns).key == tree.key
+
+
+@pytest.mark.parametrize("root", ["free", "paper"])
+@pytest.mark.parametrize(("n", "connectors"), [(4, "aligned"), (5, "aligned"), (4, "any")])
+def test_moves_lead_from_any_candidate_to_all(n: int, connectors: Connectors, root: Root) -> None:
+    listed = {candidate.key for candidate in candidates(n, connectors=connectors, root=root)}
+    random = Random(n)
+    reached, waiting = set(), [min(listed)]
+    while waiting:
+        tree = Topology.from_key(waiting.pop())
+        reached.add(tree.key)
+        keys = {
+            candidate_of(neighbour(tree, random, connectors), connectors=connectors, root=root).key
+            for _ in range(60)
+        }
+        assert keys <= listed
+        waiting.extend(keys - reached - set(waiting))
+    assert reached == listed
+
+
+def test_what_cannot_be_moved_is_refused() -> None:
+    chain = Topology.from_key("a120")
+    with pytest.raises(ValueError, match=r"`0 < i < 3` must hold, but got i = 0"):
+        grafted(chain, 0, (1, 1))
+    with pytest.raises(ValueError, match=r"module 2 goes with module 1, but got at = \(2, 1\)"):
+        grafted(chain, 1, (2, 1))
+    with pytest.raises(ValueError, match="carries one joint"):
+        grafted(chain, 2, (0, 0))
+    with pytest.raises(ValueError, match=r"`n >= 2` must hold for a move, but got n = 1"):
+        neighbour(Topology.from_key("a0"), Random(0), "aligned")

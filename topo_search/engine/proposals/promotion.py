@@ -1,0 +1,48 @@
+"""Starts that follow promise: many candidates from few starts, the best of them from more (successive halving)."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
+
+from topo_search.engine.strategy import Scored
+
+FEW = 4
+"""Starts of a new candidate."""
+SHARE = 4
+"""Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all."""
+CERTAIN = 5
+"""So many of the best are given all starts, whatever their share."""
+
+Standing = tuple[int, float]
+"""Orders candidates: those with a design by objective, then those without by violation, then all others."""
+
+
+def standing(score: Scored) -> Standing:
+    """Return how a candidate stands."""
+    if score.objective is not None:
+        return 0, score.objective
+    if score.status == "infeasible" and score.violation is not None:
+        return 1, score.violation
+    return 2, 0.0
+
+
+def steps(starts: int) -> Iterator[int]:
+    """Yield the numbers of starts of which each is for fewer candidates than the one before."""
+    step = FEW
+    while step < starts:
+        yield step
+        step *= 2
+    yield starts
+
+
+def goes_on(score: Scored, others: Sequence[Standing], step: int) -> bool:
+    """Whether a candidate is given more starts.
+
+    Args:
+        score: what became of it after the first `step` steps.
+        others: how all candidates stand, itself among them, in ascending order.
+        step: 1 after the first step.
+    """
+    own = standing(score)
+    return own[0] < 2 and bisect_left(others, own) < max(CERTAIN, len(others) // SHARE**step)

@@ -1,0 +1,93 @@
+"""The ways to propose trees: uniformly, by moves from good ones, or by Optuna's own samplers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from optuna import Study
+from optuna.samplers import BaseSampler, NSGAIISampler, TPESampler
+from optuna.trial import FrozenTrial, TrialState
+
+from topo_search.engine.proposals.encoding import decoded
+from topo_search.engine.proposals.tree_sampler import KEY, Child, TreeSampler
+from topo_search.engine.space import Space
+from topo_search.model import Topology
+from topo_search.topologies.tree_moves import neighbour
+
+FRESH = 16
+"""Uniform draws that a search, or a population after a restart, begins with."""
+PARENTS = 8
+"""The best of a population have children; the others are replaced."""
+STALE = 160
+"""A population is given up when so many trials after its best are no better."""
+
+
+class Uniform(TreeSampler):
+    """Draws uniformly from the candidates."""
+
+    def drawn(self, study: Study, trial: FrozenTrial) -> Iterator[Child]:
+        """Yield trees drawn uniformly."""
+        while True:
+            yield self.uniform(), None
+
+
+class Moves(TreeSampler):
+    """Makes trees from the best of a population by single moves, and begins anew when that leads nowhere."""
+
+    def __init__(self, space: Space, seed: int) -> None:
+        super().__init__(space, seed)
+        self._first = 0
+        """The first trial of the present population."""
+
+    def drawn(self, study: Study, trial: FrozenTrial) -> Iterator[Child]:
+        """Yield trees drawn uniformly for a fresh population, then children of its best."""
+        population = [
+            other
+            for other in study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+            if other.number >= self._first
+        ]
+        best = sorted(population, key=standing)[:PARENTS]
+        if best and trial.number - best[0].number > STALE:
+            self._first = trial.number
+        while trial.number < self._first + FRESH or not best:
+            yield self.uniform(), None
+        while True:
+            parent: str = best[min(self.random.choices(range(len(best)), k=2))].user_attrs[KEY]
+            yield neighbour(Topology.from_key(parent), self.random, self.connectors), parent
+
+
+class Optunas(TreeSampler):
+    """Has the numbers of a tree proposed by one of Optuna's samplers, after some trees drawn uniformly."""
+
+    def __init__(self, space: Space, seed: int, sampler: BaseSampler) -> None:
+        super().__init__(space, seed)
+        self._sampler = sampler
+
+    def drawn(self, study: Study, trial: FrozenTrial) -> Iterator[Child]:
+        """Yield the trees that the sampler proposes."""
+        while trial.number < FRESH:
+            yield self.uniform(), None
+        while True:
+            numbers = self._sampler.sample_relative(study, trial, self.distributions)
+            for name, distribution in self.distributions.items():
+                if name not in numbers:
+                    numbers[name] = self._sampler.sample_independent(study, trial, name, distribution)
+            yield decoded(numbers, self.space.n), None
+
+
+def standing(trial: FrozenTrial) -> tuple[float, float, int]:
+    """Order trials by objective, behind them those without a design by violation; the earlier one wins a tie."""
+    return sum(trial.constraints.values()), trial.value or 0.0, trial.number
+
+
+def sampler_of(name: str, space: Space, seed: int) -> TreeSampler:
+    """Return the sampler of a name; ValueError lists the names."""
+    if name == "moves":
+        return Moves(space, seed)
+    if name == "random":
+        return Uniform(space, seed)
+    if name == "tpe":
+        return Optunas(space, seed, TPESampler(n_startup_trials=FRESH, seed=seed))
+    if name == "nsga2":
+        return Optunas(space, seed, NSGAIISampler(population_size=FRESH, seed=seed))
+    raise ValueError(f"sampler must be one of moves, tpe, nsga2, random, but got {name!r}")

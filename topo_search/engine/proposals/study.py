@@ -1,0 +1,117 @@
+"""An Optuna study as a strategy: rounds of new candidates from a few starts, then more starts for the best of them.
+
+The study is in memory and made again with the strategy; its journal is a copy for optuna-dashboard.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import optuna
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import TrialState
+
+from topo_search.engine.proposals.encoding import decoded
+from topo_search.engine.proposals.promotion import Standing, goes_on, standing, steps
+from topo_search.engine.proposals.samplers import sampler_of
+from topo_search.engine.proposals.tree_sampler import KEY, TreeSampler
+from topo_search.engine.space import Space
+from topo_search.engine.strategy import Proposal, Scored, Strategy
+from topo_search.topologies import Candidate
+
+ROUND = 16
+"""New candidates a round: what is learnt is learnt from whole rounds."""
+IMPOSSIBLE = 1.0e6
+"""Constraint of a candidate that is proven impossible, behind all for which no design was found."""
+
+
+@dataclass(frozen=True)
+class _Fresh:
+    """A candidate of the present round."""
+
+    trial: optuna.Trial
+    candidate: Candidate
+    near: str | None
+
+
+def optuna_study(
+    space: Space, *, sampler: str, trials: int, starts: int, seed: int, journal: Path | None = None
+) -> Strategy:
+    """Propose trees that an Optuna sampler draws, none twice, until there are enough or none is left.
+
+    Args:
+        space: the candidates.
+        sampler: moves, tpe, nsga2 or random.
+        trials: how many candidates to propose.
+        starts: starts of the best; the others are given fewer.
+        seed: draws the proposals.
+        journal: a file that is written anew, for optuna-dashboard.
+
+    Raises:
+        ValueError: an unknown sampler.
+    """
+    proposer = sampler_of(sampler, space, seed)
+    study = _new_study(sampler=proposer)
+    shown = None if journal is None else _new_journal(journal)
+    known: list[Standing] = []
+    left = min(trials, space.count())
+    while left:
+        fresh = [_asked(study, proposer) for _ in range(min(ROUND, left))]
+        scores: dict[str, Scored] = {}
+        going_on = fresh
+        for step, stop in enumerate(steps(starts), start=1):
+            found = yield [Proposal(one.candidate, stop, one.near) for one in going_on]
+            scores |= {score.key: score for score in found}
+            ranking = sorted([*known, *map(standing, scores.values())])
+            going_on = [one for one in going_on if goes_on(scores[one.candidate.key], ranking, step)]
+            if not going_on:
+                break
+        for one in fresh:
+            _tell(study, one, scores[one.candidate.key])
+        known += map(standing, scores.values())
+        left -= len(fresh)
+        if shown is not None:
+            shown.add_trials([study.trials[one.trial.number] for one in fresh])
+
+
+def _asked(study: optuna.Study, proposer: TreeSampler) -> _Fresh:
+    """Return the next candidate, and the one that it was made from if that has a design."""
+    trial = study.ask(proposer.distributions)
+    candidate = proposer.space.candidate_of(decoded(trial.params, proposer.space.n))
+    near = proposer.parents.get(trial.number)
+    trial.set_user_attr(KEY, candidate.key)
+    trial.set_user_attr("parent", near)
+    return _Fresh(trial, candidate, near)
+
+
+def _tell(study: optuna.Study, fresh: _Fresh, score: Scored) -> None:
+    """Tell the study what became of a candidate; without a design it misses a constraint, at an infinite value."""
+    fresh.trial.set_user_attr("status", score.status)
+    fresh.trial.set_user_attr("starts", score.starts)
+    if score.status == "failed":
+        study.tell(fresh.trial, state=TrialState.FAIL)
+        return
+    missed = score.violation if score.status == "infeasible" and score.violation is not None else IMPOSSIBLE
+    fresh.trial.set_constraint("violation", 0.0 if score.objective is not None else missed)
+    study.tell(fresh.trial, math.inf if score.objective is None else score.objective)
+
+
+def _new_journal(path: Path) -> optuna.Study:
+    """Return an empty study in a file; what is there, and the lock of a process that was killed, is removed."""
+    path.unlink(missing_ok=True)
+    path.with_name(f"{path.name}.lock").unlink(missing_ok=True)
+    return _new_study(storage=JournalStorage(JournalFileBackend(str(path))), study_name=path.parent.name)
+
+
+def _new_study(**options: Any) -> optuna.Study:
+    """Return a study that is made without a message."""
+    before = optuna.logging.get_verbosity()
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        return optuna.create_study(**options)
+    finally:
+        optuna.logging.set_verbosity(before)
