@@ -14,6 +14,7 @@ from verify import audit, kinematics
 from verify.compound_certificate import certify_compounds
 from verify.compounds import Compound, proximities
 from verify.convex import Capsule, Cylinder, box, capsule, cylinder
+from verify.gjk import cores, nearest
 from verify.kinematics import platform
 from verify.parts import bounding_box, module_parts, rigid_parts
 
@@ -262,6 +263,27 @@ def test_parts_too_thin_for_a_proof_are_undecided(width):
 def test_parts_out_of_range_are_undecided():
     result = audit(fan(task={"module": {"connector_distance": 1e7}}))
     assert {pair.status for pair in result.pairs if pair.kind == "body"} == {Status.UNDECIDED}
+
+
+@pytest.mark.parametrize("hinged", [False, True])
+def test_solids_overlap_only_where_they_have_a_common_point(hinged):
+    """Hubs and rotors along common axes: the points that a search meets then often lie in one plane."""
+    rng = np.random.default_rng(0)
+    disc = cylinder("disc", np.array([0.7, 0.7, 0.0]), UP, 0.5, 0.2)
+    hub = box("hub", ORIGIN, np.diag([1.5, 1.5, 0.4]))
+    discs, hubs = [], []
+    for _ in range(2000):
+        R = rotation(rng)
+        H = kinematics.rotation(1, rng.uniform(-1.5, 1.5)) if hinged else STILL
+        p = 1.5 * (STILL + H)[:, 0] if hinged else rng.integers(-3, 4, 3) * rng.choice([0.5, 0.75, 1.0])
+        discs.append(disc.placed(R, ORIGIN))
+        hubs.append(hub.placed(R @ H, R @ p))
+    found = nearest(cores(discs), cores(hubs))
+    assert 100 < found.overlap.sum() < 400
+    x = (found.x_A + found.x_B)[found.overlap] / 2
+    assert np.linalg.norm(found.v[found.overlap], axis=1).max() < 1e-9
+    for k, point in zip(np.flatnonzero(found.overlap), x, strict=True):
+        assert min(discs[k].depth(point), hubs[k].depth(point)) > -1e-9
 
 
 # ---- what keeps real parts apart

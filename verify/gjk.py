@@ -166,6 +166,9 @@ def _least_weights(Y: Array) -> tuple[Array, Flags]:
     inside = solid & np.all(shares > 0, axis=1)
     volume = np.empty_like(weights)
     volume[:, OPPOSITE] = shares / np.where(inside, shares.sum(axis=1), 1.0)[:, None]
+    # Four points in a plane have heights of rounding alone: the origin is inside only if these weights reach it.
+    reached = np.linalg.norm(np.einsum("nj,njx->nx", volume, Y), axis=1)
+    inside &= reached < 0.5 * np.linalg.norm(points[np.arange(N), best], axis=1)
     return np.where(inside[:, None], volume, weights), inside
 
 
