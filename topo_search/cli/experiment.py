@@ -14,7 +14,7 @@ from topo_search.cli.errors import explained, needs_extras
 if TYPE_CHECKING:
     import pandas as pd
 
-NAMES = ("scaling", "ablation")
+NAMES = ("scaling", "ablation", "placement", "root", "body")
 WIDTH = 200
 """Columns of a printed table before it is folded."""
 
@@ -92,9 +92,12 @@ def experiment(
     \b
     scaling    time, memory and success against the number of modules
     ablation   how airflow overlaps when only a minimum distance keeps modules apart
+    placement  what an end-effector at the centre of mass costs
+    root       what the paper's root costs, against one that turns freely
+    body       what it costs that frames keep clear of each other
 
-    Without options it has the size of the paper's, which takes hours. Typing the same command again goes on where
-    it was stopped.
+    Without options it has its full size, that of the paper's study if it is one, which takes hours. Typing the
+    same command again goes on where it was stopped.
 
     Exit status: 0 done; 2 bad input.
     """  # noqa: D301 (\b is click's)
