@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from topo_search.experiments import experiment, results
+
 COMMAND = Path(__file__).parent / "benchmarks" / "performance.py"
 SMALLEST = ["--sizes", "3", "--topologies", "1", "--starts", "1", "--seconds", "0.1", "--cap", "1"]
 SMALLEST += ["--distances", "0.22", "--examples", "ten-wrenches"]
@@ -20,3 +22,21 @@ def test_every_part_measures_once_and_prints_its_table(parts: list[str], tmp_pat
     assert all(f"\n{part}\n\n|" in printed for part in parts)
     assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == printed
     assert out.read_text().splitlines() == rows
+
+
+def test_the_direct_formulation_s_rows_are_those_of_the_scaling_study(tmp_path: Path) -> None:
+    out = tmp_path / "direct.csv"
+    command = [sys.executable, str(COMMAND.with_name("direct_scaling.py")), "--out", str(out)]
+    command += ["--sizes", "3", "--topologies", "2", "--starts", "1", "--cap", "60"]
+    subprocess.run(command, check=True)
+    rows = results(out)
+    asked = experiment("scaling")
+    planned = asked.cells(asked.full.changed(tasks=(("ten-wrenches", (3,)),), topologies=(2, 2)))
+    assert list(rows["key"]) == [cell.key for cell in planned]
+    assert list(rows["task_seed"]) == [cell.task_seed for cell in planned]
+    assert set(rows["method"]) == {"direct"}
+    assert set(rows["status"]) <= {"feasible", "infeasible"}
+    assert (rows["build_s"] > 0).all()
+    before = out.read_bytes()
+    subprocess.run(command, check=True)
+    assert out.read_bytes() == before

@@ -6,9 +6,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from topo_search.experiments import experiment, results
+from topo_search.cli.experiment import NAMES
+from topo_search.experiments import Settings, experiment, results
+from topo_search.experiments.comparison import tree_of
 from topo_search.experiments.measured import COLUMNS, Measured
 from topo_search.experiments.scaling import growth
+from topo_search.topologies import count
 
 
 def frame(*rows):
@@ -114,19 +117,102 @@ def test_the_ablation_s_metrics_and_findings():
     ]
 
 
-@pytest.mark.parametrize("name", ["scaling", "ablation"])
+def push(key, variant, objective=None, gap=None):
+    status = "infeasible" if objective is None else "feasible"
+    return measured(
+        5, task="push", key=key, variant=variant, status=status, objective=objective, gap=gap, offset_m=0.2
+    )
+
+
+def test_a_comparison_is_made_tree_by_tree():
+    rows = frame(
+        push("a300", "airflow only", 10.0, 0.1),
+        push("a300", "body clearance", 11.0, 0.2),
+        push("a500", "airflow only", 8.0, 0.05),
+        push("a500", "body clearance"),
+        push("a600", "airflow only"),
+        push("a600", "body clearance"),
+        push("aa00", "airflow only", 9.0, 0.3),
+        push("aa00", "body clearance", 9.0, 0.3),
+    )
+    reference, other = experiment("body").summary(rows).to_dict(orient="records")
+    assert (reference["variant"], other["variant"]) == ("airflow only", "body clearance")
+    assert (reference["trees_solved"], other["trees_solved"], other["trees"]) == (3, 2, 4)
+    assert (reference["effort_ratio_median"], reference["best_ratio"]) == (1.0, 1.0)
+    assert other["trees_compared"] == 2
+    assert other["effort_ratio_median"] == pytest.approx(1.05)
+    assert other["effort_ratio_max"] == pytest.approx(1.1)
+    assert other["best_ratio"] == pytest.approx(9 / 8)
+    assert (reference["best_gap"], other["best_gap"]) == (0.05, 0.2)
+    assert experiment("body").findings(rows) == [
+        "push, 5 modules at 0.30 m: body clearance: 2 of 4 trees have a design, airflow only: 3; where both have "
+        "one, body clearance takes +5.0% effort in the median (+10.0% at most); its best design takes +12.5%, gap "
+        "20.0% instead of 5.0%."
+    ]
+
+
+def test_with_the_paper_s_root_a_tree_has_the_effort_of_its_best_root():
+    cells = experiment("root").cells(Settings((("push", (4,)),), (50, 50), 1))
+    free = [cell.key for cell in cells if cell.variant.name == "free root"]
+    rooted = [cell.key for cell in cells if cell.variant.name == "paper root"]
+    assert len(free) == len(set(free)) == count(4) == 14
+    assert len(rooted) == len(set(rooted)) == count(4, symmetry="none", root="paper") == 88
+    assert {tree_of(key) for key in rooted} == set(free)
+    assert {cell.resolve().search.root for cell in cells if cell.key in rooted and cell.key not in free} == {
+        "paper"
+    }
+
+    roots = [key for key in rooted if tree_of(key) == free[3]]
+    efforts = [20.0, 13.0, *[None] * (len(roots) - 2)]
+    rows = frame(
+        push(free[3], "free root", 10.0, 0.1),
+        push(free[4], "free root"),
+        *(push(key, "paper root", effort, 0.5) for key, effort in zip(roots, efforts, strict=True)),
+    )
+    free_root, paper_root = experiment("root").summary(rows).to_dict(orient="records")
+    assert (free_root["topologies"], free_root["trees"], free_root["trees_solved"]) == (2, 2, 1)
+    assert (paper_root["topologies"], paper_root["trees"], paper_root["trees_solved"]) == (len(roots), 1, 1)
+    assert paper_root["share_solved"] == pytest.approx(2 / len(roots))
+    assert paper_root["effort_ratio_median"] == pytest.approx(1.3)
+
+
+def test_roots_are_those_of_the_sampled_trees_alone():
+    cells = experiment("root").cells(Settings((("push", (5,)),), (3, 3), 1))
+    free = {cell.key for cell in cells if cell.variant.name == "free root"}
+    assert len(free) == 3
+    assert {tree_of(cell.key) for cell in cells if cell.variant.name == "paper root"} == free
+
+
+def test_at_the_centre_of_mass_the_task_says_so():
+    cells = experiment("placement").cells(Settings((("push", (3,)),), (1, 1), 1))
+    asked = [cell.resolve().end_effector for cell in cells]
+    assert [(one.position, one.exclusion) for one in asked] == [("free", True), ("com", True), ("com", False)]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_an_experiment_without_any_design_says_so_and_can_be_drawn(name):
-    rows = frame(measured(10, status="infeasible"), measured(20, status="failed"))
+    variants = {cell.variant.name for cell in experiment(name).cells(experiment(name).small)}
+    rows = frame(
+        *(measured(3, status="infeasible", variant=variant) for variant in variants),
+        *(measured(4, status="failed", key="a3040", variant=variant) for variant in variants),
+    )
     asked = experiment(name)
     assert asked.findings(rows)
-    assert len(asked.summary(rows)) == 2
+    assert len(asked.summary(rows)) == 2 * len(variants)
     asked.figure(rows)
 
 
-@pytest.mark.parametrize("name", ["scaling", "ablation"])
+@pytest.mark.parametrize("name", NAMES)
 def test_figures_have_titles_axes_and_units(name):
     overlaps = {"colliding_pairs": 1, "largest_cluster": 2, "deepest_percent": 50.0, "median_percent": 50.0}
-    rows = frame(*(measured(n, solve_s=float(n), **overlaps) for n in (10, 20)))
+    variants = {cell.variant.name for cell in experiment(name).cells(experiment(name).small)}
+    rows = frame(
+        *(
+            measured(n, key=key, solve_s=float(n), objective=float(n), variant=variant, **overlaps)
+            for n, key in ((3, "a300"), (4, "a3040"))
+            for variant in variants
+        )
+    )
     figure = experiment(name).figure(rows)
     assert figure.get_suptitle()
     labels = [axes.get_ylabel() for axes in figure.axes]

@@ -95,7 +95,7 @@ class Comparison:
 
         table = self.summary(rows)
         problems = list(table.groupby(PROBLEM, sort=False))
-        drawn = Figure(figsize=(4.5 + 1.6 * len(problems), 4.6), layout="constrained")
+        drawn = Figure(figsize=(8.0 + 1.6 * len(problems), 4.6), layout="constrained")
         effort, share = drawn.subplots(1, 2)
         _draw_efforts(effort, list(self._ratios(rows)), self.names)
         _draw_shares(share, table, self.names)
