@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 
 from attempts import Stated, attempts, cost
 from children import Child
@@ -26,22 +27,35 @@ def measure(rows: Rows, options: Options) -> None:
     for n in options.sizes:
         for topology in sample(n, options.topologies, 0):
             for problem, settings in PROBLEMS.items():
+                todo: dict[Stated, Row] = {}
                 for example, distance in plan:
                     identity = {"part": PART, "n": n, "key": topology.key, "problem": problem}
                     identity |= {"example": example, "distance": distance}
                     if not rows.where(**identity):
-                        stated = Stated(example, n, (*settings, at(distance)))
-                        rows.add({**identity, **_first_design(stated, topology.key, options)})
+                        todo[Stated(example, n, (*settings, at(distance)))] = identity
+                while todo:  # in one process: loading all code takes longer than most solves
+                    cap = options.cap * len(todo)
+                    with Child(_first_designs, list(todo), topology.key, options.starts, cap=cap) as child:
+                        for row in child:
+                            rows.add({**todo.pop(next(iter(todo))), **row})
+                    if child.capped:
+                        rows.add({**todo.pop(next(iter(todo))), "solved": False, "capped": True})
 
 
-def _first_design(stated: Stated, key: str, options: Options) -> Row:
-    spent, starts, missed, solved = 0.0, 0, Counter[str](), False
-    with Child(attempts, "ours", "ours", stated, [key], range(options.starts), cap=options.cap) as child:
-        while not solved and (answer := next(child, None)) is not None:
-            spent, starts, solved = spent + cost(answer), starts + 1, answer["J"] is not None
-            if not solved:
-                missed[kind_of(answer["missed"])] += 1
-    return {"solved": solved, "seconds": spent, "starts": starts, "missed": missed, "capped": child.capped}
+def _first_designs(tasks: list[Stated], key: str, most: int) -> Iterator[Row]:
+    """Yield an empty row, then one a task: what the first starts of a topology lead to, up to a design."""
+    yield {}
+    for stated in tasks:
+        solves = attempts("ours", "ours", stated, [key], range(most))
+        next(solves)
+        row: Row = {"solved": False, "seconds": 0.0, "starts": 0, "missed": Counter[str](), "capped": False}
+        while not row["solved"] and (answer := next(solves, None)) is not None:
+            row["seconds"] += cost(answer)
+            row["starts"] += 1
+            row["solved"] = answer["J"] is not None
+            if not row["solved"]:
+                row["missed"][kind_of(answer["missed"])] += 1
+        yield row
 
 
 def kind_of(constraint: str) -> str:
@@ -68,7 +82,7 @@ def table(rows: Rows) -> str:
 def _share(measured: list[Row]) -> str:
     solved = sum(row["solved"] for row in measured)
     missed = Counter(
-        max(row["missed"], key=row["missed"].get) for row in measured if not row["solved"] and row["missed"]
+        max(row["missed"], key=row["missed"].get) for row in measured if not row["solved"] and row.get("missed")
     )
     reasons = ", ".join(f"{kind} {count}" for kind, count in missed.most_common())
     return f"{solved} of {len(measured)}" + (f" ({reasons})" if reasons else "")
