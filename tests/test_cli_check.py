@@ -55,6 +55,19 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
     assert list(said["warnings"]) == ["load_cases[0]", "load_cases[1]"]
 
 
+def test_goals_are_told_where_there_are_any() -> None:
+    title = "goals beside effort"
+    assert title not in groups("push")
+    told = groups("push", "--set", "goals.stand_off=[0.2, 0.35]", "--set", "goals.peak_input=[1.0, 0.9, 0.8]")[
+        title
+    ]
+    assert told == {
+        "stand-off of the end-effector": "20 cm, 35 cm",
+        "largest rotor input": "1 u_max, 0.9 u_max, 0.8 u_max",
+        "searches": "6 levels",
+    }
+
+
 def test_tolerances_are_told_where_there_are_any() -> None:
     title = "tolerances that the audit allows for"
     assert title not in groups("push")

@@ -19,11 +19,12 @@ def blocks(language: str) -> list[str]:
 
 
 def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
-    first, exposures, tolerances = (tomllib.loads(block) for block in blocks("toml"))
+    first, exposures, goals, tolerances = (tomllib.loads(block) for block in blocks("toml"))
     assert Task.model_validate(first) == read_task("push")
-    task = Task.model_validate({**first, **exposures, **tolerances})
+    task = Task.model_validate({**first, **exposures, **goals, **tolerances})
     assert [requirement.kind for requirement in task.exposure] == ["local", "directional", "exterior"]
     assert task.tolerances.position == 0.5e-3
+    assert task.goals.names == ("clearance", "stand_off", "peak_input")
 
 
 def test_the_python_code_runs_and_says_what_it_should(tmp_path):

@@ -2,11 +2,10 @@
 
 import json
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from report_cases import design, grown, toy_page
+from report_cases import Reader, design, grown, toy_page
 
 from topo_search.compose import audit
 from topo_search.export.poses import poses
@@ -17,46 +16,6 @@ from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 from topo_search.report.scene import scene
 from topo_search.study import RunFolder
-
-VOID = {"meta", "input", "link", "br", "img"}
-
-
-class Reader(HTMLParser):
-    """Reads a page: its words, its scripts by their id, its tables; fails on elements that are not closed."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.words: list[str] = []
-        self.data: dict[str, str] = {}
-        self.links: list[str] = []
-        self.ids: list[str] = []
-        self._id = ""
-        self.feed(text)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        given = dict(attrs)
-        self.links += [given[name] for name in ("src", "href") if name in given]
-        self._id = given.get("id", "")
-        if self._id:
-            self.ids.append(self._id)
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] == "script":
-            self.data[self._id] = data
-        elif self.open and self.open[-1] != "style":
-            self.words.append(data)
-
-    @property
-    def text(self) -> str:
-        return re.sub(r"\s+", " ", " ".join(self.words))
 
 
 @pytest.fixture(scope="module")

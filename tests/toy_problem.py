@@ -182,6 +182,7 @@ def toy_run(
     path,
     *,
     modules=3,
+    task=None,
     symmetry="c2",
     starts=2,
     seed=0,
@@ -190,12 +191,13 @@ def toy_run(
     trials=None,
     workers=None,
     observer=None,
+    verbs=VERBS,
     **options,
 ):
     """Run the toy problem, in worker processes if their number is given."""
-    request = Request(toy_task(modules), symmetry, starts, seed, strategy, sampler, trials)
+    request = Request(task or toy_task(modules), symmetry, starts, seed, strategy, sampler, trials)
     with patch.object(runner, "Workers", Workers if workers else InProcess):
-        return run(request, Path(path), VERBS, workers=workers or 1, observer=observer or Silent(), **options)
+        return run(request, Path(path), verbs, workers=workers or 1, observer=observer or Silent(), **options)
 
 
 def toy_row(key, *, objective, gap):

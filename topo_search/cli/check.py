@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,13 +63,15 @@ def check(task: str, modules: str | None, settings: tuple[str, ...], picture: Pa
 
 def _explain(task: Task) -> None:
     """Print everything that a task asks for; what a unit of weight is, for every number of modules."""
-    from topo_search.report.task_facts import facts, load_cases
+    from topo_search.report.task_facts import facts, goals, load_cases
 
     first, *others = (task.resolve(n) for n in task.sizes)
     click.echo(task.name)
     platform, *groups = facts(first)
     for group in (platform, *(facts(other)[0] for other in others), *groups):
         _group(group.title, group.rows)
+    if task.goals.names:
+        _group(*astuple(goals(task)))
     of = f" of {counted(first.n, 'module')}" if others else ""
     cases = [(f"load case {k}", f"{wrench}; weight {weight}") for k, wrench, weight in load_cases(first)]
     _group(f"load cases{of}, each the whole wrench that the rotors produce", cases)

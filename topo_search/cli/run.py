@@ -106,9 +106,16 @@ def run(
 
 def answer_as_json(answer: Answer) -> dict[str, Any]:
     """Return an answer as a JSON value."""
-    return {
+    told = {
         "folder": str(answer.folder),
         "exit_status": answer.exit_status,
         "best": answer.best and asdict(answer.best),
         "sizes": [asdict(size) for size in answer.sizes],
     }
+    if not answer.levels:
+        return told
+    levels = [
+        {"number": at.number, "level": at.level._asdict(), "sizes": [asdict(size) for size in at.sizes]}
+        for at in answer.levels
+    ]
+    return {**told, "levels": levels, "front": [point.cells for point in answer.points]}

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from topo_search.engine import Failed, Outcome
 from topo_search.model import Audit, Design, Infeasible, Limit, Sensitivity, Status
-from topo_search.report.wording import counted, modules
+from topo_search.report.wording import counted, length, modules
 from topo_search.study import Answer, Row, SizeAnswer, Solved
 
 NARROW = 100
@@ -21,8 +21,11 @@ NARROW = 100
 
 def print_answer(answer: Answer) -> None:
     """Print what a run found, and where it is."""
-    for size in answer.sizes:
-        _print_size(size)
+    if answer.levels:
+        _print_front(answer)
+    else:
+        for size in answer.sizes:
+            _print_size(size)
     best = answer.best
     if best is not None:
         click.echo(f"best design: {best.key}, {modules(best.modules)}, {_effort(best)}, audit {best.audit}")
@@ -35,11 +38,7 @@ def print_answer(answer: Answer) -> None:
 
 def _print_size(size: SizeAnswer) -> None:
     """Print the table of one size."""
-    counts = ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items()))
-    click.echo(
-        f"{modules(size.modules)}: {size.settled} of {counted(size.candidates, 'candidate')}"
-        + (f" ({counts})" if counts else "")
-    )
+    click.echo(_counts(size))
     click.echo(size.quotient)
     if size.feasible:
         click.echo(f"feasible trees, each counted with those that it stands for: {size.feasible}")
@@ -51,6 +50,47 @@ def _print_size(size: SizeAnswer) -> None:
         click.echo(remark)
     if size.reason is not None:
         click.echo(size.reason)
+
+
+def _counts(size: SizeAnswer) -> str:
+    """Return how many candidates of one size ended how."""
+    counts = ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items()))
+    told = f"{modules(size.modules)}: {size.settled} of {counted(size.candidates, 'candidate')}"
+    return f"{told} ({counts})" if counts else told
+
+
+def _print_front(answer: Answer) -> None:
+    """Print what became of each level of the goals, and the front."""
+    for at in answer.levels:
+        click.echo(f"level {at.number}: {at.level.words}")
+        for size in at.sizes:
+            click.echo(f"  {_counts(size)}")
+            if size.best is not None:
+                click.echo(f"  best {size.best.key}, {_effort(size.best)}")
+            if not size.complete:
+                click.echo("  the time limit came first; the same command goes on")
+            for remark in (*size.remarks, *([] if size.reason is None else [size.reason])):
+                click.echo(f"  {remark}")
+    if not answer.points:
+        return
+    click.echo(
+        f"front, {counted(len(answer.points), 'design')} of which none is better than another in everything:"
+    )
+    table = Table(box=None, pad_edge=False)
+    for name in ("key", "modules", "objective", "clearance", "stand-off", "peak input", "level"):
+        table.add_column(name, justify="left" if name == "key" else "right")
+    for point in answer.points:
+        reached = ["" if x is None else length(x) for x in (point.clearance, point.stand_off)]
+        row = point.row
+        table.add_row(
+            row.key,
+            str(row.modules),
+            f"{row.objective:.6g}",
+            *reached,
+            f"{point.peak_input:.4f} u_max",
+            str(point.number),
+        )
+    _print(table)
 
 
 def _print_rows(rows: tuple[Row, ...]) -> None:
@@ -66,6 +106,10 @@ def _print_rows(rows: tuple[Row, ...]) -> None:
             str(row.orbit),
             row.audit or ("failed" if row.audit_failure else ""),
         )
+    _print(table)
+
+
+def _print(table: Table) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=NARROW)

@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
 
 from topo_search.model.bad_input import shown
 from topo_search.model.exposure import LEAST_OFFSET, Exposure, needs_offset
+from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import LoadCase, ten_wrenches
 from topo_search.model.module import Module
 from topo_search.model.room import body_radius, largest_hinge_angle
@@ -156,6 +158,8 @@ class Task(Value):
     """What the search may do."""
     tolerances: Annotated[Tolerances, Field(exclude_if=lambda given: given == Tolerances())] = Tolerances()
     """Errors in building that the audit reckons with; not written where there are none."""
+    goals: Annotated[Goals, Field(exclude_if=lambda given: given == Goals())] = Goals()
+    """What control effort is weighed against; not written where there is nothing."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -181,8 +185,20 @@ class Task(Value):
                 for k, case in enumerate(self.load_cases)
                 if case.units == "weight" and not math.isfinite(case.largest * unit)
             ]
-        refuse("Task", *broken)
+        refuse("Task", *broken, *self._broken_goals())
         return self
+
+    def _broken_goals(self) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield what is wrong with goals over several sizes, or over one."""
+        if self.goals.modules and len(self.sizes) == 1:
+            yield ("goals", "modules"), f"needs a range of sizes, [fewest, most], but got modules = {self.modules}"
+        if self.goals.names and len(self.sizes) > 1:
+            rule = 'must be "SI" to compare efforts of several sizes, but got "weight", which grows with the size'
+            if self.load_cases == "ten-wrenches":
+                yield ("load_cases",), f"units {rule}"
+            else:
+                in_weights = [k for k, case in enumerate(self.load_cases) if case.units == "weight"]
+                yield from ((("load_cases", k, "units"), rule) for k in in_weights)
 
     @property
     def sizes(self) -> range:
@@ -258,8 +274,23 @@ class Task(Value):
         """
         return math.pi / 2 if self.body_clearance is None else largest_hinge_angle(self.module, margin)
 
+    def at(self, level: Level) -> Task:
+        """Return the task with its goals held at a level: a task without goals."""
+        search = {"margin": level.clearance, "peak_input": level.peak_input}
+        end_effector = {"stand_off": level.stand_off}
+        return self.model_copy(
+            update={
+                "search": self.search.model_copy(update=_given(search)),
+                "end_effector": self.end_effector.model_copy(update=_given(end_effector)),
+                "goals": Goals(),
+            }
+        )
+
     def resolve(self, n: int) -> ResolvedTask:
-        """Return the task for n modules with every default filled in and its load cases in N and N m."""
+        """Return the task for n modules with every default filled in and its load cases in N and N m.
+
+        It has no goals: what a design is held to are the fields that they are levels of.
+        """
         cases = ten_wrenches(self.task_seed or 0) if self.load_cases == "ten-wrenches" else self.load_cases
         units = self.force_unit(n), self.torque_unit(n)
         search = self.search.model_copy(
@@ -273,6 +304,7 @@ class Task(Value):
                 "load_cases": tuple(case.to_si(*units) for case in cases),
                 "task_seed": None,
                 "search": search,
+                "goals": Goals(),
             }
         )
 
@@ -289,3 +321,7 @@ class ResolvedTask(Task):
         weights = [k for k, case in enumerate(self.load_cases) if case.units == "weight"]
         refuse("ResolvedTask", *((("load_cases", k, "units"), rule) for k in weights))
         return self
+
+
+def _given(fields: dict[str, float | None]) -> dict[str, float]:
+    return {name: value for name, value in fields.items() if value is not None}

@@ -88,6 +88,16 @@ class RunPart:
 
 
 @dataclass(frozen=True)
+class FrontPart:
+    """The front of a run with goals."""
+
+    charts: tuple[Chart, ...]
+    """One for each goal."""
+    designs: Table
+    levels: Table
+
+
+@dataclass(frozen=True)
 class Reproduction:
     """How to get the same again."""
 
@@ -113,6 +123,8 @@ class Page:
     design: DesignPart | None
     run: RunPart | None
     reproduction: Reproduction
+    front: FrontPart | None = None
+    """None without goals."""
 
 
 def render(page: Page) -> str:

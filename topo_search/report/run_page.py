@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from topo_search.model import Audit, Design, Infeasible
@@ -11,6 +13,7 @@ from topo_search.model.files import to_toml, write_atomically
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, effort, task_part, verdict
 from topo_search.report.design_part import design_part
+from topo_search.report.front_part import front_part
 from topo_search.report.page import Chart, Page, Reproduction, RunPart, Table, json_in_script, render
 from topo_search.report.wording import counted, figures, modules, percent
 from topo_search.study import Answer, Row, RunFolder, SizeAnswer, answer_of
@@ -42,7 +45,25 @@ def write_run_page(folder: RunFolder) -> None:
 
 def run_page(folder: RunFolder) -> Page:
     """Return the page of a run."""
-    request, answer = folder.request, answer_of(folder)
+    answer, goals = answer_of(folder), folder.request.task.goals
+    if not answer.levels:
+        return _page(folder, answer)
+    number = answer.points[0].number if answer.points else 0
+    level = next(itertools.islice(folder.levels(), number, None))  # the ledger now ranks its rows
+    at = answer.levels[number]
+    page = _page(level, replace(answer, sizes=at.sizes))
+    note = f"All but the front is about level {number} of the goals: {at.level.words}."
+    return replace(
+        page,
+        notes=(note, *page.notes),
+        front=front_part(answer, goals.names),
+        reproduction=_reproduction(folder),
+    )
+
+
+def _page(folder: RunFolder, answer: Answer) -> Page:
+    """Return the page of a run without goals, or of one level."""
+    request = folder.request
     shown = answer.best or next((row for size in answer.sizes for row in size.top), None)
     n = shown.modules if shown else request.task.sizes[0]
     size = next(size for size in answer.sizes if size.modules == n)
@@ -80,9 +101,11 @@ def _answer(answer: Answer, name: str, design: Design | None, audit: Audit | Non
         checked = "it was not audited" if audit is None else verdict(audit)
     else:
         found = f"Of {counted(tried, 'candidate')}, the best platform for {name} is"
+        if answer.levels:
+            found = f"Of {counted(len(answer.points), 'design')} on the front of {name}, that of least effort is"
         checked = verdict(audit)
     size = modules(design.topology.n)
-    if answer.best is not None and len(answer.sizes) > 1:
+    if answer.best is not None and len(answer.sizes) > 1 and not answer.levels:
         size += ", the smallest size that has one"
     return f"{found} {design.topology.key}, of {size}: {effort(design)}; {checked}."
 

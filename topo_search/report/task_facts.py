@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from topo_search.model import Directional, Exterior, LoadCase, Local, ResolvedTask
+from topo_search.model import Directional, Exterior, LoadCase, Local, ResolvedTask, Task
 from topo_search.model.task import Tolerances
 from topo_search.model.value import Vector, is_zero
 from topo_search.report.wording import counted, figures, length, modules
@@ -74,6 +74,19 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
         Facts("search", _search(task)),
         *_tolerances(task),
     )
+
+
+def goals(task: Task) -> Facts:
+    """Return what effort is weighed against."""
+    asked = task.goals
+    levels = (
+        ("clearances", [length(x) for x in asked.clearance]),
+        ("stand-off of the end-effector", [length(x) for x in asked.stand_off]),
+        ("largest rotor input", [f"{figures(x)} u_max" for x in asked.peak_input]),
+        ("modules", [str(n) for n in task.sizes] if asked.modules else []),
+    )
+    rows = [(name, ", ".join(texts)) for name, texts in levels if texts]
+    return Facts("goals beside effort", (*rows, ("searches", counted(len(asked.levels), "level"))))
 
 
 def _region(asked: Local) -> str:

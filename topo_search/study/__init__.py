@@ -3,6 +3,7 @@
 from topo_search.study.answer import Answer, SizeAnswer, reason
 from topo_search.study.audits import AUDITED, audit_best
 from topo_search.study.folder import RunFolder
+from topo_search.study.front import Point, front
 from topo_search.study.identity import LARGER_MARGINS, Request, Sampler, StrategyName, larger_margin
 from topo_search.study.ledger import Ledger
 from topo_search.study.observer import Observer, Silent
@@ -17,6 +18,7 @@ __all__ = [
     "Answer",
     "Ledger",
     "Observer",
+    "Point",
     "Request",
     "Row",
     "RunFolder",
@@ -28,6 +30,7 @@ __all__ = [
     "StrategyName",
     "answer_of",
     "audit_best",
+    "front",
     "larger_margin",
     "reason",
     "run",

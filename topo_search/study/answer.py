@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 from topo_search.engine import scaled_violation
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask
 from topo_search.model.files import read_json
+from topo_search.model.goals import Level
 from topo_search.model.html import heading, paragraph, table
+from topo_search.study.front import Point
 from topo_search.study.row import Row
 from topo_search.topologies import Resolution
 
@@ -67,16 +69,32 @@ class SizeAnswer:
 
 
 @dataclass(frozen=True)
+class LevelAnswer:
+    """What was found at one level of the goals."""
+
+    number: int
+    level: Level
+    sizes: tuple[SizeAnswer, ...]
+    """Smallest first."""
+
+
+@dataclass(frozen=True)
 class Answer:
     """What a run found."""
 
     folder: Path
     sizes: tuple[SizeAnswer, ...]
-    """Smallest first."""
+    """Smallest first; of a run with goals those of its loosest level."""
+    levels: tuple[LevelAnswer, ...] = ()
+    """Of a run with goals, the loosest first."""
+    points: tuple[Point, ...] = ()
+    """The front of a run with goals, the least effort first."""
 
     @property
     def best(self) -> Row | None:
-        """The best audited design of the smallest size that has one."""
+        """The best audited design of the smallest size that has one; with goals, that of least effort."""
+        if self.levels:
+            return self.points[0].row if self.points else None
         return next((size.best for size in self.sizes if size.best is not None), None)
 
     @property
@@ -87,7 +105,10 @@ class Answer:
     @property
     def audit(self) -> Audit | None:
         """The audit of the best design, read from the folder."""
-        return None if self.best is None else read_json(Audit, self.folder / "audits" / f"{self.best.key}.json")
+        if self.best is None:
+            return None
+        folder = self.folder / self.points[0].folder if self.points else self.folder
+        return read_json(Audit, folder / "audits" / f"{self.best.key}.json")
 
     @property
     def candidates(self) -> pd.DataFrame:
@@ -96,8 +117,31 @@ class Answer:
 
         return candidates(self.folder)
 
+    @property
+    def front(self) -> pd.DataFrame:
+        """A row for every design of the front, with the columns of `front.csv`; none without goals."""
+        from topo_search.study.frame import front
+
+        return front(self.points)
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is left to do."""
+        return all(size.complete for size in self._all_sizes)
+
+    @property
+    def _all_sizes(self) -> tuple[SizeAnswer, ...]:
+        """Every size, at every level if there are goals."""
+        return tuple(size for level in self.levels for size in level.sizes) or self.sizes
+
     def _repr_html_(self) -> str:
-        """Show a notebook what was found: a sentence and a table for each size."""
+        """Show a notebook what was found: a sentence and a table for each size, or for the front."""
+        if self.levels:
+            columns = ("key", "modules", "J [rad^4/s^4]", "clearance [m]", "stand-off [m]", "peak input / u_max")
+            names = ("key", "modules", "objective", "clearance", "stand_off", "peak_input")
+            rows = [tuple(point.cells[name] for name in names) for point in self.points]
+            told = heading(f"front of {len(self.points)} designs, found at {len(self.levels)} levels")
+            return told + table(columns, rows) + paragraph(f"everything is in {self.folder}")
         return "".join(size._repr_html_() for size in self.sizes) + paragraph(f"everything is in {self.folder}")
 
     @property
@@ -105,7 +149,7 @@ class Answer:
         """0: audited design found; 1: designs, but none passed its audit; 3: no design."""
         if self.best is not None:
             return 0
-        return 1 if any(size.feasible for size in self.sizes) else 3
+        return 1 if any(size.feasible for size in self._all_sizes) else 3
 
 
 def size_answer(

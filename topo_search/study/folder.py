@@ -99,10 +99,19 @@ class RunFolder:
         ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
         return cls(path, request, ledger)
 
+    def levels(self) -> Iterator[RunFolder]:
+        """Yield the folder of each level of the goals in turn, while the ledger ranks its rows.
+
+        That of a run without goals is this one.
+        """
+        for number, request in enumerate(self.request.levels):
+            self.ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
+            yield self if request.level is None else RunFolder(self.path / f"levels/{number}", request, self.ledger)
+
     def write(self) -> None:
         """Bring all files of the folder up to the ledger."""
         for folder in ("designs", "audits"):
-            (self.path / folder).mkdir(exist_ok=True)
+            (self.path / folder).mkdir(parents=True, exist_ok=True)
         table = io.StringIO()
         writer = csv.writer(table, lineterminator="\n")
         writer.writerow(COLUMNS)

@@ -26,13 +26,16 @@ class Following:
         solve: Solve,
         workers: Workers,
         observer: Observer,
+        neighbour: Context | None = None,
     ) -> None:
+        """Take up the search of a context; designs of `neighbour` are carried over to the same trees."""
         self._ledger = ledger
         self._context = context
         self._lower_bound = lower_bound
         self._solve = solve
         self._workers = workers
         self._observer = observer
+        self._neighbour = neighbour
         self._incumbent: Row | None = next(iter(ledger.best_designs(context, 0, 1)), None)
         self._settled: set[str] = set()
         """Candidates that the observer was told of since the last announcement."""
@@ -89,14 +92,18 @@ class Following:
         candidate = proposal.candidate
         before = self._scores.get(candidate.key)
         first = before[-1].starts if before else 0
-        near = self._ledger.result(self._context, proposal.near) if proposal.near and first == 0 else None
+        known = []
+        if first == 0 and proposal.near:
+            known.append(self._ledger.result(self._context, proposal.near))
+        if first == 0 and self._neighbour is not None:
+            known.append(self._ledger.result(self._neighbour, candidate.key))
         return Job(
             self._context.task,
             candidate.topology,
             candidate.orbit,
             range(first, proposal.starts),
             self._context.seed,
-            (near,) if isinstance(near, Design) else (),
+            tuple(near for near in known if isinstance(near, Design)),
         )
 
     def _settle(self, key: str) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import metadata
 from typing import Any, Literal
 
 from topo_search.engine import Space
 from topo_search.model import ResolvedTask, Task
+from topo_search.model.goals import Level
 from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 
 LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl")
@@ -44,11 +45,14 @@ class Context:
     seed: int
     versions: dict[str, str]
     """Of the libraries."""
+    level: Level | None = None
+    """Of the goals, if the run has any: what was solved there had other designs to start from."""
 
     @cached_property
     def fixed_by(self) -> dict[str, Any]:
         """The content that the name is a digest of."""
-        return {"task": self.task.model_dump(mode="json"), "seed": self.seed, "versions": self.versions}
+        fixed_by = {"task": self.task.model_dump(mode="json"), "seed": self.seed, "versions": self.versions}
+        return fixed_by if self.level is None else {**fixed_by, "level": self.level._asdict()}
 
     @cached_property
     def name(self) -> str:
@@ -79,11 +83,17 @@ class Request:
     """Number of candidates to propose; None: all."""
     versions: dict[str, str] = field(default_factory=installed)
     """Of the libraries that solve; rows that others solved do not count."""
+    level: Level | None = None
+    """The level of the goals that `task` holds, if this is one of those of a run with goals."""
+    neighbour: Request | None = None
+    """The level before, whose designs are carried over."""
 
     @cached_property
     def identity(self) -> dict[str, Any]:
         """What one folder can hold one of. More starts and more trials extend a run, so they are left out."""
         tasks = [self.task.resolve(n).model_dump(mode="json") for n in self.task.sizes]
+        if self.task.goals.names:
+            tasks.append(self.task.goals.model_dump(mode="json"))
         identity = {
             "task": digest(tasks),
             "seed": self.seed,
@@ -97,6 +107,18 @@ class Request:
         """The name of the default folder, NAME-HASH."""
         return f"{self.task.name}-{digest({**self.identity, 'starts': self.starts})[:8]}"
 
+    @cached_property
+    def levels(self) -> tuple[Request, ...]:
+        """A request for each level of the task's goals, in the order of `Goals.levels`; without goals, this one."""
+        goals, requests = self.task.goals, list[Request]()
+        if not goals.names:
+            return (self,)
+        for number, level in enumerate(goals.levels):
+            before = goals.neighbour(number)
+            neighbour = None if before is None else requests[before]
+            requests.append(replace(self, task=self.task.at(level), level=level, neighbour=neighbour))
+        return tuple(requests)
+
     def space(self, n: int) -> Space:
         """Return the candidates of n modules."""
         return Space(self.task.resolve(n), self.symmetry)
@@ -109,7 +131,7 @@ class Request:
         """Return the contexts of n modules: the task's own margin, then each larger one."""
         task, contexts = self.task.resolve(n), []
         for step in range(LARGER_MARGINS + 1):
-            contexts.append(Context(task, step, self.seed, self.versions))
+            contexts.append(Context(task, step, self.seed, self.versions, self.level))
             search = task.search.model_copy(update={"margin": larger_margin(task.search.margin)})
             task = task.model_copy(update={"search": search})
         return contexts

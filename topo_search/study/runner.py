@@ -11,10 +11,11 @@ from pathlib import Path
 
 from topo_search.engine import Verbs, Workers, exhaustive
 from topo_search.model import Infeasible
-from topo_search.study.answer import Answer, SizeAnswer, quotient_remark, size_answer
+from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, quotient_remark, size_answer
 from topo_search.study.audits import audit_best, audits_left
 from topo_search.study.folder import LEDGER, RunFolder
 from topo_search.study.following import Following
+from topo_search.study.front import front_of, write_front
 from topo_search.study.identity import Context, Request
 from topo_search.study.ledger import Ledger
 from topo_search.study.lock import ReadOnlyFolder
@@ -54,12 +55,15 @@ def run(
     try:
         with RunFolder.opened(path, request) as folder, Workers(workers) as pool:
             try:
-                for n in request.task.sizes:
-                    _search_size(folder, n, verbs, pool, observer, until)
+                for number, level in enumerate(folder.levels()):
+                    left = len(request.levels) - number
+                    if level.request.level is not None:
+                        observer.note(f"level {number} of {len(request.levels)}: {level.request.level.words}")
+                    _search_level(level, verbs, pool, observer, _share(until, left))
             except KeyboardInterrupt:
-                folder.write()
+                _write(folder)
                 raise
-            folder.write()
+            _write(folder)
             report(folder)
             return answer_of(folder)
     except ReadOnlyFolder:
@@ -67,6 +71,27 @@ def run(
         if answer is None:
             raise
         return answer
+
+
+def _share(until: float, parts: int) -> float:
+    """Return when the first of so many equal parts of the time that is left is over."""
+    now = time.monotonic()
+    return until if parts == 1 else now + (until - now) / parts
+
+
+def _search_level(folder: RunFolder, verbs: Verbs, workers: Workers, observer: Observer, until: float) -> None:
+    """Search all sizes of a task without goals."""
+    folder.path.mkdir(parents=True, exist_ok=True)
+    for n in folder.request.task.sizes:
+        _search_size(folder, n, verbs, workers, observer, until)
+
+
+def _write(folder: RunFolder) -> None:
+    """Write all files but the ledger and the page."""
+    for level in folder.levels():
+        level.write()
+    if folder.request.task.goals.names:
+        write_front(folder)
 
 
 def _search_size(
@@ -94,7 +119,8 @@ def _search_size(
         return
 
     if not ledger.ended(context, request.starts, request.trials):
-        following = Following(ledger, context, lower_bound, verbs.solve, workers, observer)
+        neighbour = None if request.neighbour is None else request.neighbour.contexts(n)[0]
+        following = Following(ledger, context, lower_bound, verbs.solve, workers, observer, neighbour)
         if _follow(following, folder, n, observer, until):
             ledger.end(context, request.starts, request.trials)
     audit_best(
@@ -162,13 +188,24 @@ def _finished(path: Path, request: Request) -> Answer | None:
         return None
     with RunFolder.read(path, request) as folder:
         answer = answer_of(folder)
-    return answer if all(size.complete for size in answer.sizes) else None
+    return answer if answer.complete else None
 
 
 def answer_of(folder: RunFolder) -> Answer:
     """Return what a run has found, from its ledger."""
-    request = folder.request
-    return Answer(folder.path, tuple(_sum_up(folder.ledger, request, n) for n in request.task.sizes))
+    goals = folder.request.task.goals
+    sizes = [_sizes(level) for level in folder.levels()]
+    if not goals.names:
+        return Answer(folder.path, sizes[0])
+    levels = tuple(
+        LevelAnswer(number, *found) for number, found in enumerate(zip(goals.levels, sizes, strict=True))
+    )
+    return Answer(folder.path, sizes[0], levels, front_of(folder))
+
+
+def _sizes(folder: RunFolder) -> tuple[SizeAnswer, ...]:
+    """Read the answer of a task without goals."""
+    return tuple(_sum_up(folder.ledger, folder.request, n) for n in folder.request.task.sizes)
 
 
 def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:

@@ -1,0 +1,94 @@
+"""Goals of a task: their levels, the tasks that hold them, and what is wrong with them."""
+
+import pytest
+from nlp_cases import HOVER, push
+
+from topo_search.model import BadInput, Task
+from topo_search.model.files import read_task, to_toml, validate
+from topo_search.model.goals import Goals, Level
+
+SI = {"units": "SI", "com": {"force": [0.0, 0.0, 8.0]}}
+
+
+def task(**fields):
+    return validate(Task, {"name": "front", "modules": 5, "load_cases": [HOVER], **fields}, "task")
+
+
+def test_levels_are_all_combinations_the_loosest_first():
+    goals = Goals(clearance=(5e-3, 1e-4), peak_input=(0.8, 1.0, 0.9))
+    assert goals.names == ("clearance", "peak_input")
+    expected = [(c, None, u) for c in (1e-4, 5e-3) for u in (1.0, 0.9, 0.8)]
+    assert list(goals.levels) == [Level(*each) for each in expected]
+
+
+def test_a_neighbour_is_one_level_looser_in_one_goal():
+    goals = Goals(clearance=(1e-4, 1e-3, 1e-2), stand_off=(0.2, 0.3), peak_input=(1.0, 0.9, 0.8, 0.7))
+    levels = goals.levels
+    assert goals.neighbour(0) is None
+    axes = [sorted(goals.clearance), sorted(goals.stand_off), sorted(goals.peak_input, reverse=True)]
+    for number in range(1, len(levels)):
+        before = goals.neighbour(number)
+        assert before < number
+        steps = [
+            axis.index(x) - axis.index(y) for axis, x, y in zip(axes, levels[number], levels[before], strict=True)
+        ]
+        assert sorted(steps) == [0, 0, 1]
+
+
+def test_a_level_is_a_plain_task():
+    asked = task(goals={"clearance": [1e-3, 1e-2], "stand_off": [0.3]}, end_effector={"mass": 0.1})
+    plain = asked.at(asked.goals.levels[1])
+    assert plain == task(search={"margin": 1e-2}, end_effector={"mass": 0.1, "stand_off": 0.3})
+    assert asked.goals.levels[1].words == "search.margin = 0.01, end_effector.stand_off = 0.3"
+    assert asked.resolve(5) == task(end_effector={"mass": 0.1}).resolve(5)
+
+
+def test_goals_come_back_from_a_file_and_a_task_without_is_written_as_before():
+    assert "goals" not in to_toml(task())
+    assert "goals" not in push(5).model_dump_json()
+    asked = task(goals={"peak_input": [0.9, 0.8]})
+    text = to_toml(asked)
+    assert "[goals]" in text
+    settings = ("goals.peak_input=[0.9, 0.8]", "goals.clearance=[0.0, 1e-3]")
+    assert read_task("push", settings).goals == Goals(peak_input=(0.9, 0.8), clearance=(0.0, 1e-3))
+
+
+def test_no_goals_are_one_level_that_changes_nothing():
+    assert Goals().names == ()
+    assert Goals().levels == (Level(None, None, None),)
+    assert task().at(Goals().levels[0]) == task()
+
+
+@pytest.mark.parametrize(
+    ("fields", "fault"),
+    [
+        ({"goals": {"clearance": [1e-3, 1e-3]}}, "goals.clearance: must all be different, but got [0.001, 0.001]"),
+        ({"goals": {"clearance": [-1e-3]}}, "goals.clearance[0]: must be at least 0, but got -0.001"),
+        ({"goals": {"clearance": 1e-3}}, "goals.clearance: must be a list, but got 0.001"),
+        ({"goals": {"stand_off": [0.0]}}, "goals.stand_off[0]: must be greater than 0, but got 0.0"),
+        ({"goals": {"peak_input": [0.5, 1.1]}}, "goals.peak_input[1]: must be at most 1, but got 1.1"),
+        ({"goals": {"effort": [1.0]}}, "goals.effort: unknown field; valid names are"),
+        (
+            {"goals": {"modules": True}},
+            "goals.modules: needs a range of sizes, [fewest, most], but got modules = 5",
+        ),
+        (
+            {"goals": {"clearance": [1e-3]}, "modules": [4, 5], "load_cases": [SI, HOVER]},
+            'load_cases[1].units: must be "SI" to compare efforts of several sizes, but got "weight"',
+        ),
+        (
+            {"goals": {"modules": True}, "modules": [4, 5], "load_cases": "ten-wrenches", "task_seed": 0},
+            'load_cases: units must be "SI" to compare efforts of several sizes, but got "weight"',
+        ),
+    ],
+)
+def test_what_is_wrong_with_goals_is_told(fields, fault):
+    with pytest.raises(BadInput) as told:
+        task(**fields)
+    assert [str(each)[: len(fault)] for each in told.value.faults] == [fault]
+
+
+def test_sizes_compare_in_si():
+    asked = task(goals={"modules": True}, modules=[4, 6], load_cases=[SI])
+    assert asked.goals.names == ("modules",)
+    assert len(asked.goals.levels) == 1

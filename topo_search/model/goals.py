@@ -1,0 +1,81 @@
+"""Goals beside control effort: bounds that a search holds at one level after another.
+
+Whoever asks for the least effort gets a design that rests on its bounds. So what effort is traded for is a bound,
+and the trade is seen by solving the task once for each of its levels (the epsilon-constraint method).
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Annotated, NamedTuple, TypeVar
+
+from pydantic import AfterValidator, Field
+
+from topo_search.model.bad_input import shown
+from topo_search.model.value import Flag, NonNegative, Positive, Value
+
+FIELDS = ("search.margin", "end_effector.stand_off", "search.peak_input")
+"""What a level sets, in the order of `Level`."""
+
+Levels = TypeVar("Levels", bound=tuple[float, ...])
+
+
+def _different(levels: Levels) -> Levels:
+    if len(set(levels)) < len(levels):
+        raise ValueError(f"must all be different, but got {shown(levels)}")
+    return levels
+
+
+class Level(NamedTuple):
+    """One level of every goal; None of what is no goal."""
+
+    clearance: float | None
+    """Of search.margin [m]."""
+    stand_off: float | None
+    """Of end_effector.stand_off [m]."""
+    peak_input: float | None
+    """Of search.peak_input."""
+
+    @property
+    def words(self) -> str:
+        """The fields that it sets, as a task file does."""
+        set_ = [f"{field} = {value:g}" for field, value in zip(FIELDS, self, strict=True) if value is not None]
+        return ", ".join(set_) or "the task as it is"
+
+
+class Goals(Value):
+    """What is weighed against control effort: bounds; the task is solved at every combination of their levels."""
+
+    clearance: Annotated[tuple[NonNegative, ...], AfterValidator(_different)] = ()
+    """Levels of search.margin [m]."""
+    stand_off: Annotated[tuple[Positive, ...], AfterValidator(_different)] = ()
+    """Levels of end_effector.stand_off [m]."""
+    peak_input: Annotated[tuple[Annotated[Positive, Field(le=1)], ...], AfterValidator(_different)] = ()
+    """Levels of search.peak_input."""
+    modules: Flag = False
+    """Whether few modules are a goal, of a task with a range of sizes and wrenches in SI."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return what the goals are."""
+        return tuple(name for name in type(self).model_fields if getattr(self, name))
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """Every combination, the loosest first; the last of the goals changes fastest."""
+        return tuple(Level(*each) for each in product(*self._axes))
+
+    def neighbour(self, number: int) -> int | None:
+        """Return the level before one of them along a single goal; None of the first."""
+        step = 1
+        for axis in reversed(self._axes):
+            if number // step % len(axis):
+                return number - step
+            step *= len(axis)
+        return None
+
+    @property
+    def _axes(self) -> tuple[list[float | None], ...]:
+        """The levels of each goal, the loosest first."""
+        axes = sorted(self.clearance), sorted(self.stand_off), sorted(self.peak_input, reverse=True)
+        return tuple([*axis] or [None] for axis in axes)

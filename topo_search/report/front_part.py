@@ -1,0 +1,154 @@
+"""The front of a run with goals: effort against each goal, its designs, and what became of every level."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import plotly.graph_objects as go
+
+from topo_search.export import palette
+from topo_search.report.page import Chart, FrontPart, Table
+from topo_search.report.wording import counted, figures, length, modules
+from topo_search.study import Answer, Point, front
+
+
+class Axis(NamedTuple):
+    """How a goal is drawn."""
+
+    title: str
+    scale: float
+    """From SI to the unit of the title."""
+
+
+AXES = {
+    "clearance": Axis("least clearance [mm]", 1e3),
+    "stand_off": Axis("least distance of the end-effector from a module's centre [cm]", 1e2),
+    "peak_input": Axis("largest rotor input / u_max", 1.0),
+    "modules": Axis("modules", 1.0),
+}
+
+
+def front_part(answer: Answer, names: Sequence[str]) -> FrontPart:
+    """Return all that is shown of a front.
+
+    Args:
+        answer: of a run with goals.
+        names: the goals.
+    """
+    charts = [
+        Chart(f"front-{name.replace('_', '-')}", f"Effort against {AXES[name].title}", _chart(answer.points, name))
+        for name in names
+        if any(point.cells[name] is not None for point in answer.points)
+    ]
+    return FrontPart(tuple(charts), _designs(answer.points), _levels(answer))
+
+
+def _chart(points: Sequence[Point], name: str) -> go.Figure:
+    """Return effort over a goal: all points, and a line through those that are best in these two alone."""
+    least = points[0].row.objective or 1.0
+    axis = AXES[name]
+
+    def at(chosen: Sequence[Point]) -> dict[str, list[float | None]]:
+        x = [None if (value := point.cells[name]) is None else axis.scale * value for point in chosen]
+        return {"x": x, "y": [(point.row.objective or 0.0) / least for point in chosen]}
+
+    figure = go.Figure()
+    figure.add_trace(
+        go.Scatter(
+            **at(front(points, [name])),
+            name=f"best in effort and {name.replace('_', '-')} alone",
+            mode="lines",
+            line={"color": palette.CONNECTOR, "width": 1.5, "dash": "dot"},
+            hoverinfo="skip",
+        )
+    )
+    figure.add_trace(
+        go.Scatter(
+            **at(points),
+            name="designs of the front",
+            mode="markers",
+            marker={"color": palette.CONNECTOR, "size": 9},
+            text=["<br>".join(_described(point)) for point in points],
+            hovertemplate="%{text}<extra></extra>",
+        )
+    )
+    figure.update_layout(
+        xaxis={"title": {"text": axis.title}, "dtick": 1 if name == "modules" else None},
+        yaxis={"title": {"text": "J / least J of the front"}},
+        legend={"orientation": "h", "y": -0.25},
+    )
+    return figure
+
+
+def _described(point: Point) -> Iterator[str]:
+    """Yield one design in lines, for the pointer."""
+    yield f"{point.row.key}, {modules(point.row.modules)}"
+    yield f"J = {figures(point.row.objective or 0.0, 5)} rad⁴/s⁴"
+    yield f"clearance {_length(point.clearance)}, stand-off {_length(point.stand_off)}"
+    yield f"largest input {point.peak_input:.4f} u_max"
+    yield f"level {point.number}: {point.level.words}"
+
+
+def _designs(points: Sequence[Point]) -> Table:
+    least = points[0].row.objective if points else None
+    rows = [
+        [
+            point.row.key,
+            str(point.row.modules),
+            figures(point.row.objective or 0.0, 5),
+            f"{(point.row.objective or 0.0) / least:.4f}" if least else "",
+            _length(point.clearance),
+            _length(point.stand_off),
+            f"{point.peak_input:.4f}",
+            str(point.number),
+            point.row.audit or "",
+        ]
+        for point in points
+    ]
+    columns = (
+        "tree",
+        "modules",
+        "J [rad⁴/s⁴]",
+        "J / least J",
+        "least clearance",
+        "stand-off",
+        "largest input / u_max",
+        "level",
+        "audit",
+    )
+    return Table(columns, rows, frozenset(range(1, 8)))
+
+
+def _levels(answer: Answer) -> Table:
+    """Return a row for every level and size, with the reason where nothing was found."""
+    on_front = [point.number for point in answer.points]
+    rows = [
+        [
+            str(at.number),
+            at.level.words,
+            str(size.modules),
+            ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
+            size.best.key if size.best else "none",
+            figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
+            counted(on_front.count(at.number), "design"),
+            size.reason or "",
+        ]
+        for at in answer.levels
+        for size in at.sizes
+    ]
+    columns = (
+        "level",
+        "held at",
+        "modules",
+        "candidates",
+        "best there",
+        "J [rad⁴/s⁴]",
+        "gives the front",
+        "why none",
+    )
+    return Table(columns, rows, frozenset({0, 2, 5}))
+
+
+def _length(metres: float | None) -> str:
+    return "none" if metres is None else length(metres)
