@@ -5,8 +5,18 @@ A shell starts background jobs with Ctrl-C ignored, which child processes inheri
 
 import signal
 
+import pytest
+from dask_cluster import Cluster
 from hypothesis import HealthCheck, settings
 
 settings.register_profile("suite", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("suite")
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session")
+def cluster(tmp_path_factory):
+    """A Dask cluster with two workers of one thread, for tests that leave them alive."""
+    with Cluster(tmp_path_factory.mktemp("cluster")) as cluster:
+        cluster.add_worker("--nworkers", "2")
+        yield cluster

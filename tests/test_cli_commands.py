@@ -13,7 +13,7 @@ from topo_search.cli import main
 from topo_search.cli.progress import Bar, Lines
 from topo_search.model import Audit, Clearance, Design, Infeasible
 from topo_search.model.files import examples, read_json
-from topo_search.study import folder, runner, single
+from topo_search.study import folder, single
 from topo_search.topologies import candidates, count, sample
 
 TOY = """
@@ -27,7 +27,7 @@ com = { force = [0.0, 0.0, 1.0] }
 @pytest.fixture
 def command(tmp_path, monkeypatch):
     """The command line on the toy problem, in this process and in an empty folder with a task file."""
-    for module in (runner, single, compose):
+    for module in (single, compose):
         monkeypatch.setattr(module, "Workers", toy_problem.InProcess)
     monkeypatch.setattr(compose, "VERBS", toy_problem.VERBS)
     monkeypatch.chdir(tmp_path)

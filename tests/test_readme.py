@@ -28,7 +28,7 @@ def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
 
 
 def test_the_python_code_runs_and_says_what_it_should(tmp_path):
-    (code,) = blocks("python")
+    _, code = blocks("python")
     (tmp_path / "snippet.py").write_text(code)
     done = subprocess.run([sys.executable, "snippet.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
     status, angles, verdict = done.stdout.splitlines()

@@ -15,8 +15,8 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
-from unittest.mock import patch
 
 from topo_search.engine import Verbs, Workers
 from topo_search.model import (
@@ -31,7 +31,7 @@ from topo_search.model import (
     Topology,
     Wrench,
 )
-from topo_search.study import Request, Row, Silent, run, runner
+from topo_search.study import Request, Row, Silent, run
 
 BOUND = 1.0
 """Every objective lies above."""
@@ -190,14 +190,16 @@ def toy_run(
     sampler="moves",
     trials=None,
     workers=None,
+    engine=None,
     observer=None,
     verbs=VERBS,
     **options,
 ):
-    """Run the toy problem, in worker processes if their number is given."""
+    """Run the toy problem: on an engine, in worker processes if their number is given, or in this process."""
     request = Request(task or toy_task(modules), symmetry, starts, seed, strategy, sampler, trials)
-    with patch.object(runner, "Workers", Workers if workers else InProcess):
-        return run(request, Path(path), verbs, workers=workers or 1, observer=observer or Silent(), **options)
+    place = Workers(workers) if workers else InProcess(1)
+    with nullcontext(engine) if engine else place as engine:
+        return run(request, Path(path), verbs, engine=engine, observer=observer or Silent(), **options)
 
 
 def toy_row(key, *, objective, gap):

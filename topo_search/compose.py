@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import nlp
 import verify
 from topo_search.engine import (
     AuditDesign,
+    DaskWorkers,
     Failed,
     Outcome,
     Verbs,
@@ -69,6 +70,7 @@ def search(
     starts: int | None = None,
     seed: int = 0,
     workers: int | None = None,
+    dask: str | None = None,
     time_limit: float = math.inf,
     observer: Observer | None = None,
 ) -> Answer:
@@ -84,11 +86,13 @@ def search(
         starts: starts of each candidate, or of the best that were proposed; default: the solver's.
         seed: draws the starts and the proposals.
         workers: worker processes; default: the cores available. They change nothing but the time it takes.
+        dask: the address of a Dask scheduler, tcp://HOST:PORT, whose workers take the place of processes here.
         time_limit: seconds after which no more is solved.
         observer: is told of the progress.
 
     Raises:
-        BadInput: the task or the folder cannot be used.
+        BadInput: the task, the folder or the address cannot be used.
+        WorkersLost: workers do not start, or the Dask scheduler does not answer, or is gone; results are kept.
     """
     request = Request(
         _task(task),
@@ -100,15 +104,22 @@ def search(
         trials if strategy == "optuna" else None,
     )
     path = RUNS / request.folder_name if out is None else Path(out)
-    return run(
-        request,
-        path,
-        VERBS,
-        workers=workers or available_cores(),
-        time_limit=time_limit,
-        observer=observer or Silent(),
-        report=_write_page,
-    )
+    observer = observer or Silent()
+    with _engine(workers, dask, request.versions, observer) as engine:
+        return run(
+            request, path, VERBS, engine=engine, time_limit=time_limit, observer=observer, report=_write_page
+        )
+
+
+def _engine(
+    workers: int | None, dask: str | None, versions: Mapping[str, str], observer: Observer
+) -> Workers | DaskWorkers:
+    """Return where jobs run: in processes of this machine, or in the workers of a Dask scheduler."""
+    if dask is None:
+        return Workers(workers or available_cores())
+    if workers is not None:
+        raise BadInput("workers", [Fault("", "cannot be chosen with dask: all workers of the scheduler are used")])
+    return DaskWorkers(dask, versions, note=observer.note)
 
 
 def write_report(source: str | Path, *, out: str | Path | None = None) -> Path:

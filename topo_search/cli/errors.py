@@ -14,14 +14,14 @@ import click
 
 BAD_INPUT = 2
 SOFTWARE = 70
-"""EX_SOFTWARE of <sysexits.h>: worker processes do not start."""
+"""EX_SOFTWARE of <sysexits.h>: there are no workers, here or at a Dask scheduler."""
 INPUT_OUTPUT = 74
 """EX_IOERR of <sysexits.h>: the disk is full, or fails."""
 INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
 
 
-EXTRAS = {"matplotlib": "viz", "pyarrow": "viz"}
+EXTRAS = {"distributed": "cluster", "matplotlib": "viz", "pyarrow": "viz"}
 """The extra that brings a library."""
 
 
@@ -52,6 +52,7 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
     from topo_search.engine import WorkersLost
     from topo_search.model import BadInput
 
+    kept = "; what the run has finished is safe, and the same command resumes it" if resumes else ""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
@@ -60,7 +61,7 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
     except KeyboardInterrupt:
         _end("stopped; all results are kept, and the same command resumes" if resumes else "stopped", INTERRUPTED)
     except WorkersLost as error:
-        _end(str(error), SOFTWARE)
+        _end(f"{error}{kept}", SOFTWARE)
     except sqlite3.OperationalError as error:
         _end(
             f"the ledger cannot be written: {error}; what it holds is safe, and the same command resumes",
@@ -70,7 +71,6 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
         if error.errno is None or error.errno == errno.EPIPE:  # no file's error; the reader of our output left
             raise
         where = f" ({error.filename})" if error.filename else ""
-        kept = "; what the run has finished is safe, and the same command resumes it" if resumes else ""
         _end(f"{os.strerror(error.errno)}{where}{kept}", INPUT_OUTPUT)
     finally:
         signal.signal(signal.SIGTERM, before)

@@ -33,6 +33,9 @@ time_limit = click.option(
 workers = click.option(
     "--workers", type=click.IntRange(min=1), help="Worker processes (default: the cores available)."
 )
+dask = click.option(
+    "--dask", metavar="tcp://HOST:PORT", help="Address of a Dask scheduler, whose workers then solve."
+)
 connectors = click.option("--connectors", type=click.Choice(["aligned", "any"]), help="Ports that a child may use.")
 root = click.option("--root", type=click.Choice(["free", "paper"]), help="Orientations of the root module.")
 as_json = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")

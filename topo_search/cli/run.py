@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained
+from topo_search.cli.errors import explained, needs_extras
 
 if TYPE_CHECKING:
     from topo_search.study import Answer
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 @options.starts
 @options.seed
 @options.workers
+@options.dask
 @click.option("--out", type=click.Path(path_type=Path), help="The run's folder (default: runs/NAME-HASH).")
 @options.root
 @options.connectors
@@ -59,6 +60,7 @@ def run(
     starts: int | None,
     seed: int,
     workers: int | None,
+    dask: str | None,
     out: Path | None,
     root: str | None,
     connectors: str | None,
@@ -70,7 +72,8 @@ def run(
     Typing the same command again resumes a stopped run, or prints the answer of a finished one.
 
     Exit status: 0 audited design found; 1 designs found, but none passed its audit;
-    2 bad input; 3 no design found, with the reasons.
+    2 bad input; 3 no design found, with the reasons; 70 no workers: they do not start, or the
+    Dask scheduler does not answer, or is gone (all results are kept, and the same command resumes).
     """
     if strategy == "exhaustive" and (sampler or trials):
         raise click.UsageError("--sampler and --trials go with --strategy optuna")
@@ -81,7 +84,7 @@ def run(
 
         changes = options.overrides(settings, modules=modules, search__root=root, search__connectors=connectors)
         asked = read_task(task, changes)
-        with shown_progress() as observer:
+        with shown_progress() as observer, needs_extras("--dask"):
             answer = search(
                 asked,
                 out=out,
@@ -92,6 +95,7 @@ def run(
                 starts=starts,
                 seed=seed,
                 workers=workers,
+                dask=dask,
                 time_limit=math.inf if time_limit is None else time_limit,
                 observer=observer,
             )

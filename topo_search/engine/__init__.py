@@ -1,5 +1,7 @@
 """The search engine: solves candidates in worker processes and hands their outcomes on, storing nothing."""
 
+from topo_search.engine.dask_workers import DaskWorkers
+from topo_search.engine.engine import Engine, WorkersLost
 from topo_search.engine.exhaustive import exhaustive
 from topo_search.engine.job import Job, solved
 from topo_search.engine.merging import merge, record_of
@@ -8,10 +10,12 @@ from topo_search.engine.shortfall import scaled_violation
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Proposal, Round, Scored, Strategy
 from topo_search.engine.verbs import AuditDesign, Failed, Outcome, Solve, Verbs
-from topo_search.engine.workers import Workers, WorkersLost, audit_deadline, solve_deadline
+from topo_search.engine.workers import Workers, audit_deadline, solve_deadline
 
 __all__ = [
     "AuditDesign",
+    "DaskWorkers",
+    "Engine",
     "Failed",
     "Job",
     "Outcome",

@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
+from topo_search.engine.engine import Engine
 from topo_search.engine.verbs import Outcome, Solve
-from topo_search.engine.workers import Workers, solve_deadline
+from topo_search.engine.workers import solve_deadline
 from topo_search.model import Design, Infeasible, ResolvedTask, Topology
 
 
@@ -32,17 +33,17 @@ class Job:
 
 
 def solved(
-    jobs: Iterable[Job], *, solve: Solve, workers: Workers, until: float = math.inf
+    jobs: Iterable[Job], *, solve: Solve, engine: Engine, until: float = math.inf
 ) -> Iterator[tuple[Job, Outcome]]:
     """Yield every job with its outcome as it ends, in any order; jobs are drawn as workers become free.
 
     Args:
         jobs: what is to be solved.
         solve: the solver.
-        workers: where it runs.
+        engine: where it runs.
         until: time.monotonic() at which to stop.
     """
-    return workers.run(partial(_solve, solve), jobs, deadline=lambda job: job.deadline, until=until)
+    return engine.run(partial(_solve, solve), jobs, deadline=lambda job: job.deadline, until=until)
 
 
 def _solve(solve: Solve, job: Job) -> Design | Infeasible:

@@ -15,15 +15,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from types import TracebackType
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, Self
 
 from pebble import ProcessExpired, ProcessPool
 
 from topo_search.engine.child import ONE_THREAD, die_with_parent
+from topo_search.engine.engine import Engine, J, R, WorkersLost
 from topo_search.engine.verbs import Failed
-
-J = TypeVar("J")
-R = TypeVar("R")
 
 ATTEMPTS = 2
 """How often a job that crashes or hangs is tried."""
@@ -41,17 +39,13 @@ def audit_deadline(n: int) -> float:
     return 300.0 + 0.2 * n**2
 
 
-class WorkersLost(RuntimeError):
-    """Worker processes end before they take a job, again and again."""
-
-
 @dataclass
 class _Try(Generic[J]):
     job: J
     attempt: int = 1
 
 
-class Workers:
+class Workers(Engine):
     """A pool of worker processes, started with the first job and stopped at the end of the `with` block.
 
     A job that crashes its worker (segmentation fault, kill, out of memory) or passes its deadline is tried
@@ -89,17 +83,7 @@ class Workers:
         deadline: Callable[[J], float],
         until: float = math.inf,
     ) -> Iterator[tuple[J, R | Failed]]:
-        """Yield (job, result) as jobs end, in any order; at most two jobs a worker are drawn from `jobs` ahead.
-
-        Args:
-            function: importable and pure.
-            jobs: picklable values, drawn lazily.
-            deadline: seconds that a job may take.
-            until: time.monotonic() at which to stop: what runs then is dropped and no more is begun.
-
-        Raises:
-            WorkersLost: no worker lives long enough to take a job.
-        """
+        """Yield (job, result) as jobs end; at most two jobs a worker are drawn from `jobs` ahead."""
         waiting: deque[_Try[J]] = deque()
         running: dict[Future[Any], _Try[J]] = {}
         source = iter(jobs)
@@ -135,12 +119,6 @@ class Workers:
         finally:
             if running:
                 self._stop()
-
-    def one(self, function: Callable[[J], R], job: J, *, deadline: float, until: float = math.inf) -> R | Failed:
-        """Return the result of a single job."""
-        for _, result in self.run(function, [job], deadline=lambda _: deadline, until=until):
-            return result
-        return Failed("timeout", "the time limit came first")
 
     def _submit(self, function: Callable[[J], R], job: J, deadline: float) -> Future[Any] | None:
         """Hand a job to the pool; None if the pool has just broken."""

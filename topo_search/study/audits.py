@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
-from topo_search.engine import AuditDesign, Failed, Job, Verbs, Workers, audit_deadline, solved
+from topo_search.engine import AuditDesign, Engine, Failed, Job, Verbs, audit_deadline, solved
 from topo_search.model import Audit, Design, Topology
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
@@ -27,7 +27,7 @@ def audit_best(
     ledger: Ledger,
     contexts: Sequence[Context],
     verbs: Verbs,
-    workers: Workers,
+    engine: Engine,
     *,
     starts: int,
     lower_bound: float,
@@ -40,7 +40,7 @@ def audit_best(
         ledger: where designs are read and verdicts written.
         contexts: of this size: the task's own margin, then each larger one.
         verbs: solver and audit.
-        workers: where they run.
+        engine: where they run.
         starts: number of starts when a design is solved again.
         lower_bound: of this size [rad^4/s^4].
         observer: is told what does not pass.
@@ -58,10 +58,10 @@ def audit_best(
                 if jobs and time.monotonic() >= until:
                     break
                 ledger.begin(context, lower_bound, None)
-                for job, outcome in solved(iter(jobs), solve=verbs.solve, workers=workers, until=until):
+                for job, outcome in solved(iter(jobs), solve=verbs.solve, engine=engine, until=until):
                     record(ledger, context, job, outcome, lower_bound=lower_bound)
                 rows = _rows(ledger, context, rows)
-            _audit(ledger, context, rows, verbs.audit, workers)
+            _audit(ledger, context, rows, verbs.audit, engine)
             rows = [row for row in _rows(ledger, context, rows) if not row.clear and row.audit_failure is None]
             for row in rows:
                 observer.note(f"{row.key}: the audit of the design with margin {row.margin:g} m is {row.audit}")
@@ -120,10 +120,10 @@ def _rows(ledger: Ledger, context: Context, rows: Sequence[Row]) -> list[Row]:
     return [row for row in found if row is not None and row.feasible]
 
 
-def _audit(ledger: Ledger, context: Context, rows: Sequence[Row], audit: AuditDesign, workers: Workers) -> None:
+def _audit(ledger: Ledger, context: Context, rows: Sequence[Row], audit: AuditDesign, engine: Engine) -> None:
     """Audit the designs that were not, and write their verdicts."""
     keys = [row.key for row in rows if not row.audit_ended]
-    results = workers.run(
+    results = engine.run(
         partial(_audit_named, audit),
         ((key, ledger.result(context, key)) for key in keys),
         deadline=lambda _: audit_deadline(context.task.n),

@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Iterator
 
-from topo_search.engine import Job, Proposal, Round, Scored, Solve, Strategy, Workers, solved
+from topo_search.engine import Engine, Job, Proposal, Round, Scored, Solve, Strategy, solved
 from topo_search.model import Design
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
@@ -24,7 +24,7 @@ class Following:
         context: Context,
         lower_bound: float,
         solve: Solve,
-        workers: Workers,
+        engine: Engine,
         observer: Observer,
         neighbour: Context | None = None,
     ) -> None:
@@ -33,7 +33,7 @@ class Following:
         self._context = context
         self._lower_bound = lower_bound
         self._solve = solve
-        self._workers = workers
+        self._engine = engine
         self._observer = observer
         self._neighbour = neighbour
         self._incumbent: Row | None = next(iter(ledger.best_designs(context, 0, 1)), None)
@@ -78,7 +78,7 @@ class Following:
                 else:
                     self._settle(proposal.candidate.key)
 
-        for job, outcome in solved(jobs(), solve=self._solve, workers=self._workers, until=until):
+        for job, outcome in solved(jobs(), solve=self._solve, engine=self._engine, until=until):
             row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
             self._add(score(row, self._context.task))
             self._incumbent = _better(self._incumbent, row)

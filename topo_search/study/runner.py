@@ -9,7 +9,7 @@ from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 
-from topo_search.engine import Verbs, Workers, exhaustive
+from topo_search.engine import Engine, Verbs, WorkersLost, exhaustive
 from topo_search.model import Infeasible
 from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, quotient_remark, size_answer
 from topo_search.study.audits import audit_best, audits_left
@@ -31,7 +31,7 @@ def run(
     path: Path,
     verbs: Verbs,
     *,
-    workers: int,
+    engine: Engine,
     observer: Observer,
     time_limit: float = math.inf,
     report: Callable[[RunFolder], None] = lambda _: None,
@@ -42,7 +42,7 @@ def run(
         request: what is asked.
         path: the run's folder; made if there is none, taken up again if there is.
         verbs: solver, audit and bounds.
-        workers: number of worker processes; they change nothing but the time it takes.
+        engine: where jobs run; it changes nothing but the time it takes.
         observer: is told of the progress.
         time_limit: seconds after which no more is solved; the best designs are audited all the same.
         report: is handed the folder once all its files are written.
@@ -50,17 +50,18 @@ def run(
     Raises:
         BadInput: the folder cannot be used: it may be read-only if the run in it has ended.
         KeyboardInterrupt: after Ctrl-C, with all results kept and all files written.
+        WorkersLost: the engine has no workers any more; likewise.
     """
     until = time.monotonic() + time_limit
     try:
-        with RunFolder.opened(path, request) as folder, Workers(workers) as pool:
+        with RunFolder.opened(path, request) as folder:
             try:
                 for number, level in enumerate(folder.levels()):
                     left = len(request.levels) - number
                     if level.request.level is not None:
                         observer.note(f"level {number} of {len(request.levels)}: {level.request.level.words}")
-                    _search_level(level, verbs, pool, observer, _share(until, left))
-            except KeyboardInterrupt:
+                    _search_level(level, verbs, engine, observer, _share(until, left))
+            except (KeyboardInterrupt, WorkersLost):
                 _write(folder)
                 raise
             _write(folder)
@@ -79,11 +80,11 @@ def _share(until: float, parts: int) -> float:
     return until if parts == 1 else now + (until - now) / parts
 
 
-def _search_level(folder: RunFolder, verbs: Verbs, workers: Workers, observer: Observer, until: float) -> None:
+def _search_level(folder: RunFolder, verbs: Verbs, engine: Engine, observer: Observer, until: float) -> None:
     """Search all sizes of a task without goals."""
     folder.path.mkdir(parents=True, exist_ok=True)
     for n in folder.request.task.sizes:
-        _search_size(folder, n, verbs, workers, observer, until)
+        _search_size(folder, n, verbs, engine, observer, until)
 
 
 def _write(folder: RunFolder) -> None:
@@ -98,7 +99,7 @@ def _search_size(
     folder: RunFolder,
     n: int,
     verbs: Verbs,
-    workers: Workers,
+    engine: Engine,
     observer: Observer,
     until: float,
 ) -> None:
@@ -120,14 +121,14 @@ def _search_size(
 
     if not ledger.ended(context, request.starts, request.trials):
         neighbour = None if request.neighbour is None else request.neighbour.contexts(n)[0]
-        following = Following(ledger, context, lower_bound, verbs.solve, workers, observer, neighbour)
+        following = Following(ledger, context, lower_bound, verbs.solve, engine, observer, neighbour)
         if _follow(following, folder, n, observer, until):
             ledger.end(context, request.starts, request.trials)
     audit_best(
         ledger,
         contexts,
         verbs,
-        workers,
+        engine,
         starts=request.starts,
         lower_bound=lower_bound,
         observer=observer,

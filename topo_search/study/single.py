@@ -130,9 +130,7 @@ def _best_of(
     idle = 0
     for starts in ranges:
         job = Job(task, topology, 1, starts, seed)
-        outcome = next(
-            (end for _, end in solved(iter([job]), solve=verbs.solve, workers=worker, until=until)), None
-        )
+        outcome = next((end for _, end in solved(iter([job]), solve=verbs.solve, engine=worker, until=until)), None)
         if outcome is None:  # the time limit
             return best
         if isinstance(outcome, Failed):

@@ -1,0 +1,104 @@
+"""Dask workers that end, misfit or never come: nothing is lost, and the message says what to do."""
+
+import os
+import signal
+import threading
+
+import pytest
+from dask_cluster import Cluster, free_port
+from engine_jobs import LONG, misbehave, pause, report_pid, square
+from processes import eventually, gone
+
+from topo_search.engine import DaskWorkers, Failed, WorkersLost, dask_workers
+from topo_search.model import BadInput
+
+
+def parent_of(pid):
+    with open(f"/proc/{pid}/stat") as stat:
+        return int(stat.read().rsplit(")", 1)[1].split()[1])
+
+
+def test_killing_a_dask_worker_loses_nothing_and_leaves_no_child(cluster, tmp_path):
+    with DaskWorkers(cluster.address, {}) as workers:
+        results = workers.run(report_pid, [(tmp_path, 0.2)] * 12, deadline=lambda _: LONG)
+        child = next(results)[1]
+        os.kill(parent_of(child), signal.SIGKILL)
+        rest = [result for _, result in results]
+        assert len(rest) == 11
+        assert not any(isinstance(result, Failed) for result in rest)
+        eventually(lambda: gone(child))
+
+
+def test_a_worker_that_joins_late_is_waited_for(tmp_path):
+    noted = []
+    with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}, note=noted.append) as workers:
+        joins = threading.Timer(0.1, lambda: (eventually(lambda: noted), cluster.add_worker()))
+        joins.start()
+        assert workers.one(square, 3, deadline=LONG) == 9
+        joins.join()
+    assert noted == [f"the Dask scheduler at {cluster.address} has no workers; it waits for the first to join"]
+
+
+def test_a_scheduler_that_ends_is_named(tmp_path):
+    with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}) as workers:
+        cluster.add_worker()
+        results = workers.run(pause, [(x, 0.3) for x in range(100)], deadline=lambda _: LONG)
+        next(results)
+        os.kill(cluster.scheduler.pid, signal.SIGKILL)
+        with pytest.raises(WorkersLost, match=f"the Dask scheduler at {cluster.address} is gone"):
+            list(results)
+
+
+def test_no_scheduler_at_an_address(monkeypatch):
+    monkeypatch.setattr(dask_workers, "CONNECT", 1.0)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    with DaskWorkers(address, {}) as workers:
+        assert list(workers.run(square, [], deadline=lambda _: LONG)) == []  # nothing to do, nobody to ask
+        with pytest.raises(WorkersLost, match=f"no Dask scheduler answers at {address}"):
+            workers.one(square, 3, deadline=LONG)
+
+
+@pytest.mark.parametrize("address", ["", "cluster", "127.0.0.1:8786", "http://127.0.0.1:80", "tcp://node"])
+def test_what_is_no_address(address):
+    with pytest.raises(BadInput, match=f"tcp://HOST:PORT, but got '{address}'"):
+        DaskWorkers(address, {})
+
+
+def test_other_versions_are_refused(cluster):
+    differ = r"the Dask worker tcp://\S+ has numpy [0-9.]+, where this process has 0\.1: results could differ"
+    with DaskWorkers(cluster.address, {"numpy": "0.1"}) as workers, pytest.raises(WorkersLost, match=differ):
+        workers.one(square, 3, deadline=LONG)
+
+
+def test_dask_workers_that_may_have_no_child_are_refused_with_what_to_set(tmp_path):
+    with Cluster(tmp_path, DASK_DISTRIBUTED__WORKER__DAEMON="True") as cluster:
+        cluster.add_worker()
+        with (
+            DaskWorkers(cluster.address, {}) as workers,
+            pytest.raises(WorkersLost, match="with DASK_DISTRIBUTED__WORKER__DAEMON=False in"),
+        ):
+            workers.one(square, 3, deadline=LONG)
+
+
+def test_dask_workers_without_this_package_are_refused(tmp_path):
+    (tmp_path / "lacking.py").write_text('import sys\nsys.modules["topo_search"] = None\n')
+    with Cluster(tmp_path) as cluster:
+        cluster.add_worker("--preload", "lacking.py", "--no-nanny")
+        lacks = r"the Dask worker tcp://\S+ has no topo-search-by-another-name: it needs 0\.1, as here"
+        versions = {"topo-search-by-another-name": "0.1"}  # the metadata of topo-search itself is still to be seen
+        with DaskWorkers(cluster.address, versions) as workers, pytest.raises(WorkersLost, match=lacks):
+            workers.one(square, 3, deadline=LONG)
+
+
+def test_a_job_that_ends_its_dask_worker_takes_no_other_with_it(tmp_path):
+    with Cluster(tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0") as cluster:
+        cluster.add_worker()
+        with DaskWorkers(cluster.address, {}) as workers:
+            jobs = [*("fine",) * 60, "parent", *("fine",) * 60]
+            found = dict(
+                workers.run(misbehave, [(kind, x) for x, kind in enumerate(jobs)], deadline=lambda _: LONG)
+            )
+    assert len(found) == 121
+    failed = found.pop(("parent", 60))
+    assert (failed.kind, failed.reason) == ("crash", "the Dask worker that ran it ended, 1 times in a row")
+    assert found == {("fine", x): x for x in range(121) if x != 60}

@@ -1,0 +1,114 @@
+"""A run on a Dask cluster: the same answer as on this machine, whatever becomes of the cluster."""
+
+import csv
+import os
+import signal
+import sys
+import threading
+
+import pytest
+import toy_problem
+from click.testing import CliRunner
+from dask_cluster import Cluster, free_port
+from processes import eventually, recorded
+from toy_problem import solved_keys, toy_run, toy_task
+
+import topo_search
+from topo_search import compose
+from topo_search.cli import main
+from topo_search.engine import DaskWorkers, WorkersLost, dask_workers
+from topo_search.model.files import read_task, to_toml
+from topo_search.study import COLUMNS
+
+
+def ranking(folder):
+    with (folder / "candidates.csv").open(newline="") as stream:
+        return [[row[name] for name in COLUMNS if name != "seconds"] for row in csv.DictReader(stream)]
+
+
+def test_the_toy_problem_has_the_same_answer_on_both_engines(cluster, tmp_path):
+    toy_run(tmp_path / "here", modules=4, workers=2)
+    with DaskWorkers(cluster.address, {}) as engine:
+        toy_run(tmp_path / "there", modules=4, engine=engine)
+    assert ranking(tmp_path / "here") == ranking(tmp_path / "there")
+    assert (tmp_path / "here" / "best.json").read_text() == (tmp_path / "there" / "best.json").read_text()
+
+
+def test_a_real_task_has_the_same_answer_on_both_engines(cluster, tmp_path):
+    task = read_task("push", ("modules=3",))
+    here = topo_search.search(task, out=tmp_path / "here", starts=4, workers=2)
+    there = topo_search.search(task, out=tmp_path / "there", starts=4, dask=cluster.address)
+    assert here.exit_status == there.exit_status == 0
+    assert ranking(tmp_path / "here") == ranking(tmp_path / "there")
+    assert here.design.model_copy(update={"solver": None}) == there.design.model_copy(update={"solver": None})
+
+
+def test_a_scheduler_that_ends_loses_nothing_and_the_run_goes_on_without_it(tmp_path, monkeypatch):
+    log, folder = tmp_path / "log", tmp_path / "run"
+    monkeypatch.setenv("TOY_LOG", str(log))
+    with Cluster(tmp_path, TOY_SLEEP="0.3") as cluster:
+        cluster.add_worker()
+
+        def end():
+            eventually(lambda: len(recorded(folder)) >= 3)
+            os.kill(cluster.scheduler.pid, signal.SIGKILL)
+
+        threading.Thread(target=end).start()
+        with DaskWorkers(cluster.address, {}) as engine, pytest.raises(WorkersLost, match="is gone"):
+            toy_run(folder, modules=4, engine=engine)
+    kept = recorded(folder)
+    assert {row[0] for row in ranking(folder)} == set(kept)
+    log.write_text("")
+    toy_run(folder, modules=4)
+    assert not set(kept) & set(solved_keys(log))
+    toy_run(tmp_path / "whole", modules=4)
+    assert ranking(folder) == ranking(tmp_path / "whole")
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """`topo-search run` on the toy problem in an empty folder."""
+    monkeypatch.setattr(compose, "VERBS", toy_problem.VERBS)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "toy.toml").write_text(to_toml(toy_task()))
+    return lambda *words: CliRunner().invoke(main, ["run", "toy.toml", *words], catch_exceptions=False)
+
+
+def test_the_command_searches_on_a_cluster_and_answers_without_it_once_it_has_ended(cluster, command):
+    first = command("--dask", cluster.address)
+    assert first.exit_code == 0
+    again = command("--dask", f"tcp://127.0.0.1:{free_port()}")
+    assert (again.exit_code, again.stdout) == (0, first.stdout), again.stderr
+
+
+def test_no_scheduler_is_a_status_of_its_own(command, monkeypatch):
+    monkeypatch.setattr(dask_workers, "CONNECT", 0.5)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    result = command("--dask", address)
+    assert result.exit_code == 70
+    assert f"no Dask scheduler answers at {address}: " in result.stderr
+    assert "the same command resumes" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--dask", "node7"), "dask: must be the address of a Dask scheduler, tcp://HOST:PORT, but got 'node7'"),
+        (("--dask", "tcp://node7:8786", "--workers", "2"), "workers: cannot be chosen with dask"),
+    ],
+)
+def test_what_does_not_go_together_is_bad_input(command, tmp_path, words, message):
+    result = command(*words)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+def test_without_the_extra_the_message_names_it(command, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    result = command("--dask", "tcp://node7:8786")
+    assert result.exit_code == 2
+    assert (
+        '--dask: needs distributed, which is not installed; type: pip install "topo-search[cluster]"'
+        in result.stderr
+    )

@@ -1,0 +1,104 @@
+"""What runs in a Dask worker: it hands jobs one by one to a child, so that a crash or a hang costs one job.
+
+The child is that of `Workers`, on one machine or on many. Jobs and results pass through the Dask worker as bytes:
+only the child loads what solves.
+"""
+
+from __future__ import annotations
+
+import pickle
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from multiprocessing import current_process
+
+from topo_search.engine.engine import WorkersLost
+from topo_search.engine.verbs import Failed
+from topo_search.engine.workers import Workers
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Jobs that are sent together."""
+
+    calls: tuple[bytes, ...]
+    """A function and its job each, pickled."""
+    deadlines: tuple[float, ...]
+    """Seconds that each may take."""
+    seconds: float
+    """After which what has not ended is dropped."""
+    versions: dict[str, str]
+    """Of the distributions that can change a result."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What comes back of a batch."""
+
+    results: tuple[tuple[int, bytes | Failed], ...]
+    """The place in the batch, and the pickled result, of each job that was not dropped."""
+    seconds: float
+    """What they took together."""
+
+
+_thread = threading.local()
+"""Keeps a child for each thread of a Dask worker, which runs one task at a time; it ends with the Dask worker."""
+
+
+def run_guarded(batch: Batch) -> Ended:
+    """Run a batch of jobs (in a Dask worker).
+
+    Raises:
+        WorkersLost: this Dask worker can run no job, or none whose result could be reproduced.
+    """
+    if fault := find_fault(batch.versions)():
+        raise WorkersLost(f"the Dask worker {current_process().name} {fault}")
+    if not hasattr(_thread, "child"):
+        _thread.child = Workers(1).__enter__()
+    child: Workers = _thread.child
+    begun = time.monotonic()
+    ended = child.run(
+        _call,
+        enumerate(batch.calls),
+        deadline=lambda call: batch.deadlines[call[0]],
+        until=begun + batch.seconds,
+    )
+    results = tuple((place, result) for (place, _), result in ended)
+    return Ended(results, time.monotonic() - begun)
+
+
+def _call(call: tuple[int, bytes]) -> bytes:
+    """Call a function with its job (in the child)."""
+    function, job = pickle.loads(call[1])
+    return pickle.dumps(function(job))
+
+
+def find_fault(versions: Mapping[str, str]) -> Callable[[], str | None]:
+    """Return a function that says what keeps a Dask worker from being used, if anything does.
+
+    It is sent by value and needs only Python's own library, for the worker may lack this package.
+
+    Args:
+        versions: that it must have, of the distributions that can change a result.
+    """
+
+    def fault() -> str | None:
+        from importlib import metadata
+        from multiprocessing import current_process
+
+        if current_process().daemon:
+            setting = "DASK_DISTRIBUTED__WORKER__DAEMON=False"
+            return (
+                f"may have no child process to run a job in: start Dask workers with {setting} in their environment"
+            )
+        for name, version in versions.items():
+            try:
+                found = metadata.version(name)
+            except metadata.PackageNotFoundError:
+                return f"has no {name}: it needs {version}, as here"
+            if found != version:
+                return f"has {name} {found}, where this process has {version}: results could differ"
+        return None
+
+    return fault

@@ -1,0 +1,195 @@
+"""The workers of a Dask cluster: the same jobs, on other machines."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import re
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from itertools import islice
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from topo_search.engine.dask_guard import Batch, Ended, find_fault, run_guarded
+from topo_search.engine.engine import Engine, J, R, WorkersLost
+from topo_search.engine.verbs import Failed
+from topo_search.model import BadInput, Fault
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+CONNECT = 60.0
+"""How long the scheduler may take to answer: it may only just be starting [s]."""
+LOOK = 1.0
+"""How often it is asked for its workers [s]."""
+BATCH = 0.5
+"""How long a batch of jobs should take [s]: a hundred times what it costs to send one (5 ms)."""
+LARGEST_BATCH = 50
+"""Jobs of a batch at most: they come back together."""
+
+
+class DaskWorkers(Engine):
+    """The workers that a Dask scheduler has, however many join or leave; it is connected to with the first job.
+
+    A Dask worker that ends costs nothing: its jobs are sent to another one.
+    """
+
+    def __init__(
+        self, address: str, versions: Mapping[str, str], *, note: Callable[[str], None] = lambda _: None
+    ) -> None:
+        """Name the cluster.
+
+        Args:
+            address: the scheduler's, such as tcp://10.0.0.1:8786.
+            versions: of the distributions that can change a result; every worker must have the same.
+            note: is told what the user waits for.
+
+        Raises:
+            BadInput: it is no address.
+        """
+        if re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", address) is None:
+            rule = f"must be the address of a Dask scheduler, tcp://HOST:PORT, but got {address!r}"
+            raise BadInput("dask", [Fault("", rule)])
+        self.address = address
+        self._versions = dict(versions)
+        self._note = note
+        self._client: Client | None = None
+        self._looked = -math.inf
+        self._known: set[str] = set()
+        self._threads = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._client is not None:
+            self._client.close(timeout=LOOK)
+            self._client = None
+
+    def run(
+        self,
+        function: Callable[[J], R],
+        jobs: Iterable[J],
+        *,
+        deadline: Callable[[J], float],
+        until: float = math.inf,
+    ) -> Iterator[tuple[J, R | Failed]]:
+        """Yield (job, result) as batches end; at most two batches a Dask thread are drawn from `jobs` ahead."""
+        suspects: list[J] = []
+        for batch, ended in self._batches(function, jobs, deadline, until):
+            if isinstance(ended, Failed):
+                suspects += batch
+            else:
+                yield from _results(batch, ended)
+        for suspect in suspects:  # alone, each can only have ended its Dask worker itself
+            for batch, ended in self._batches(function, [suspect], deadline, until):
+                yield from [(suspect, ended)] if isinstance(ended, Failed) else _results(batch, ended)
+
+    def _batches(
+        self, function: Callable[[J], R], jobs: Iterable[J], deadline: Callable[[J], float], until: float
+    ) -> Iterator[tuple[list[J], Ended | Failed]]:
+        """Yield batches with what came back; Failed if the Dask workers that ran one ended again and again."""
+        source = iter(jobs)
+        batch = list(islice(source, 1))
+        running: dict[Future[Ended], list[J]] = {}
+        size = 1
+        try:
+            while (batch or running) and time.monotonic() < until:
+                self._look()
+                while batch and len(running) < 2 * self._threads:
+                    running[self._send(function, batch, deadline, until)] = batch
+                    batch = list(islice(source, size))
+                pause = min(LOOK, max(0.0, until - time.monotonic()))
+                if not running:
+                    time.sleep(pause)  # for a first Dask worker
+                for future in wait(running, pause, FIRST_COMPLETED).done:
+                    ended = self._ended(future)
+                    if isinstance(ended, Ended) and ended.results:
+                        size = min(max(1, int(BATCH * len(ended.results) / ended.seconds)), LARGEST_BATCH)
+                    yield running.pop(future), ended
+        finally:
+            if self._client is not None and self._client.status == "running":
+                for future in running:
+                    future.cancel()
+
+    def _look(self) -> None:
+        """Find out how many jobs the Dask workers can run at a time, if that was not done just now.
+
+        Raises:
+            WorkersLost: there is no scheduler, or a Dask worker that cannot be used.
+        """
+        if time.monotonic() - self._looked < LOOK:
+            return
+        first = self._client is None
+        client = self._connected()
+        try:
+            threads: dict[str, int] = client.nthreads()
+            joined = [address for address in threads if address not in self._known]
+            faults = client.run(find_fault(self._versions), workers=joined, on_error="ignore") if joined else {}
+        except OSError:
+            raise self._gone() from None
+        for address, fault in faults.items():
+            if fault is not None:
+                raise WorkersLost(f"the Dask worker {address} {fault}")
+        self._known = set(threads)
+        if not threads and (first or self._threads):
+            self._note(f"the Dask scheduler at {self.address} has no workers; it waits for the first to join")
+        self._threads = sum(threads.values())
+        self._looked = time.monotonic()
+
+    def _connected(self) -> Client:
+        """Return the connection to the scheduler; the first call makes it."""
+        from distributed import Client
+
+        if self._client is None:
+            try:
+                self._client = Client(self.address, timeout=CONNECT, set_as_default=False)
+            except OSError as error:
+                raise WorkersLost(f"no Dask scheduler answers at {self.address}: {error}") from None
+        if self._client.status != "running":
+            raise self._gone()
+        return self._client
+
+    def _send(
+        self, function: Callable[[J], R], batch: list[J], deadline: Callable[[J], float], until: float
+    ) -> Future[Ended]:
+        """Hand a batch to the scheduler."""
+        sent = Batch(
+            calls=tuple(pickle.dumps((function, job)) for job in batch),
+            deadlines=tuple(map(deadline, batch)),
+            seconds=until - time.monotonic(),
+            versions=self._versions,
+        )
+        future: Future[Ended] = self._connected().get_executor(pure=False).submit(run_guarded, sent)
+        return future
+
+    def _ended(self, future: Future[Ended]) -> Ended | Failed:
+        """Return what came back of a batch."""
+        from distributed import KilledWorker
+
+        if future.cancelled():
+            raise self._gone()
+        error = future.exception()
+        if isinstance(error, KilledWorker):
+            return Failed(
+                "crash", f"the Dask worker that ran it ended, {error.allowed_failures + 1} times in a row"
+            )
+        if isinstance(error, WorkersLost):
+            raise error
+        if error is not None:
+            fault = f"{type(error).__name__}: {error}"
+            raise WorkersLost(f"the Dask cluster at {self.address} cannot take jobs ({fault})")
+        return future.result()
+
+    def _gone(self) -> WorkersLost:
+        return WorkersLost(f"the Dask scheduler at {self.address} is gone")
+
+
+def _results(batch: list[J], ended: Ended) -> Iterator[tuple[J, Any]]:
+    """Yield the jobs of a batch that were not dropped, with their results."""
+    for place, result in ended.results:
+        yield batch[place], result if isinstance(result, Failed) else pickle.loads(result)
