@@ -5,10 +5,13 @@ STAMP := $(VENV)/.installed
 # Two variables: older versions of pip pin the build tools by the first, newer ones by the second.
 PINNED := PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
 
-.PHONY: demo test test-slow test-browser lint clean
+.PHONY: demo notebooks test test-slow test-browser lint clean
 
 demo: $(STAMP)  ## search all five-module topologies for the push task
 	$(BIN)/topo-search run push
+
+notebooks: $(STAMP)  ## run every notebook with its full settings, and draw the pictures of the README
+	FULL=1 $(BIN)/jupyter-execute --timeout=-1 notebooks/*.ipynb
 
 test: lint  ## everything CI checks, but what needs a browser
 	$(BIN)/pytest -n 2 -m "not slow and not browser"

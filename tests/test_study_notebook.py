@@ -55,6 +55,25 @@ def test_an_answer_without_a_design_says_why(tmp_path, monkeypatch) -> None:
     assert answer.audit is None
 
 
+def test_an_answer_knows_what_its_candidates_miss_and_when_each_was_solved(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("TOY_NONE", "*")
+    answer = toy_run(tmp_path / "run")
+    rows = answer.candidates.set_index("key")
+    missed = answer.shortfalls.groupby("key")
+    assert missed.starts.sum().to_dict() == rows.starts.to_dict()
+    closest = answer.shortfalls.loc[missed.violation.idxmin()].set_index("key")
+    assert closest.violation.to_dict() == rows.violation.to_dict()
+    assert closest.constraint.to_dict() == rows.worst_constraint.to_dict()
+    solves = answer.solves
+    assert sorted(solves.key) == sorted(rows.index)
+    assert solves["at"].is_monotonic_increasing
+    assert solves.objective.isna().all()
+    monkeypatch.delenv("TOY_NONE")
+    found = toy_run(tmp_path / "other")
+    assert found.shortfalls.empty
+    assert set(found.solves.objective) == set(found.candidates.objective)
+
+
 def test_a_solved_topology_shows_its_design_and_audit_or_the_reason(monkeypatch) -> None:
     solved = toy_solved("a10", monkeypatch)
     assert solved.design is solved.outcome

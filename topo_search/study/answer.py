@@ -118,6 +118,20 @@ class Answer:
         return candidates(self.folder)
 
     @property
+    def shortfalls(self) -> pd.DataFrame:
+        """A row for every constraint that starts of a candidate without a design ended short of."""
+        from topo_search.study.frame import shortfalls
+
+        return shortfalls(self.folder)
+
+    @property
+    def solves(self) -> pd.DataFrame:
+        """A row for every solve, in the order of their ends."""
+        from topo_search.study.frame import solves
+
+        return solves(self.folder)
+
+    @property
     def front(self) -> pd.DataFrame:
         """A row for every design of the front, with the columns of `front.csv`; none without goals."""
         from topo_search.study.frame import front

@@ -1,15 +1,17 @@
-"""The candidates of a run as a data frame."""
+"""The candidates of a run, what those without a design miss, and its solves, as data frames."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
 
 import pandas as pd
 
+from topo_search.model import Infeasible
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import FRONT_COLUMNS, Point
-from topo_search.study.row import COLUMNS
+from topo_search.study.row import COLUMNS, Solve
 
 
 def candidates(path: Path) -> pd.DataFrame:
@@ -39,3 +41,48 @@ def front(points: Sequence[Point]) -> pd.DataFrame:
     numbers = {name: "int64" if name in ("modules", "level") else "float64" for name in FRONT_COLUMNS}
     frame = pd.DataFrame([point.cells for point in points], columns=list(FRONT_COLUMNS))
     return frame.astype({name: kind for name, kind in numbers.items() if name not in texts})
+
+
+def shortfalls(path: Path) -> pd.DataFrame:
+    """Return a row for every constraint that starts of a candidate without a design ended short of.
+
+    A candidate's most frequent constraint is first, `starts` says how many; `violation` is the least of theirs, in
+    `unit`. A candidate that is proven impossible was not solved and has no row. With goals the last column has the
+    number of the level.
+
+    Raises:
+        BadInput: it is no run's folder.
+    """
+    rows = []
+    with RunFolder.found(path) as folder:
+        for number, level in enumerate(folder.levels()):
+            for n in level.request.task.sizes:
+                contexts = level.request.contexts(n)
+                for row in level.ledger.ranked(n):
+                    found = None if row.feasible else level.ledger.result(contexts[row.step], row.key)
+                    missed = found.shortfalls if isinstance(found, Infeasible) else ()
+                    rows += [{"key": row.key, "modules": n, **one.model_dump(), "level": number} for one in missed]
+        goals = folder.request.task.goals.names
+    frame = pd.DataFrame(rows, columns=["key", "modules", "constraint", "starts", "violation", "unit", "level"])
+    return frame if goals else frame.drop(columns="level")
+
+
+def solves(path: Path) -> pd.DataFrame:
+    """Return a row for every solve of a run, in the order of their ends, with the fields of `Solve`.
+
+    With goals the last column has the number of the level.
+
+    Raises:
+        BadInput: it is no run's folder.
+    """
+    with RunFolder.found(path) as folder:
+        rows = [
+            {**asdict(solve), "level": number}
+            for number, level in enumerate(folder.levels())
+            for n in level.request.task.sizes
+            for solve in level.ledger.solves(n)
+        ]
+        goals = folder.request.task.goals.names
+    frame = pd.DataFrame(rows, columns=[*(field.name for field in fields(Solve)), "level"])
+    frame = frame.astype({"objective": "float64"}).sort_values("at", kind="stable", ignore_index=True)
+    return frame if goals else frame.drop(columns="level")

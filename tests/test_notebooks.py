@@ -1,0 +1,80 @@
+"""The notebooks: stripped in git, and each runs top to bottom from a fresh kernel, with small settings.
+
+None is marked slow though each takes over ten seconds: `make test` is to run them all.
+"""
+
+import re
+import shutil
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+BOOKS = sorted(NOTEBOOKS.glob("*.ipynb"))
+
+EVERY_FIGURE_IS_LABELLED = """
+def check_figures():
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    print_figure = FigureCanvasBase.print_figure
+
+    def checked(canvas, *args, **options):
+        figure = canvas.figure
+        for axes in figure.axes:
+            titled = axes.get_title() or figure.get_suptitle()
+            across = [other.get_xlabel() for other in axes.get_shared_x_axes().get_siblings(axes)]
+            up = [other.get_ylabel() for other in axes.get_shared_y_axes().get_siblings(axes)]
+            if axes.axison and not (titled and any(across) and any(up)):
+                raise RuntimeError(f"figure without a title or the name of an axis: {titled!r}, {across}, {up}")
+        return print_figure(canvas, *args, **options)
+
+    FigureCanvasBase.print_figure = checked
+
+check_figures()
+"""
+
+
+@pytest.fixture(params=BOOKS, ids=[book.stem for book in BOOKS])
+def book(request: pytest.FixtureRequest) -> Path:
+    return request.param
+
+
+def test_there_are_notebooks():
+    assert BOOKS
+
+
+def test_git_holds_no_output_and_no_path_of_a_machine(book):
+    text = book.read_text(encoding="utf-8")
+    content = nbformat.reads(text, as_version=4)
+    nbformat.validate(content)
+    assert nbformat.writes(content) + "\n" == text  # as Jupyter writes it: indented by one, keys sorted
+    assert content.metadata == {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
+    assert len({cell.id for cell in content.cells}) == len(content.cells)
+    for cell in content.cells:
+        assert cell.metadata == {}
+        assert not re.search(r"(^|[\s\"'(=])(/\w+/\w|~/|[A-Z]:\\)", cell.source), cell.id
+        if cell.cell_type == "code":
+            assert cell.outputs == []
+            assert cell.execution_count is None
+
+
+def test_runs_from_a_fresh_kernel(book, tmp_path, monkeypatch):
+    monkeypatch.delenv("FULL", raising=False)
+    for folder in ("pictures", "results"):
+        if (NOTEBOOKS / folder).exists():
+            shutil.copytree(NOTEBOOKS / folder, tmp_path / folder)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    content = nbformat.read(book, as_version=4)
+    content.cells.insert(0, nbformat.v4.new_code_cell(EVERY_FIGURE_IS_LABELLED))
+    NotebookClient(content, resources={"metadata": {"path": str(tmp_path)}}).execute()
+
+    outputs = [output for cell in content.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert [output for output in outputs if output.output_type in ("stream", "error")] == []
+    shown = [output.data for output in outputs]
+    assert any("image/png" in data for data in shown)
+    conclusions = [data["text/markdown"] for data in shown if "text/markdown" in data]
+    assert conclusions
+    assert not [text for text in conclusions if re.search(r"\b(nan|inf|None)\b", text)]
+    assert {path: path.read_bytes() for path in before} == before  # only FULL=1 draws the README's pictures
