@@ -15,11 +15,13 @@ from topo_search.model.audit import (
 )
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design, Mount, SolverRecord
+from topo_search.model.end_effector import EndEffector
 from topo_search.model.exposure import LEAST_OFFSET, Directional, Exterior, Local, needs_offset
 from topo_search.model.infeasible import Infeasible, Shortfall
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
 from topo_search.model.module import AirflowEnvelope, Module
-from topo_search.model.task import EndEffector, ResolvedTask, Search, Task, Tolerances
+from topo_search.model.search import Search
+from topo_search.model.task import ResolvedTask, Task, Tolerances
 from topo_search.model.topology import Topology
 
 __all__ = [

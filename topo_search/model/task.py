@@ -18,20 +18,20 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
 
 from topo_search.model.bad_input import shown
+from topo_search.model.end_effector import EndEffector
 from topo_search.model.exposure import LEAST_OFFSET, Exposure, needs_offset
 from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import LoadCase, ten_wrenches
 from topo_search.model.module import Module
 from topo_search.model.room import body_radius, largest_hinge_angle
+from topo_search.model.search import Search
 from topo_search.model.value import (
     Count,
-    Flag,
     Index,
     NonEmpty,
     NonNegative,
     Positive,
     Value,
-    Vector,
     one_of,
     refuse,
 )
@@ -49,16 +49,6 @@ def _fewest_and_most(sizes: Any) -> Any:
     return sizes
 
 
-Position = Annotated[
-    Annotated[Literal["free"], Tag("<free>")]
-    | Annotated[Literal["com"], Tag("<com>")]
-    | Annotated[Vector, Tag("<list>")],
-    one_of('must be "free", "com" or [x, y, z]'),
-]
-BodyClearance = Annotated[
-    Annotated[Positive, Tag("<number>")] | Annotated[Literal[False], Tag("<false>")],
-    one_of("must be a length or false"),
-]
 Sizes = Annotated[
     Annotated[Count, Tag("<number>")]
     | Annotated[Annotated[tuple[Count, Count], BeforeValidator(_fewest_and_most)], Tag("<list>")],
@@ -71,30 +61,6 @@ LoadCases = Annotated[
 ]
 
 
-class EndEffector(Value):
-    """The rigid end-effector."""
-
-    mass: NonNegative = 0.048
-    """m_E [kg]."""
-    position: Position = "free"
-    """`free`: optimised; `com`: at the centre of mass; [x, y, z]: fixed, from the COM [m]."""
-    exclusion: Flag = True
-    """Whether p_E stays at least connector_distance away from every module's centre."""
-    stand_off: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0.0)] = 0.0
-    """Least distance of p_E from every module's centre, where it is more than the exclusion's [m]."""
-    rod_radius: Positive = 0.005
-    """Of the rod that carries it [m]."""
-    rod_linear_density: NonNegative = 0.045
-    """Mass of the rod a metre [kg/m]; default: a tube of carbon fibre (1,600 kg/m^3) with a wall of 1 mm."""
-
-    @property
-    def fixed_position(self) -> Vector | None:
-        """p_E [m] if the task fixes it."""
-        if self.position == "free":
-            return None
-        return (0.0, 0.0, 0.0) if self.position == "com" else self.position
-
-
 class Tolerances(Value):
     """Largest errors with which the platform is built; the audit says whether its clearances survive them."""
 
@@ -104,35 +70,6 @@ class Tolerances(Value):
     """Of every module's centre and of the end-effector, from where the hinges put it [m]."""
     envelope: NonNegative = 0.0
     """By which the airflow may reach beyond its envelope, in any direction [m]."""
-
-
-class Search(Value):
-    """What the search may do, and what it asks of the solver."""
-
-    root: Literal["free", "paper"] = "free"
-    """`free`: any root orientation; `paper`: psi = 0 and both angles within +-90 deg."""
-    connectors: Literal["aligned", "any"] = "aligned"
-    """`aligned`: parent port a meets child port a + 2; `any`: any port of the child."""
-    # Of 1,000 designs solved without a margin the worst overlaps by 8.5e-10 m; 1.1e-8 m would have kept all of them
-    # above the audit's floor (tests/benchmarks/smooth_error.py). The default is far more: it costs 0.013 % of the
-    # effort where that was measured, and leaves room for larger modules and for checks less exact than the audit.
-    margin: NonNegative = 1.0e-4
-    """Asked of the solver beyond zero for every geometric clearance [m]."""
-    interference: Literal["airflow", "separation"] = "airflow"
-    """`separation`: the paper's ablation, a minimum distance in place of envelope clearance."""
-    separation: Positive | None = None
-    """Minimum distance of module centres in the ablation [m]; default: 2 arm_length."""
-    peak_input: Annotated[Positive, Field(le=1, exclude_if=lambda given: given == 1.0)] = 1.0
-    """Share of its largest squared speed that a rotor may use."""
-    body_clearance: BodyClearance | None = None
-    """Least distance of centres not bolted together [m]; default: 2 (arm_length + rotor_radius); or false."""
-
-    @model_validator(mode="after")
-    def _no_body_clearance_in_the_ablation(self) -> Self:
-        if self.interference == "separation" and self.body_clearance:
-            text = f'must be false or left out with interference = "separation", but got {self.body_clearance}'
-            refuse("Search", (("body_clearance",), text))
-        return self
 
 
 class Task(Value):

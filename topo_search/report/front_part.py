@@ -16,16 +16,17 @@ from topo_search.study import Answer, Point, front
 class Axis(NamedTuple):
     """How a goal is drawn."""
 
+    goal: str
     title: str
     scale: float
     """From SI to the unit of the title."""
 
 
 AXES = {
-    "clearance": Axis("least clearance [mm]", 1e3),
-    "stand_off": Axis("least distance of the end-effector from a module's centre [cm]", 1e2),
-    "peak_input": Axis("largest rotor input / u_max", 1.0),
-    "modules": Axis("modules", 1.0),
+    "clearance": Axis("clearance", "least clearance [mm]", 1e3),
+    "stand_off": Axis("stand-off", "least distance of the end-effector from a module's centre [cm]", 1e2),
+    "peak_input": Axis("peak input", "largest rotor input / u_max", 1.0),
+    "modules": Axis("modules", "modules", 1.0),
 }
 
 
@@ -37,7 +38,7 @@ def front_part(answer: Answer, names: Sequence[str]) -> FrontPart:
         names: the goals.
     """
     charts = [
-        Chart(f"front-{name.replace('_', '-')}", f"Effort against {AXES[name].title}", _chart(answer.points, name))
+        Chart(f"front-{name.replace('_', '-')}", f"Effort against {AXES[name].goal}", _chart(answer.points, name))
         for name in names
         if any(point.cells[name] is not None for point in answer.points)
     ]
@@ -45,7 +46,7 @@ def front_part(answer: Answer, names: Sequence[str]) -> FrontPart:
 
 
 def _chart(points: Sequence[Point], name: str) -> go.Figure:
-    """Return effort over a goal: all points, and a line through those that are best in these two alone."""
+    """Return effort over a goal: all points, and what each value of the goal takes, whatever the other goals."""
     least = points[0].row.objective or 1.0
     axis = AXES[name]
 
@@ -57,9 +58,9 @@ def _chart(points: Sequence[Point], name: str) -> go.Figure:
     figure.add_trace(
         go.Scatter(
             **at(front(points, [name])),
-            name=f"best in effort and {name.replace('_', '-')} alone",
+            name="least effort for as good a value",
             mode="lines",
-            line={"color": palette.CONNECTOR, "width": 1.5, "dash": "dot"},
+            line={"color": palette.CONNECTOR, "width": 1.5, "dash": "dot", "shape": "vh"},
             hoverinfo="skip",
         )
     )

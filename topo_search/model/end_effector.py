@@ -1,0 +1,46 @@
+"""The end-effector: its mass, where it is, and the rod that carries it.
+
+| symbol | meaning | unit |
+|---|---|---|
+| m_E | mass | kg |
+| p_E | position from the platform COM | m |
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, Tag
+
+from topo_search.model.value import Flag, NonNegative, Positive, Value, Vector, one_of
+
+Position = Annotated[
+    Annotated[Literal["free"], Tag("<free>")]
+    | Annotated[Literal["com"], Tag("<com>")]
+    | Annotated[Vector, Tag("<list>")],
+    one_of('must be "free", "com" or [x, y, z]'),
+]
+
+
+class EndEffector(Value):
+    """The rigid end-effector."""
+
+    mass: NonNegative = 0.048
+    """m_E [kg]."""
+    position: Position = "free"
+    """`free`: optimised; `com`: at the centre of mass; [x, y, z]: fixed, from the COM [m]."""
+    exclusion: Flag = True
+    """Whether p_E stays at least connector_distance away from every module's centre."""
+    stand_off: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0.0)] = 0.0
+    """Least distance of p_E from every module's centre, where it is more than the exclusion's [m]."""
+    rod_radius: Positive = 0.005
+    """Of the rod that carries it [m]."""
+    rod_linear_density: NonNegative = 0.045
+    """Mass of the rod a metre [kg/m]; default: a tube of carbon fibre (1,600 kg/m^3) with a wall of 1 mm."""
+
+    @property
+    def fixed_position(self) -> Vector | None:
+        """p_E [m] if the task fixes it."""
+        if self.position == "free":
+            return None
+        return (0.0, 0.0, 0.0) if self.position == "com" else self.position
