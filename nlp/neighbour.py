@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from nlp.evaluate import violations, worst
 from nlp.geometry import poses, root_rotation, rotation
 from nlp.point import Point, fixed_end_effector
 from nlp.problem import hinge_limit
@@ -49,8 +50,9 @@ def carried_over(task: ResolvedTask, topology: Topology, donor: Design, rng: np.
     """Return a start from a design of another topology, or of the same one for another task.
 
     Hinges within common subtrees keep their angles; those between them are splayed at random, and with many modules
-    turned, with their neighbours if need be, until nothing overlaps. The largest common subtree keeps its place and
-    orientation in the world, and the end-effector its place beside it.
+    turned, with their neighbours if need be, until nothing overlaps. The largest common subtree keeps its
+    orientation in the world. The end-effector keeps its place beside it or, where that violates less, from the
+    modules' centroid: the lever of the load cases' forces, which a large subtree takes with it when it moves.
     """
     l_c = task.module.connector_distance
     R_donor, p_donor = poses(
@@ -80,10 +82,13 @@ def carried_over(task: ResolvedTask, topology: Topology, donor: Design, rng: np.
     nearest = min(parts[0], key=lambda i: float(np.linalg.norm(p_donor[place_of[i].module] - p_E_donor)))
     root = root_of(task, Q[nearest] @ R[nearest].T)
     _, p = poses(topology, root_rotation(root), alpha, l_c)
-    p_E = p[nearest] + p_E_donor - p_donor[place_of[nearest].module]
+    beside = p[nearest] + p_E_donor - p_donor[place_of[nearest].module]
+    places = [beside, p.mean(axis=0) + p_E_donor - p_donor.mean(axis=0)]
     if task.end_effector.fixed_position is not None:
-        p_E = fixed_end_effector(task, topology, root, alpha)
-    return with_inputs(Point(task, topology, root, alpha, p_E, np.empty((len(task.load_cases), topology.n, 4))))
+        places = [fixed_end_effector(task, topology, root, alpha)]
+    no_inputs = np.empty((len(task.load_cases), topology.n, 4))
+    points = [with_inputs(Point(task, topology, root, alpha, p_E, no_inputs)) for p_E in places]
+    return min(points, key=lambda point: worst(violations(point)).rank)
 
 
 def common_subtrees(topology: Topology, donor: Topology) -> list[Common]:

@@ -1,6 +1,7 @@
 """Designs carried over to other topologies: what the trees have in common stands as it stood."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from random import Random
 
@@ -12,9 +13,9 @@ from hypothesis import strategies as st
 from nlp_cases import ROOT, as_design, as_point, push, random_point, random_tree, solved, trees
 
 from nlp import solve
-from nlp.evaluate import violations
+from nlp.evaluate import violations, worst
 from nlp.neighbour import carried_over, common_subtrees
-from nlp.starts import LEAST_INPUT, generator
+from nlp.starts import LEAST_INPUT, generator, with_inputs
 from topo_search.model import Infeasible, Topology
 
 ANY_PORT = {"search": {"connectors": "any"}}
@@ -126,7 +127,13 @@ def test_a_moved_leaf_leaves_the_others_where_they_are():
     assert not rest
     (_, p), (_, q) = start.poses, as_point(donor).poses
     places = [part[i].module for i in range(4)]
-    np.testing.assert_allclose(p[:4] - start.p_E, q[places] - donor.end_effector_m, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(p[:4] - p[0], q[places] - q[places[0]], rtol=0, atol=1e-12)
+    kept = [(p[0], q[places[0]]), (p.mean(axis=0), q.mean(axis=0))]
+    others = [replace(start, p_E=here + donor.end_effector_m - there) for here, there in kept]
+    assert min(np.abs(start.p_E - other.p_E).max() for other in others) < 1e-12
+    assert (
+        worst(violations(start)).rank <= min(worst(violations(with_inputs(other))).rank for other in others) + 1e-9
+    )
     u_max = start.task.module.max_input(start.task.gravity)
     assert start.u.min() >= LEAST_INPUT * u_max
     assert start.u.shape == (3, 5, 4)
