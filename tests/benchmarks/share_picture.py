@@ -53,7 +53,7 @@ def draw(rows: Rows) -> Figure:
 
 def share(rows: list[Row]) -> float:
     """Return the solved ones [%]."""
-    return 100 * sum(row["solved"] for row in rows) / len(rows)
+    return 100.0 * len([row for row in rows if row["solved"]]) / len(rows)
 
 
 if __name__ == "__main__":
