@@ -181,6 +181,9 @@ def test_a_run_with_goals_leaves_a_front_and_a_folder_a_level(tmp_path, log):
     assert list(frame.columns) == list(FRONT_COLUMNS)
     assert frame.objective.tolist() == [float(row["objective"]) for row in rows]
     assert sorted(answer.candidates.level.unique()) == [0, 1, 2]
+    shown = answer._repr_html_()
+    assert f"front of {len(rows)} designs, found at 3 levels" in shown
+    assert all(f">{row['key']}<" in shown for row in rows)
     assert len(answer.candidates) == 3 * len(keys)
 
 
@@ -200,6 +203,19 @@ def test_designs_are_carried_over_from_the_level_before(tmp_path, log):
     for line in log.read_text().splitlines():
         key, margin, _, *near = line.split()
         assert near == ([] if float(margin) == min(LEVELS) else [key])
+
+
+def test_every_level_has_a_study_of_its_own(tmp_path, log):
+    answer = goal_run(tmp_path / "run", strategy="optuna", sampler="random", trials=3, starts=1)
+    assert answer.complete
+    assert len(solved_keys(log)) == 3 * 3
+    assert len(list((tmp_path / "run").glob("levels/*/study-n3.journal"))) == 3
+    seen = set()
+    for line in log.read_text().splitlines():
+        key, margin, _, *near = line.split()
+        level = LEVELS.index(float(margin))
+        assert (key in near) == ((key, level - 1) in seen)
+        seen.add((key, level))
 
 
 def test_levels_that_are_ten_times_each_other_do_not_mix(tmp_path, monkeypatch):
