@@ -1,5 +1,6 @@
 """Dask workers that end, misfit or never come: nothing is lost, and the message says what to do."""
 
+import importlib
 import os
 import signal
 import threading
@@ -88,6 +89,15 @@ def test_dask_workers_without_this_package_are_refused(tmp_path):
         versions = {"topo-search-by-another-name": "0.1"}  # the metadata of topo-search itself is still to be seen
         with DaskWorkers(cluster.address, versions) as workers, pytest.raises(WorkersLost, match=lacks):
             workers.one(square, 3, deadline=LONG)
+
+
+def test_a_function_that_dask_workers_lack_ends_the_run_and_fails_no_job(cluster, tmp_path, monkeypatch):
+    (tmp_path / "only_here.py").write_text("def double(x):\n    return 2 * x\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    double = importlib.import_module("only_here").double
+    lacking = "Dask workers lack what they are to run: No module named 'only_here'"
+    with DaskWorkers(cluster.address, {}) as workers, pytest.raises(WorkersLost, match=lacking):
+        workers.one(double, 3, deadline=LONG)
 
 
 def test_a_job_that_ends_its_dask_worker_takes_no_other_with_it(tmp_path):

@@ -51,15 +51,15 @@ def changed(text, *changes):
 def test_the_job_for_slurm_searches(slurm, tmp_path):
     (script,) = blocks("bash")
     (tmp_path / "job.sh").write_text(changed(script, ("--modules 8", "--modules 3 --starts 4")))
-    job = subprocess.Popen(
-        ["bash", "job.sh"], cwd=tmp_path, env=slurm, stdout=subprocess.PIPE, text=True, start_new_session=True
-    )
-    try:
-        out = iter(job.stdout.readline, "")
-        assert "best design: a3" in next(line for line in out if "best design" in line)
-        assert job.wait() == 0
-    finally:
-        os.killpg(job.pid, signal.SIGKILL)  # as Slurm does when the script has ended
+    with (tmp_path / "log").open("w") as log:
+        job = subprocess.Popen(
+            ["bash", "job.sh"], cwd=tmp_path, env=slurm, stdout=log, stderr=log, start_new_session=True
+        )
+    status = job.wait()
+    os.killpg(job.pid, signal.SIGKILL)  # as Slurm does when the script has ended
+    log = (tmp_path / "log").read_text()
+    assert status == 0, log
+    assert "best design: a3" in log
     assert (tmp_path / "push-8" / "best.json").exists()
 
 

@@ -9,6 +9,7 @@ audit while the margin is under TOY_MARGIN.
 
 import argparse
 import hashlib
+import importlib
 import math
 import os
 import signal
@@ -18,7 +19,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-from topo_search.engine import Verbs, Workers
+from topo_search.engine import DaskWorkers, Engine, Verbs, Workers
 from topo_search.model import (
     Audit,
     Design,
@@ -178,6 +179,16 @@ class InProcess:
         return function(job)
 
 
+class Hasty(Engine):
+    """An engine that takes a job for hung after a few seconds."""
+
+    def __init__(self, engine, seconds):
+        self.engine, self.seconds = engine, seconds
+
+    def run(self, function, jobs, *, deadline, until=math.inf):
+        return self.engine.run(function, jobs, deadline=lambda _: self.seconds, until=until)
+
+
 def toy_run(
     path,
     *,
@@ -212,7 +223,7 @@ def solved_keys(log) -> list[str]:
     return [line.split()[0] for line in Path(log).read_text().splitlines()]
 
 
-if __name__ == "__main__":
+def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("path")
     parser.add_argument("--workers", type=int, default=2)
@@ -220,5 +231,14 @@ if __name__ == "__main__":
     parser.add_argument("--starts", type=int, default=2)
     parser.add_argument("--strategy", default="exhaustive")
     parser.add_argument("--trials", type=int)
-    answer = toy_run(**vars(parser.parse_args()))
+    parser.add_argument("--dask")
+    parser.add_argument("--deadline", type=float)
+    given = vars(parser.parse_args())
+    address, deadline, count = (given.pop(name) for name in ("dask", "deadline", "workers"))
+    with DaskWorkers(address, {}) if address else Workers(count) as engine:
+        answer = toy_run(**given, engine=Hasty(engine, deadline) if deadline else engine)
     sys.exit(answer.exit_status)
+
+
+if __name__ == "__main__":
+    importlib.import_module("toy_problem").main()  # functions of __main__ are nowhere else

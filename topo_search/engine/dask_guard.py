@@ -64,13 +64,20 @@ def run_guarded(batch: Batch) -> Ended:
         deadline=lambda call: batch.deadlines[call[0]],
         until=begun + batch.seconds,
     )
-    results = tuple((place, result) for (place, _), result in ended)
-    return Ended(results, time.monotonic() - begun)
+    results: list[tuple[int, bytes | Failed]] = []
+    for (place, _), result in ended:
+        if isinstance(result, WorkersLost):
+            raise result
+        results.append((place, result))
+    return Ended(tuple(results), time.monotonic() - begun)
 
 
-def _call(call: tuple[int, bytes]) -> bytes:
-    """Call a function with its job (in the child)."""
-    function, job = pickle.loads(call[1])
+def _call(call: tuple[int, bytes]) -> bytes | WorkersLost:
+    """Call a function with its job (in the child); what cannot be loaded here is no fault of the job."""
+    try:
+        function, job = pickle.loads(call[1])
+    except (AttributeError, ImportError) as error:
+        return WorkersLost(f"Dask workers lack what they are to run: {error}")
     return pickle.dumps(function(job))
 
 

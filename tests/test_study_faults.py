@@ -1,0 +1,143 @@
+"""Faults injected into a run: solves that crash or hang, coordinators that are killed, a disk that is full."""
+
+import hashlib
+import os
+import resource
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections import Counter
+from contextlib import closing, contextmanager
+
+import pytest
+from dask_cluster import Cluster
+from processes import eventually, recorded
+from test_study_interruptions import HERE, Coordinator, processes_with, ranking
+from toy_problem import solved_keys, toy_run, toy_task
+
+from topo_search.model.files import to_toml
+from topo_search.study import Request
+
+SHARE = 0.02
+"""Of the candidates that crash, and of those that hang."""
+WORKERS = 2
+
+
+def keys_of(modules):
+    """All candidates, in an order that has nothing to do with that of the search."""
+    space = Request(toy_task(modules), "c2", 2, 0).space(modules)
+    return sorted((c.key for c in space.candidates()), key=lambda key: hashlib.sha256(key.encode()).digest())
+
+
+@contextmanager
+def faulty(tmp_path, modules, *options):
+    """A coordinator some of whose candidates crash, and some of which hang; with their keys."""
+    keys = keys_of(modules)
+    number = max(1, round(SHARE * len(keys)))
+    crash, hang = keys[:number], keys[number : 2 * number]
+    environment = {"TOY_SEGFAULT": ",".join(crash), "TOY_HANG": ",".join(hang), "TOY_SLEEP": "0.02"}
+    coordinator = Coordinator(tmp_path, "--modules", str(modules), *options, **environment)
+    try:
+        yield coordinator, set(crash), set(hang)
+    finally:
+        for pid in processes_with(str(coordinator.log)):
+            os.kill(pid, signal.SIGKILL)
+
+
+def kill_at(coordinator, rows):
+    """Start the coordinator, kill it after so many rows, and return what it had recorded."""
+    known, logged = set(recorded(coordinator.folder)), len(solved_keys(coordinator.log))
+    coordinator.start()
+    coordinator.wait_for(rows)
+    os.kill(coordinator.process.pid, signal.SIGKILL)
+    coordinator.finish()
+    assert not known & set(solved_keys(coordinator.log)[logged:])
+
+
+def check(coordinator, tmp_path, modules, crash, hang):
+    """Every candidate ended exactly once, the faulty ones with the reason, all others as if nothing was."""
+    with closing(sqlite3.connect(coordinator.folder / "ledger.sqlite")) as database:
+        ends = dict(database.execute("SELECT key, count(*) FROM solves GROUP BY key"))
+        failed = dict(database.execute("SELECT key, worst_constraint FROM candidates WHERE status = 'failed'"))
+    assert ends == dict.fromkeys(keys_of(modules), 1)
+    assert set(failed) == crash | hang
+    assert all("SIGSEGV" in failed[key] for key in crash)
+    assert all("still running at its deadline" in failed[key] for key in hang)
+    toy_run(tmp_path / "whole", modules=modules)
+    honest = [row for row in ranking(tmp_path / "whole") if row[0] not in failed]
+    assert [row for row in ranking(coordinator.folder) if row[0] not in failed] == honest
+
+
+@pytest.mark.parametrize("modules", [5, pytest.param(7, marks=pytest.mark.slow)])
+def test_every_candidate_ends_exactly_once(tmp_path, modules):
+    with faulty(tmp_path, modules, "--deadline", "2") as (coordinator, crash, hang):
+        count = len(keys_of(modules))
+        for quarter in (1, 2, 3):
+            kill_at(coordinator, quarter * count // 4)
+            eventually(lambda: processes_with(str(coordinator.log)) == [])
+        coordinator.start()
+        assert coordinator.finish()[0] == 0
+        begun = Counter(solved_keys(coordinator.log))
+        again = sum(begun[key] - 1 for key in keys_of(modules) if key not in crash | hang)
+        assert again <= 3 * WORKERS  # what was running when a coordinator was killed
+        check(coordinator, tmp_path, modules, crash, hang)
+
+
+@pytest.mark.slow
+def test_every_candidate_ends_exactly_once_on_a_cluster_that_loses_workers_too(tmp_path):
+    modules = 5
+    with (
+        faulty(tmp_path, modules) as (coordinator, crash, hang),
+        Cluster(tmp_path, **coordinator.environment) as cluster,
+    ):
+        coordinator.options += ("--dask", cluster.address, "--deadline", "20")
+        cluster.add_worker()
+        count = len(keys_of(modules))
+        for quarter in (1, 2, 3):
+            kill_at(coordinator, quarter * count // 4)
+            os.killpg(cluster.workers[-1].pid, signal.SIGKILL)
+            cluster.add_worker()
+        coordinator.start()
+        assert coordinator.finish()[0] == 0
+        check(coordinator, tmp_path, modules, crash, hang)
+
+
+COMMAND = """
+import sys
+import toy_problem
+from topo_search import compose
+from topo_search.cli import main
+
+compose.VERBS = toy_problem.VERBS
+main(["run", "toy.toml", "--symmetry", "c2", "--workers", "1", "--out", "run"])
+"""
+"""`topo-search run` on the toy problem."""
+
+
+def test_a_disk_that_fills_up_ends_the_command_with_nothing_lost(tmp_path):
+    (tmp_path / "toy.toml").write_text(to_toml(toy_task(5)))
+    log = tmp_path / "log"
+    environment = {**os.environ, "PYTHONPATH": str(HERE), "TOY_LOG": str(log)}
+
+    def run(room):
+        """Run the command with a disk on which no file can get larger than this."""
+        return subprocess.run(
+            [sys.executable, "-c", COMMAND],
+            cwd=tmp_path,
+            env=environment,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
+            capture_output=True,
+            text=True,
+        )
+
+    full = run(200_000)
+    assert full.returncode == 74, full.stderr
+    assert "the ledger cannot be written: " in full.stderr
+    assert "the same command resumes" in full.stderr
+    kept = recorded(tmp_path / "run")
+    assert 0 < len(kept) < len(keys_of(5))
+    log.write_text("")
+    assert run(resource.RLIM_INFINITY).returncode == 0
+    assert not set(kept) & set(solved_keys(log))
+    assert set(recorded(tmp_path / "run")) == set(keys_of(5))
