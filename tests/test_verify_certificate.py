@@ -62,6 +62,23 @@ def test_bodies_of_any_size_are_judged_right(family, scale):
             assert certificate.status in {Status.UNDECIDED, Status.CLEAR if d > 0 else Status.VIOLATED}
 
 
+@pytest.mark.parametrize("family", FAMILIES)
+def test_copies_of_a_body_are_judged_like_the_body(family):
+    """FCL then holds one polytope for all of them, turned and moved; a copy may be copied again."""
+    rng = np.random.default_rng(31)
+    for A, B in nearly_touching(family, 1.0, rng):
+        R, S = (np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2))
+        R, S, p = R * np.linalg.det(R), S * np.linalg.det(S), rng.normal(size=3)
+        copies = [Solid(ConeSphere((X.o - p) @ R, X.d @ R, X.r, X.dr)).placed(R, p) for X in (A, B)]
+        once_more = [copy.placed(S, -p) for copy in copies]
+        (certificate,) = certify_pairs([(Solid(A), Solid(B))])
+        for found in certify_pairs([tuple(copies), tuple(once_more)]):
+            assert found.analytic == pytest.approx(certificate.analytic, abs=1e-9)
+            if abs(certificate.analytic) > 2 * FLOOR:
+                assert found.status == certificate.status
+                hold(found, certificate.analytic)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_no_verdict_is_wrong_and_none_is_missing_at_length(family):

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -56,22 +56,41 @@ class Certificate:
 
 
 class Solid:
-    """A body with the two meshes that it shows to all others, made once and on demand."""
+    """A body with the two meshes that it shows to all others, made once for all its copies and on demand."""
 
     def __init__(self, body: ConeSphere) -> None:
         self.body = body
+        self._copied: tuple[Solid, Array, Array] | None = None
+        self._made: dict[Callable[[ConeSphere, int], Polytope], tuple[Polytope, Shape]] = {}
+
+    def placed(self, R: Array, p: Array) -> Solid:
+        """Return a copy turned by R, shape (3, 3), then moved by p, shape (3,)."""
+        elsewhere = Solid(replace(self.body, o=R @ self.body.o + p, d=R @ self.body.d))
+        elsewhere._copied = self, R, p
+        return elsewhere
 
     @functools.cached_property
     def outer(self) -> tuple[Polytope, Shape] | None:
         """The common outer mesh; None if it fails its own check."""
-        mesh = outer_mesh(self.body, COMMON_LEVEL)
-        return (mesh, Shape(mesh)) if encloses(mesh, self.body) else None
+        mesh, shape = self._common(outer_mesh)
+        return (mesh, shape) if encloses(mesh, self.body) else None
 
     @functools.cached_property
     def inner(self) -> Shape | None:
         """The common inner mesh; None if it fails its own check."""
-        mesh = inner_mesh(self.body, COMMON_LEVEL)
-        return Shape(mesh) if lies_within(mesh, self.body) else None
+        mesh, shape = self._common(inner_mesh)
+        return shape if lies_within(mesh, self.body) else None
+
+    def _common(self, make: Callable[[ConeSphere, int], Polytope]) -> tuple[Polytope, Shape]:
+        if make not in self._made:
+            if self._copied is None:
+                mesh = make(self.body, COMMON_LEVEL)
+                self._made[make] = mesh, Shape(mesh)
+            else:
+                solid, R, p = self._copied
+                mesh, shape = solid._common(make)
+                self._made[make] = Polytope(mesh.vertices @ R.T + p, mesh.triangles), shape.placed(R, p)
+        return self._made[make]
 
     @functools.cached_property
     def in_range(self) -> bool:

@@ -47,6 +47,8 @@ class Convex(ABC):
     """R."""
     ball: float = field(default=0.0, kw_only=True)
     """r."""
+    copied: tuple[Convex, Array, Array] | None = field(default=None, kw_only=True, repr=False)
+    """The solid that this one is, turned by R, then moved by p; None if it stands for itself."""
 
     @functools.cached_property
     def centre(self) -> Array:
@@ -73,8 +75,11 @@ class Convex(ABC):
 
     @functools.cached_property
     def shape(self) -> Shape:
-        """A polytope around the solid as FCL holds it, made once for all that it is shown to."""
-        return Shape(self.outer(self.axis))
+        """A polytope around the solid as FCL holds it, made once for all copies and all that they are shown to."""
+        if self.copied is None:
+            return Shape(self.outer(self.axis))
+        solid, R, p = self.copied
+        return solid.shape.placed(R, p)
 
     @property
     def thick(self) -> bool:
@@ -139,7 +144,7 @@ class Polyhedron(Convex):
 
     def placed(self, R: Array, p: Array) -> Polyhedron:
         """Return the solid turned by R, then moved by p."""
-        return Polyhedron(self.name, self.vertices @ R.T + p, self.triangles)
+        return Polyhedron(self.name, self.vertices @ R.T + p, self.triangles, copied=(self, R, p))
 
     def grown(self, factor: float) -> Polyhedron:
         """Return the solid scaled about its centre."""
@@ -159,12 +164,16 @@ def box(name: str, centre: Array, half: Array) -> Polyhedron:
 class Cylinder(Convex):
     """A cylinder with flat ends; its vertices are the centres of the lower and of the upper end."""
 
+    @functools.cached_property
+    def half(self) -> float:
+        """Half its height."""
+        return math.dist(*self.vertices) / 2
+
     def depth(self, x: Array) -> float:
         """Return the distance to the nearest of the two ends and the side."""
         q = x - self.centre
         along = float(q @ self.axis)
-        half = float(np.linalg.norm(self.vertices[1] - self.vertices[0])) / 2
-        return min(self.disc - float(np.linalg.norm(q - along * self.axis)), half - abs(along))
+        return min(self.disc - math.hypot(*(q - along * self.axis)), self.half - abs(along))
 
     def outer(self, n: Array) -> Polytope:
         """Return a prism around the cylinder, with a flat side towards n."""
@@ -195,7 +204,8 @@ class Cylinder(Convex):
 
     def placed(self, R: Array, p: Array) -> Cylinder:
         """Return the solid turned by R, then moved by p."""
-        return Cylinder(self.name, self.vertices @ R.T + p, axis=R @ self.axis, disc=self.disc)
+        moved = self.vertices @ R.T + p
+        return Cylinder(self.name, moved, axis=R @ self.axis, disc=self.disc, copied=(self, R, p))
 
     def grown(self, factor: float) -> Cylinder:
         """Return the solid scaled about its centre."""
@@ -234,7 +244,7 @@ class Capsule(Convex):
 
     def placed(self, R: Array, p: Array) -> Capsule:
         """Return the solid turned by R, then moved by p."""
-        return Capsule(self.name, self.vertices @ R.T + p, ball=self.ball)
+        return Capsule(self.name, self.vertices @ R.T + p, ball=self.ball, copied=(self, R, p))
 
     def grown(self, factor: float) -> Capsule:
         """Return the solid scaled about its centre."""

@@ -12,9 +12,12 @@ Facts about python-fcl 0.7 that shape this module:
 
 from __future__ import annotations
 
+import copy
+
 import fcl
 import numpy as np
 
+from verify.bodies import Array
 from verify.meshes import Polytope
 
 SCALE = 1e3
@@ -30,8 +33,20 @@ class Shape:
         if not np.all(np.abs(mesh.vertices) <= FARTHEST):
             raise ValueError(f"coordinates must be finite and within {FARTHEST:g} arm lengths")
         faces = np.concatenate([np.full((len(mesh.triangles), 1), 3, dtype=np.int64), mesh.triangles], axis=1)
-        convex = fcl.Convex(SCALE * mesh.vertices, len(faces), faces.ravel())
-        self._object = fcl.CollisionObject(convex, fcl.Transform())
+        self._convex = fcl.Convex(SCALE * mesh.vertices, len(faces), faces.ravel())
+        self._place(np.eye(3), np.zeros(3))
+
+    def _place(self, R: Array, p: Array) -> None:
+        if not np.all(np.abs(p) <= FARTHEST):
+            raise ValueError(f"coordinates must be finite and within {FARTHEST:g} arm lengths")
+        self._R, self._p = R, p
+        self._object = fcl.CollisionObject(self._convex, fcl.Transform(R, SCALE * p))
+
+    def placed(self, R: Array, p: Array) -> Shape:
+        """Return the polytope turned by R, shape (3, 3), then moved by p, shape (3,); FCL makes it only once."""
+        elsewhere = copy.copy(self)
+        elsewhere._place(R @ self._R, R @ self._p + p)
+        return elsewhere
 
     def overlaps(self, other: Shape) -> bool:
         """Whether the two solids have a point in common, as far as FCL can tell."""

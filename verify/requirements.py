@@ -7,7 +7,7 @@ d / 2 around them keep apart; so is the end-effector's from every module's centr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -50,9 +50,8 @@ class Scene:
         """p_E from the COM, where some requirements take their direction from."""
         envelope = design.task.module.envelope
         length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))
-        self.envelopes = [
-            Solid(ConeSphere(o, -length * z, r, dr)) for o, z in zip(self.centres, platform.poses.z, strict=True)
-        ]
+        still = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -length]), r, dr))
+        self.envelopes = [still.placed(R, o) for R, o in zip(platform.poses.R, self.centres, strict=True)]
 
     def requirements(self) -> Iterator[Requirement]:
         """Yield every requirement: airflow, exposure, exclusion, separation."""
@@ -112,10 +111,9 @@ class Scene:
     def _exclusion(self) -> Iterator[Requirement]:
         distance = self.design.task.exclusion_radius
         if distance is not None:
-            r = distance / self.l_arm / 2
-            tip = Solid(ball(self.p_E, r))
-            for a, centre in enumerate(self.centres):
-                yield Requirement("exclusion", a, -1, Solid(ball(centre, r)), tip)
+            *around, tip = _balls([*self.centres, self.p_E], distance / self.l_arm / 2)
+            for a, own in enumerate(around):
+                yield Requirement("exclusion", a, -1, own, tip)
 
     def _separation(self) -> Iterator[Requirement]:
         task = self.design.task
@@ -124,10 +122,16 @@ class Scene:
         if distance is None:
             return
         exempt = frozenset() if ablation else self.design.topology.bolted
-        balls = [Solid(ball(centre, distance / self.l_arm / 2)) for centre in self.centres]
+        balls = _balls(self.centres, distance / self.l_arm / 2)
         for a, b in combinations(range(len(balls)), 2):
             if (a, b) not in exempt:
                 yield Requirement("separation", a, b, balls[a], balls[b])
+
+
+def _balls(centres: Sequence[Array] | Array, radius: float) -> list[Solid]:
+    """Return equal balls: copies of one."""
+    still, R = Solid(ball(np.zeros(3), radius)), np.eye(3)
+    return [still.placed(R, centre) for centre in centres]
 
 
 def _unit(v: Array) -> Array:
