@@ -15,7 +15,7 @@ import verify
 from topo_search import compose
 from topo_search.cli import main
 from topo_search.cli.design_files import LARGEST_FILE, DesignFile
-from topo_search.export.audit_summary import escaped
+from topo_search.export.audit_summary import escaped, survived
 from topo_search.model import Audit, Topology
 from topo_search.model.files import to_json
 
@@ -170,6 +170,20 @@ def test_that_no_straight_rod_reaches_is_told(command, tmp_path):
     assert told.exit_code == 0
     assert f"  note: {note}\n" in told.output
     assert f"\nNote: {note}.\n" in (tmp_path / "audit.md").read_text()
+
+
+def test_what_errors_a_design_survives_is_told_and_in_the_summary(command, tmp_path):
+    given = fan({"tolerances": {"hinge_angle_deg": 0.1}})
+    write(tmp_path / "good.json", given)
+    told = command("good.json", "--markdown", "audit.md").output
+    found = verify.audit(given).sensitivity
+    lines = list(survived(found))
+    assert len(lines) == 4
+    assert lines[0].startswith(f"hinge angles may be off by {found.hinge_angle_deg.tolerated:.3g} deg (too much: ")
+    assert lines[0].endswith(f"; first to break: {found.hinge_angle_deg.name}")
+    assert lines[3].startswith("within the task's tolerances: clear, least clearance")
+    assert "".join(f"  {line}\n" for line in lines) in told
+    assert "\n" + "".join(f"- {line}\n" for line in lines) in (tmp_path / "audit.md").read_text()
 
 
 def test_tables_have_as_many_cells_in_every_row(command, tmp_path):

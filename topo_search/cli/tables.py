@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from topo_search.engine import Failed, Outcome
-from topo_search.model import Audit, Design, Infeasible, Limit, Sensitivity, Status
+from topo_search.export.audit_summary import survived
+from topo_search.model import Audit, Design, Infeasible, Status
 from topo_search.report.wording import counted, length, modules
 from topo_search.study import Answer, Row, SizeAnswer, Solved
 
@@ -169,31 +170,8 @@ def print_audit(name: str, audit: Audit) -> None:
     if sheet is not None and sheet.note is not None:
         click.echo(f"  note: {sheet.note}")
     if audit.sensitivity is not None:
-        _print_sensitivity(audit.sensitivity)
-
-
-def _print_sensitivity(found: Sensitivity) -> None:
-    """Print how much error a design tolerates, each kind alone and as the task asks."""
-    errors = (
-        ("hinge angles may be off", found.hinge_angle_deg, "deg"),
-        ("positions may be off", found.position_m, "m"),
-        ("airflow may reach farther", found.envelope_m, "m"),
-    )
-    for name, limit, unit in errors:
-        if limit is not None:
-            click.echo(f"  {name} by {_size(limit, unit)}; first to break: {limit.name}")
-    asked = found.tolerances
-    if asked is not None:
-        click.echo(
-            f"  within the task's tolerances: {asked.status}, least clearance {asked.lower_m:.3g} m or more "
-            f"({asked.attained_m:.3g} m in an example), {asked.name}"
-        )
-
-
-def _size(limit: Limit, unit: str) -> str:
-    """Return how large an error may be, and how far beyond that is known to be too much."""
-    known = "" if limit.violated_at is None else f" (too much: {limit.violated_at:.3g} {unit})"
-    return f"{limit.tolerated:.3g} {unit}{known}"
+        for line in survived(audit.sensitivity):
+            click.echo(f"  {line}")
 
 
 def print_tally(verdicts: Sequence[Status], failed: int, refused: int, passed_over: int) -> None:

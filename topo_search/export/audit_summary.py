@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
-from topo_search.model import Audit, Clearance, Design, Residual, Status
+from topo_search.model import Audit, Clearance, Design, Residual, Sensitivity, Status
 
 LISTED = 50
 """Rows of a design that are listed when they are not clear; the tables hold all."""
@@ -101,6 +101,9 @@ def _section(each: Judged) -> Iterator[str]:
         if len(off) > LISTED:
             yield ""
             yield f"{len(off) - LISTED} more numbers are off."
+    if audit.sensitivity is not None:
+        yield ""
+        yield from (f"- {line}" for line in survived(audit.sensitivity))
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
         yield ""
@@ -111,6 +114,25 @@ def _section(each: Judged) -> Iterator[str]:
             yield f"Evidence on the {pair.name}:"
             yield ""
             yield from (f"    {finding}" for finding in pair.evidence)
+
+
+def survived(found: Sensitivity) -> Iterator[str]:
+    """Yield how much error a design tolerates, each kind alone and as the task asks, a line each."""
+    errors = (
+        ("hinge angles may be off", found.hinge_angle_deg, "deg"),
+        ("positions may be off", found.position_m, "m"),
+        ("airflow may reach farther", found.envelope_m, "m"),
+    )
+    for name, limit, unit in errors:
+        if limit is not None:
+            known = "" if limit.violated_at is None else f" (too much: {limit.violated_at:.3g} {unit})"
+            yield f"{name} by {limit.tolerated:.3g} {unit}{known}; first to break: {limit.name}"
+    asked = found.tolerances
+    if asked is not None:
+        yield (
+            f"within the task's tolerances: {asked.status}, least clearance {asked.lower_m:.3g} m or more "
+            f"({asked.attained_m:.3g} m in an example), {asked.name}"
+        )
 
 
 def _clearance_row(pair: Clearance) -> list[str]:
