@@ -81,6 +81,7 @@ def solve(
         start=best.start,
         starts=len(trials),
         starts_feasible=sum(trial.worst.met for trial in trials),
+        objectives=tuple(trial.objective for trial in trials if trial.worst.met),
         versions=_versions(),
     )
     return _design(best, record) if best.worst.met else _infeasible(trials, best, record)

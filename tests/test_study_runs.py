@@ -191,6 +191,15 @@ def test_a_time_limit_that_does_not_come_changes_nothing(tmp_path):
     assert ranking(tmp_path / "timed") == ranking(tmp_path / "whole")
 
 
+def test_the_table_says_how_many_starts_reached_the_same_optimum(tmp_path):
+    toy_run(tmp_path / "run", starts=9)
+    toy_run(tmp_path / "run", starts=20)
+    for row in table(tmp_path / "run"):
+        values = [toy_problem.value(row["key"], s, 0, 1e-4) for s in range(20)]
+        assert float(row["objective"]) == (least := min(values))
+        assert int(row["starts_at_best"]) == sum(J - least <= 1e-4 * least for J in values)
+
+
 @pytest.fixture
 def protected():
     """Make folders read-only, also for root, who gives up being root for the time."""

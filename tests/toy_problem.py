@@ -4,7 +4,7 @@ Environment variables reach the worker processes. TOY_LOG names a file that gets
 solve, and then the keys of the designs that were to be carried over, TOY_AUDIT_LOG one that gets the key for every
 audit; TOY_SLEEP is the time a solve takes [s]. TOY_SEGFAULT, TOY_HANG, TOY_RAISE, TOY_MEMORY, TOY_NONE and
 TOY_VIOLATED name keys (`*` for all) that crash, never end, raise, run out of memory, are infeasible, or fail their
-audit while the margin is under TOY_MARGIN.
+audit while the margin is under TOY_MARGIN. Those of TOY_OPTIMAL meet the bound with the usual margin.
 """
 
 import argparse
@@ -48,6 +48,8 @@ def _told(variable: str, key: str) -> bool:
 
 def value(key: str, start: int, seed: int, margin: float) -> float:
     """The objective of one start; a larger margin costs a little."""
+    if _told("TOY_OPTIMAL", key):
+        return BOUND + margin - 1e-4
     drawn = hashlib.sha256(f"{key} {start} {seed}".encode()).digest()[0] / 256
     return BOUND + 1 + drawn + 100 * margin
 
@@ -78,6 +80,7 @@ def solve(
         start=best,
         starts=len(starts),
         starts_feasible=len(starts) if feasible else 0,
+        objectives=tuple(value(key, s, seed, margin) for s in starts) if feasible else (),
         versions={},
     )
     if not feasible:
@@ -200,6 +203,7 @@ def toy_run(
     strategy="exhaustive",
     sampler="moves",
     trials=None,
+    prune=False,
     workers=None,
     engine=None,
     observer=None,
@@ -207,7 +211,8 @@ def toy_run(
     **options,
 ):
     """Run the toy problem: on an engine, in worker processes if their number is given, or in this process."""
-    request = Request(task or toy_task(modules), symmetry, starts, seed, strategy, sampler, trials)
+    asked = task or toy_task(modules)
+    request = Request(asked, symmetry, starts, seed, strategy, sampler, trials, prune)
     place = Workers(workers) if workers else InProcess(1)
     with nullcontext(engine) if engine else place as engine:
         return run(request, Path(path), verbs, engine=engine, observer=observer or Silent(), **options)

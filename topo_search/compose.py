@@ -67,6 +67,7 @@ def search(
     strategy: StrategyName = "exhaustive",
     sampler: Sampler = "moves",
     trials: int | None = DEFAULT_TRIALS,
+    prune: bool = False,
     starts: int | None = None,
     seed: int = 0,
     workers: int | None = None,
@@ -83,6 +84,7 @@ def search(
         strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes, one after the other.
         sampler: what proposes them: `moves` on the best trees, `tpe`, `nsga2` or `random`.
         trials: how many are proposed; None: all.
+        prune: whether an exhaustive search skips candidates that are proven to be no better than the best so far.
         starts: starts of each candidate, or of the best that were proposed; default: the solver's.
         seed: draws the starts and the proposals.
         workers: worker processes; default: the cores available. They change nothing but the time it takes.
@@ -102,6 +104,7 @@ def search(
         strategy,
         sampler,
         trials if strategy == "optuna" else None,
+        prune and strategy == "exhaustive",
     )
     path = RUNS / request.folder_name if out is None else Path(out)
     observer = observer or Silent()

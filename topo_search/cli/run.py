@@ -40,6 +40,12 @@ if TYPE_CHECKING:
     help="What proposes them: moves on the best trees so far (default), TPE, NSGA-II, or uniform draws.",
 )
 @click.option("--trials", type=click.IntRange(min=1), help="How many are proposed (default: 512).")
+@click.option(
+    "--prune",
+    is_flag=True,
+    help="Skip candidates that are proven to be no better than the best so far: all that are left, once an audited "
+    "design meets the lower bound.",
+)
 @options.starts
 @options.seed
 @options.workers
@@ -57,6 +63,7 @@ def run(
     strategy: Any,
     sampler: Any,
     trials: int | None,
+    prune: bool,
     starts: int | None,
     seed: int,
     workers: int | None,
@@ -77,6 +84,8 @@ def run(
     """
     if strategy == "exhaustive" and (sampler or trials):
         raise click.UsageError("--sampler and --trials go with --strategy optuna")
+    if strategy == "optuna" and prune:
+        raise click.UsageError("--prune goes with --strategy exhaustive")
     with explained(resumes=True):
         from topo_search.cli.progress import shown_progress
         from topo_search.compose import DEFAULT_TRIALS, search
@@ -92,6 +101,7 @@ def run(
                 strategy=strategy,
                 sampler=sampler or "moves",
                 trials=trials or DEFAULT_TRIALS,
+                prune=prune,
                 starts=starts,
                 seed=seed,
                 workers=workers,

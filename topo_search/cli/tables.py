@@ -29,7 +29,9 @@ def print_answer(answer: Answer) -> None:
             _print_size(size)
     best = answer.best
     if best is not None:
-        click.echo(f"best design: {best.key}, {modules(best.modules)}, {_effort(best)}, audit {best.audit}")
+        smallest = ", the smallest size that has one" if len(answer.sizes) > 1 else ""
+        found = f"best design: {best.key}, {modules(best.modules)}{smallest}"
+        click.echo(f"{found}, {_effort(best)}, audit {best.audit}")
     elif answer.exit_status == 1:
         click.echo("designs were found, but none passed its audit")
     else:
@@ -47,6 +49,8 @@ def _print_size(size: SizeAnswer) -> None:
     if not size.complete:
         reached = f", after {counted(size.starts, 'start')} of each candidate" if size.starts else ""
         click.echo(f"the time limit came first{reached}; the same command goes on")
+    if size.statement is not None and size.best is not None:
+        click.echo(f"{size.best.key} is {size.statement}")
     for remark in size.remarks:
         click.echo(remark)
     if size.reason is not None:
@@ -96,7 +100,7 @@ def _print_front(answer: Answer) -> None:
 
 def _print_rows(rows: tuple[Row, ...]) -> None:
     table = Table(box=None, pad_edge=False)
-    for name in ("key", "objective", "over bound", "gap", "stands for", "audit"):
+    for name in ("key", "objective", "over bound", "gap", "starts at best", "stands for", "audit"):
         table.add_column(name, justify="left" if name in ("key", "audit") else "right")
     for row in rows:
         table.add_row(
@@ -104,6 +108,7 @@ def _print_rows(rows: tuple[Row, ...]) -> None:
             f"{row.objective:.6g}",
             f"{row.objective / row.lower_bound:.4f}" if row.objective and row.lower_bound else "",
             "" if row.gap is None else f"{100 * row.gap:.2f} %",
+            f"{row.starts_at_best} of {row.starts}",
             str(row.orbit),
             row.audit or ("failed" if row.audit_failure else ""),
         )

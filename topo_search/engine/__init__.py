@@ -2,7 +2,7 @@
 
 from topo_search.engine.dask_workers import DaskWorkers
 from topo_search.engine.engine import Engine, WorkersLost
-from topo_search.engine.exhaustive import exhaustive
+from topo_search.engine.exhaustive import exhaustive, may_beat
 from topo_search.engine.job import Job, solved
 from topo_search.engine.merging import merge, record_of
 from topo_search.engine.rounds import rounds
@@ -30,6 +30,7 @@ __all__ = [
     "WorkersLost",
     "audit_deadline",
     "exhaustive",
+    "may_beat",
     "merge",
     "record_of",
     "rounds",

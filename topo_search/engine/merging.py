@@ -24,6 +24,7 @@ def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: Resolv
         update={
             "starts": sum(record.starts for record in records),
             "starts_feasible": sum(record.starts_feasible for record in records),
+            "objectives": tuple(J for record in records for J in record.objectives),
             "seconds": sum(record.seconds for record in records),
         }
     )

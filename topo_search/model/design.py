@@ -48,6 +48,10 @@ TopologyRows = Annotated[
 """A topology that a file writes as rows [parent, parent_port, child_port]."""
 
 
+SAME_OPTIMUM = 1.0e-4
+"""Relative difference of objectives up to which two starts are said to have reached the same optimum."""
+
+
 class SolverRecord(Value):
     """How a result came about; informative."""
 
@@ -64,8 +68,15 @@ class SolverRecord(Value):
     """Number of starts tried."""
     starts_feasible: Index
     """Number of starts that reached a feasible point."""
+    objectives: tuple[Number, ...] = ()
+    """J of every feasible start [rad^4/s^4]; empty in files of programs that do not tell."""
     versions: dict[str, str]
     """Versions of the libraries that fix the result."""
+
+    @property
+    def starts_at_best(self) -> int:
+        """Number of starts that reached the same optimum."""
+        return sum(J - min(self.objectives) <= SAME_OPTIMUM * J for J in self.objectives)
 
 
 class Mount(Value):

@@ -28,6 +28,7 @@ COLUMNS = (
     ("audit", "text"),
     ("status", "text"),
     ("stands for", "number"),
+    ("starts at best", "number"),
     ("feasible starts", "number"),
     ("starts", "number"),
     ("time [s]", "number"),
@@ -113,6 +114,8 @@ def _answer(answer: Answer, name: str, design: Design | None, audit: Audit | Non
 def _limits(size: SizeAnswer) -> list[str]:
     """Return what a reader of one size's answer has to know."""
     found = [f"{modules(size.modules)}: {size.quotient}."]
+    if size.statement is not None and size.best is not None:
+        found.append(f"{modules(size.modules)}: {size.best.key} is {size.statement}.")
     if not size.complete:
         reached = f" after {counted(size.starts, 'start')} of each candidate" if size.starts else ""
         found.append(
@@ -178,6 +181,7 @@ def _cells(row: Row) -> list[Any]:
         row.audit or ("failed" if row.audit_failure else None),
         row.status,
         row.orbit,
+        row.starts_at_best,
         row.starts_feasible,
         row.starts,
         _rounded(row.seconds, 3),
@@ -230,6 +234,10 @@ def _kind(constraint: str) -> str:
 def _reproduction(folder: RunFolder) -> Reproduction:
     request = folder.request
     options = f"--symmetry {request.symmetry} --starts {request.starts} --seed {request.seed}"
+    if request.strategy == "optuna":
+        options += f" --strategy optuna --sampler {request.sampler} --trials {request.trials}"
+    elif request.prune:
+        options += " --prune"
     notes = (
         f"task.toml is in the run's folder, and below. Seed {request.seed} draws the starts; the number of workers "
         "changes nothing but the time it takes.",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.engine import scaled_violation
+from topo_search.engine import may_beat, scaled_violation
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask
 from topo_search.model.files import read_json
 from topo_search.model.goals import Level
@@ -37,7 +37,8 @@ class SizeAnswer:
     settled: int
     """How many of them were solved from one start at least."""
     starts: int
-    """Number of starts that every candidate was solved from, or given up; 0 while some were not taken up."""
+    """Number of starts that every candidate was solved from, unless it is impossible or failed; 0 while some were
+    not taken up."""
     complete: bool
     """Whether nothing is left to do: no start, and no audit (nor what follows one) of what may be the best."""
     statuses: dict[str, int]
@@ -54,6 +55,10 @@ class SizeAnswer:
     """What happened to designs whose audit was not clear, and to candidates that failed."""
     reason: str | None
     """Why there is no design, if there is none."""
+    impossible: bool
+    """Whether it is proven that no topology of this size can do the task."""
+    statement: str | None
+    """What is known of the best design: of how many candidates it is the best, and what is proven of all others."""
 
     def _repr_html_(self) -> str:
         """Show a notebook the best designs of this size."""
@@ -187,7 +192,8 @@ def size_answer(
     remarks: list[str] = []
     for row in rows:
         statuses[row.status] += 1
-        fewest = min(fewest, row.asked)
+        if row.status in ("feasible", "infeasible"):
+            fewest = min(fewest, row.asked)
         if row.feasible:
             feasible += row.orbit
             if best is None and row.clear:
@@ -222,7 +228,19 @@ def size_answer(
         top=tuple(top),
         remarks=tuple(remarks),
         reason=None if feasible else reason(proof, closest, statuses),
+        impossible=proof is not None,
+        statement=None if best is None else _statement(best, settled, candidates),
     )
+
+
+def _statement(best: Row, settled: int, candidates: int) -> str:
+    """Say what is known of the best design: starts are no proof, the bound is."""
+    number = f"all {candidates}" if settled == candidates else f"{settled} of {candidates}"
+    found = f"the best found of {number} candidates"
+    if best.gap is None or best.objective is None or best.lower_bound is None:
+        return found
+    limit = f"more than {100 * best.gap:.2f} % " if may_beat(best.objective, best.lower_bound) else ""
+    return f"{found}; no topology of as many modules can be {limit}better, which is proven"
 
 
 def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:

@@ -84,6 +84,7 @@ class RunFolder:
                 strategy=held["strategy"],
                 sampler=held.get("sampler", "moves"),
                 trials=trials,
+                prune=held.get("prune", False),
                 versions=ledger.versions() or installed(),
             )
             yield cls._of_ledger(path, request, ledger)

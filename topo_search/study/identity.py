@@ -81,6 +81,8 @@ class Request:
     """What proposes candidates when not all are solved."""
     trials: int | None = None
     """Number of candidates to propose; None: all."""
+    prune: bool = False
+    """Whether candidates are skipped that the bound proves to be no better than the best."""
     versions: dict[str, str] = field(default_factory=installed)
     """Of the libraries that solve; rows that others solved do not count."""
     level: Level | None = None
@@ -100,7 +102,9 @@ class Request:
             "symmetry": self.symmetry,
             "strategy": self.strategy,
         }
-        return identity if self.strategy == "exhaustive" else {**identity, "sampler": self.sampler}
+        if self.strategy == "exhaustive":
+            return {**identity, "prune": self.prune}
+        return {**identity, "sampler": self.sampler}
 
     @property
     def folder_name(self) -> str:

@@ -38,7 +38,8 @@ CREATE TABLE candidates (
     context TEXT NOT NULL, key TEXT NOT NULL, modules INTEGER NOT NULL, orbit INTEGER NOT NULL,
     status TEXT NOT NULL,
     objective REAL, lower_bound REAL, gap REAL, worst_constraint TEXT, violation REAL, unit TEXT,
-    starts INTEGER NOT NULL, starts_feasible INTEGER NOT NULL, seconds REAL NOT NULL,
+    starts INTEGER NOT NULL, starts_feasible INTEGER NOT NULL, starts_at_best INTEGER NOT NULL,
+    seconds REAL NOT NULL,
     audit TEXT, asked INTEGER NOT NULL, audit_failure TEXT, margin REAL NOT NULL, step INTEGER NOT NULL,
     standing INTEGER NOT NULL, result TEXT, audit_result TEXT,
     PRIMARY KEY (context, key)
@@ -195,8 +196,9 @@ class Ledger:
                 values = [getattr(row, name) for name in _FIELDS]
                 text = None if result is None else to_json(result)
                 self._database.execute(_UPSERT, (*values, context.name, standing, text))
-                reached = astuple(score(row, context.task))
-                self._database.execute(_LOG, (time.time(), context.name, *reached))
+                if row.status != "pruned":  # for another design may rule it out, or none
+                    reached = astuple(score(row, context.task))
+                    self._database.execute(_LOG, (time.time(), context.name, *reached))
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""

@@ -22,6 +22,7 @@ COLUMNS = (
     "starts_feasible",
     "seconds",
     "audit",
+    "starts_at_best",
 )
 """The columns of `candidates.csv`."""
 
@@ -35,7 +36,7 @@ class Row:
     orbit: int
     """Number of classes of the exact quotient that the candidate stands for."""
     status: str
-    """feasible, infeasible, impossible or failed."""
+    """feasible, infeasible, impossible, pruned or failed."""
     asked: int
     """Number of starts that need no more solving: tried, or given up with the reason."""
     lower_bound: float | None
@@ -49,6 +50,8 @@ class Row:
     unit: str | None = None
     starts: int = 0
     starts_feasible: int = 0
+    starts_at_best: int = 0
+    """Number of starts that reached the same optimum as the best."""
     seconds: float = 0.0
     audit: str | None = None
     """The verdict, once there is one."""
@@ -97,7 +100,11 @@ def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, asked: int, 
         return replace(candidate, worst_constraint=outcome.reason)
     if record := record_of(outcome):
         candidate = replace(
-            candidate, starts=record.starts, starts_feasible=record.starts_feasible, seconds=record.seconds
+            candidate,
+            starts=record.starts,
+            starts_feasible=record.starts_feasible,
+            starts_at_best=record.starts_at_best,
+            seconds=record.seconds,
         )
     if isinstance(outcome, Infeasible):
         return replace(

@@ -20,6 +20,7 @@ from topo_search.study.identity import Context, Request
 from topo_search.study.ledger import Ledger
 from topo_search.study.lock import ReadOnlyFolder
 from topo_search.study.observer import Observer
+from topo_search.study.pruning import record_pruned, rests_on_an_audited_design
 from topo_search.study.row import row_of
 
 MOST_ROWS_OF_A_PROOF = 100_000
@@ -119,30 +120,57 @@ def _search_size(
         _record_proof(ledger, request, context, proof, lower_bound)
         return
 
-    if not ledger.ended(context, request.starts, request.trials):
-        neighbour = None if request.neighbour is None else request.neighbour.contexts(n)[0]
-        following = Following(ledger, context, lower_bound, verbs.solve, engine, observer, neighbour)
-        if _follow(following, folder, n, observer, until):
-            ledger.end(context, request.starts, request.trials)
-    audit_best(
-        ledger,
-        contexts,
-        verbs,
-        engine,
-        starts=request.starts,
-        lower_bound=lower_bound,
-        observer=observer,
-        until=until,
-    )
+    def audit() -> None:
+        audit_best(
+            ledger,
+            contexts,
+            verbs,
+            engine,
+            starts=request.starts,
+            lower_bound=lower_bound,
+            observer=observer,
+            until=until,
+        )
+
+    if ledger.ended(context, request.starts, request.trials):
+        audit()
+        return
+    neighbour = None if request.neighbour is None else request.neighbour.contexts(n)[0]
+    following = Following(ledger, context, lower_bound, verbs.solve, engine, observer, neighbour)
+    ended = _follow(following, folder, n, observer, until, lower_bound if request.prune else None)
+    audit()
+    if ended and request.prune:
+        if rests_on_an_audited_design(ledger, n, lower_bound):
+            record_pruned(ledger, context, request.space(n), lower_bound)
+        else:
+            ended = _follow(following, folder, n, observer, until, None)
+            audit()
+    if ended:
+        ledger.end(context, request.starts, request.trials)
 
 
-def _follow(following: Following, folder: RunFolder, n: int, observer: Observer, until: float) -> bool:
-    """Follow the strategy that was asked for, and return whether it came to its end."""
+def _follow(
+    following: Following, folder: RunFolder, n: int, observer: Observer, until: float, bound: float | None
+) -> bool:
+    """Follow the strategy that was asked for, and return whether it came to its end.
+
+    Args:
+        following: what is known.
+        folder: of the run.
+        n: number of modules.
+        observer: is told how many candidates there are.
+        until: time.monotonic() at which to stop.
+        bound: of every candidate's objective; None: nothing is pruned.
+    """
     request = folder.request
     space = request.space(n)
+    timed = math.isfinite(until)
+    if bound is not None:
+        observer.size(n, space.count(), request.starts)
+        pruned = exhaustive(space, starts=request.starts, timed=timed, bound=lambda _: bound)
+        return following.follow(pruned, until, announced=True)
     if request.strategy == "exhaustive":
-        strategy = exhaustive(space, starts=request.starts, timed=math.isfinite(until))
-        return following.follow(strategy, until)
+        return following.follow(exhaustive(space, starts=request.starts, timed=timed), until)
 
     from topo_search.engine.proposals import optuna_study  # loads Optuna
 

@@ -1,0 +1,86 @@
+import pytest
+from toy_problem import toy_task
+
+from topo_search.engine import Scored, Space, exhaustive
+from topo_search.engine.exhaustive import PRUNED_AFTER, SOLVER_PRECISION
+
+SPACE = Space(toy_task(6).resolve(6), "c2")
+KEYS = [candidate.key for candidate in SPACE.candidates()]
+
+
+def search(value, *, starts=24, timed=False, status="infeasible", bound=None):
+    """Follow the search; `value(key, start)` is what a start finds, None if it finds no design."""
+    strategy = exhaustive(
+        SPACE, starts=starts, timed=timed, bound=bound and (lambda candidate: bound(candidate.key))
+    )
+    rounds, reached = [], {}
+    try:
+        proposed = next(strategy)
+        while True:
+            rounds.append([(proposal.candidate.key, proposal.starts) for proposal in proposed])
+            scores = []
+            for key, number in rounds[-1]:
+                found = [J for start in range(number) if (J := value(key, start)) is not None]
+                reached[key] = Scored(key, number, "feasible" if found else status, min(found, default=None), None)
+                scores.append(reached[key])
+            assert len(proposed) == len(scores)
+            proposed = strategy.send(scores)
+    except StopIteration:
+        return rounds, reached
+
+
+def place(key, start=0):
+    """Objectives in the order of the keys, whatever the start."""
+    return 1.0 + KEYS.index(key)
+
+
+def test_every_candidate_gets_all_starts():
+    rounds, _ = search(place)
+    assert rounds == [[(key, 24) for key in KEYS]]
+
+
+def test_under_a_time_limit_single_starts_come_first_and_the_results_are_the_same():
+    late = {KEYS[-1]: 23, KEYS[-2]: 8}
+
+    def value(key, start):
+        return place(key) if start >= late.get(key, 0) else None
+
+    timed, reached = search(value, timed=True)
+    assert [[key for key, _ in proposals] for proposals in timed] == [KEYS] * len(timed)
+    assert [proposals[0][1] for proposals in timed] == [1, 2, 4, 8, 12, 16, 20, 24]
+    assert reached == search(value)[1]
+
+
+@pytest.mark.parametrize("status", ["impossible", "failed"])
+def test_what_cannot_get_a_design_is_left_alone(status):
+    rounds, reached = search(lambda key, start: place(key) if key == KEYS[0] else None, status=status, timed=True)
+    assert [len(proposals) for proposals in rounds] == [len(KEYS), 1, 1, 1, 1, 1, 1, 1]
+    assert {scored.starts for scored in reached.values()} == {1, 24}
+
+
+def test_candidates_come_in_the_order_of_their_bounds_and_those_that_cannot_win_are_skipped():
+    def bound(key):
+        return 0.5 * (len(KEYS) - KEYS.index(key))
+
+    def value(key, start):
+        return 2.0 * bound(key)
+
+    rounds, reached = search(value, bound=bound)
+    assert [key for proposals in rounds for key, _ in proposals] == KEYS[: -len(reached) - 1 : -1]
+    assert len(reached) == PRUNED_AFTER < len(KEYS)
+    best = min(scored.objective for scored in reached.values())
+    assert all(bound(key) >= best * (1 - SOLVER_PRECISION) for key in KEYS if key not in reached)
+    assert best == min(value(key, 0) for key in KEYS)
+
+
+def test_a_bound_that_is_reached_ends_the_search_also_within_its_rounds_of_starts():
+    rounds, reached = search(lambda key, start: 1.0 if start else 1.1, bound=lambda key: 1.0, timed=True)
+    assert len(reached) == len(KEYS)
+    assert [len(proposals) for proposals in rounds if proposals] == [32] * 6 + [24, len(KEYS)]
+    assert {scored.objective for scored in reached.values()} == {1.0}
+
+
+def test_bounds_that_rule_nothing_out_change_no_result():
+    rounds, reached = search(place, bound=lambda key: 0.5)
+    assert reached == search(place)[1]
+    assert sum(map(len, rounds)) == len(KEYS)

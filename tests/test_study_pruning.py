@@ -1,0 +1,78 @@
+import csv
+
+import pytest
+import toy_problem
+from toy_problem import solved_keys, toy_run
+
+from topo_search.engine.exhaustive import PRUNED_AFTER
+from topo_search.model import BadInput
+from topo_search.study import RunFolder
+
+
+@pytest.fixture
+def log(tmp_path, monkeypatch):
+    path = tmp_path / "log"
+    path.touch()
+    monkeypatch.setenv("TOY_LOG", str(path))
+    return path
+
+
+def table(path):
+    with (path / "candidates.csv").open(newline="") as stream:
+        return {row["key"]: row for row in csv.DictReader(stream)}
+
+
+def test_a_design_that_meets_the_bound_spares_the_rest_which_is_counted(tmp_path, monkeypatch, log):
+    keys = sorted(table_of_all(tmp_path))
+    monkeypatch.setenv("TOY_OPTIMAL", keys[3])
+    log.write_text("")
+    answer = toy_run(tmp_path / "run", modules=5, prune=True)
+    (size,) = answer.sizes
+    assert solved_keys(log) == keys[:PRUNED_AFTER]
+    assert answer.best.key == keys[3]
+    assert size.complete
+    assert size.statuses == {"feasible": PRUNED_AFTER, "pruned": len(keys) - PRUNED_AFTER}
+    proven = "no topology of as many modules can be better, which is proven"
+    assert size.statement == f"the best found of all {len(keys)} candidates; {proven}"
+    rows = table(tmp_path / "run")
+    assert [key for key in keys if rows[key]["status"] == "pruned"] == keys[PRUNED_AFTER:]
+    assert {rows[key]["starts"] for key in keys[PRUNED_AFTER:]} == {"0"}
+    log.write_text("")
+    assert toy_run(tmp_path / "run", modules=5, prune=True) == answer
+    assert toy_run(tmp_path / "run", modules=5, starts=9, prune=True).sizes[0].complete
+    assert set(solved_keys(log)) <= set(keys[:PRUNED_AFTER])
+    with RunFolder.found(tmp_path / "run") as folder:
+        assert folder.request.prune
+        assert {solve.key for solve in folder.ledger.solves(5)} == set(keys[:PRUNED_AFTER])
+
+
+def table_of_all(tmp_path):
+    toy_run(tmp_path / "all", modules=5)
+    return table(tmp_path / "all")
+
+
+def test_what_was_skipped_for_a_design_that_fails_its_audit_is_solved_after_all(tmp_path, monkeypatch):
+    keys = sorted(table_of_all(tmp_path))
+    monkeypatch.setenv("TOY_OPTIMAL", keys[3])
+    monkeypatch.setenv("TOY_VIOLATED", keys[3])
+    answer = toy_run(tmp_path / "run", modules=5, prune=True)
+    assert answer.sizes[0].complete
+    assert answer.sizes[0].statuses == {"feasible": len(keys)}
+    whole = toy_run(tmp_path / "whole", modules=5)
+    assert (answer.best, answer.sizes) == (whole.best, whole.sizes)
+
+
+def test_nothing_is_pruned_while_the_bound_leaves_room(tmp_path):
+    pruned, whole = (toy_run(tmp_path / str(prune), modules=4, prune=prune) for prune in (True, False))
+    assert pruned.sizes == whole.sizes
+    gap = 100 * (1 - toy_problem.BOUND / whole.best.objective)
+    assert whole.sizes[0].statement == (
+        f"the best found of all 14 candidates; no topology of as many modules can be more than {gap:.2f} % better, "
+        "which is proven"
+    )
+
+
+def test_a_folder_holds_either_kind_of_run(tmp_path):
+    toy_run(tmp_path / "run", prune=True)
+    with pytest.raises(BadInput, match="holds a run with prune True, not False"):
+        toy_run(tmp_path / "run")
