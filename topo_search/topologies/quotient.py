@@ -40,7 +40,11 @@ class Quotient:
         exact = Quotient("c1" if self.root == "paper" or self.group == "c1" else "c2", self.root)
         if exact == self:
             return 1
-        return len({text_of(exact.representative(other)) for other in self.same(rooted)})
+        rest, classes = set(self.same(rooted)), 0
+        while rest:
+            rest.difference_update(exact.same(rest.pop()))
+            classes += 1
+        return classes
 
     def same(self, rooted: Rooted) -> Iterator[Rooted]:
         """Yield the rooted trees that are one candidate with a given one (free root: rooted at a centroid)."""

@@ -1,0 +1,111 @@
+"""A ledger of many candidates: how long a run takes to resume from it, and where the time goes.
+
+    PYTHONPATH=tests python tests/benchmarks/ledger.py [--modules N] [--symmetry NAME] [--folder DIR]
+
+Fills the ledger of a run with designs of every candidate but the last (10 modules up to half turns: 129,516), then
+takes the run up in a process of its own, as far as the first job that is still to be done. With --folder the ledger
+is kept there, or taken from there. All times are CPU seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from toy_problem import BOUND, solve, toy_task
+
+from topo_search.engine import exhaustive
+from topo_search.model import Design
+from topo_search.study import Request, RunFolder, Silent
+from topo_search.study.following import Following
+from topo_search.study.row import row_of
+
+BATCH = 1000
+
+
+class FirstJob(Exception):
+    """A job that is still to be done was reached."""
+
+
+class Stopping:
+    """Stands in for worker processes: the first job ends the measurement."""
+
+    def run(self, function: Any, jobs: Iterable[Any], **options: Any) -> Iterator[Any]:
+        """Draw the first job."""
+        for _ in jobs:
+            raise FirstJob
+        yield from ()
+
+
+def fill(path: Path, request: Request, n: int) -> None:
+    """Write a design for every candidate but the last."""
+    context, space = request.contexts(n)[0], request.space(n)
+    candidates = islice(space.candidates(), space.count() - 1)
+    first = solve(context.task, next(space.candidates()).topology, starts=range(1), seed=0)
+    assert isinstance(first, Design)
+    with RunFolder.opened(path, request) as folder:
+        folder.ledger.begin(context, BOUND, None)
+        while batch := list(islice(candidates, BATCH)):
+            rows = []
+            for candidate in batch:
+                update = {"topology": candidate.topology, "topology_key": candidate.key}
+                design = first.model_copy(update=update)
+                row = row_of(
+                    design, key=candidate.key, modules=n, orbit=candidate.orbit, asked=1, lower_bound=BOUND
+                )
+                rows.append((row, design))
+            folder.ledger.record(context, rows)
+
+
+def resume(path: Path, request: Request, n: int) -> None:
+    """Take the run up and print where the time goes."""
+    laps = [("loading the program", time.process_time())]
+    space, context = request.space(n), request.contexts(n)[0]
+    with RunFolder.opened(path, request) as folder:
+        laps.append(("opening and checking the ledger", time.process_time()))
+        following = Following(folder.ledger, context, BOUND, solve, Stopping(), Silent())  # type: ignore[arg-type]
+        laps.append(("reading what is known", time.process_time()))
+        try:
+            following.follow(exhaustive(space, starts=1, timed=False))
+        except FirstJob:
+            laps.append(("enumerating and answering all that is known", time.process_time()))
+        else:
+            raise SystemExit("no job was left: the ledger holds everything")
+    before = 0.0
+    for name, at in laps:
+        print(f"{name:45}{at - before:8.2f} s")
+        before = at
+    print(f"{f'all, {space.count()} candidates':45}{before:8.2f} s")
+
+
+def main() -> None:
+    """Fill and resume."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--modules", type=int, default=10)
+    parser.add_argument("--symmetry", default="c2")
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--resume", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    request = Request(toy_task(arguments.modules), arguments.symmetry, starts=1, seed=0)
+    if arguments.resume:
+        resume(arguments.folder, request, arguments.modules)
+        return
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = arguments.folder or Path(temporary) / "run"
+        if not folder.exists():
+            fill(folder, request, arguments.modules)
+        size = sum(file.stat().st_size for file in folder.iterdir())
+        print(f"{size / 1e6:.0f} MB", flush=True)
+        again = [sys.executable, *sys.argv, "--folder", str(folder), "--resume"]
+        subprocess.run(again, check=True)
+
+
+if __name__ == "__main__":
+    main()
