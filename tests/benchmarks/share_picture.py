@@ -37,7 +37,9 @@ def draw(rows: Rows) -> Figure:
         trees = len({row["key"] for row in measured if row["n"] == n})
         for example, colour in COLOURS.items():
             for problem, (line, marker) in LINES.items():
-                of_curve = rows.where(part=PART, n=n, example=example, problem=problem)
+                of_curve = [row for row in measured if (row["n"], row["example"], row["problem"]) == (n, example, problem)]
+                if not of_curve:
+                    continue
                 distances = sorted({row["distance"] for row in of_curve})
                 shares = [share([row for row in of_curve if row["distance"] == d]) for d in distances]
                 label = f"{example}, {problem}"
