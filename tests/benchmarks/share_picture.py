@@ -37,7 +37,9 @@ def draw(rows: Rows) -> Figure:
         trees = len({row["key"] for row in measured if row["n"] == n})
         for example, colour in COLOURS.items():
             for problem, (line, marker) in LINES.items():
-                of_curve = [row for row in measured if (row["n"], row["example"], row["problem"]) == (n, example, problem)]
+                of_curve = [
+                    row for row in measured if (row["n"], row["example"], row["problem"]) == (n, example, problem)
+                ]
                 if not of_curve:
                     continue
                 distances = sorted({row["distance"] for row in of_curve})
