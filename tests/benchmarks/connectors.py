@@ -1,0 +1,54 @@
+"""Does it pay to bolt children by any of their ports, instead of by the one that keeps the arms aligned?
+
+    python tests/benchmarks/connectors.py [--modules N ...] [--starts N] [--workers N] [EXAMPLE ...]
+
+Searches every tree with every assignment of connectors, of which the aligned ones are a part, and prints for both:
+how many candidates there are and how many are feasible, the best effort over the lower bound, and by how much the
+best assignment of all beats the best aligned one. A port counts by its parity, which sets the spins of the child.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import nlp
+import topo_search
+from topo_search.model.files import read_task
+
+EXAMPLES = ("push", "push-local", "push-directional", "push-exterior-60", "push-exterior-90", "ten-wrenches")
+
+
+def main() -> None:
+    """Search and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("examples", nargs="*", default=EXAMPLES)
+    parser.add_argument("--modules", type=int, nargs="+", default=[3, 4])
+    parser.add_argument("--starts", type=int, default=nlp.DEFAULT_STARTS)
+    parser.add_argument("--workers", type=int)
+    arguments = parser.parse_args()
+    family = f"{'trees':>8}{'feasible':>10}{'J / bound':>11}"
+    print(f"{'':26}{'all aligned':^29}{'any other':^29}")
+    print(f"{'example':18}{'modules':>8}{family}{family}{'gain':>9}")
+    for example in arguments.examples:
+        for n in arguments.modules:
+            task = read_task(example, (f"modules={n}", 'search.connectors="any"'))
+            with tempfile.TemporaryDirectory() as folder:
+                out = Path(folder) / "run"
+                answer = topo_search.search(task, out=out, starts=arguments.starts, workers=arguments.workers)
+                table = answer.candidates
+            bound, cells, least = answer.sizes[0].lower_bound, "", {}
+            for letter in "ap":
+                trees = table[table.key.str.startswith(letter)]
+                designs = trees[trees.status == "feasible"]
+                least[letter] = float(designs.objective.min()) if len(designs) else float("inf")
+                ratio = f"{least[letter] / bound:.4f}" if len(designs) else "none"
+                cells += f"{len(trees):>8}{len(designs):>10}{ratio:>11}"
+            best = min(least.values())
+            gain = f"{100 * (1 - best / least['a']):.2f} %" if best < float("inf") else ""
+            print(f"{example:18}{n:>8}{cells}{gain:>9}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
