@@ -74,17 +74,17 @@ def new(rounds: Iterable[list[Proposal]]) -> list[str]:
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_nothing_is_proposed_twice_and_the_same_again(sampler: str, connectors: str) -> None:
     def proposed() -> list[list[Proposal]]:
-        return follow(optuna_study(space(6, connectors), sampler=sampler, trials=56, starts=STARTS, seed=3))
+        return follow(optuna_study(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=3))
 
     rounds = proposed()
     first = [[p for p in part if p.starts == FEW] for part in rounds]
     keys = [p.candidate.key for part in first for p in part]
-    assert len(keys) == len(set(keys)) == 56
-    assert [len(part) for part in first if part] == [16, 16, 16, 8]
+    assert len(keys) == len(set(keys)) == 52
+    assert [len(part) for part in first if part] == [ROUND] * 6 + [4]
     listed = {candidate.key: candidate for candidate in space(6, connectors).candidates()}
     assert all(listed[p.candidate.key] == p.candidate for part in rounds for p in part)
     assert proposed() == rounds
-    other = optuna_study(space(6, connectors), sampler=sampler, trials=56, starts=STARTS, seed=4)
+    other = optuna_study(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=4)
     assert new(follow(other)) != keys
 
 
@@ -117,8 +117,10 @@ def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
     feasible = sorted((s for s in scores if s.objective), key=lambda s: s.objective or 0.0)
     assert [s.starts for s in feasible[:CERTAIN]] == [24] * CERTAIN
     number = Counter(reached.values())
-    assert number[4] > number[8] + number[16] + number[24] > number[24] >= CERTAIN
-    assert all(s.starts == 4 for s in scores if s.status in ("failed", "impossible"))
+    assert number.keys() <= {2, 4, 8, 16, 24}
+    assert number[2] > 80
+    assert CERTAIN <= number[24] < 40
+    assert all(s.starts == FEW for s in scores if s.status in ("failed", "impossible"))
 
 
 def test_children_are_near_candidates_of_earlier_rounds_that_have_a_design() -> None:
@@ -137,10 +139,10 @@ def test_children_are_near_candidates_of_earlier_rounds_that_have_a_design() -> 
 
 def test_moves_find_better_trees_than_uniform_draws() -> None:
     def best(sampler: str, seed: int) -> float:
-        keys = new(follow(optuna_study(space(10), sampler=sampler, trials=128, starts=4, seed=seed)))
+        keys = new(follow(optuna_study(space(10), sampler=sampler, trials=96, starts=4, seed=seed)))
         return min(scored(key, 4).objective or math.inf for key in keys)
 
-    assert max(best("moves", seed) for seed in range(4)) < min(best("random", seed) for seed in range(4))
+    assert max(best("moves", seed) for seed in range(3)) < min(best("random", seed) for seed in range(3))
 
 
 def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> None:
@@ -148,14 +150,14 @@ def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> No
     journal.write_text("torn by a kill")
     (tmp_path / "study.journal.lock").symlink_to(journal)
     rounds = follow(optuna_study(space(6), sampler="moves", trials=3 * ROUND, starts=4, seed=0, journal=journal))
-    study = optuna.load_study(study_name=None, storage=JournalStorage(JournalFileBackend(str(journal))))
+    storage = JournalStorage(JournalFileBackend(str(journal)))
+    study = optuna.load_study(study_name=None, storage=storage)
     assert [trial.user_attrs["key"] for trial in study.trials] == new(rounds)
     for trial in study.trials:
-        score = scored(trial.user_attrs["key"], 4)
+        score = scored(trial.user_attrs["key"], trial.user_attrs["starts"])
         assert trial.user_attrs["status"] == score.status
         assert trial.value == (None if score.status == "failed" else score.objective or float("inf"))
-    best = min(scored(key, 4).objective or 99.0 for key in new(rounds))
-    assert study.best_value == best
+    assert study.best_value == min(scored(key, 4).objective or math.inf for key in new(rounds))
 
 
 def test_an_unknown_sampler_is_refused() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from topo_search.engine.strategy import Scored
 
-FEW = 4
+FEW = 2
 """Starts of a new candidate."""
 SHARE = 4
 """Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all."""

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 
+import numpy as np
+from numpy.typing import NDArray
 from optuna import Study
 from optuna.samplers import BaseSampler, NSGAIISampler, TPESampler
 from optuna.trial import FrozenTrial, TrialState
 
+from topo_search.engine.proposals.descriptors import descriptors
 from topo_search.engine.proposals.encoding import decoded
+from topo_search.engine.proposals.forecast import Forecast
 from topo_search.engine.proposals.tree_sampler import KEY, Child, TreeSampler
 from topo_search.engine.space import Space
 from topo_search.model import Topology
 from topo_search.topologies.tree_moves import neighbour
 
-FRESH = 16
+FRESH = 8
 """Uniform draws that a search, or a population after a restart, begins with."""
 PARENTS = 8
 """The best of a population have children; the others are replaced."""
+CHILDREN = 32
+"""Trees of which the most promising is proposed."""
 STALE = 160
 """A population is given up when so many trials after its best are no better."""
 
@@ -32,28 +39,44 @@ class Uniform(TreeSampler):
 
 
 class Moves(TreeSampler):
-    """Makes trees from the best of a population by single moves, and begins anew when that leads nowhere."""
+    """Makes trees from the best of a population by single moves, and begins anew when that leads nowhere.
+
+    Of several such trees it proposes the one that promises most by what was solved so far.
+    """
 
     def __init__(self, space: Space, seed: int) -> None:
         super().__init__(space, seed)
         self._first = 0
         """The first trial of the present population."""
+        self._described: dict[str, NDArray[np.float64]] = {}
+        """Descriptors of candidates, by key."""
 
     def drawn(self, study: Study, trial: FrozenTrial) -> Iterator[Child]:
-        """Yield trees drawn uniformly for a fresh population, then children of its best."""
-        population = [
-            other
-            for other in study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-            if other.number >= self._first
-        ]
-        best = sorted(population, key=standing)[:PARENTS]
+        """Yield trees drawn uniformly for a new population, then children of its best, the most promising first."""
+        solved = sorted(study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)), key=standing)
+        best = [other for other in solved if other.number >= self._first][:PARENTS]
         if best and trial.number - best[0].number > STALE:
             self._first = trial.number
         while trial.number < self._first + FRESH or not best:
             yield self.uniform(), None
+        forecast = self._forecast(solved)
         while True:
-            parent: str = best[min(self.random.choices(range(len(best)), k=2))].user_attrs[KEY]
-            yield neighbour(Topology.from_key(parent), self.random, self.connectors), parent
+            chosen = [best[min(self.random.choices(range(len(best)), k=2))] for _ in range(CHILDREN)]
+            parents: list[str] = [parent.user_attrs[KEY] for parent in chosen]
+            children = [neighbour(Topology.from_key(key), self.random, self.connectors) for key in parents]
+            hopes = forecast.hopes(np.array([descriptors(child) for child in children]))
+            for place in np.argsort(hopes, kind="stable"):
+                yield children[place], parents[place]
+
+    def _forecast(self, solved: Sequence[FrozenTrial]) -> Forecast:
+        """Return what is to be expected of other trees, from trials in the order of their standing."""
+        for trial in solved:
+            key = trial.user_attrs[KEY]
+            if key not in self._described:
+                self._described[key] = descriptors(Topology.from_key(key))
+        alike = groupby(solved, key=lambda trial: standing(trial)[:2])
+        places = [place for place, (_, trials) in enumerate(alike) for _ in trials]
+        return Forecast(np.array([self._described[trial.user_attrs[KEY]] for trial in solved]), places)
 
 
 class Optunas(TreeSampler):

@@ -13,7 +13,7 @@ from typing import Any
 import optuna
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
-from optuna.trial import TrialState
+from optuna.trial import FrozenTrial, TrialState
 
 from topo_search.engine.proposals.encoding import decoded
 from topo_search.engine.proposals.promotion import Standing, goes_on, standing, steps
@@ -23,7 +23,7 @@ from topo_search.engine.space import Space
 from topo_search.engine.strategy import Proposal, Scored, Strategy
 from topo_search.topologies import Candidate
 
-ROUND = 16
+ROUND = 8
 """New candidates a round: what is learnt is learnt from whole rounds."""
 IMPOSSIBLE = 1.0e6
 """Constraint of a candidate that is proven impossible, behind all for which no design was found."""
@@ -36,6 +36,7 @@ class _Fresh:
     trial: optuna.Trial
     candidate: Candidate
     near: str | None
+    """Key of the candidate that it was made from, if it was made from one."""
 
 
 def optuna_study(
@@ -70,16 +71,15 @@ def optuna_study(
             going_on = [one for one in going_on if goes_on(scores[one.candidate.key], ranking, step)]
             if not going_on:
                 break
-        for one in fresh:
-            _tell(study, one, scores[one.candidate.key])
+        told = [_tell(study, one.trial, scores[one.candidate.key]) for one in fresh]
         known += map(standing, scores.values())
         left -= len(fresh)
         if shown is not None:
-            shown.add_trials([study.trials[one.trial.number] for one in fresh])
+            shown.add_trials(told)
 
 
 def _asked(study: optuna.Study, proposer: TreeSampler) -> _Fresh:
-    """Return the next candidate, and the one that it was made from if that has a design."""
+    """Return the next candidate, with the one that it was made from."""
     trial = study.ask(proposer.distributions)
     candidate = proposer.space.candidate_of(decoded(trial.params, proposer.space.n))
     near = proposer.parents.get(trial.number)
@@ -88,16 +88,15 @@ def _asked(study: optuna.Study, proposer: TreeSampler) -> _Fresh:
     return _Fresh(trial, candidate, near)
 
 
-def _tell(study: optuna.Study, fresh: _Fresh, score: Scored) -> None:
+def _tell(study: optuna.Study, trial: optuna.Trial, score: Scored) -> FrozenTrial:
     """Tell the study what became of a candidate; without a design it misses a constraint, at an infinite value."""
-    fresh.trial.set_user_attr("status", score.status)
-    fresh.trial.set_user_attr("starts", score.starts)
+    trial.set_user_attr("status", score.status)
+    trial.set_user_attr("starts", score.starts)
     if score.status == "failed":
-        study.tell(fresh.trial, state=TrialState.FAIL)
-        return
+        return study.tell(trial, state=TrialState.FAIL)
     missed = score.violation if score.status == "infeasible" and score.violation is not None else IMPOSSIBLE
-    fresh.trial.set_constraint("violation", 0.0 if score.objective is not None else missed)
-    study.tell(fresh.trial, math.inf if score.objective is None else score.objective)
+    trial.set_constraint("violation", 0.0 if score.objective is not None else missed)
+    return study.tell(trial, math.inf if score.objective is None else score.objective)
 
 
 def _new_journal(path: Path) -> optuna.Study:
