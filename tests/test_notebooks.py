@@ -41,8 +41,8 @@ def book(request: pytest.FixtureRequest) -> Path:
     return request.param
 
 
-def test_there_are_notebooks():
-    assert BOOKS
+def test_they_are_numbered():
+    assert [book.name[:2] for book in BOOKS] == [f"{number}_" for number in range(1, 8)]
 
 
 def test_git_holds_no_output_and_no_path_of_a_machine(book):
