@@ -55,6 +55,8 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 
 def findings(rows: pd.DataFrame) -> list[str]:
     """Return whether the paper's three findings hold."""
+    from topo_search.experiments.power_law import fit
+
     designs = _designs(rows)
     if designs.empty:
         return ["No topology has a design."]
@@ -69,11 +71,11 @@ def findings(rows: pd.DataFrame) -> list[str]:
         f"more in {(share > high).mean():.0%}.",
     ]
     pairs = designs.groupby("n")["colliding_pairs"].median()
-    if len(pairs) > 1:
-        rising = "with every step in" if pairs.is_monotonic_increasing else "not with every step in"
+    law = fit(designs["n"], designs["colliding_pairs"])
+    if law is not None:
         told.append(
             f"The median number of colliding pairs goes from {pairs.iloc[0]:.0f} with {pairs.index[0]} modules to "
-            f"{pairs.iloc[-1]:.0f} with {pairs.index[-1]}, growing {rising} size."
+            f"{pairs.iloc[-1]:.0f} with {pairs.index[-1]}: it grows as n^{law.exponent:.1f}."
         )
     return told
 

@@ -135,10 +135,15 @@ def _cost(row: dict[Hashable, Any], reference: dict[Hashable, Any]) -> str:
     if not row["trees_compared"]:
         return f"{solved}."
     return (
-        f"{solved}; where both have one, {name} takes {row['effort_ratio_median'] - 1:+.1%} effort in the median "
-        f"({row['effort_ratio_max'] - 1:+.1%} at most); its best design takes {row['best_ratio'] - 1:+.1%}, "
+        f"{solved}; where both have one, {name} takes {_above(row['effort_ratio_median'])} effort in the median "
+        f"({_above(row['effort_ratio_max'])} at most); its best design takes {_above(row['best_ratio'])}, "
         f"gap {row['best_gap']:.1%} instead of {reference['best_gap']:.1%}."
     )
+
+
+def _above(ratio: float) -> str:
+    """Return by how many percent a ratio is above one."""
+    return f"{round(ratio - 1, 3) + 0.0:+.1%}"  # adding zero turns -0.0 into 0.0
 
 
 def _draw_efforts(axes: Axes, ratios: list[dict[str, pd.Series]], names: list[str]) -> None:

@@ -57,18 +57,17 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 def growth(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the exponents p of seconds = c n^p, fitted to all designs of a method, distance and task.
 
-    The fit is a straight line by least squares through the logarithms; `designs` says how many it rests on.
-    Series with designs of one size only are left out.
+    `designs` says how many a fit rests on. Series with designs of one size only are left out.
     """
-    import numpy as np
     import pandas as pd
+
+    from topo_search.experiments.power_law import fit
 
     fits = []
     for group, designs in _solved(rows).groupby(GROUP[:-1]):
-        if designs["n"].nunique() > 1:
-            slope, intercept = np.polyfit(np.log(designs["n"]), np.log(designs["seconds"]), 1)
-            at_100 = float(np.exp(intercept + slope * np.log(100)))
-            fits.append((*group, len(designs), float(slope), at_100))
+        law = fit(designs["n"], designs["seconds"])
+        if law is not None:
+            fits.append((*group, len(designs), law.exponent, law.at_100))
     return pd.DataFrame(fits, columns=[*GROUP[:-1], "designs", "exponent", "seconds_at_100"])
 
 

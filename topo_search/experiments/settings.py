@@ -68,6 +68,13 @@ class Settings:
             "distances": list(self.distances),
         }
 
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Self:
+        """Return the settings that a JSON value of `as_json` holds."""
+        tasks = tuple((name, tuple(sizes)) for name, sizes in value["tasks"].items())
+        few, fewer = value["topologies"]
+        return cls(**{**value, "tasks": tasks, "topologies": (few, fewer), "distances": tuple(value["distances"])})
+
     def as_options(self) -> str:
         """Return the options of the command line that ask for them."""
         options = [f"--task {name}:{listed(sizes)}" for name, sizes in self.tasks]

@@ -1,0 +1,49 @@
+"""The results that are kept beside the notebooks: whole, and described by what they hold."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from topo_search.cli.experiment import NAMES
+from topo_search.experiments import Settings, experiment, results
+from topo_search.experiments.cell import IDENTITY
+from topo_search.experiments.measured import COLUMNS
+
+FOLDER = Path(__file__).parents[1] / "notebooks" / "results"
+TEXT = " ".join((FOLDER / "README.md").read_text(encoding="utf-8").replace("\n- ", " ").split())
+
+
+def test_every_file_has_its_description():
+    tables, descriptions = ({path.stem for path in FOLDER.glob(kind)} for kind in ("*.csv", "*.json"))
+    assert tables == descriptions
+    assert set(NAMES) <= tables
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.csv")), ids=lambda path: path.stem)
+def test_rows_are_those_of_the_command_and_the_text_says_what_they_say(path):
+    about = json.loads(path.with_suffix(".json").read_text())
+    asked, settings, rows = experiment(about["experiment"]), Settings.from_json(about["settings"]), results(path)
+    assert about["command"] == f"topo-search experiment {asked.name} {settings.as_options()}"
+    assert {"date", "versions"} <= set(about)
+    assert list(rows.columns) == list(COLUMNS)
+    planned = {tuple(cell.identity.values()) for cell in asked.cells(settings)}
+    known = rows[list(IDENTITY)].astype(object).where(rows[list(IDENTITY)].notna(), None)
+    found = {tuple(row) for row in known.itertuples(index=False)}
+    assert found <= planned
+    assert len(found) == len(rows)
+    assert about["command"] in TEXT
+    assert f"{path.stem}.csv, {len(rows)} of {len(planned)} problems" in re.sub(r"[`*]", "", TEXT)
+    for sentence in asked.findings(rows):
+        assert sentence in TEXT
+
+
+def test_the_front_page_says_what_the_ablation_shows():
+    rows = results(FOLDER / "ablation.csv")
+    words = " ".join((FOLDER.parents[1] / "README.md").read_text(encoding="utf-8").split())
+    assert (rows["colliding_pairs"] > 0).all()
+    assert (
+        f"all {len(rows)} platforms of {rows['n'].min()} to {rows['n'].max()} modules blow into themselves" in words
+    )
+    assert f"is {rows['deepest_percent'].median():.0f} % of the deepest possible in the median" in words
