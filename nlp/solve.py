@@ -110,7 +110,7 @@ def _design(best: _Trial, record: SolverRecord) -> Design:
         objective=J,
         lower_bound=bound,
         gap=Design.gap_of(J, bound),
-        solver=record.model_dump(),
+        solver=record.model_dump(mode="json"),
     )
 
 

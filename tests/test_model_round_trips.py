@@ -211,7 +211,7 @@ def test_a_design_comes_back_from_its_file(tmp_path: Any, key: str) -> None:
         np.random.default_rng(4),
         lower_bound=1.4e13,
         gap=Design.gap_of(1.5e13, 1.4e13),
-        solver=record.model_dump(),
+        solver=record.model_dump(mode="json"),
     )
     path = tmp_path / "deep" / "design.json"
     write_atomically(path, to_json(design))

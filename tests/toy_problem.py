@@ -116,7 +116,7 @@ def solve(
         objective=value(key, best, seed, margin),
         lower_bound=BOUND,
         gap=None,
-        solver=record.model_dump(),
+        solver=record.model_dump(mode="json"),
     )
 
 

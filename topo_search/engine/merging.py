@@ -29,7 +29,7 @@ def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: Resolv
         }
     )
     if isinstance(best, Design):
-        return best.model_copy(update={"solver": record.model_dump()})
+        return best.model_copy(update={"solver": record.model_dump(mode="json")})
     both = [result for result in (earlier, later) if isinstance(result, Infeasible)]
     return best.with_starts((shortfall for result in both for shortfall in result.shortfalls), record)
 
