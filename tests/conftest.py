@@ -20,3 +20,12 @@ def cluster(tmp_path_factory):
     with Cluster(tmp_path_factory.mktemp("cluster")) as cluster:
         cluster.add_worker("--nworkers", "2")
         yield cluster
+
+
+@pytest.fixture
+def log(tmp_path, monkeypatch):
+    """The file that gets a line for every solve of the toy problem."""
+    path = tmp_path / "log"
+    path.touch()
+    monkeypatch.setenv("TOY_LOG", str(path))
+    return path

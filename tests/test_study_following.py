@@ -13,14 +13,6 @@ from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.following import Following
 
 
-@pytest.fixture
-def log(tmp_path, monkeypatch):
-    path = tmp_path / "log"
-    path.touch()
-    monkeypatch.setenv("TOY_LOG", str(path))
-    return path
-
-
 def halving(space, told):
     """Propose all candidates, then the better half of them from more starts, each near the best, and so on."""
     proposals, starts = [Proposal(candidate, 1) for candidate in space.candidates()], 1

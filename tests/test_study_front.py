@@ -47,14 +47,6 @@ def goal_run(path, goals=GOALS, **options):
     return toy_run(path, task=task, verbs=VERBS, **options)
 
 
-@pytest.fixture
-def log(tmp_path, monkeypatch):
-    path = tmp_path / "log"
-    path.touch()
-    monkeypatch.setenv("TOY_LOG", str(path))
-    return path
-
-
 def table(path):
     with path.open(newline="") as stream:
         return list(csv.DictReader(stream))

@@ -9,14 +9,6 @@ from topo_search.model import BadInput
 from topo_search.study import RunFolder
 
 
-@pytest.fixture
-def log(tmp_path, monkeypatch):
-    path = tmp_path / "log"
-    path.touch()
-    monkeypatch.setenv("TOY_LOG", str(path))
-    return path
-
-
 def table(path):
     with (path / "candidates.csv").open(newline="") as stream:
         return {row["key"]: row for row in csv.DictReader(stream)}

@@ -16,14 +16,6 @@ from topo_search.model.files import read_json, read_task
 from topo_search.study import COLUMNS
 
 
-@pytest.fixture
-def log(tmp_path, monkeypatch):
-    path = tmp_path / "log"
-    path.touch()
-    monkeypatch.setenv("TOY_LOG", str(path))
-    return path
-
-
 def table(path):
     with (path / "candidates.csv").open(newline="") as stream:
         return list(csv.DictReader(stream))

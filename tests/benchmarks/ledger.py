@@ -21,7 +21,7 @@ from typing import Any
 
 from toy_problem import BOUND, solve, toy_task
 
-from topo_search.engine import exhaustive
+from topo_search.engine import Engine, exhaustive
 from topo_search.model import Design
 from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.following import Following
@@ -34,7 +34,7 @@ class FirstJob(Exception):
     """A job that is still to be done was reached."""
 
 
-class Stopping:
+class Stopping(Engine):
     """Stands in for worker processes: the first job ends the measurement."""
 
     def run(self, function: Any, jobs: Iterable[Any], **options: Any) -> Iterator[Any]:
@@ -70,7 +70,7 @@ def resume(path: Path, request: Request, n: int) -> None:
     space, context = request.space(n), request.contexts(n)[0]
     with RunFolder.opened(path, request) as folder:
         laps.append(("opening and checking the ledger", time.process_time()))
-        following = Following(folder.ledger, context, BOUND, solve, Stopping(), Silent())  # type: ignore[arg-type]
+        following = Following(folder.ledger, context, BOUND, solve, Stopping(), Silent())
         laps.append(("reading what is known", time.process_time()))
         try:
             following.follow(exhaustive(space, starts=1, timed=False))
