@@ -25,7 +25,7 @@ def test_every_part_measures_once_and_prints_its_table(parts: list[str], tmp_pat
 
 
 def test_the_direct_formulation_s_rows_are_those_of_the_scaling_study(tmp_path: Path) -> None:
-    out = tmp_path / "direct.csv"
+    out = tmp_path / "direct"
     command = [sys.executable, str(COMMAND.with_name("direct_scaling.py")), "--out", str(out)]
     command += ["--sizes", "3", "--topologies", "2", "--starts", "1", "--cap", "60"]
     subprocess.run(command, check=True)
@@ -37,6 +37,12 @@ def test_the_direct_formulation_s_rows_are_those_of_the_scaling_study(tmp_path: 
     assert set(rows["method"]) == {"direct"}
     assert set(rows["status"]) <= {"feasible", "infeasible"}
     assert (rows["build_s"] > 0).all()
-    before = out.read_bytes()
+    about = json.loads((out / "about.json").read_text())
+    assert about["command"].split()[1:] == [
+        "tests/benchmarks/direct_scaling.py",
+        *("--tasks", "ten-wrenches", "--sizes", "3", "--topologies", "2"),
+        *("--distance", "0.3", "--starts", "1", "--cap", "60"),
+    ]
+    before = (out / "results.csv").read_bytes()
     subprocess.run(command, check=True)
-    assert out.read_bytes() == before
+    assert (out / "results.csv").read_bytes() == before

@@ -1,35 +1,35 @@
 """The formulation written directly, on the problems of the scaling study: rows with the columns of its results.
 
-    python tests/benchmarks/direct_scaling.py --out direct.csv [--sizes 10 20 30 40 50 60] [--topologies 3]
+    python tests/benchmarks/direct_scaling.py --out direct [--sizes 10 20 30 40 50 60] [--topologies 3]
 
 It solves the first topologies of each size that `topo-search experiment scaling` draws, with the same wrenches and
 from the same starts, until the first design. Times are CPU seconds of one thread, in a process of its own for every
 topology; `build_s` is the graph with its derivatives, which is built once a topology. Its point is evaluated like
-the solver's, but not audited. Rows that the file has are not measured again.
+the solver's, but not audited. The folder is that of an experiment: the same command goes on where it was stopped.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import os
-from dataclasses import astuple, replace
+from dataclasses import replace
 from pathlib import Path
 
 from attempts import Stated, attempts
 from children import Child, Row
 
 from topo_search.experiments.cell import Cell
-from topo_search.experiments.measured import COLUMNS, Measured
+from topo_search.experiments.folder import Results, about
+from topo_search.experiments.measured import Measured
 from topo_search.experiments.scaling import EXPERIMENT
 
 METHOD = "direct"
 
 
 def main() -> None:
-    """Measure what is missing in the file."""
+    """Measure what is missing in the folder."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, help="the rows, a CSV file")
+    parser.add_argument("--out", type=Path, required=True, help="the folder of the rows")
     parser.add_argument("--tasks", nargs="+", default=["ten-wrenches"], help="shipped examples")
     parser.add_argument("--sizes", type=int, nargs="+", default=[10, 20, 30, 40, 50, 60], help="numbers of modules")
     parser.add_argument("--topologies", type=int, default=3, help="topologies of each size")
@@ -43,13 +43,17 @@ def main() -> None:
         topologies=(given.topologies, given.topologies),
         distances=(given.distance,),
         starts=given.starts,
+        time_limit=float(given.cap),
     )
-    done = _begun(given.out)
-    with given.out.open("a", newline="") as stream:
+    command = (
+        f"python tests/benchmarks/direct_scaling.py --tasks {' '.join(given.tasks)} "
+        f"--sizes {' '.join(map(str, given.sizes))} --topologies {given.topologies} --distance {given.distance} "
+        f"--starts {given.starts} --cap {given.cap}"
+    )
+    with Results.opened(given.out, about(EXPERIMENT.name, settings.as_json(), command)) as rows:
         for cell in EXPERIMENT.cells(settings):
-            if (cell.task, str(cell.n), cell.key) not in done:
-                csv.writer(stream, lineterminator="\n").writerow(astuple(measured(cell, given.cap)))
-                stream.flush()
+            if not rows.has(cell):
+                rows.add(measured(cell, given.cap))
 
 
 def measured(cell: Cell, cap: int) -> Measured:
@@ -81,14 +85,6 @@ def _with(row: Measured, answer: Row) -> Measured:
     return replace(
         spent, status="feasible", objective=answer["J"], worst_constraint=None, violation=None, unit=None
     )
-
-
-def _begun(out: Path) -> set[tuple[str, str, str]]:
-    """Return whose rows a file has; begin one where there is none."""
-    if not out.exists():
-        out.write_text(",".join(COLUMNS) + "\n")
-    with out.open(newline="") as stream:
-        return {(row["task"], row["n"], row["key"]) for row in csv.DictReader(stream)}
 
 
 if __name__ == "__main__":

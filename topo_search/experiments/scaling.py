@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from topo_search.experiments.cell import PAPER, Cell, Variant, plan
 from topo_search.experiments.conducting import Experiment
+from topo_search.experiments.measured import METHOD
 from topo_search.experiments.settings import Settings
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 EXPOSURES = ("ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional", "ten-wrenches-exterior-60")
 SIZES = tuple(range(10, 101, 10))
 GROUP = ["method", "distance_m", "task", "n"]
+SIMILAR = 3.0
+"""Factor up to which times count as of a similar range."""
 
 
 def cells(settings: Settings) -> list[Cell]:
@@ -71,31 +74,66 @@ def growth(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(fits, columns=[*GROUP[:-1], "designs", "exponent", "seconds_at_100"])
 
 
+def slowdown(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return what another method takes on the problems that it and this solver solve, a row a distance and size.
+
+    `times_median`: its seconds over this solver's; `memory_median`: the same of the most memory.
+    """
+    import pandas as pd
+
+    problem = ["distance_m", "task", "n", "key"]
+    designs = _solved(rows)
+    ours, others = (designs[(designs["method"] == METHOD) == mine] for mine in (True, False))
+    both = others.merge(ours, on=problem, suffixes=("", "_ours"))
+    both = both.assign(times=both["seconds"] / both["seconds_ours"], memory=both["peak_mb"] / both["peak_mb_ours"])
+    of = both.groupby(["method", "distance_m", "n"])
+    return pd.DataFrame(
+        {"problems": of.size(), "times_median": of["times"].median(), "memory_median": of["memory"].median()}
+    ).reset_index()
+
+
 def findings(rows: pd.DataFrame) -> list[str]:
-    """Return how many topologies were solved, how the time grows, and whether exposure changes it."""
+    """Return how many topologies were solved, how time and memory grow, and whether exposure changes the time."""
     told = []
     table = summary(rows)
-    for (method, distance), series in rows.groupby(["method", "distance_m"]):
+    for (method, distance), series in rows.groupby(["method", "distance_m"], sort=False):
         of = table[(table["method"] == method) & (table["distance_m"] == distance)]
-        largest, solved = int(of["n"].max()), series["status"] == "feasible"
-        told.append(
-            f"{method}, {distance:.2f} m: {solved.sum()} of {len(series)} problems have a design, "
-            f"{(series['verdict'] == 'clear').sum()} of them with a clear audit; with {largest} modules "
-            f"{(solved & (series['n'] == largest)).sum()} of {(series['n'] == largest).sum()}."
-        )
+        told.append(_success(f"{method}, {distance:.2f} m", series))
         fits = growth(series)
         if len(fits):
+            low, high = (f"n^{exponent:.1f}" for exponent in (fits["exponent"].min(), fits["exponent"].max()))
             told.append(
-                f"The time grows as n^{fits['exponent'].min():.1f} to n^{fits['exponent'].max():.1f} "
-                f"over the {len(fits)} exposure settings."
+                f"{method}: the time to a design grows as {low if low == high else f'{low} to {high}'}, and no "
+                f"process held more than {of['peak_mb'].max():.0f} MB."
             )
-        spread = of.groupby("n")["seconds_median"].agg(lambda medians: medians.max() / medians.min()).dropna()
-        if len(fits) > 1 and len(spread):
+        medians = of.groupby("n")["seconds_median"].agg(["min", "max", "count"])
+        spread = (medians["max"] / medians["min"])[medians["count"] > 1]
+        if len(spread):
+            alike = spread.median() <= SIMILAR
             told.append(
                 "At one size the medians of the exposure settings differ by a factor of "
-                f"{spread.median():.1f} in the median over sizes, {spread.max():.1f} at most."
+                f"{spread.median():.1f} in the median over sizes, {spread.max():.1f} at most: that they are of a "
+                f"similar range, as the paper finds, is {'confirmed' if alike else 'not confirmed'}."
             )
+    for (method, distance), of in slowdown(rows).groupby(["method", "distance_m"]):
+        times = ", ".join(f"{row.times_median:.1f} with {row.n} modules" for row in of.itertuples(index=False))
+        told.append(
+            f"{method}, {distance:.2f} m: on the {of['problems'].sum()} problems that both solve it takes a "
+            f"multiple of the seconds of {METHOD}, in the median {times}; with {of['n'].iloc[-1]} it holds "
+            f"{of['memory_median'].iloc[-1]:.1f} times the memory."
+        )
     return told
+
+
+def _success(whose: str, rows: pd.DataFrame) -> str:
+    """Return how many problems of a series have a design."""
+    solved, largest = rows["status"] == "feasible", rows["n"] == rows["n"].max()
+    audited = rows["verdict"].notna()
+    clear = f", {(rows['verdict'] == 'clear').sum()} of them with a clear audit" if audited.any() else ""
+    return (
+        f"{whose}: {solved.sum()} of {len(rows)} problems have a design{clear}; with {rows['n'].max()} modules "
+        f"{(solved & largest).sum()} of {largest.sum()}."
+    )
 
 
 def figure(rows: pd.DataFrame) -> Figure:
@@ -105,25 +143,26 @@ def figure(rows: pd.DataFrame) -> Figure:
     from topo_search.experiments.distributions import draw
     from topo_search.export.palette import SERIES
 
-    panels = list(rows.groupby(["method", "distance_m"]))
-    drawn = Figure(figsize=(3.0 + 5.0 * len(panels), 6.4), layout="constrained")
-    axes = drawn.subplots(2, len(panels), squeeze=False, sharex="col", height_ratios=(3, 1))
-    for (upper, lower), ((method, distance), of) in zip(axes.T, panels, strict=True):
-        tasks = list(dict.fromkeys(of["task"]))
+    panels = list(rows.groupby("distance_m"))
+    drawn = Figure(figsize=(3.0 + 7.0 * len(panels), 6.4), layout="constrained")
+    axes = drawn.subplots(2, len(panels), squeeze=False, sharex="col", sharey="row", height_ratios=(3, 1))
+    for (upper, lower), (distance, of) in zip(axes.T, panels, strict=True):
         sizes = sorted(of["n"].unique())
-        draw(upper, [(task, _solved(of[of["task"] == task])) for task in tasks], "seconds", sizes)
-        upper.set(
-            xlabel="",
-            title=f"{method}, connectors at {distance:.2f} m",
-            ylabel="CPU time to a design [s]",
-            yscale="log",
-        )
-        for number, task in enumerate(tasks):
-            share = 100 * (of[of["task"] == task].groupby("n")["status"].agg(lambda s: (s == "feasible").mean()))
+        series = [
+            (str(task) if method == METHOD else f"{task}, {method}", mine)
+            for (method, task), mine in of.groupby(["method", "task"], sort=False)
+        ]
+        draw(upper, [(name, _solved(mine)) for name, mine in series], "seconds", sizes)
+        upper.set(xlabel="", title=f"connectors at {distance:.2f} m", yscale="log")
+        for number, (name, mine) in enumerate(series):
+            share = 100 * mine.groupby("n")["status"].agg(lambda status: (status == "feasible").mean())
             marks = {"color": SERIES[number], "marker": "osD^v"[number % 5]}
-            lower.plot([sizes.index(n) for n in share.index], share.to_numpy(), label=task, **marks)
-        lower.set(xlabel="modules $n$", ylabel="with a design [%]", ylim=(-5, 105))
+            places = [sizes.index(n) + 0.08 * (number - (len(series) - 1) / 2) for n in share.index]
+            lower.plot(places, share.to_numpy(), label=name, **marks)
+        lower.set(xlabel="modules $n$", ylim=(-5, 105))
         lower.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("CPU time to a design [s]")
+    axes[1, 0].set_ylabel("with a design [%]")
     axes[0, 0].legend(handles=axes[1, 0].get_lines(), fontsize=8)
     drawn.suptitle("Ten wrenches, uniformly drawn topologies: boxes are quartiles, whiskers the whole range")
     return drawn
