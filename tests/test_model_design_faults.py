@@ -65,7 +65,22 @@ def test_a_foreign_design_is_read() -> None:
 
 @pytest.mark.parametrize("field", ["topology_key", "lower_bound", "gap", "solver"])
 @pytest.mark.parametrize(
-    "value", [None, "text", 3, 3.5, True, float("nan"), float("inf"), [], [1], {}, {"x": float("nan")}, {"x": [{}]}]
+    "value",
+    [
+        None,
+        "text",
+        "\ud800",
+        3,
+        3.5,
+        True,
+        float("nan"),
+        float("inf"),
+        [],
+        [1],
+        {},
+        {"x": float("nan")},
+        {"x": [{}]},
+    ],
 )
 def test_an_informative_field_is_never_a_reason_to_refuse(field: str, value: Any) -> None:
     design = validate(Design, changed((field,), value), "design.json")

@@ -135,7 +135,7 @@ def test_after_the_time_limit_nothing_is_solved_again_but_audits_go_on(tmp_path,
     monkeypatch.setenv("TOY_VIOLATED", ",".join(keys[:10]))
     database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
     with database:
-        database.execute("UPDATE candidates SET audit = NULL, audit_result = NULL")
+        database.execute("UPDATE candidates SET audit = NULL, audit_checksum = NULL")
     database.close()
     answer = toy_run(tmp_path / "run", modules=4, time_limit=1e-9)
     assert answer.best.key == keys[10]

@@ -12,7 +12,7 @@ from processes import eventually, recorded
 from toy_problem import solved_keys, toy_run
 
 from topo_search.model import BadInput
-from topo_search.study import COLUMNS
+from topo_search.study import COLUMNS, RunFolder
 
 HERE = Path(__file__).parent
 
@@ -134,7 +134,21 @@ def test_a_torn_ledger_is_named_and_left_alone(tmp_path, keep):
     assert path.read_bytes() == torn
 
 
-def test_a_ledger_with_a_damaged_page_is_named(tmp_path):
+def test_damage_to_any_page_of_a_ledger_is_named(tmp_path):
+    toy_run(tmp_path / "run", modules=4)
+    path = tmp_path / "run" / "ledger.sqlite"
+    whole = path.read_bytes()
+    for page in range(0, len(whole), 4096):
+        path.write_bytes(whole[:page] + b"\xff" * 200 + whole[page + 200 :])
+        with pytest.raises(BadInput, match=r"ledger\.sqlite: is damaged"):
+            toy_run(tmp_path / "run", modules=4)
+        for log in path.parent.glob("ledger.sqlite-*"):
+            log.unlink()
+    path.write_bytes(whole)
+    assert toy_run(tmp_path / "run", modules=4).exit_status == 0
+
+
+def test_a_ledger_that_is_damaged_where_it_is_looked_at_first_is_left_alone(tmp_path):
     toy_run(tmp_path / "run", modules=4)
     path = tmp_path / "run" / "ledger.sqlite"
     content = bytearray(path.read_bytes())
@@ -143,6 +157,26 @@ def test_a_ledger_with_a_damaged_page_is_named(tmp_path):
     with pytest.raises(BadInput, match="is damaged"):
         toy_run(tmp_path / "run", modules=4)
     assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("column", ["result", "audit"])
+@pytest.mark.parametrize(
+    "harm", ["DELETE FROM texts", "UPDATE texts SET {0} = CAST(replace({0}, '1', '2') AS BLOB)"]
+)
+def test_a_text_that_is_not_what_was_written_is_named(tmp_path, column, harm):
+    toy_run(tmp_path / "run")
+    with RunFolder.found(tmp_path / "run") as folder:
+        row = next(iter(folder.ledger.ranked(3)))
+    database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
+    with database:
+        database.execute(f"{harm.format(column)} WHERE key = ?", (row.key,))
+    database.close()
+    with RunFolder.found(tmp_path / "run") as folder:
+        read = {"result": folder.ledger.result, "audit": folder.ledger.audit}[column]
+        with pytest.raises(BadInput, match=rf"is damaged .what it holds of {row.key} is not what was written."):
+            read(folder.request.contexts(3)[0], row.key)
+    with pytest.raises(BadInput, match=row.key):
+        toy_run(tmp_path / "run")
 
 
 def test_the_ledger_of_another_program_is_left_alone(tmp_path):

@@ -134,7 +134,7 @@ class Design(Value):
     def _informative(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         """Drop what cannot be read or written again: a file is never refused for a field that only informs."""
         try:
-            json.dumps(value, allow_nan=False)
+            json.dumps(value, allow_nan=False, ensure_ascii=False).encode()
             return handler(value)
         except (TypeError, ValueError, RecursionError):
             return None

@@ -121,11 +121,17 @@ def to_toml(task: Task) -> str:
 
 def to_json(value: BaseModel) -> str:
     """Return a value as the text of a JSON file."""
-    return json.dumps(value.model_dump(mode="json"), indent=1, allow_nan=False) + "\n"
+    return value.model_dump_json(indent=1, ensure_ascii=True) + "\n"
 
 
-def write_atomically(path: Path, content: str | bytes) -> None:
+def write_atomically(path: Path, content: str | bytes, *, lasting: bool = True) -> None:
     """Write a file so that a reader sees the old one or the whole new one, whatever happens in between.
+
+    Args:
+        path: the file.
+        content: of the file; text as UTF-8.
+        lasting: whether it is on the disk when this returns; else a power cut may lose it, which is for files that
+            can be made again.
 
     Raises:
         OSError: it cannot be written; names `path`.
@@ -136,8 +142,9 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         try:
             with os.fdopen(handle, "wb") as stream:
                 stream.write(content if isinstance(content, bytes) else content.encode("utf-8"))
-                stream.flush()
-                os.fsync(stream.fileno())
+                if lasting:
+                    stream.flush()
+                    os.fsync(stream.fileno())
             Path(partial).chmod(0o644)
             Path(partial).replace(path)
         except BaseException:

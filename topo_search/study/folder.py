@@ -118,15 +118,10 @@ class RunFolder:
         writer.writerow(COLUMNS)
         valid: set[Path] = set()
         for n in self.request.task.sizes:
-            contexts = self.request.contexts(n)
             for row in self.ledger.ranked(n):
                 writer.writerow([getattr(row, name) for name in COLUMNS])
-                if row.feasible:
-                    valid |= self._write_texts(
-                        row.key,
-                        designs=self.ledger.design(contexts[row.step], row.key),
-                        audits=self.ledger.audit(contexts[row.step], row.key),
-                    )
+            for key, design, audit in self.ledger.texts(n):
+                valid |= self._write_texts(key, designs=design, audits=audit)
         write_atomically(self.path / "candidates.csv", table.getvalue())
         for path in (*self.path.glob("designs/*.json"), *self.path.glob("audits/*.json")):
             if path not in valid:
@@ -150,14 +145,14 @@ class RunFolder:
         """Write a candidate's file into each folder that there is a text for; return their paths."""
         paths = {self.path / folder / f"{key}.json": text for folder, text in texts.items() if text is not None}
         for path, text in paths.items():
-            _write(path, text)
+            _write(path, text, lasting=False)
         return set(paths)
 
 
-def _write(path: Path, text: str) -> None:
-    """Write a file unless it holds the text already."""
+def _write(path: Path, text: str, *, lasting: bool = True) -> None:
+    """Write a file unless it holds the text already; `lasting` as of `write_atomically`."""
     if not path.exists() or path.read_text(encoding="utf-8") != text:
-        write_atomically(path, text)
+        write_atomically(path, text, lasting=lasting)
 
 
 def _check(path: Path) -> None:

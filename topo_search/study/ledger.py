@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import time
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, fields
@@ -16,52 +17,23 @@ from pathlib import Path
 from typing import Any, Self
 
 from topo_search.engine import Scored
-from topo_search.model import Audit, BadInput, Design, Fault, Infeasible
+from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_json
 from topo_search.study.identity import Context
+from topo_search.study.ledger_file import damage_named, opened, whole
 from topo_search.study.row import Row, Solve, score
-
-APPLICATION_ID = 0x746F706F
-"""`topo`, in the header of the file."""
-VERSION = 3
-
-SCHEMA = f"""
-BEGIN;
-PRAGMA application_id = {APPLICATION_ID};
-PRAGMA user_version = {VERSION};
-CREATE TABLE run (identity TEXT NOT NULL, starts INTEGER NOT NULL, trials INTEGER);
-CREATE TABLE contexts (
-    context TEXT PRIMARY KEY, modules INTEGER NOT NULL, step INTEGER NOT NULL, margin REAL NOT NULL,
-    fixed_by TEXT NOT NULL, lower_bound REAL NOT NULL, proof TEXT, ended_starts INTEGER, ended_trials INTEGER
-) WITHOUT ROWID;
-CREATE TABLE candidates (
-    context TEXT NOT NULL, key TEXT NOT NULL, modules INTEGER NOT NULL, orbit INTEGER NOT NULL,
-    status TEXT NOT NULL,
-    objective REAL, lower_bound REAL, gap REAL, worst_constraint TEXT, violation REAL, unit TEXT,
-    starts INTEGER NOT NULL, starts_feasible INTEGER NOT NULL, starts_at_best INTEGER NOT NULL,
-    seconds REAL NOT NULL,
-    audit TEXT, asked INTEGER NOT NULL, audit_failure TEXT, margin REAL NOT NULL, step INTEGER NOT NULL,
-    standing INTEGER NOT NULL, result TEXT, audit_result TEXT,
-    PRIMARY KEY (context, key)
-) WITHOUT ROWID;
-CREATE TABLE solves (
-    number INTEGER PRIMARY KEY, at REAL NOT NULL, context TEXT NOT NULL, key TEXT NOT NULL, asked INTEGER NOT NULL,
-    status TEXT NOT NULL, objective REAL, violation REAL
-);
-CREATE INDEX ranking ON candidates (context, objective, key);
-COMMIT;
-"""
-"""`starts`: asked for last. `standing`: this row speaks for its candidate, not one with another margin. `solves`:
-one row a solve, in the order of their ends, with what the candidate had reached after `asked` starts; a strategy is
-replayed from them. `ended_...`: what the strategy was asked for when it last came to its end."""
 
 _FIELDS = tuple(field.name for field in fields(Row))
 _SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
-_WRITTEN = (*_FIELDS, "context", "standing", "result")
+_WRITTEN = (*_FIELDS, "context", "standing", "result_checksum")
 _UPSERT = f"""
 INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * len(_WRITTEN))})
 ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in _WRITTEN)},
-audit_result = CASE WHEN excluded.audit IS NULL THEN NULL ELSE audit_result END
+audit_checksum = CASE WHEN excluded.audit IS NULL THEN NULL ELSE audit_checksum END
+"""
+_WRITE_RESULT = """
+INSERT INTO texts (context, key, result) VALUES (?, ?, ?)
+ON CONFLICT (context, key) DO UPDATE SET result = excluded.result, audit = CASE WHEN ? THEN audit END
 """
 _LOG = "INSERT INTO solves (at, context, key, asked, status, objective, violation) VALUES (?, ?, ?, ?, ?, ?, ?)"
 _LATEST = "SELECT fixed_by FROM contexts LEFT JOIN solves USING (context) ORDER BY number DESC LIMIT 1"
@@ -71,8 +43,9 @@ _STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (S
 class Ledger:
     """The rows of one run folder."""
 
-    def __init__(self, database: sqlite3.Connection) -> None:
+    def __init__(self, database: sqlite3.Connection, path: Path) -> None:
         self._database = database
+        self._path = path
 
     @classmethod
     @contextmanager
@@ -86,20 +59,8 @@ class Ledger:
         Raises:
             BadInput: the file is damaged, or no ledger of this version; it is left as it is.
         """
-        options = ""
-        if read_only:  # without a log that a killed process left there is nothing to share with other processes
-            logged = path.with_name(f"{path.name}-wal").exists()
-            options = "?mode=ro" if logged else "?mode=ro&immutable=1"
-        database = sqlite3.connect(path.absolute().as_uri() + options, isolation_level=None, uri=True)
-        try:
-            empty = _check(database, path)
-            if empty and read_only:
-                raise _refused(path, "is empty")
-            if not read_only:
-                _begin(database, fill=empty)
-            yield cls(database)
-        finally:
-            database.close()
+        with opened(path, read_only=read_only) as database:
+            yield cls(database, path)
 
     def identity(self) -> dict[str, Any] | None:
         """Return the identity of the run that the ledger holds, if it was claimed."""
@@ -167,7 +128,7 @@ class Ledger:
 
     def result(self, context: Context, key: str) -> Design | Infeasible | None:
         """Return one candidate's result so far; None if every attempt failed."""
-        text = self._text("result", context, key)
+        text = self.design(context, key)
         if text is None:
             return None
         model: type[Design] | type[Infeasible] = Design if '"topo-search/design"' in text[:60] else Infeasible
@@ -175,11 +136,23 @@ class Ledger:
 
     def audit(self, context: Context, key: str) -> str | None:
         """Return the audit of a candidate's design as JSON text."""
-        return self._text("audit_result", context, key)
+        return self._text("audit", context, key)
 
     def design(self, context: Context, key: str) -> str | None:
         """Return a candidate's result as JSON text."""
         return self._text("result", context, key)
+
+    def texts(self, n: int) -> Iterator[tuple[str, str, str | None]]:
+        """Yield key, design and audit (as JSON texts) of every candidate of n modules that has a design."""
+        query = (
+            "SELECT key, result, result_checksum, texts.audit, audit_checksum "
+            "FROM candidates LEFT JOIN texts USING (context, key) "
+            "WHERE standing AND modules = ? AND status = 'feasible' AND context IN (SELECT context FROM current)"
+        )
+        with damage_named(self._path):
+            for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n,)):
+                verdict = None if audit_checksum is None else whole(self._path, key, audit, audit_checksum)
+                yield key, whole(self._path, key, result, result_checksum), verdict
 
     def record(self, context: Context, rows: Sequence[tuple[Row, Design | Infeasible | None]]) -> None:
         """Write rows of candidates that were solved, all or none, with what is known of their designs.
@@ -187,25 +160,29 @@ class Ledger:
         The last row with a design speaks for its candidate; the first one does when there is none. An audit stays
         if `row` still has its verdict.
         """
-        with self._database:
+        with damage_named(self._path), self._database:
             self._database.execute("BEGIN IMMEDIATE")
             for row, result in rows:
                 standing = row.feasible or context.step == 0
                 if standing:
                     self._database.execute(_STEP_DOWN, (row.key,))
                 values = [getattr(row, name) for name in _FIELDS]
-                text = None if result is None else to_json(result)
-                self._database.execute(_UPSERT, (*values, context.name, standing, text))
+                text = None if result is None else to_json(result).encode()
+                self._database.execute(_UPSERT, (*values, context.name, standing, text and zlib.crc32(text)))
+                self._database.execute(_WRITE_RESULT, (context.name, row.key, text, row.audit is not None))
                 if row.status != "pruned":  # for another design may rule it out, or none
                     reached = astuple(score(row, context.task))
                     self._database.execute(_LOG, (time.time(), context.name, *reached))
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
-        self._database.execute(
-            "UPDATE candidates SET audit = ?, audit_result = ? WHERE context = ? AND key = ?",
-            (str(audit.verdict), to_json(audit), context.name, key),
-        )
+        text = to_json(audit).encode()
+        place = context.name, key
+        with damage_named(self._path), self._database:
+            self._database.execute("BEGIN IMMEDIATE")
+            verdict = "UPDATE candidates SET audit = ?, audit_checksum = ? WHERE context = ? AND key = ?"
+            self._database.execute(verdict, (str(audit.verdict), zlib.crc32(text), *place))
+            self._database.execute("UPDATE texts SET audit = ? WHERE context = ? AND key = ?", (text, *place))
 
     def record_audit_failure(self, context: Context, key: str, reason: str) -> None:
         """Write why a candidate's design has no audit."""
@@ -244,39 +221,11 @@ class Ledger:
         return [Row(*values) for values in self._database.execute(query, (context.name, count, first))]
 
     def _text(self, column: str, context: Context, key: str) -> str | None:
-        query = f"SELECT {column} FROM candidates WHERE context = ? AND key = ?"
-        found = self._database.execute(query, (context.name, key)).fetchone()
-        return None if found is None else found[0]
-
-
-def _check(database: sqlite3.Connection, path: Path) -> bool:
-    """Return whether a file is empty; refuse what is no ledger before anything is written to it."""
-    try:
-        application: int = database.execute("PRAGMA application_id").fetchone()[0]
-        version = database.execute("PRAGMA user_version").fetchone()[0]
-        tables: int = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-        empty = tables == 0 and application == 0
-        if not empty and application != APPLICATION_ID:
-            raise _refused(path, "is an SQLite file of another program")
-        if not empty and version != VERSION:
-            raise _refused(path, f"has version {version}, but this program reads version {VERSION}")
-        if not empty and (fault := database.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
-            raise _refused(path, f"is damaged ({fault})")
-    except sqlite3.DatabaseError as error:
-        if isinstance(error, sqlite3.OperationalError):
-            raise  # the disk, not the file's content
-        raise _refused(path, f"is damaged or no ledger ({error})") from None
-    return empty
-
-
-def _begin(database: sqlite3.Connection, *, fill: bool) -> None:
-    """Make every transaction last once it has ended, and fill a new file."""
-    database.execute("PRAGMA journal_mode = WAL")
-    database.execute("PRAGMA synchronous = FULL")
-    if fill:
-        database.executescript(SCHEMA)
-
-
-def _refused(path: Path, what: str) -> BadInput:
-    advice = "it is left as it is: choose another folder with --out, or move it away"
-    return BadInput(str(path), [Fault("", f"{what}; {advice}")])
+        """Return what one of the columns of `texts` holds of a candidate."""
+        query = (
+            f"SELECT texts.{column}, {column}_checksum FROM candidates LEFT JOIN texts USING (context, key) "
+            "WHERE context = ? AND key = ?"
+        )
+        with damage_named(self._path):
+            text, checksum = self._database.execute(query, (context.name, key)).fetchone() or (None, None)
+        return None if checksum is None else whole(self._path, key, text, checksum)

@@ -132,7 +132,8 @@ def _listed(n: int, quotient: Quotient, connectors: Connectors) -> Iterator[Cand
     """Yield the aligned candidates, keys `a...`, then (for any port) those with an odd kappa, keys `p...`."""
     families: tuple[Connectors, ...] = ("aligned",) if connectors == "aligned" else ("aligned", "any")
     for family in families:
-        for tree in rooted_at(quotient.root, n, family):
-            key = key_of(text_of(tree))
-            if (key[0] == "a") == (family == "aligned") and quotient.lists(tree):
-                yield Candidate(key, quotient.orbit(tree))
+        for tree in rooted_at(quotient.root, n, family, quotient.masks):
+            if quotient.lists(tree):
+                key = key_of(text_of(tree))
+                if (key[0] == "a") == (family == "aligned"):
+                    yield Candidate(key, quotient.orbit(tree))

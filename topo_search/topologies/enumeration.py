@@ -7,26 +7,34 @@ combination of short codes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from operator import itemgetter
 
 from topo_search.topologies.codes import codes
 from topo_search.topologies.rooted import Rooted
 from topo_search.topologies.symmetry import Connectors, Root
 
 
-def rooted_at(root: Root, n: int, connectors: Connectors) -> Iterator[Rooted]:
+def rooted_at(root: Root, n: int, connectors: Connectors, masks: Iterable[int]) -> Iterator[Rooted]:
     """Yield the rooted trees of n modules in ascending order of their texts.
 
     With the free root: those with the root at a centroid, so that a tree with two centroids comes twice.
+
+    Args:
+        root: `free`, or `paper`.
+        n: number of modules.
+        connectors: of which family.
+        masks: which ports of the root may carry a child (bits 0..3), in ascending order.
     """
     most = n - 1 if root == "paper" else n // 2
-    for mask in range(16):
-        ports = tuple(port for port in range(4) if mask >> port & 1)
-        for at_ports in _rows(len(ports), n - 1, most, connectors):
-            rooted = ["", "", "", ""]
-            for port, code in zip(ports, at_ports, strict=True):
-                rooted[port] = code
-            yield rooted[0], rooted[1], rooted[2], rooted[3]
+    for mask in masks:
+        ports = mask.bit_count()
+        # a free port's code is the empty one behind the row's end
+        at_four = itemgetter(
+            *((mask & (1 << port) - 1).bit_count() if mask >> port & 1 else ports for port in range(4))
+        )
+        for at_ports in _rows(ports, n - 1, most, connectors):
+            yield at_four((*at_ports, ""))
 
 
 def _rows(ports: int, modules: int, most: int, connectors: Connectors) -> Iterator[tuple[str, ...]]:
@@ -35,6 +43,9 @@ def _rows(ports: int, modules: int, most: int, connectors: Connectors) -> Iterat
         return
     if ports == 0:
         yield ()
+        return
+    if ports == 1:
+        yield from zip(codes(modules, modules, connectors))
         return
     least = max(1, modules - (ports - 1) * most)
     for code in codes(least, min(most, modules - ports + 1), connectors):

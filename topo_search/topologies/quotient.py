@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 from topo_search.topologies.rooted import Rooted, centred, moved, other_centroid, reflected, text_of, turned
-from topo_search.topologies.symmetry import GROUPS, Group, Root
+from topo_search.topologies.symmetry import GROUPS, Element, Group, Root
 
 
 @dataclass(frozen=True)
@@ -26,10 +27,22 @@ class Quotient:
         """Return the tree with the least text among those that are one candidate with a given one."""
         return min(self.same(rooted if self.root == "paper" else centred(rooted)), key=text_of)
 
+    @property
+    def masks(self) -> Iterable[int]:
+        """Which ports of the root carry a child (bits 0..3) in trees that are their own representatives."""
+        return _stabilizers(self.group)
+
     def lists(self, rooted: Rooted) -> bool:
         """Whether a tree (free root: one rooted at a centroid) is its own representative."""
         text = text_of(rooted)
-        return rooted in self._rootings(rooted) and all(text <= text_of(other) for other in self.same(rooted))
+        stabilizer = _stabilizers(self.group).get(int(text[0], 16))
+        # the root's digit comes first in a text: all other elements lead to a greater one
+        if stabilizer is None or any(text_of(_image(rooted, element)) < text for element in stabilizer):
+            return False
+        rootings = self._rootings(rooted)
+        if rootings == (rooted,):
+            return True
+        return rooted in rootings and all(text <= text_of(other) for other in self.same(rooted))
 
     def orbit(self, rooted: Rooted) -> int:
         """Return the number of exact classes that are one candidate with a tree (free root: rooted at a centroid).
@@ -37,20 +50,23 @@ class Quotient:
         Exact are half turns with the free root (for any port: quarter turns with spin flip), and the identity with
         the paper's root. Without any symmetry asked for the answer is 1.
         """
-        exact = Quotient("c1" if self.root == "paper" or self.group == "c1" else "c2", self.root)
-        if exact == self:
+        if self._exact == self:
             return 1
         rest, classes = set(self.same(rooted)), 0
         while rest:
-            rest.difference_update(exact.same(rest.pop()))
+            rest.difference_update(self._exact.same(rest.pop()))
             classes += 1
         return classes
 
     def same(self, rooted: Rooted) -> Iterator[Rooted]:
         """Yield the rooted trees that are one candidate with a given one (free root: rooted at a centroid)."""
         for tree in self._rootings(rooted):
-            for quarters, mirror in GROUPS[self.group]:
-                yield turned(reflected(tree) if mirror else tree, quarters)
+            for element in GROUPS[self.group]:
+                yield _image(tree, element)
+
+    @cached_property
+    def _exact(self) -> Quotient:
+        return Quotient("c1" if self.root == "paper" or self.group == "c1" else "c2", self.root)
 
     def _rootings(self, rooted: Rooted) -> tuple[Rooted, ...]:
         """Return the tree rooted at each of its centroids."""
@@ -63,3 +79,24 @@ class Quotient:
             # with the lesser key up to a half turn is the root, and its two half turns are listed.
             return (min(rooted, other, key=lambda tree: min(text_of(tree), text_of(turned(tree, 2)))),)
         return (rooted, other)
+
+
+def _image(rooted: Rooted, element: Element) -> Rooted:
+    quarters, mirror = element
+    return turned(reflected(rooted) if mirror else rooted, quarters)
+
+
+@cache
+def _stabilizers(group: Group) -> Mapping[int, tuple[Element, ...]]:
+    """Return the masks that no element takes to a lesser one, each with those that leave it, but the identity."""
+    stabilizers = {}
+    for mask in range(16):
+        east, north, west, south = ("0" if mask >> port & 1 else "" for port in range(4))
+        images = {
+            element: int(text_of(_image((east, north, west, south), element))[0], 16) for element in GROUPS[group]
+        }
+        if min(images.values()) == mask:
+            stabilizers[mask] = tuple(
+                element for element, image in images.items() if image == mask and any(element)
+            )
+    return stabilizers

@@ -66,7 +66,8 @@ def moved(rooted: Rooted, port: int) -> Rooted:
 
 def heaviest(rooted: Rooted) -> int:
     """Return the port that carries most modules."""
-    return max(range(4), key=lambda port: len(rooted[port]))
+    sizes = tuple(map(len, rooted))
+    return sizes.index(max(sizes))
 
 
 def centred(rooted: Rooted) -> Rooted:

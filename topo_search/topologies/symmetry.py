@@ -21,7 +21,9 @@ Connectors = Literal["aligned", "any"]
 Root = Literal["free", "paper"]
 Group = Literal["c1", "c2", "d2", "c4", "d4"]
 
-GROUPS: dict[Group, tuple[tuple[int, bool], ...]] = {
+Element = tuple[int, bool]
+
+GROUPS: dict[Group, tuple[Element, ...]] = {
     "c1": ((0, False),),
     "c2": ((0, False), (2, False)),
     "d2": ((0, False), (2, False), (0, True), (2, True)),
