@@ -278,7 +278,8 @@ def test_solids_overlap_only_where_they_have_a_common_point(hinged):
         p = 1.5 * (STILL + H)[:, 0] if hinged else rng.integers(-3, 4, 3) * rng.choice([0.5, 0.75, 1.0])
         discs.append(disc.placed(R, ORIGIN))
         hubs.append(hub.placed(R @ H, R @ p))
-    found = nearest(cores(discs), cores(hubs))
+    towards = np.array([B.centre - A.centre for A, B in zip(discs, hubs, strict=True)])
+    found = nearest(cores(discs), cores(hubs), towards)
     assert 100 < found.overlap.sum() < 400
     x = (found.x_A + found.x_B)[found.overlap] / 2
     assert np.linalg.norm(found.v[found.overlap], axis=1).max() < 1e-9

@@ -16,6 +16,7 @@ two parts overlapping. As with cone-spheres, neither the search for n nor FCL ca
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -69,7 +70,7 @@ def compound_evidence(A: Compound, B: Compound, bolted: bool) -> tuple[str, ...]
 def _certify(A: Compound, B: Compound, found: Proximity) -> Certificate:
     part_A, part_B = A.parts[found.a], B.parts[found.b]
     if found.d > 0:
-        upper = float(np.linalg.norm(found.x_B - found.x_A))
+        upper = math.dist(found.x_A, found.x_B)
         proven = min(part_A.depth(found.x_A), part_B.depth(found.x_B)) > -ROUNDING
         proof = functools.partial(_apart, A, B, found)
     else:

@@ -200,7 +200,7 @@ class _Batch:
 
     def apart(self, A: Indices, B: Indices, n: Array) -> _Apart:
         """Return how near N pairs of parts are; `n` stands in where nearest points have no direction."""
-        found = nearest(self.cores.take(A), self.cores.take(B))
+        found = nearest(self.cores.take(A), self.cores.take(B), n)
         size = np.linalg.norm(found.v, axis=1)
         n = np.where(found.overlap[:, None], n, -found.v / np.where(size > 0, size, 1.0)[:, None])
         r_A, r_B = self.ball[A], self.ball[B]
@@ -226,7 +226,7 @@ class _Batch:
             g = self.gap(A[left], B[left], n[left])
             moved = self.cores.take(B[left])
             moved = moved._replace(vertices=moved.vertices - 2 * (g[:, None] * n[left])[:, None])
-            v = nearest(self.cores.take(A[left]), moved).v
+            v = nearest(self.cores.take(A[left]), moved, n[left]).v
             turned = _unit(-v)
             better = self.gap(A[left], B[left], turned) > g + LEAST_GAIN
             left = left[better]
@@ -255,7 +255,7 @@ def touching(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:
         width = np.sum((A.take(left).support(n[left]) - c_A[left]) * n[left], axis=1) + r_A[left]
         width += np.sum((c_B[left] - B.take(left).support(-n[left])) * n[left], axis=1) + r_B[left]
         s[left] = np.maximum(s[left], np.sum((c_B - c_A)[left] * n[left], axis=1) / width)
-        found = nearest(_scaled(A, c_A, s, left), _scaled(B, c_B, s, left))
+        found = nearest(_scaled(A, c_A, s, left), _scaled(B, c_B, s, left), n[left])
         size = np.linalg.norm(found.v, axis=1)
         x[left] = (found.x_A + found.x_B + (s * (r_A - r_B))[left, None] * n[left]) / 2
         apart = ~found.overlap & (size - (s * (r_A + r_B))[left] > TOUCHING * (1 - s[left]))

@@ -46,14 +46,14 @@ def certify_inside(solid: Solid, cone: Cone) -> Certificate:
     x = body.centre(worst) - body.radius(worst) * cone.inward_normal(body.centre(worst))
     upper = float(cone.s(x))
     proven = body.depth(x) > -ROUNDING and (d > 0 or upper < -ROUNDING)
-    proof = functools.partial(_inside, body, cone) if d > 0 else functools.partial(_outside, body, cone, worst)
+    proof = functools.partial(_inside, solid, cone) if d > 0 else functools.partial(_outside, body, cone, worst)
     return judge(d, upper if proven else None, proof, levels=len(SIDES))
 
 
-def _inside(body: ConeSphere, cone: Cone, level: int) -> float | None:
+def _inside(solid: Solid, cone: Cone, level: int) -> float | None:
     """Return the least s over a mesh of a level, if it is positive and FCL sees the body inside too."""
-    least = least_s(body, cone, SIDES[level])
-    return least if least > ROUNDING and all(keeps_off(body, cone, eta) for eta in (0.0, 1.0)) else None
+    least = least_s(solid.body, cone, SIDES[level])
+    return least if least > ROUNDING and all(keeps_off(solid, cone, eta) for eta in (0.0, 1.0)) else None
 
 
 def _outside(body: ConeSphere, cone: Cone, worst: float, level: int) -> float | None:
@@ -76,31 +76,38 @@ def least_s(body: ConeSphere, cone: Cone, sides: int) -> float:
     return least
 
 
-def keeps_off(body: ConeSphere, cone: Cone, eta: float) -> bool:
-    """Whether FCL sees the body's outer mesh apart from the half-space beyond the cone nearest to an end ball."""
-    m, near, beyond = _half_space(body, cone, eta)
+def keeps_off(solid: Solid, cone: Cone, eta: float) -> bool:
+    """Whether FCL sees an outer mesh of the body apart from the half-space beyond the cone nearest to an end ball.
+
+    One that is turned towards the half-space is made only where the common one does not do.
+    """
+    m, x, beyond = _half_space(solid.body, cone, eta)
+    if solid.outer is not None and not solid.outer[1].overlaps(beyond.placed(np.eye(3), x)):
+        return True
+    near = solid.body.moved(-x)
     mesh = outer_mesh(near, COMMON_LEVEL, -m)
     return encloses(mesh, near) and not Shape(mesh).overlaps(beyond)
 
 
 def reaches_beyond(body: ConeSphere, cone: Cone, eta: float) -> bool:
     """Whether FCL sees the body's inner mesh reach into the half-space beyond the cone nearest to an end ball."""
-    m, near, beyond = _half_space(body, cone, eta)
+    m, x, beyond = _half_space(body, cone, eta)
+    near = body.moved(-x)
     mesh = inner_mesh(near, COMMON_LEVEL, -m)
     return lies_within(mesh, near) and Shape(mesh).overlaps(beyond)
 
 
-def _half_space(body: ConeSphere, cone: Cone, eta: float) -> tuple[Array, ConeSphere, Shape]:
-    """Return the supporting half-space nearest to an end ball: its normal, the body and what lies beyond.
+def _half_space(body: ConeSphere, cone: Cone, eta: float) -> tuple[Array, Array, Shape]:
+    """Return the supporting half-space nearest to an end ball: its normal, the ball's point next to it, and a box.
 
-    Both are given with the ball's nearest point as origin. Beyond is a box on the plane, large enough that the body
-    cannot pass it by or through: no point of the body is farther from the origin than twice its extent.
+    The box is what lies beyond: on the plane, with that point as origin, and large enough that the body cannot pass
+    it by or through: no point of the body is farther from the origin than twice its extent.
     """
     centre = body.centre(eta)
     m = cone.inward_normal(centre)
     x = centre - body.radius(eta) * m
     height = float(m @ (x - cone.apex))
-    return m, body.moved(-x), Shape(box_below(-height * m, m, 4 * body.extent + abs(height)))
+    return m, x, Shape(box_below(-height * m, m, 4 * body.extent + abs(height)))
 
 
 def lathe(theta: float, sides: int) -> tuple[Array, Array, Array]:

@@ -127,7 +127,7 @@ class Polyhedron(Convex):
     @property
     def thick(self) -> bool:
         """Whether any face is no sliver."""
-        return len(self.faces[0]) > 0
+        return len(self.faces[0]) > 0 if self.copied is None else self.copied[0].thick
 
     def depth(self, x: Array) -> float:
         """Return the distance to the nearest face's plane."""

@@ -59,7 +59,7 @@ def _of_cone(body: ConeSphere, cone: Cone) -> Iterator[str]:
     for sides in SIDES:
         yield f"polytope of {sides} sides around the body: inside by {least_s(body, cone, sides)!r}"
     for eta, name in zip(ENDS, ("first", "last"), strict=True):
-        off, beyond = keeps_off(body, cone, eta), reaches_beyond(body, cone, eta)
+        off, beyond = keeps_off(Solid(body), cone, eta), reaches_beyond(body, cone, eta)
         yield f"plane at the {name} ball, FCL: outer mesh {'off it' if off else 'not off it'}"
         yield f"plane at the {name} ball, FCL: inner mesh {'reaches' if beyond else 'does not reach'} beyond it"
 

@@ -89,10 +89,15 @@ class Nearest(NamedTuple):
     """Whether the origin lies in C as far as rounding can tell, shape (N,)."""
 
 
-def nearest(A: Cores, B: Cores) -> Nearest:
-    """Return the nearest points of N pairs of solids."""
+def nearest(A: Cores, B: Cores, towards: Array) -> Nearest:
+    """Return the nearest points of N pairs of solids.
+
+    Args:
+        A: first solids.
+        B: second solids.
+        towards: roughly from A to B where they are nearest: the better, the fewer steps. Shape (N, 3).
+    """
     N = len(A.disc)
-    towards = B.vertices.mean(axis=1) - A.vertices.mean(axis=1)
     X_A = np.repeat(A.support(towards)[:, None], 4, axis=1)
     X_B = np.repeat(B.support(-towards)[:, None], 4, axis=1)
     weights = np.tile([1.0, 0.0, 0.0, 0.0], (N, 1))
@@ -156,7 +161,7 @@ def _least_weights(Y: Array) -> tuple[Array, Flags]:
     face = 4 + len(EDGES) + np.arange(len(TRIANGLES))
     for k in range(3):
         proposals[:, face, TRIANGLES[:, k]] += shares[..., k]
-    points = np.einsum("npj,njx->npx", proposals, Y)
+    points = proposals @ Y
     best = np.argmin(np.sum(points * points, axis=-1), axis=1)
     weights = proposals[np.arange(N), best]
     # The origin is inside if it lies between every face and the vertex opposite; the ratio is that vertex' weight.

@@ -101,13 +101,13 @@ class Levers:
         for start in range(0, len(carrier), step):
             rows = slice(start, start + step)
             i, j = carrier[rows], held[rows]
-            on_path = (self.moves[:, i] & ~self.moves[:, j]).T
             shared = (self.moves[:, i] & self.moves[:, j]).sum(axis=0)
-            order = np.where(on_path, self._depth - shared[:, None], 0.5)
-            rho = self._rho[:, :, ends][i] * on_path[..., None]
-            t = np.einsum("nhex,nex->nhe", self._arms[:, :, ends][i], n[rows]) * on_path[..., None]
-            L[rows], S[rows] = rho.sum(axis=1), np.abs(t).sum(axis=1)
-            C[rows] = ((order - 0.5)[..., None] * rho).sum(axis=1)
+            k, h = np.nonzero((self.moves[:, i] & ~self.moves[:, j]).T)  # hinge h is on the path of row k
+            rho = self._rho[i[k], h][:, ends]
+            t = np.sum(self._arms[i[k], h][:, ends] * n[rows][k], axis=-1)
+            order = (self._depth[h] - shared[k])[:, None]
+            for total, terms in ((L, rho), (S, np.abs(t)), (C, (order - 0.5) * rho)):
+                total[rows] = np.stack([np.bincount(k, term, len(i)) for term in terms.T], axis=1)
         return Motion(L, S, C)
 
     def turns(self, carrier: int, held: int, end: int, n: Array) -> Array:
