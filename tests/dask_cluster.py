@@ -25,6 +25,8 @@ class Cluster:
             **os.environ,
             "PYTHONPATH": os.pathsep.join(paths),
             "DASK_DISTRIBUTED__WORKER__DAEMON": "False",
+            "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+            "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",
             **environment,
         }
         self.folder = folder

@@ -39,10 +39,10 @@ class Quotient:
         # the root's digit comes first in a text: all other elements lead to a greater one
         if stabilizer is None or any(text_of(_image(rooted, element)) < text for element in stabilizer):
             return False
-        rootings = self._rootings(rooted)
-        if rootings == (rooted,):
-            return True
-        return rooted in rootings and all(text <= text_of(other) for other in self.same(rooted))
+        first, *second = self._rootings(rooted)
+        return first == rooted and all(
+            text <= text_of(_image(other, element)) for other in second for element in GROUPS[self.group]
+        )
 
     def orbit(self, rooted: Rooted) -> int:
         """Return the number of exact classes that are one candidate with a tree (free root: rooted at a centroid).

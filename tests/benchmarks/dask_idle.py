@@ -1,0 +1,65 @@
+"""What Dask's own processes take while the workers solve, as they are and with the settings of the README.
+
+    PYTHONPATH=tests python tests/benchmarks/dask_idle.py [--seconds S]
+
+Two Dask workers run jobs that only wait, so that all CPU time of their processes and of the scheduler is Dask's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import psutil
+from dask_cluster import Cluster
+from engine_jobs import LONG, pause
+
+from topo_search.engine import DaskWorkers
+
+AS_IT_IS = {
+    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "True",
+    "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "20ms",
+}
+"""Dask's defaults for what the README sets."""
+SETTINGS = {
+    "as it is": AS_IT_IS,
+    "without profile": {**AS_IT_IS, "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"},
+    "with slow ticks": {**AS_IT_IS, "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s"},
+    "both, as in the README": {},
+}
+
+
+def family(process: psutil.Process) -> set[psutil.Process]:
+    """Return a process and its descendants."""
+    return {process, *process.children(recursive=True)}
+
+
+def cpu(processes: set[psutil.Process]) -> float:
+    """Return the CPU time that processes have taken [s]."""
+    return sum(sum(process.cpu_times()[:2]) for process in processes)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    seconds = parser.parse_args().seconds
+    print(f"{'CPU in shares of one core':28}{'scheduler':>12}{'a worker':>12}")
+    for name, settings in SETTINGS.items():
+        with tempfile.TemporaryDirectory() as folder, Cluster(Path(folder), **settings) as cluster:
+            worker = cluster.add_worker("--nworkers", "2")
+            with DaskWorkers(cluster.address, {}) as engine:
+                for _ in engine.run(pause, [(0, 0.1), (1, 0.1)], deadline=lambda _: LONG):
+                    pass
+                scheduler, workers = (family(psutil.Process(p.pid)) for p in (cluster.scheduler, worker))
+                before = cpu(scheduler), cpu(workers)
+                for _ in engine.run(pause, [(0, seconds), (1, seconds)], deadline=lambda _: LONG):
+                    pass
+                after = cpu(scheduler), cpu(workers)
+        first, both = ((now - earlier) / seconds for now, earlier in zip(after, before, strict=True))
+        print(f"{name:28}{first:12.1%}{both / 2:12.1%}")
+
+
+if __name__ == "__main__":
+    main()
