@@ -204,7 +204,7 @@ def _closest(pair: Clearance, ends: Array) -> list[Any]:
             name=text,
             mode="lines+markers",
             line={"color": palette.CLOSEST_PAIR, "width": 6},
-            marker={"color": palette.CLOSEST_PAIR, "size": 6, "symbol": "x"},
+            marker={"color": palette.CLOSEST_PAIR, "size": 6, "symbol": "diamond"},
             hovertext=text,
             hoverinfo="text",
         )
