@@ -48,7 +48,7 @@ def audit_best(
     """
     place = 0
     while batch := ledger.best_designs(contexts[0], place, AUDITED):
-        best = best_clear(ledger, contexts[0].task.n)
+        best = ledger.best_clear(contexts[0].task.n)
         if place and best is not None and _objective(best) <= _objective(batch[0]):
             return
         rows = batch
@@ -68,14 +68,9 @@ def audit_best(
         place += AUDITED
 
 
-def best_clear(ledger: Ledger, n: int) -> Row | None:
-    """Return the best row of n modules whose audit is clear."""
-    return next((row for row in ledger.ranked(n) if row.clear), None)
-
-
 def audits_left(ledger: Ledger, contexts: Sequence[Context], starts: int) -> bool:
     """Return whether a design that may be the best is still to be audited, or solved again after its audit."""
-    best = best_clear(ledger, contexts[0].task.n)
+    best = ledger.best_clear(contexts[0].task.n)
     place = 0
     while batch := ledger.best_designs(contexts[0], place, AUDITED):
         for row in batch:

@@ -12,7 +12,6 @@ from typing import Self
 
 from topo_search.model import BadInput, Fault
 from topo_search.model.files import read_task, to_toml, write_atomically
-from topo_search.study.audits import best_clear
 from topo_search.study.identity import Request, installed
 from topo_search.study.ledger import Ledger
 from topo_search.study.lock import ReadOnlyFolder, locked
@@ -131,7 +130,7 @@ class RunFolder:
     def _write_best(self) -> None:
         """Write `best.json`, and `best-nN.json` of every size where there are several."""
         sizes = self.request.task.sizes
-        best: dict[int, Row | None] = {n: best_clear(self.ledger, n) for n in sizes}
+        best: dict[int, Row | None] = {n: self.ledger.best_clear(n) for n in sizes}
         files = {f"best-n{n}.json": row for n, row in best.items()} if len(sizes) > 1 else {}
         files["best.json"] = next((row for row in best.values() if row is not None), None)
         for name, row in files.items():

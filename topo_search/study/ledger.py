@@ -25,6 +25,7 @@ from topo_search.study.row import Row, Solve, score
 
 _FIELDS = tuple(field.name for field in fields(Row))
 _SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
+_STANDING = "WHERE standing AND modules = ? AND context IN (SELECT context FROM current)"
 _WRITTEN = (*_FIELDS, "context", "standing", "result_checksum")
 _UPSERT = f"""
 INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * len(_WRITTEN))})
@@ -146,8 +147,7 @@ class Ledger:
         """Yield key, design and audit (as JSON texts) of every candidate of n modules that has a design."""
         query = (
             "SELECT key, result, result_checksum, texts.audit, audit_checksum "
-            "FROM candidates LEFT JOIN texts USING (context, key) "
-            "WHERE standing AND modules = ? AND status = 'feasible' AND context IN (SELECT context FROM current)"
+            f"FROM candidates LEFT JOIN texts USING (context, key) {_STANDING} AND status = 'feasible'"
         )
         with damage_named(self._path):
             for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n,)):
@@ -198,12 +198,15 @@ class Ledger:
 
     def ranked(self, n: int) -> Iterator[Row]:
         """Yield the row that stands for each candidate of n modules: by objective, ties by key, then the rest."""
-        query = (
-            f"{_SELECT} WHERE standing AND modules = ? AND context IN (SELECT context FROM current) "
-            "ORDER BY objective IS NULL, objective, key"
-        )
+        query = f"{_SELECT} {_STANDING} ORDER BY objective IS NULL, objective, key"
         for values in self._database.execute(query, (n,)):
             yield Row(*values)
+
+    def best_clear(self, n: int) -> Row | None:
+        """Return the best row of n modules whose audit is clear."""
+        query = f"{_SELECT} {_STANDING} AND audit = 'clear' ORDER BY objective, key LIMIT 1"
+        found = self._database.execute(query, (n,)).fetchone()
+        return None if found is None else Row(*found)
 
     def solves(self, n: int) -> Iterator[Solve]:
         """Yield the solves of n modules in the order in which they ended."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from topo_search.engine import Space, may_beat
-from topo_search.study.audits import best_clear
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
 from topo_search.study.row import Row
@@ -11,7 +10,7 @@ from topo_search.study.row import Row
 
 def rests_on_an_audited_design(ledger: Ledger, n: int, lower_bound: float) -> bool:
     """Return whether the best design whose audit is clear meets the bound, so that no other can be better."""
-    best = best_clear(ledger, n)
+    best = ledger.best_clear(n)
     return best is not None and best.objective is not None and not may_beat(best.objective, lower_bound)
 
 
