@@ -81,7 +81,7 @@ class Differences:
 
     def values(self, at: Platform) -> Array:
         """Return y, shape (m, s, 3)."""
-        result: Array = at.V[self.plus] - at.V[self.minus]
+        result: Array = _differences(at.V, self.plus, self.minus)
         return result
 
     def moving(self, moved: Mask) -> Mask:
@@ -107,19 +107,35 @@ class Differences:
 class Platform:
     """The platform at some geometric unknowns."""
 
-    def __init__(self, links: Links, p_E: Array, m_E: float, *, free: bool) -> None:
-        """Place the end-effector, of mass m_E [m]; `free`: p'_E is an unknown, else the modules carry it along."""
-        self.links, self.p_E, self.free = links, p_E, free
-        n = len(links.p)
-        self._share = m_E / (n + m_E)  # of the end-effector in the COM
-        self.p_COM = self._share * p_E + (1 - self._share) * links.p.mean(axis=0)
-        self.V = np.concatenate([links.p, p_E[None], self.p_COM[None], links.z, np.zeros((1, 3))])
+    def __init__(self, links: Links, tip: Array, share: float, *, free: bool) -> None:
+        """Place the end-effector.
+
+        Args:
+            links: where the modules are.
+            tip: p'_E; from the modules' centroid unless free.
+            share: that of the end-effector in the COM.
+            free: p'_E is an unknown; else the modules carry it along.
+        """
+        self.links, self._share, self._free = links, share, free
+        self.V = _carry(links.p, links.z, tip, share, free)
+
+    @property
+    def p_E(self) -> Array:
+        """p'_E."""
+        p_E: Array = self.V[len(self.links.p)]
+        return p_E
+
+    @property
+    def p_COM(self) -> Array:
+        """Centre of mass."""
+        p_COM: Array = self.V[len(self.links.p) + 1]
+        return p_COM
 
     @cached_property
     def dV(self) -> Array:
         """Derivatives of V by x."""
         links = self.links
-        return _derivatives(links.p, links.z, links.omega, links.v, links.chain.moves, self._share, self.free)
+        return _derivatives(links.p, links.z, links.omega, links.v, links.chain.moves, self._share, self._free)
 
     def pushed_to_modules(self, gradients: Array) -> Array:
         """Return the gradient by the modules' positions, p_COM's and a carried p'_E's shares included, (n, 3).
@@ -130,10 +146,37 @@ class Platform:
         n = len(self.links.p)
         by_tip, by_com = gradients[n], gradients[n + 1]
         on_centroid = (1 - self._share) * by_com
-        if not self.free:
+        if not self._free:
             on_centroid = on_centroid + by_tip + self._share * by_com
         result: Array = gradients[:n] + on_centroid / n
         return result
+
+
+@njit(cache=True)
+def _carry(p: Array, z: Array, tip: Array, share: float, free: bool) -> Array:
+    """Return V; see `Platform`."""
+    n = len(p)
+    V = np.zeros((2 * n + 3, 3))
+    for i in range(n):
+        V[i] = p[i]
+        V[n + 2 + i] = z[i]
+        V[n + 1] += p[i] / n  # the centroid, until the COM is known
+    V[n] = tip if free else tip + V[n + 1]
+    V[n + 1] = share * V[n] + (1 - share) * V[n + 1]
+    return V
+
+
+@njit(cache=True)
+def _differences(V: Array, plus: Indices, minus: Indices) -> Array:
+    """Return V[plus] - V[minus]."""
+    m, s = plus.shape
+    y = np.empty((m, s, 3))
+    for r in range(m):
+        for part in range(s):
+            a, b = plus[r, part], minus[r, part]
+            for axis in range(3):
+                y[r, part, axis] = V[a, axis] - V[b, axis]
+    return y
 
 
 @njit(cache=True)
@@ -164,72 +207,3 @@ def _derivatives(p: Array, z: Array, omega: Array, v: Array, moves: Array, share
             dV[tip, angles + axis, axis] = 1.0
             dV[com, angles + axis, axis] = share
     return dV
-
-
-@njit(cache=True)
-def chain_rule(gradient: Array, plus: Indices, minus: Indices, dV: Array, rows: Indices, columns: Indices) -> Array:
-    """Return the derivatives of clearances by x where they are not zero: entry e is row rows[e], column columns[e].
-
-    Args:
-        gradient: by the local vectors, shape (m, s, 3).
-        plus: see `Differences`.
-        minus: see `Differences`.
-        dV: see the notation.
-        rows: of the entries.
-        columns: of the entries.
-    """
-    entries = np.zeros(len(rows))
-    for e in range(len(rows)):
-        r, j = rows[e], columns[e]
-        for part in range(plus.shape[1]):
-            a, b = plus[r, part], minus[r, part]
-            for axis in range(3):
-                entries[e] += gradient[r, part, axis] * (dV[a, j, axis] - dV[b, j, axis])
-    return entries
-
-
-@njit(cache=True)
-def add_curvature(
-    hessian: Array, plus: Indices, minus: Indices, dV: Array, starts: Indices, columns: Indices, H: Array
-) -> None:
-    """Add dy^T hessian dy of every clearance to H, shape (g, g), upper triangle.
-
-    Args:
-        hessian: by the local vectors, times the multiplier, shape (m, 3 s, 3 s).
-        plus: see `Differences`.
-        minus: see `Differences`.
-        dV: see the notation.
-        starts: of each clearance's unknowns in `columns`, shape (m+1,).
-        columns: unknowns that move one of its vectors, in ascending order.
-        H: is added to.
-    """
-    size = hessian.shape[1]
-    dy, bent = np.empty((dV.shape[1], size)), np.empty(size)
-    for r in range(len(plus)):
-        first, last = starts[r], starts[r + 1]
-        for e in range(first, last):
-            j = columns[e]
-            for part in range(plus.shape[1]):
-                a, b = plus[r, part], minus[r, part]
-                for axis in range(3):
-                    dy[e - first, 3 * part + axis] = dV[a, j, axis] - dV[b, j, axis]
-        for e in range(first, last):
-            for one in range(size):
-                bent[one] = 0.0
-                for other in range(size):
-                    bent[one] += hessian[r, one, other] * dy[e - first, other]
-            for later in range(e, last):
-                total = 0.0
-                for one in range(size):
-                    total += bent[one] * dy[later - first, one]
-                H[columns[e], columns[later]] += total
-
-
-@njit(cache=True)
-def add_gradients(gradient: Array, plus: Indices, minus: Indices, to: Array) -> None:
-    """Add gradients by local vectors, shape (m, s, 3), to the gradients by V, shape (2n+3, 3)."""
-    for r in range(len(plus)):
-        for part in range(plus.shape[1]):
-            for axis in range(3):
-                to[plus[r, part], axis] += gradient[r, part, axis]
-                to[minus[r, part], axis] -= gradient[r, part, axis]

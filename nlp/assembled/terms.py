@@ -1,6 +1,7 @@
 """Clearances as functions of local vectors, with gradients and Hessians.
 
-The formulas are those of `nlp.envelope` and `nlp.exposure`, derived by CasADi once a process, not once a topology.
+The formulas are those of `nlp.envelope` and `nlp.exposure`. Those of pairs, of which there are most, are derived by
+hand (`nlp.assembled.candidates`), those of exposure by CasADi, once a process and not once a topology.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -20,10 +21,10 @@ import casadi as ca
 import numpy as np
 from numba import njit
 
+from nlp.assembled.candidates import smooth_least
 from nlp.assembled.carried import Differences
-from nlp.envelope import ConeSphere, quadratic_candidates
+from nlp.envelope import ConeSphere
 from nlp.exposure import exposure_clearances
-from nlp.smooth import log_sum_exp
 from nlp.units import Units
 from topo_search.model import Directional, Exterior, Local, ResolvedTask, needs_offset
 from topo_search.model.arrays import Array
@@ -82,22 +83,19 @@ class Mapped:
 def airflow_formula(length: float, r_air: float, dr_air: float, beta: float) -> Formula:
     """Return the smooth clearance of two airflow envelopes as a formula of w, z_i, z_j.
 
-    f depends on them through C, D, E and F alone, and on F by addition, so that CasADi derives a function of
-    three numbers and the chain rule does the rest.
+    f depends on them through C, D, E and F alone, and on F by addition.
     """
-    CDE = ca.SX.sym("CDE", 3)
     A = length**2 - dr_air**2
-    psi = Mapped(CDE, log_sum_exp(quadratic_candidates(A, A, CDE[0], CDE[1], CDE[2], 0.0), beta))
     sizes = length, dr_air, 2 * r_air, 4 * (r_air + dr_air)
 
     def formula(order: int, y: Array) -> Jet:
-        coefficients, base = _coefficients(y, *sizes)
-        jet = psi(order, coefficients)
-        jet[0] = (jet[0] + base) / sizes[-1]
-        if order == 1:
-            jet[1] = _gradients(y, jet[1], *sizes)
-        elif order == 2:
-            jet[1], jet[2] = _gradients(y, jet[1], *sizes), _hessians(y, jet[1], jet[2], *sizes)
+        c, base = _coefficients(y, *sizes)
+        psi, by_c, curved = smooth_least(c, A, beta, order)
+        jet = [(psi + base) / sizes[-1]]
+        if order >= 1:
+            jet.append(_gradients(y, by_c, *sizes))
+        if order >= 2:
+            jet.append(_hessians(y, by_c, curved, *sizes))
         return jet
 
     return formula
@@ -109,11 +107,17 @@ def _coefficients(y: Array, length: float, dr_air: float, r_0: float, scale: flo
     CDE, F = np.empty((len(y), 3)), np.empty(len(y))
     for r in range(len(y)):
         w, z_i, z_j = y[r]
-        CDE[r, 0] = -2 * (length**2 * np.sum(z_i * z_j) + dr_air**2)
-        CDE[r, 1] = -2 * (length * np.sum(z_i * w) + r_0 * dr_air)
-        CDE[r, 2] = 2 * (length * np.sum(z_j * w) - r_0 * dr_air)
-        F[r] = np.sum(w * w) - r_0**2
+        CDE[r, 0] = -2 * (length**2 * _dot(z_i, z_j) + dr_air**2)
+        CDE[r, 1] = -2 * (length * _dot(z_i, w) + r_0 * dr_air)
+        CDE[r, 2] = 2 * (length * _dot(z_j, w) - r_0 * dr_air)
+        F[r] = _dot(w, w) - r_0**2
     return CDE, F
+
+
+@njit(cache=True)
+def _dot(a: Array, b: Array) -> float:
+    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
 
 
 @njit(cache=True)
@@ -175,7 +179,7 @@ def distance_formula(distance: float) -> Formula:
         if order >= 1:
             jet.append(y / distance)
         if order >= 2:
-            jet.append(np.broadcast_to(np.eye(3) / distance, (len(w), 3, 3)))
+            jet.append(np.tile(np.eye(3) / distance, (len(w), 1, 1)))
         return jet
 
     return formula
