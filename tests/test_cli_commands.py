@@ -94,6 +94,12 @@ def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, tol
         (["run", "toy.toml", "--modules", "6-4"], "`fewest <= most` must hold, but got [6, 4]"),
         (["run", "toy.toml", "--modules", "many"], "must be N or LO-HI, but got 'many'"),
         (["run", "toy.toml", "--workers", "0"], "0 is not in the range"),
+        (["run", "toy.toml", "--starts", 10**20], "is not in the range"),
+        (["run", "toy.toml", "--strategy", "optuna", "--trials", 10**20], "is not in the range"),
+        (
+            ["run", "toy.toml", "--modules", "3-30"],
+            "at most 1,000,000,000 candidates, but 16 modules have 2.0e+9; choose the strategy `optuna`",
+        ),
         (["run", "toy.toml", "--time-limit", "0"], "0.0 is not in the range"),
         (["run", "toy.toml", "--out", "toy.toml"], "is a file"),
         (["run", "toy.toml", "--out", "toy.toml/deeper"], "cannot be made"),
@@ -150,7 +156,7 @@ def test_a_lossy_symmetry_says_so(command):
     ],
 )
 def test_a_full_disk_is_told_from_all_that_can_be_repaired_by_typing(command, monkeypatch, error, said):
-    def full(*_):
+    def full(*_, **__):
         raise error
 
     with monkeypatch.context() as patched:
@@ -308,7 +314,7 @@ def test_counts_are_in_words_that_agree_and_the_quotient_is_explained(command, m
     monkeypatch.setenv("TOY_NONE", "*")
     told = command("run", "toy.toml", "--modules", 1).stdout
     assert "1 module: 1 of 1 candidate (1 infeasible)\nhalf turns" in told
-    assert "the only candidate is not feasible" in told
+    assert "no start of the only candidate led to a design" in told
     assert ", torque` by" in told
 
 

@@ -160,6 +160,12 @@ def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> No
     assert study.best_value == min(scored(key, 4).objective or math.inf for key in new(rounds))
 
 
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_any_seed_will_do(sampler: str) -> None:
+    for seed in (2**32, 2**70 + 1):
+        assert len(new(follow(optuna_study(space(4), sampler=sampler, trials=9, starts=1, seed=seed)))) == 9
+
+
 def test_an_unknown_sampler_is_refused() -> None:
     with pytest.raises(ValueError, match="sampler must be one of moves, tpe, nsga2, random, but got 'cmaes'"):
         next(optuna_study(space(3), sampler="cmaes", trials=1, starts=1, seed=0))

@@ -26,9 +26,7 @@ def audited():
 
 def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
     page = Reader(toy_page(tmp_path / "run", modules=(2, 3), starts=4, seed=5))
-    (best,) = re.findall(
-        r"best platform for toy is (\w+), of 2 modules, the smallest size that has one:", page.text
-    )
+    (best,) = re.findall(r"best platform for toy is (\w+), of 2 modules, the smallest size asked for:", page.text)
     rows = json.loads(page.data["ranking-data"])["rows"]
     assert rows[0][0] == best
     assert {row[1] for row in rows} == {2, 3}
@@ -42,7 +40,7 @@ def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
 def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     page = Reader(toy_page(tmp_path / "run"))
-    assert "No design was found for toy: with 3 modules, none of" in page.text
+    assert "No design was found for toy: with 3 modules, no start of" in page.text
     with RunFolder.found(tmp_path / "run") as folder:
         closest = min(folder.ledger.ranked(3), key=lambda row: row.violation)
         reason = folder.ledger.result(folder.request.contexts(3)[0], closest.key)

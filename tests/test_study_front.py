@@ -15,6 +15,7 @@ from report_cases import Reader
 from toy_problem import solved_keys, toy_run, toy_task
 
 from topo_search.cli import main
+from topo_search.cli.tables import print_answer
 from topo_search.compose import search
 from topo_search.model import Audit, BadInput, Clearance, Design, LoadCase, Status, Task, Wrench
 from topo_search.model.files import read_json
@@ -272,7 +273,7 @@ def test_a_level_without_a_design_is_told(tmp_path, monkeypatch):
     answer = toy_run(tmp_path / "run", task=task, verbs=replace(VERBS, solve=solve))
     assert answer.exit_status == 0
     assert [at.sizes[0].best is None for at in answer.levels] == [False, False, True]
-    assert "none of 4 candidates is feasible" in answer.levels[2].sizes[0].reason
+    assert "no start of 4 candidates led to a design" in answer.levels[2].sizes[0].reason
     assert {p.number for p in answer.points} <= {0, 1}
 
 
@@ -301,6 +302,14 @@ def test_fewer_modules_against_effort_of_a_hover(tmp_path):
     assert one.clearance is None
     assert 1e-4 <= two.clearance < 2e-4
     assert one.peak_input == pytest.approx(5.0 / (4 * k_f) / task.module.max_input(9.81), rel=1e-6)
+
+
+def test_the_design_of_least_effort_is_not_called_the_smallest(tmp_path, capsys):
+    """Both sizes are feasible, and the larger one takes less effort or has more clearance."""
+    task = toy_task((2, 3)).model_copy(update={"goals": GOALS})
+    print_answer(answer := toy_run(tmp_path / "run", task=task, verbs=VERBS))
+    assert len(answer.sizes) == 2
+    assert f"best design: {answer.best.key}, {answer.best.modules} modules, J = " in capsys.readouterr().out
 
 
 def test_the_command_tells_the_front(tmp_path):
@@ -358,4 +367,4 @@ def test_a_front_without_designs_has_a_page(tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     page = Reader(toy_front_page(tmp_path / "run"))
     assert "No design was found for toy" in page.text
-    assert page.text.count("none of 4 candidates is feasible") >= 3
+    assert page.text.count("no start of 4 candidates led to a design") >= 3

@@ -50,7 +50,7 @@ def test_an_answer_without_a_design_says_why(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("TOY_NONE", "*")
     answer = toy_run(tmp_path / "run")
     assert cells(answer) == []
-    assert "none of 4 candidates is feasible" in words(answer)
+    assert "no start of 4 candidates led to a design" in words(answer)
     assert answer.design is None
     assert answer.audit is None
 

@@ -24,7 +24,7 @@ def test_as_many_candidates_are_solved_as_asked_for_and_the_number_can_be_raised
     answer = toy_run(tmp_path / "run", sampler=sampler, trials=40, **PROPOSED)
     (size,) = answer.sizes
     assert (size.settled, size.candidates, size.complete) == (40, 216, True)
-    assert "176 candidates were not proposed: nothing is known of them" in size.remarks
+    assert "not proposed: 176 of 216 candidates, of which nothing is known" in size.remarks
     few = {row[0] for row in ranking(tmp_path / "run")}
     assert {trial.user_attrs["key"] for trial in trials_of(tmp_path / "run")} == few
 

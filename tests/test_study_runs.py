@@ -98,8 +98,8 @@ def test_infeasible_candidates_give_the_smallest_shortfall(tmp_path, monkeypatch
     assert {row["status"] for row in rows} == {"infeasible"}
     least = min(rows, key=lambda row: float(row["violation"]))
     assert answer.sizes[0].reason == (
-        f"none of {len(rows)} candidates is feasible; the smallest shortfall: {least['key']} misses "
-        f"`{least['worst_constraint']}` by {float(least['violation']):.3g} N m"
+        f"no start of {len(rows)} candidates led to a design; the smallest shortfall, which is no proof: "
+        f"{least['key']} misses `{least['worst_constraint']}` by {float(least['violation']):.3g} N m"
     )
     assert not (tmp_path / "run" / "best.json").exists()
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from decimal import Decimal
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,9 @@ VERBS = Verbs(solve=_solve, audit=verify.audit, lower_bound=nlp.lower_bound, pro
 DEFAULT_TRIALS = 512
 """Candidates that are proposed when not all are solved and nobody says otherwise."""
 
+MOST_CANDIDATES = 1_000_000_000
+"""Of an exhaustive search: a thousand workers that solve one a second each take twelve days for them."""
+
 RUNS = Path("runs")
 """Where runs go unless another folder is named."""
 
@@ -93,7 +97,7 @@ def search(
         observer: is told of the progress.
 
     Raises:
-        BadInput: the task, the folder or the address cannot be used.
+        BadInput: the task, the folder or the address cannot be used, or there are too many candidates to solve all.
         WorkersLost: workers do not start, or the Dask scheduler does not answer, or is gone; results are kept.
     """
     request = Request(
@@ -106,12 +110,26 @@ def search(
         trials if strategy == "optuna" else None,
         prune and strategy == "exhaustive",
     )
+    _refuse_endless(request)
     path = RUNS / request.folder_name if out is None else Path(out)
     observer = observer or Silent()
     with _engine(workers, dask, request.versions, observer) as engine:
         return run(
             request, path, VERBS, engine=engine, time_limit=time_limit, observer=observer, report=_write_page
         )
+
+
+def _refuse_endless(request: Request) -> None:
+    """Refuse to search more candidates exhaustively than anybody can solve, before a folder is made for them."""
+    if request.strategy != "exhaustive":
+        return
+    for n in request.task.sizes:
+        if (count := request.space(n).count()) > MOST_CANDIDATES:
+            rule = (
+                f"an exhaustive search takes at most {MOST_CANDIDATES:,} candidates, but {n} modules have "
+                f"{Decimal(count):.1e}; choose the strategy `optuna`"
+            )
+            raise BadInput(request.task.name, [Fault("modules", rule)])
 
 
 def _engine(

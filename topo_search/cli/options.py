@@ -11,6 +11,8 @@ from typing import Any
 
 import click
 
+MOST = 1_000_000_000
+"""Of whatever is counted."""
 SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
 
 set_field = click.option(
@@ -22,7 +24,7 @@ set_field = click.option(
 )
 seed = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Draws the starts.")
 starts = click.option(
-    "--starts", type=click.IntRange(min=1), help="Random starts of each topology (default: the solver's)."
+    "--starts", type=click.IntRange(1, MOST), help="Random starts of each topology (default: the solver's)."
 )
 time_limit = click.option(
     "--time-limit",

@@ -29,7 +29,7 @@ def print_answer(answer: Answer) -> None:
             _print_size(size)
     best = answer.best
     if best is not None:
-        smallest = ", the smallest size that has one" if len(answer.sizes) > 1 else ""
+        smallest = f", {answer.smallest}" if answer.smallest else ""
         found = f"best design: {best.key}, {modules(best.modules)}{smallest}"
         click.echo(f"{found}, {_effort(best)}, audit {best.audit}")
     elif answer.exit_status == 1:

@@ -106,8 +106,8 @@ def _answer(answer: Answer, name: str, design: Design | None, audit: Audit | Non
             found = f"Of {counted(len(answer.points), 'design')} on the front of {name}, that of least effort is"
         checked = verdict(audit)
     size = modules(design.topology.n)
-    if answer.best is not None and len(answer.sizes) > 1 and not answer.levels:
-        size += ", the smallest size that has one"
+    if answer.smallest:
+        size += f", {answer.smallest}"
     return f"{found} {design.topology.key}, of {size}: {effort(design)}; {checked}."
 
 
@@ -235,7 +235,8 @@ def _reproduction(folder: RunFolder) -> Reproduction:
     request = folder.request
     options = f"--symmetry {request.symmetry} --starts {request.starts} --seed {request.seed}"
     if request.strategy == "optuna":
-        options += f" --strategy optuna --sampler {request.sampler} --trials {request.trials}"
+        trials = request.trials or max(request.space(n).count() for n in request.task.sizes)
+        options += f" --strategy optuna --sampler {request.sampler} --trials {trials}"
     elif request.prune:
         options += " --prune"
     notes = (

@@ -1,6 +1,6 @@
 """A run and its folder: what was asked, every candidate's row in the ledger, and the answer."""
 
-from topo_search.study.answer import Answer, SizeAnswer, reason
+from topo_search.study.answer import Answer, SizeAnswer
 from topo_search.study.audits import AUDITED, audit_best
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import Point, front
@@ -32,7 +32,6 @@ __all__ = [
     "audit_best",
     "front",
     "larger_margin",
-    "reason",
     "run",
     "solve_single",
 ]

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.engine import may_beat, scaled_violation
+from topo_search.engine import scaled_violation
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask
 from topo_search.model.files import read_json
 from topo_search.model.goals import Level
 from topo_search.model.html import heading, paragraph, table
 from topo_search.study.front import Point
 from topo_search.study.row import Row
+from topo_search.study.statements import reason, remark, statement
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
@@ -101,6 +102,17 @@ class Answer:
         if self.levels:
             return self.points[0].row if self.points else None
         return next((size.best for size in self.sizes if size.best is not None), None)
+
+    @property
+    def smallest(self) -> str:
+        """What is known of fewer modules than the best design has; of a range of sizes without goals."""
+        if self.best is None or self.levels or len(self.sizes) == 1:
+            return ""
+        fewer = [size for size in self.sizes if size.modules < self.best.modules]
+        if not fewer:
+            return "the smallest size asked for"
+        proven = "it is" if all(size.impossible for size in fewer) else "it is not"
+        return f"the smallest size that has one ({proven} proven that fewer, down to {fewer[0].modules}, have none)"
 
     @property
     def design(self) -> Design | None:
@@ -200,8 +212,8 @@ def size_answer(
                 best = row
             if len(top) < SHOWN:
                 top.append(row)
-            remarks.extend(_remark(row))
-        elif row.violation is not None:
+            remarks.extend(remark(row))
+        elif row.status == "infeasible" and row.violation is not None:
             scaled = scaled_violation(row.violation, row.unit or "", task)
             if scaled < nearness:
                 closest, nearness = row, scaled
@@ -211,7 +223,9 @@ def size_answer(
         remarks.append("candidates failed that may not fail the next time: this run is not reproducible")
     settled = candidates if proof else statuses.total()
     if ended and settled < candidates:
-        remarks.append(f"{candidates - settled} candidates were not proposed: nothing is known of them")
+        remarks.append(
+            f"not proposed: {candidates - settled} of {candidates} candidates, of which nothing is known"
+        )
     if settled < candidates:
         fewest = 0
     return SizeAnswer(
@@ -228,36 +242,8 @@ def size_answer(
         top=tuple(top),
         remarks=tuple(remarks),
         reason=None if feasible else reason(proof, closest, statuses),
-        impossible=proof is not None,
-        statement=None if best is None else _statement(best, settled, candidates),
-    )
-
-
-def _statement(best: Row, settled: int, candidates: int) -> str:
-    """Say what is known of the best design: starts are no proof, the bound is."""
-    number = f"all {candidates}" if settled == candidates else f"{settled} of {candidates}"
-    found = f"the best found of {number} candidates"
-    if best.gap is None or best.objective is None or best.lower_bound is None:
-        return found
-    limit = f"more than {100 * best.gap:.2f} % " if may_beat(best.objective, best.lower_bound) else ""
-    return f"{found}; no topology of as many modules can be {limit}better, which is proven"
-
-
-def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
-    """Say why there is no design: the proof, or over all candidates and starts the smallest shortfall."""
-    if proof is not None:
-        return proof.message
-    number = statuses.total()
-    if number == 0:
-        return "the time limit came before the first candidate was solved: nothing is known yet"
-    tried = "the only candidate is not feasible" if number == 1 else f"none of {number} candidates is feasible"
-    if statuses["failed"]:
-        tried += f" ({statuses['failed']} of them failed)"
-    if closest is None:
-        return tried
-    return (
-        f"{tried}; the smallest shortfall: {closest.key} misses `{closest.worst_constraint}` "
-        f"by {closest.violation:.3g} {closest.unit}"
+        impossible=proof is not None or (quotient.exact and statuses["impossible"] == candidates),
+        statement=None if best is None else statement(best, settled, candidates),
     )
 
 
@@ -266,16 +252,3 @@ def quotient_remark(quotient: Resolution) -> str:
     if quotient.exact:
         return quotient.reason
     return f"{quotient.reason}; this symmetry is lossy here, of trees that can differ in cost it looks at one"
-
-
-def _remark(row: Row) -> list[str]:
-    """Say what an audit led to, if it was not clear at once."""
-    again = f"solved again with margin {row.margin:g} m after an audit that was not clear" if row.step else ""
-    if row.audit_failure is not None:
-        over = f"passed over, its audit failed: {row.audit_failure}"
-    elif row.audit is not None and not row.clear:
-        over = f"passed over, its audit is {row.audit}"
-    else:
-        over = ""
-    text = "; ".join(part for part in (again, over) if part)
-    return [f"{row.key}: {text}"] if text else []

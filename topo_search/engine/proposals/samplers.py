@@ -28,6 +28,9 @@ CHILDREN = 32
 STALE = 160
 """A population is given up when so many trials after its best are no better."""
 
+SEEDS = 2**32
+"""How many seeds Optuna's samplers know."""
+
 
 class Uniform(TreeSampler):
     """Draws uniformly from the candidates."""
@@ -109,8 +112,9 @@ def sampler_of(name: str, space: Space, seed: int) -> TreeSampler:
         return Moves(space, seed)
     if name == "random":
         return Uniform(space, seed)
+    of_optuna = seed % SEEDS
     if name == "tpe":
-        return Optunas(space, seed, TPESampler(n_startup_trials=FRESH, seed=seed))
+        return Optunas(space, seed, TPESampler(n_startup_trials=FRESH, seed=of_optuna))
     if name == "nsga2":
-        return Optunas(space, seed, NSGAIISampler(population_size=FRESH, seed=seed))
+        return Optunas(space, seed, NSGAIISampler(population_size=FRESH, seed=of_optuna))
     raise ValueError(f"sampler must be one of moves, tpe, nsga2, random, but got {name!r}")

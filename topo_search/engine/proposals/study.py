@@ -103,7 +103,7 @@ def _new_journal(path: Path) -> optuna.Study:
     """Return an empty study in a file; what is there, and the lock of a process that was killed, is removed."""
     path.unlink(missing_ok=True)
     path.with_name(f"{path.name}.lock").unlink(missing_ok=True)
-    return _new_study(storage=JournalStorage(JournalFileBackend(str(path))), study_name=path.parent.name)
+    return _new_study(storage=JournalStorage(JournalFileBackend(str(path))), study_name=path.resolve().parent.name)
 
 
 def _new_study(**options: Any) -> optuna.Study:

@@ -1,0 +1,60 @@
+"""What an answer says in words: what is proven, and what was only found or not found."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from topo_search.engine import may_beat
+from topo_search.model import Infeasible
+from topo_search.study.row import Row
+
+
+def statement(best: Row, settled: int, candidates: int) -> str:
+    """Say what is known of the best design: starts are no proof, the bound is."""
+    number = f"all {candidates}" if settled == candidates else f"{settled} of {candidates}"
+    found = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
+    if best.gap is None or best.objective is None or best.lower_bound is None:
+        return found
+    limit = f"more than {100 * best.gap:.2f} % " if may_beat(best.objective, best.lower_bound) else ""
+    return f"{found}; no topology of as many modules can be {limit}better, which is proven"
+
+
+def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
+    """Say why there is no design: what is proven, or the smallest shortfall of all starts, which proves nothing.
+
+    Args:
+        proof: that no topology can do it.
+        closest: the candidate of the start that came closest, of those that are not proven to be impossible.
+        statuses: how many candidates ended with which status.
+    """
+    if proof is not None:
+        return proof.message
+    number, impossible = statuses.total(), statuses["impossible"]
+    if number == 0:
+        return "the time limit came before the first candidate was solved: nothing is known yet"
+    if impossible == number:
+        which = "the only candidate" if number == 1 else f"each of {number} candidates"
+        return f"{which} is proven impossible; candidates.csv names what it cannot meet"
+    known = {"proven impossible": impossible, "failed": statuses["failed"]}
+    told = ", ".join(f"{some} {what}" for what, some in known.items() if some)
+    tried = f"no start of {'the only candidate' if number == 1 else f'{number} candidates'} led to a design"
+    tried += f" ({told})" if told else ""
+    if closest is None:
+        return tried
+    return (
+        f"{tried}; the smallest shortfall, which is no proof: {closest.key} misses `{closest.worst_constraint}` "
+        f"by {closest.violation:.3g} {closest.unit}"
+    )
+
+
+def remark(row: Row) -> list[str]:
+    """Say what an audit led to, if it was not clear at once."""
+    again = f"solved again with margin {row.margin:g} m after an audit that was not clear" if row.step else ""
+    if row.audit_failure is not None:
+        over = f"passed over, its audit failed: {row.audit_failure}"
+    elif row.audit is not None and not row.clear:
+        over = f"passed over, its audit is {row.audit}"
+    else:
+        over = ""
+    text = "; ".join(part for part in (again, over) if part)
+    return [f"{row.key}: {text}"] if text else []
