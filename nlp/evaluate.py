@@ -94,15 +94,16 @@ def _wrenches(point: Point) -> Iterator[Violation]:
     residual = point.u.reshape(K, -1) @ wrench_matrix(point).T - asked_wrenches(point)
     # the residual is about W's origin; a force that is missing makes a torque there, so move it to the COM
     residual[:, 3:] -= np.cross(point.p_COM, residual[:, :3])
-    for k in range(K):
-        force, torque = float(np.linalg.norm(residual[k, :3])), float(np.linalg.norm(residual[k, 3:]))
+    amounts = np.linalg.norm(residual.reshape(K, 2, 3), axis=2).tolist()
+    for k, (force, torque) in enumerate(amounts):
         yield Violation(names.force(k), force, "N", force / units[0], WRENCH_TOLERANCE)
         yield Violation(names.torque(k), torque, "N m", torque / units[1], WRENCH_TOLERANCE)
 
 
 def _clearances(point: Point) -> Iterator[Violation]:
+    unit = point.task.module.arm_length
     for name, gap in _gaps(point):
-        yield Violation(name, -gap, "m", -gap / point.task.module.arm_length)
+        yield Violation(name, -gap, "m", -gap / unit)
 
 
 def _gaps(point: Point) -> Iterator[tuple[str, float]]:
@@ -155,10 +156,10 @@ def _gaps(point: Point) -> Iterator[tuple[str, float]]:
 def _bounds(point: Point) -> Iterator[Violation]:
     task = point.task
     u_max = task.module.max_input(task.gravity)
-    for k, u in enumerate(point.u):
-        beyond = (names.largest_input(k), np.max(u) - task.max_input), (names.smallest_input(k), -np.min(u))
-        for name, excess in beyond:
-            yield Violation(name, float(excess), "rad^2/s^2", float(excess) / u_max)
+    above, below = (point.u.max(axis=(1, 2)) - task.max_input).tolist(), (-point.u.min(axis=(1, 2))).tolist()
+    for k, beyond in enumerate(zip(above, below, strict=True)):
+        for name, excess in zip((names.largest_input(k), names.smallest_input(k)), beyond, strict=True):
+            yield Violation(name, excess, "rad^2/s^2", excess / u_max)
     right = math.pi / 2
     alpha_max = task.largest_hinge_angle()
     angles = [(names.hinge_angle(i), alpha, alpha_max) for i, alpha in enumerate(point.alpha.tolist(), start=1)]

@@ -22,15 +22,18 @@ def finish(point: Point) -> Point:
     """
     u_max = point.task.max_input
     A, b = wrench_matrix(point), asked_wrenches(point)
-    K, width = len(b), A.shape[1]
-    u = np.clip(point.u.reshape(K, width), 0.0, u_max)
-    for k in range(K):
-        for _ in range(PASSES):
-            free = (u[k] > 0.0) & (u[k] < u_max)
-            correction = np.linalg.lstsq(A[:, free], b[k] - A @ u[k], rcond=1e-6)[0]
-            corrected = u[k, free] + correction
-            u[k, free] = np.clip(corrected, 0.0, u_max)
-            if np.all((corrected > 0.0) & (corrected < u_max)):
-                break
+    u = np.clip(point.u.reshape(len(b), -1), 0.0, u_max)
+    unfinished = np.arange(len(b))
+    for _ in range(PASSES):
+        before = u[unfinished]
+        free = (before > 0.0) & (before < u_max)
+        inverses = np.linalg.pinv(A * free[:, None], rcond=1e-6)
+        correction = np.einsum("krw,kw->kr", inverses, b[unfinished] - before @ A.T)
+        corrected = np.where(free, before + correction, before)
+        u[unfinished] = np.clip(corrected, 0.0, u_max)
+        met_bound = np.any(free & ((corrected <= 0.0) | (corrected >= u_max)), axis=1)
+        unfinished = unfinished[met_bound]
+        if not len(unfinished):
+            break
     root = root_angles(root_rotation(point.root)) if point.task.search.root == "free" else point.root
     return replace(point, root=root, u=u.reshape(point.u.shape))

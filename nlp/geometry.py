@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
@@ -21,6 +21,10 @@ from topo_search.model.hulls import Hull
 
 PORTS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """e_a of the ports 0..3."""
+QUARTER_TURNS = np.array(
+    [[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]] for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
+)
+"""Rz(kappa pi/2) for kappa = 0..3."""
 
 
 def rotation(axis: ArrayLike, angle: float) -> Array:
@@ -48,14 +52,27 @@ def root_angles(R: Array) -> Array:
 
 def poses(topology: Topology, R_root: Array, alpha: Array, l_c: float) -> tuple[Array, Array]:
     """Return R and p of all modules for hinge angles alpha of the modules 1..n-1 [rad]."""
-    R, p = np.empty((topology.n, 3, 3)), np.zeros((topology.n, 3))
+    n, edges = topology.n, list(topology.edges())
+    ports = np.array([a for _, _, a, _ in edges], dtype=int)
+    hinges = _hinge_rotations(ports, np.asarray(alpha, dtype=float))
+    turned = hinges @ QUARTER_TURNS[np.array(topology.kappas[1:], dtype=int)]
+    arms = l_c * (PORTS[ports] + np.einsum("iab,ib->ia", hinges, PORTS[ports]))
+    R, p = np.empty((n, 3, 3)), np.zeros((n, 3))
     R[0] = R_root
-    for (h, i, a, _), kappa in zip(topology.edges(), topology.kappas[1:], strict=True):
-        hinge_axis = [0, 1, 0] if a % 2 == 0 else [1, 0, 0]
-        R_hinge = R[h] @ rotation(hinge_axis, alpha[i - 1])
-        p[i] = p[h] + l_c * (R[h] + R_hinge) @ PORTS[a]
-        R[i] = R_hinge @ rotation([0, 0, 1], kappa * np.pi / 2)
+    for (h, i, _, _), turn, arm in zip(edges, turned, arms, strict=True):
+        p[i] = p[h] + R[h] @ arm
+        R[i] = R[h] @ turn
     return R, p
+
+
+def _hinge_rotations(ports: NDArray[np.intp], alpha: Array) -> Array:
+    """Return the rotations about the hinges in their parents' frames: about y on the ports +-x, else about x."""
+    cosine, sine, about_y = np.cos(alpha), np.sin(alpha), ports % 2 == 0
+    R = np.zeros((len(alpha), 3, 3))
+    R[:, 0, 0], R[:, 1, 1], R[:, 2, 2] = np.where(about_y, cosine, 1.0), np.where(about_y, 1.0, cosine), cosine
+    R[:, 0, 2], R[:, 2, 0] = np.where(about_y, (sine, -sine), 0.0)
+    R[:, 2, 1], R[:, 1, 2] = np.where(about_y, 0.0, (sine, -sine))
+    return R
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ def test_values_and_derivatives_are_those_of_the_page(name):
 @pytest.mark.parametrize("name", ["push", "60 degree cone", "two paths", "paper root", "no body clearance"])
 def test_both_programs_reach_the_same_point(name, monkeypatch):
     """With every pair, one round without move limits and the same options, Ipopt takes the same steps on both."""
-    for name_, value in {"NEAR": np.inf, "MOVE_LIMIT": np.inf, "ROUNDS": 1, "STAY": {}}.items():
+    for name_, value in {"NEAR": np.inf, "BOLD_LIMIT": np.inf, "ROUNDS": 1, "STAY": {}}.items():
         monkeypatch.setattr(f"nlp.assembled.program.{name_}", value)
     topology = Topology.from_key("a11210")
     task = push(5, **FEATURES[name])

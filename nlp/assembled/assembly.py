@@ -91,22 +91,20 @@ class Assembly:
             columns = np.concatenate([columns, placed.columns])
             self.rows += placed.m
         self._by_geometry = np.lexsort((rows, columns))
-        rows, columns = rows[self._by_geometry], columns[self._by_geometry]
-        inputs = g + np.arange(4 * n * K)
-        balance = 6 * np.repeat(np.arange(K), 4 * n)[:, None] + np.arange(6)
-        rows, columns = np.concatenate([rows, balance.ravel()]), np.concatenate([columns, np.repeat(inputs, 6)])
-        self.jacobian_pattern = _pattern(self.rows, self.size, rows, columns)
+        by_geometry = _pattern(self.rows, g, rows[self._by_geometry], columns[self._by_geometry])
+        balances_by_inputs = ca.diagcat(*[ca.Sparsity.dense(6, 4 * n)] * K)
+        clearances_by_inputs = ca.Sparsity(self.rows - 6 * K, 4 * n * K)
+        self.jacobian_pattern = ca.horzcat(by_geometry, ca.vertcat(balances_by_inputs, clearances_by_inputs))
 
         moving = self._chain.moves.T.astype(bool)
         self._starts = np.concatenate([[0], np.cumsum(moving.sum(axis=1))])
         self._angles = np.nonzero(moving)[1]
-        by_angles = np.tile(np.repeat(moving, 4, axis=0), (K, 1))  # [input, angle]
-        diagonal = np.ones((len(inputs), 1), dtype=bool)
-        column, row = np.nonzero(np.concatenate([by_angles, diagonal], axis=1))
-        row = np.where(row == n + 2, g + column, row)
+        rotor, angle = np.nonzero(np.repeat(moving, 4, axis=0))
+        mixed = ca.horzcat(*[_pattern(g, 4 * n, angle, rotor)] * K)
+        inputs = ca.Sparsity.diag(4 * n * K)
+        geometry = ca.vertcat(ca.Sparsity.upper(g), ca.Sparsity(4 * n * K, g))
+        self.hessian_pattern = ca.horzcat(geometry, ca.vertcat(mixed, inputs))
         self._columns, self._rows = np.tril_indices(g)  # of the upper triangle, column by column
-        rows, columns = np.concatenate([self._rows, row]), np.concatenate([self._columns, g + column])
-        self.hessian_pattern = _pattern(self.size, self.size, rows, columns)
 
     def _at(self, variables: Array) -> tuple[Platform, Array]:
         """Return the platform and the inputs; the platform is kept until the geometry changes."""

@@ -22,7 +22,7 @@ import math
 import numpy as np
 from numba import njit
 
-from nlp.geometry import PORTS, rotation
+from nlp.geometry import PORTS, QUARTER_TURNS
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
 
@@ -45,7 +45,7 @@ class Chain:
         self.parents = np.array(topology.parents)
         """Of the modules, shape (n,)."""
         self._ports = np.array([0, *(a for _, _, a, _ in topology.edges())])
-        self._turns = np.array([rotation([0, 0, 1], kappa * np.pi / 2).round() for kappa in topology.kappas])
+        self._turns = QUARTER_TURNS[np.array(topology.kappas)]
 
     def at(self, theta: Array) -> Links:
         """Return the poses at some angles."""

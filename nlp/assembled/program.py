@@ -24,6 +24,11 @@ Options = dict[str, int | float | str]
 
 MOVE_LIMIT = 0.5
 """Most that a hinge turns in the first round [rad]."""
+BOLD_LIMIT, BOLD_UP_TO = 1.0, 15
+"""That of a round before it, on platforms of up to so many modules, which is taken back unless it ends in a design.
+
+With 10 and 15 modules as many starts then end in designs, in a tenth less time; with 20 no time is won.
+"""
 GROWTH = 2.0
 """Of the move limit after a round that ended in a design; its inverse twice over after one that lost it."""
 LEAST_MOVE_LIMIT = 0.04
@@ -58,10 +63,12 @@ class AssembledProgram:
         Ipopt's steps are long, and on a large platform a hinge's small turn sweeps an envelope through others, to
         where no step leads back from. So a round turns no hinge by more than a limit, and the next one goes on
         from its end with the pairs that are near then. As in a trust region, the limit grows as long as rounds end
-        in designs, and a round that loses the design is taken back and repeated with a smaller one. Pairs that are
-        not in the last round are judged with all others when the answer is.
+        in designs, and a round that loses the design is taken back and repeated with a smaller one. So is a bold
+        first one that finds none. Pairs that are not in the last round are judged with all others when the answer
+        is.
         """
-        point, merit, limit, iterations, patience = start, _merit(start), MOVE_LIMIT, 0, 1
+        limit = BOLD_LIMIT if self._topology.n <= BOLD_UP_TO else MOVE_LIMIT
+        point, merit, iterations, patience = start, _merit(start), 0, 1
         status = "no round ended"
         for _ in range(ROUNDS):
             answer = self._round(point, limit, warm=merit.met)
@@ -69,8 +76,8 @@ class AssembledProgram:
             if not np.all(np.isfinite(answer.point.pack())):  # an evaluation failed; what was reached before stands
                 break
             reached = _merit(answer.point)
-            if merit.met and not reached.met:
-                limit /= GROWTH**2
+            if not reached.met and (merit.met or limit > MOVE_LIMIT):
+                limit = limit / GROWTH**2 if merit.met else MOVE_LIMIT
                 if limit < LEAST_MOVE_LIMIT:
                     break
                 continue
