@@ -270,6 +270,21 @@ def test_a_folder_of_another_run_is_refused(tmp_path, change, message):
     assert toy_run(tmp_path / "run").exit_status == 0
 
 
+@pytest.mark.parametrize(
+    ("asked", "rule"),
+    [
+        ({"starts": 0}, "`starts >= 1` must hold, but got 0"),
+        ({"strategy": "optuna", "trials": 0}, "`trials >= 1` must hold, but got 0"),
+        ({"strategy": "Optuna"}, "strategy must be one of exhaustive, optuna, but got 'Optuna'"),
+        ({"sampler": "cmaes"}, "sampler must be one of moves, tpe, nsga2, random, but got 'cmaes'"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_before_a_folder_is_made(tmp_path, asked, rule):
+    with pytest.raises(ValueError, match=f"^{rule}$"):
+        toy_run(tmp_path / "run", **asked)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_folder_of_something_else_is_refused_untouched(tmp_path):
     (tmp_path / "task.toml").write_text("mine")
     with pytest.raises(BadInput, match=r"has a task\.toml but no ledger\.sqlite"):

@@ -98,6 +98,7 @@ def search(
 
     Raises:
         BadInput: the task, the folder or the address cannot be used, or there are too many candidates to solve all.
+        ValueError: no starts or trials, or a strategy or sampler that there is not.
         WorkersLost: workers do not start, or the Dask scheduler does not answer, or is gone; results are kept.
     """
     request = Request(

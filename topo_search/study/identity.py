@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import metadata
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from topo_search.engine import Space
 from topo_search.model import ResolvedTask, Task
@@ -89,6 +89,18 @@ class Request:
     """The level of the goals that `task` holds, if this is one of those of a run with goals."""
     neighbour: Request | None = None
     """The level before, whose designs are carried over."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be asked; ValueError names it."""
+        for name, number in (("starts", self.starts), ("trials", self.trials)):
+            if number is not None and number < 1:
+                raise ValueError(f"`{name} >= 1` must hold, but got {number}")
+        for name, value, known in (
+            ("strategy", self.strategy, get_args(StrategyName)),
+            ("sampler", self.sampler, get_args(Sampler)),
+        ):
+            if value not in known:
+                raise ValueError(f"{name} must be one of {', '.join(known)}, but got {value!r}")
 
     @cached_property
     def identity(self) -> dict[str, Any]:
