@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from topo_search.engine.proposals.descriptors import descriptors
-from topo_search.engine.proposals.forecast import Forecast
+from topo_search.engine.proposals.forecast import MOST, Forecast
 from topo_search.model import Topology
 from topo_search.topologies import Connectors, candidate_of, sample
 
@@ -22,27 +22,39 @@ def test_trees_that_are_one_candidate_are_described_alike(n: int, seed: int, con
 @pytest.mark.parametrize(
     ("key", "expected"),
     [
-        ("a0", [0, 0, 0, 0, 0, 0, 0, 1]),
-        ("a10", [0, 0.25, 0, 0, 2, 0, 0, 2]),
-        ("p18", [0, 0.25, 0, 0, 2, 0, 0, 0]),  # spins cancel
-        ("af0000", [0.4, 0.4, 0, 0, 4, 0, 1, 5]),
-        ("a3400", [0.25, 0.25, 0, 1, 2, 2, 0, 4]),  # a square without its last joint
+        ("a0", [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0]),
+        ("a10", [0, 0.25, 0, 0, 2, 0, 0, 2, 1 / 2, 0, 0, 0]),
+        ("p18", [0, 0.25, 0, 0, 2, 0, 0, 0, 1 / 2, 0, 0, 0]),  # spins cancel
+        ("af0000", [0.4, 0.4, 0, 0, 4, 0, 1, 5, 16 / 5, 0, 0, 0]),
+        ("a3400", [0.25, 0.25, 0, 1, 2, 2, 0, 4, 10 / 4, 0, 0, 0]),  # a square without its last joint
+        ("a300", [1 / 9, 1 / 3, 0, 0, 2, 1, 0, 3, 4 / 3, 3, 0, 2**0.5 / 27]),  # a corner
+        ("a5100", [1 / 8, 3 / 4, 0, 0, 2, 2, 0, 4, 10 / 4, 4, 2, 0.625**0.5 / 4]),  # three in a row, and one aside
     ],
 )
 def test_descriptors_of_trees_that_can_be_looked_at(key: str, expected: list[float]) -> None:
     assert descriptors(Topology.from_key(key)) == pytest.approx(expected)
 
 
-def test_a_linear_ranking_is_forecast_and_the_unknown_is_given_a_chance() -> None:
+@pytest.mark.parametrize("bend", [0.0, 3.0])
+def test_a_ranking_is_forecast_and_the_unknown_is_given_a_chance(bend: float) -> None:
+    """A trend, and what no trend tells: the best have their first number in the middle."""
     rng = np.random.default_rng(0)
     described = rng.normal(size=(400, 3)) * [1.0, 100.0, 0.0] + [0.0, 5.0, 7.0]
-    value = described[:, 0] - described[:, 1] / 50
-    places = np.argsort(np.argsort(value[:300]))
-    hopes = Forecast(described[:300], places.tolist()).hopes(described[300:])
-    assert np.corrcoef(hopes, value[300:])[0, 1] > 0.99
-    usual = described[:300].mean(axis=0)
-    known, strange = Forecast(described[:300], places.tolist()).hopes(np.array([usual, [*usual[:2], 1000.0]]))
+    value = described[:, 0] - described[:, 1] / 50 + bend * described[:, 0] ** 2
+    solved = described[:300][np.argsort(value[:300])]
+    forecast = Forecast(solved, range(300))
+    ranks = np.argsort(np.argsort(forecast.hopes(described[300:]))), np.argsort(np.argsort(value[300:]))
+    assert np.corrcoef(*ranks)[0, 1] > 0.95
+    usual = solved.mean(axis=0)
+    known, strange = forecast.hopes(np.array([usual, [*usual[:2], 1000.0]]))
     assert strange < known - 100
+
+
+def test_of_very_many_solved_trees_some_of_all_places_are_looked_at() -> None:
+    rng = np.random.default_rng(1)
+    described = np.sort(rng.normal(size=(2 * MOST + 1, 1)), axis=0)
+    hopes = Forecast(described, range(len(described))).hopes(np.array([[-2.0], [0.0], [2.0]]))
+    assert hopes[0] < hopes[1] - 0.5 < hopes[2] - 1.0
 
 
 def test_one_solved_tree_is_enough() -> None:

@@ -22,10 +22,13 @@ DIRECTIONS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 
 
 def descriptors(topology: Topology) -> NDArray[np.float64]:
-    """Return the numbers that describe a tree, shape (8,).
+    """Return the numbers that describe a tree, shape (12,).
 
     They are both eigenvalues of M; the numbers of modules in a cell that another one has, of pairs in cells side by
-    side that are not bolted together, of modules with one, two and more joints; and the sum of the spins, unsigned.
+    side that are not bolted together, of modules with one, two and more joints; the sum of the spins, unsigned; the
+    joints between two modules, summed over all pairs, a module; how many modules have no counterpart under a half
+    turn about the mean of the centres, and in the best of the mirrors along rows, columns and diagonals; and
+    |sum c |c|^2| / n, by which one side reaches farther from that mean.
     """
     n = topology.n
     cells = np.zeros((n, 2), dtype=int)
@@ -41,4 +44,30 @@ def descriptors(topology: Topology) -> NDArray[np.float64]:
     beside = np.count_nonzero(np.triu(apart == 1)) - (n - 1)
     stacked = n - len(np.unique(cells, axis=0))
     joints = (np.count_nonzero(z == 1), np.count_nonzero(z == 2), np.count_nonzero(z > 2))
-    return np.array([*np.linalg.eigvalsh(c.T @ c / n), stacked, beside, *joints, abs(s.sum())], dtype=float)
+    return np.array(
+        [
+            *np.linalg.eigvalsh(c.T @ c / n),
+            *(stacked, beside, *joints, abs(s.sum())),
+            _path_lengths(topology) / n,
+            *_lopsided(n * cells - cells.sum(axis=0)),
+            np.linalg.norm((c * np.sum(c * c, axis=1, keepdims=True)).mean(axis=0)),
+        ],
+        dtype=float,
+    )
+
+
+def _path_lengths(topology: Topology) -> int:
+    """Return the Wiener index: every joint lies on the paths between the modules on its two sides."""
+    beyond = [1] * topology.n
+    for h, i, _, _ in reversed(list(topology.edges())):
+        beyond[h] += beyond[i]
+    return sum(size * (topology.n - size) for size in beyond[1:])
+
+
+def _lopsided(places: NDArray[np.int_]) -> tuple[int, int]:
+    """Return how many places, shape (n, 2), have no counterpart under a half turn, and in a mirror, at least."""
+    x, y = places.T
+    filled = set(zip(x.tolist(), y.tolist(), strict=True))
+    images = ((-x, -y), (x, -y), (-x, y), (y, x), (-y, -x))
+    turn, *mirrors = (sum(at not in filled for at in zip(u.tolist(), v.tolist(), strict=True)) for u, v in images)
+    return turn, min(mirrors)

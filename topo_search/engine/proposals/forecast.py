@@ -1,23 +1,37 @@
-"""A guess of how an unsolved tree will stand among those that are: linear regression on its descriptors.
+"""A guess of how an unsolved tree will stand among those that are: Gaussian process regression on its descriptors.
 
 | symbol | meaning | shape |
 |---|---|---|
-| X | descriptors of the m solved trees, columns of mean 0 and deviation 1 after one of ones | (m, 1 + d) |
-| y | places of the solved trees in their ranking, with mean 0 and deviation 1 | (m,) |
-| w | weights; before anything is solved independent, with mean 0, variance 1 (the first) and 1/d | (1 + d,) |
+| X | descriptors of the m solved trees, columns of mean 0 and deviation 1 | (m, d) |
+| y | places of the solved trees in their ranking, as normal scores of mean 0 and deviation 1 | (m,) |
+| k(x, x') | covariance before anything is solved: exp(-|x - x'|^2 / 2 d) + LINEAR (1 + x.x' / d) | |
+| K | k(X, X) + NOISE I | (m, m) |
 
-With noise of variance 1 in y the weights have mean A^-1 X^T y and covariance A^-1, A = X^T X + diag(1, d, ..., d)
-(Bayesian linear regression). Places instead of objectives need no unit, and no value for a tree without a design.
+A tree x is expected at k(x, X) K^-1 y with variance k(x, x) - k(x, X) K^-1 k(X, x) [1]. The first part of k speaks
+of trees that look alike, the second of trends. Places instead of objectives need no unit, and no value for a tree
+without a design.
+
+[1] C. E. Rasmussen, C. K. I. Williams, "Gaussian processes for machine learning", MIT Press (2006), eq. 2.23-2.24.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import ndtri
 
 Array = NDArray[np.float64]
+
+LINEAR = 0.1
+"""Variance of the trends."""
+NOISE = 0.3
+"""Variance of what few starts say."""
+MOST = 1000
+"""Of more solved trees every second, third, ... in their ranking is looked at."""
 
 
 class Forecast:
@@ -27,14 +41,16 @@ class Forecast:
         """Fit.
 
         Args:
-            described: descriptors of the solved trees, shape (m, d).
+            described: descriptors of the solved trees in the order of their ranking, shape (m, d).
             places: their places in the ranking, equal ones for trees that stand alike.
         """
+        step = math.ceil(len(described) / MOST)
+        described, place = described[::step], np.asarray(places[::step], dtype=float)
         self._mean, self._scale = described.mean(axis=0), _deviation(described)
-        X, y = self._columns(described), np.asarray(places, dtype=float)
-        d = described.shape[1]
-        self._covariance = np.linalg.inv(X.T @ X + np.diag([1.0, *[float(d)] * d]))
-        self._weights = self._covariance @ X.T @ ((y - y.mean()) / _deviation(y))
+        self._X = self._columns(described)
+        y = ndtri((place + 0.5) / (place.max() + 1.0))
+        self._K = cho_factor(_covariance(self._X, self._X) + NOISE * np.eye(len(self._X)))
+        self._weights = cho_solve(self._K, (y - y.mean()) / _deviation(y))
 
     def hopes(self, described: Array) -> Array:
         """Return where trees may stand if they do better than expected by a standard deviation, shape (k,).
@@ -43,12 +59,20 @@ class Forecast:
             described: descriptors of the trees, shape (k, d).
         """
         X = self._columns(described)
-        deviation: Array = np.sqrt(np.einsum("ki,ij,kj->k", X, self._covariance, X))
-        expected: Array = X @ self._weights
-        return expected - deviation
+        known = _covariance(X, self._X)
+        before = 1.0 + LINEAR * (1.0 + np.mean(X * X, axis=1))
+        variance = before - np.sum(known * cho_solve(self._K, known.T).T, axis=1)
+        return np.asarray(known @ self._weights - np.sqrt(np.maximum(variance, 0.0)))
 
     def _columns(self, described: Array) -> Array:
-        return np.column_stack([np.ones(len(described)), (described - self._mean) / self._scale])
+        return np.asarray((described - self._mean) / self._scale)
+
+
+def _covariance(X: Array, Y: Array) -> Array:
+    """Return k of all pairs of rows, shape (rows of X, rows of Y)."""
+    d = X.shape[1]
+    apart = np.sum((X[:, None] - Y[None]) ** 2, axis=-1)
+    return np.asarray(np.exp(-apart / (2 * d)) + LINEAR * (1.0 + X @ Y.T / d))
 
 
 def _deviation(values: Array) -> Array:

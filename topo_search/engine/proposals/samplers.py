@@ -24,7 +24,9 @@ FRESH = 8
 PARENTS = 8
 """The best of a population have children; the others are replaced."""
 CHILDREN = 32
-"""Trees of which the most promising is proposed."""
+"""Trees made by moves of which, with the strangers, the most promising is proposed."""
+STRANGERS = 8
+"""Trees drawn uniformly beside them: the best tree need not look like others that are good."""
 STALE = 160
 """A population is given up when so many trials after its best are no better."""
 
@@ -44,7 +46,7 @@ class Uniform(TreeSampler):
 class Moves(TreeSampler):
     """Makes trees from the best of a population by single moves, and begins anew when that leads nowhere.
 
-    Of several such trees it proposes the one that promises most by what was solved so far.
+    Of several such trees and some drawn uniformly it proposes the one that promises most by what was solved so far.
     """
 
     def __init__(self, space: Space, seed: int) -> None:
@@ -66,10 +68,13 @@ class Moves(TreeSampler):
         while True:
             chosen = [best[min(self.random.choices(range(len(best)), k=2))] for _ in range(CHILDREN)]
             parents: list[str] = [parent.user_attrs[KEY] for parent in chosen]
-            children = [neighbour(Topology.from_key(key), self.random, self.connectors) for key in parents]
-            hopes = forecast.hopes(np.array([descriptors(child) for child in children]))
+            trees: list[Child] = [
+                *((neighbour(Topology.from_key(key), self.random, self.connectors), key) for key in parents),
+                *((self.uniform(), None) for _ in range(STRANGERS)),
+            ]
+            hopes = forecast.hopes(np.array([descriptors(tree) for tree, _ in trees]))
             for place in np.argsort(hopes, kind="stable"):
-                yield children[place], parents[place]
+                yield trees[place]
 
     def _forecast(self, solved: Sequence[FrozenTrial]) -> Forecast:
         """Return what is to be expected of other trees, from trials in the order of their standing."""
