@@ -177,6 +177,12 @@ def test_under_a_time_limit_every_candidate_gets_one_start_first(tmp_path, log, 
     assert {int(row["starts"]) for row in table(tmp_path / "run")} == {1, 2}
 
 
+def test_sizes_share_the_time(tmp_path, clock):
+    sizes = toy_run(tmp_path / "run", modules=(2, 4), starts=200, time_limit=120.0).sizes
+    assert [size.settled for size in sizes] == [size.candidates for size in sizes]
+    assert not any(size.complete for size in sizes)
+
+
 def test_a_time_limit_that_does_not_come_changes_nothing(tmp_path):
     toy_run(tmp_path / "timed", starts=9, time_limit=1e6)
     toy_run(tmp_path / "whole", starts=9)

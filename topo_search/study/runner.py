@@ -84,8 +84,9 @@ def _share(until: float, parts: int) -> float:
 def _search_level(folder: RunFolder, verbs: Verbs, engine: Engine, observer: Observer, until: float) -> None:
     """Search all sizes of a task without goals."""
     folder.path.mkdir(parents=True, exist_ok=True)
-    for n in folder.request.task.sizes:
-        _search_size(folder, n, verbs, engine, observer, until)
+    sizes = folder.request.task.sizes
+    for number, n in enumerate(sizes):
+        _search_size(folder, n, verbs, engine, observer, _share(until, len(sizes) - number))
 
 
 def _write(folder: RunFolder) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 from topo_search.engine import may_beat
@@ -15,7 +16,8 @@ def statement(best: Row, settled: int, candidates: int) -> str:
     found = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
     if best.gap is None or best.objective is None or best.lower_bound is None:
         return found
-    limit = f"more than {100 * best.gap:.2f} % " if may_beat(best.objective, best.lower_bound) else ""
+    at_most = math.ceil(1e4 * best.gap) / 100  # rounded up: less would not be proven
+    limit = f"more than {at_most:.2f} % " if may_beat(best.objective, best.lower_bound) else ""
     return f"{found}; no topology of as many modules can be {limit}better, which is proven"
 
 
