@@ -4,6 +4,7 @@ import importlib
 import os
 import signal
 import threading
+from collections import Counter
 
 import pytest
 from dask_cluster import Cluster, free_port
@@ -28,6 +29,16 @@ def test_killing_a_dask_worker_loses_nothing_and_leaves_no_child(cluster, tmp_pa
         assert len(rest) == 11
         assert not any(isinstance(result, Failed) for result in rest)
         eventually(lambda: gone(child))
+
+
+def test_quick_jobs_do_not_make_one_worker_take_all_the_slow_ones(cluster, tmp_path):
+    jobs = [*[(tmp_path, 0.0)] * 20, *[(tmp_path, 0.2)] * 24]
+    with DaskWorkers(cluster.address, {}) as workers:
+        results = workers.run(report_pid, jobs, deadline=lambda _: LONG)
+        shares = Counter(child for (_, seconds), child in results if seconds)
+    assert shares.total() == 24
+    assert len(shares) == 2
+    assert min(shares.values()) >= 8
 
 
 def test_a_worker_that_joins_late_is_waited_for(tmp_path):

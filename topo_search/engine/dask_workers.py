@@ -6,13 +6,14 @@ import math
 import pickle
 import re
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import islice
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from topo_search.engine.dask_guard import Batch, Ended, find_fault, run_guarded
+from topo_search.engine.dask_guard import BATCH, Batch, Ended, find_fault, run_guarded
 from topo_search.engine.engine import Engine, J, R, WorkersLost
 from topo_search.engine.verbs import Failed
 from topo_search.model import BadInput, Fault
@@ -24,8 +25,6 @@ CONNECT = 60.0
 """How long the scheduler may take to answer: it may only just be starting [s]."""
 LOOK = 1.0
 """How often it is asked for its workers [s]."""
-BATCH = 0.5
-"""How long a batch of jobs should take [s]: a hundred times what it costs to send one (5 ms)."""
 LARGEST_BATCH = 50
 """Jobs of a batch at most: they come back together."""
 
@@ -92,25 +91,38 @@ class DaskWorkers(Engine):
     def _batches(
         self, function: Callable[[J], R], jobs: Iterable[J], deadline: Callable[[J], float], until: float
     ) -> Iterator[tuple[list[J], Ended | Failed]]:
-        """Yield batches with what came back; Failed if the Dask workers that ran one ended again and again."""
+        """Yield batches with what came back; Failed if the Dask workers that ran one ended again and again.
+
+        Jobs that a batch had no time to begin are sent again, before any others.
+        """
         source = iter(jobs)
-        batch = list(islice(source, 1))
+        returned: deque[J] = deque()
         running: dict[Future[Ended], list[J]] = {}
         size = 1
+
+        def draw() -> list[J]:
+            """Take as many jobs as a batch should have."""
+            batch = [returned.popleft() for _ in range(min(size, len(returned)))]
+            return batch + list(islice(source, size - len(batch)))
+
+        batch = draw()
         try:
             while (batch or running) and time.monotonic() < until:
                 self._look()
                 while batch and len(running) < 2 * self._threads:
                     running[self._send(function, batch, deadline, until)] = batch
-                    batch = list(islice(source, size))
+                    batch = draw()
                 pause = min(LOOK, max(0.0, until - time.monotonic()))
                 if not running:
                     time.sleep(pause)  # for a first Dask worker
                 for future in wait(running, pause, FIRST_COMPLETED).done:
-                    ended = self._ended(future)
+                    sent, ended = running.pop(future), self._ended(future)
                     if isinstance(ended, Ended) and ended.results:
                         size = min(max(1, int(BATCH * len(ended.results) / ended.seconds)), LARGEST_BATCH)
-                    yield running.pop(future), ended
+                        places = {place for place, _ in ended.results}
+                        returned.extend(job for place, job in enumerate(sent) if place not in places)
+                    yield sent, ended
+                batch = batch or draw()
         finally:
             if self._client is not None and self._client.status == "running":
                 for future in running:
