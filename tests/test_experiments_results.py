@@ -57,3 +57,13 @@ def test_the_front_page_says_what_the_ablation_shows():
         f"all {len(rows)} platforms of {rows['n'].min()} to {rows['n'].max()} modules blow into themselves" in words
     )
     assert f"is {rows['deepest_percent'].median():.0f} % of the deepest possible in the median" in words
+
+
+def test_the_front_page_says_how_many_problems_of_the_scaling_study_have_a_design():
+    rows = results(FOLDER / "scaling.csv")
+    words = " ".join((FOLDER.parents[1] / "README.md").read_text(encoding="utf-8").split())
+    solved, clear = (rows["status"] == "feasible").sum(), (rows["verdict"] == "clear").sum()
+    assert (
+        f"{solved} of {len(rows)} problems with {rows['n'].min()} to {rows['n'].max()} modules have a design, "
+        f"{clear} of them with a clear audit" in words
+    )
