@@ -10,9 +10,12 @@ from topo_search.engine.strategy import Scored
 FEW = 2
 """Starts of a new candidate."""
 SHARE = 4
-"""Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all."""
+"""Starts are doubled while a candidate is the best, or among the best 1/4, 1/16, ... of all."""
 CERTAIN = 5
-"""So many of the best are given all starts, whatever their share."""
+"""So many of the best are given all starts in the end, whatever their share."""
+
+NOT_PROMISING = 2
+"""First number of the standing of candidates that are given no more starts."""
 
 Standing = tuple[int, float]
 """Orders candidates: those with a design by objective, then those without by violation, then all others."""
@@ -24,7 +27,7 @@ def standing(score: Scored) -> Standing:
         return 0, score.objective
     if score.status == "infeasible" and score.violation is not None:
         return 1, score.violation
-    return 2, 0.0
+    return NOT_PROMISING, 0.0
 
 
 def steps(starts: int) -> Iterator[int]:
@@ -45,4 +48,4 @@ def goes_on(score: Scored, others: Sequence[Standing], step: int) -> bool:
         step: 1 after the first step.
     """
     own = standing(score)
-    return own[0] < 2 and bisect_left(others, own) < max(CERTAIN, len(others) // SHARE**step)
+    return own[0] < NOT_PROMISING and bisect_left(others, own) < max(1, len(others) // SHARE**step)

@@ -1,6 +1,7 @@
 """An Optuna study as a strategy: rounds of new candidates from a few starts, then more starts for the best of them.
 
-The study is in memory and made again with the strategy; its journal is a copy for optuna-dashboard.
+When all rounds are over the best of all are given what is left of their starts. The study is in memory and made
+again with the strategy; its journal is a copy for optuna-dashboard, with what the proposals were made from.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
 from topo_search.engine.proposals.encoding import decoded
-from topo_search.engine.proposals.promotion import Standing, goes_on, standing, steps
+from topo_search.engine.proposals.promotion import CERTAIN, NOT_PROMISING, Standing, goes_on, standing, steps
 from topo_search.engine.proposals.samplers import sampler_of
 from topo_search.engine.proposals.tree_sampler import KEY, TreeSampler
 from topo_search.engine.space import Space
@@ -39,6 +40,14 @@ class _Fresh:
     """Key of the candidate that it was made from, if it was made from one."""
 
 
+@dataclass(frozen=True)
+class _Known:
+    """A candidate of a round before."""
+
+    candidate: Candidate
+    standing: Standing
+
+
 def optuna_study(
     space: Space, *, sampler: str, trials: int, starts: int, seed: int, journal: Path | None = None
 ) -> Strategy:
@@ -58,7 +67,7 @@ def optuna_study(
     proposer = sampler_of(sampler, space, seed)
     study = _new_study(sampler=proposer)
     shown = None if journal is None else _new_journal(journal)
-    known: list[Standing] = []
+    known: list[_Known] = []
     left = min(trials, space.count())
     while left:
         fresh = [_asked(study, proposer) for _ in range(min(ROUND, left))]
@@ -67,15 +76,17 @@ def optuna_study(
         for step, stop in enumerate(steps(starts), start=1):
             found = yield [Proposal(one.candidate, stop, one.near) for one in going_on]
             scores |= {score.key: score for score in found}
-            ranking = sorted([*known, *map(standing, scores.values())])
+            ranking = sorted([*(one.standing for one in known), *map(standing, scores.values())])
             going_on = [one for one in going_on if goes_on(scores[one.candidate.key], ranking, step)]
             if not going_on:
                 break
         told = [_tell(study, one.trial, scores[one.candidate.key]) for one in fresh]
-        known += map(standing, scores.values())
+        known += [_Known(one.candidate, standing(scores[one.candidate.key])) for one in fresh]
         left -= len(fresh)
         if shown is not None:
             shown.add_trials(told)
+    best = sorted(known, key=lambda one: (one.standing, one.candidate.key))[:CERTAIN]
+    yield [Proposal(one.candidate, starts) for one in best if one.standing[0] < NOT_PROMISING]
 
 
 def _asked(study: optuna.Study, proposer: TreeSampler) -> _Fresh:
