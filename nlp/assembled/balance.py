@@ -23,6 +23,7 @@ import numpy as np
 from numba import njit
 
 from nlp.assembled.carried import Indices
+from nlp.assembled.vectors import add_cross, dot
 from topo_search.model.arrays import Array
 
 
@@ -35,7 +36,7 @@ def rotors(R: Array, p: Array, torque_map: Array) -> Array:
         z = R[i, :, 2]
         for q in range(4):
             A[i, q, :3] = z / (4 * n)
-            _add_cross(p[i], A[i, q, :3], 1.0, A[i, q, 3:])
+            add_cross(p[i], A[i, q, :3], 1.0, A[i, q, 3:])
             for row in range(3):
                 for column in range(3):
                     A[i, q, 3 + row] += R[i, row, column] * torque_map[column, q] / n
@@ -54,8 +55,8 @@ def balances(A: Array, u: Array, p_E: Array, p_COM: Array, f_E: Array, f_C: Arra
                     residual[axis] += u[k, i, q] * A[i, q, axis]
         residual[:3] -= f_E[k] + f_C[k]
         residual[3:] -= tau[k]
-        _add_cross(p_E, f_E[k], -1.0, residual[3:])
-        _add_cross(p_COM, f_C[k], -1.0, residual[3:])
+        add_cross(p_E, f_E[k], -1.0, residual[3:])
+        add_cross(p_COM, f_C[k], -1.0, residual[3:])
     return residuals
 
 
@@ -100,11 +101,11 @@ def slopes(
             slope[:] = 0.0
             if j < n + 2:
                 a = outward[max(0, j - 2), k]
-                _add_cross(omega[j], a[:3], 1.0, slope[:3])
-                _add_cross(v[j], a[:3], 1.0, slope[3:])
-                _add_cross(omega[j], a[3:], 1.0, slope[3:])
-            _add_cross(f_E[k], dp_E[j], 1.0, slope[3:])
-            _add_cross(f_C[k], dp_COM[j], 1.0, slope[3:])
+                add_cross(omega[j], a[:3], 1.0, slope[:3])
+                add_cross(v[j], a[:3], 1.0, slope[3:])
+                add_cross(omega[j], a[3:], 1.0, slope[3:])
+            add_cross(f_E[k], dp_E[j], 1.0, slope[3:])
+            add_cross(f_C[k], dp_COM[j], 1.0, slope[3:])
             result[k, :, j] = slope
     return result
 
@@ -114,7 +115,7 @@ def by_point(mu: Array, f: Array) -> Array:
     """Return the gradient of mu . balances by the point where the asked forces f, shape (K, 3), act."""
     gradient = np.zeros(3)
     for k in range(len(mu)):
-        _add_cross(mu[k, 3:], f[k], 1.0, gradient)
+        add_cross(mu[k, 3:], f[k], 1.0, gradient)
     return gradient
 
 
@@ -177,9 +178,9 @@ def add_bends(
         moved[:] = 0.0
         turned[:] = 0.0
         for column in range(3):
-            _add_cross(omega[k], N[i, :, column], 1.0, turned[:, column])
-            _add_cross(omega[k], T[i, :, column], 1.0, moved[:, column])
-            _add_cross(v[k], N[i, :, column], 1.0, moved[:, column])
+            add_cross(omega[k], N[i, :, column], 1.0, turned[:, column])
+            add_cross(omega[k], T[i, :, column], 1.0, moved[:, column])
+            add_cross(v[k], N[i, :, column], 1.0, moved[:, column])
             for row in range(3):
                 moved[row, column] += v[k, row] * g[i, column]
         for a in range(3):
@@ -187,10 +188,10 @@ def add_bends(
             by_omega[a] = moved[b, c] - moved[c, b]
             by_v[a] = turned[b, c] - turned[c, b]
         while i > 0:
-            H[i + 2, k] += _dot(omega[i + 2], by_omega) + _dot(v[i + 2], by_v)
+            H[i + 2, k] += dot(omega[i + 2], by_omega) + dot(v[i + 2], by_v)
             i = parents[i]
         for j in range(min(k + 1, 3)):
-            H[j, k] += _dot(omega[j], by_omega) + _dot(v[j], by_v)
+            H[j, k] += dot(omega[j], by_omega) + dot(v[j], by_v)
 
 
 @njit(cache=True)
@@ -215,9 +216,9 @@ def by_inputs(
     for k in range(K):
         work[:] = 0.0
         for j in range(n + 2):
-            _add_cross(mu[k, :3], omega[j], 1.0, work[j, :3])
-            _add_cross(mu[k, 3:], v[j], 1.0, work[j, :3])
-            _add_cross(mu[k, 3:], omega[j], 1.0, work[j, 3:])
+            add_cross(mu[k, :3], omega[j], 1.0, work[j, :3])
+            add_cross(mu[k, 3:], v[j], 1.0, work[j, :3])
+            add_cross(mu[k, 3:], omega[j], 1.0, work[j, 3:])
         for i in range(n):
             for q in range(4):
                 a = A[i, q]
@@ -228,16 +229,3 @@ def by_inputs(
                 entries[e] = diagonal[k]
                 e += 1
     return entries
-
-
-@njit(cache=True)
-def _dot(a: Array, b: Array) -> float:
-    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return product
-
-
-@njit(cache=True)
-def _add_cross(a: Array, b: Array, factor: float, to: Array) -> None:
-    to[0] += factor * (a[1] * b[2] - a[2] * b[1])
-    to[1] += factor * (a[2] * b[0] - a[0] * b[2])
-    to[2] += factor * (a[0] * b[1] - a[1] * b[0])

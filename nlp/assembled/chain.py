@@ -22,6 +22,7 @@ import math
 import numpy as np
 from numba import njit
 
+from nlp.assembled.vectors import crossed
 from nlp.geometry import PORTS, QUARTER_TURNS
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
@@ -87,7 +88,7 @@ def _outwards(
                     + hinged[row, 1] * turns[i, 1, column]
                     + hinged[row, 2] * turns[i, 2, column]
                 )
-        v[j] = _crossed(c, omega[j])
+        v[j] = crossed(c, omega[j])
     return R, p, omega, v
 
 
@@ -97,8 +98,3 @@ class Links:
     def __init__(self, chain: Chain, R: Array, p: Array, omega: Array, v: Array) -> None:
         self.chain, self.R, self.p, self.omega, self.v = chain, R, p, omega, v
         self.z = np.ascontiguousarray(R[:, :, 2])
-
-
-@njit(cache=True)
-def _crossed(a: Array, b: Array) -> Array:
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -23,6 +23,7 @@ from numba import njit
 
 from nlp.assembled.candidates import smooth_least
 from nlp.assembled.carried import Differences
+from nlp.assembled.vectors import dot
 from nlp.envelope import ConeSphere
 from nlp.exposure import exposure_clearances
 from nlp.units import Units
@@ -107,17 +108,11 @@ def _coefficients(y: Array, length: float, dr_air: float, r_0: float, scale: flo
     CDE, F = np.empty((len(y), 3)), np.empty(len(y))
     for r in range(len(y)):
         w, z_i, z_j = y[r]
-        CDE[r, 0] = -2 * (length**2 * _dot(z_i, z_j) + dr_air**2)
-        CDE[r, 1] = -2 * (length * _dot(z_i, w) + r_0 * dr_air)
-        CDE[r, 2] = 2 * (length * _dot(z_j, w) - r_0 * dr_air)
-        F[r] = _dot(w, w) - r_0**2
+        CDE[r, 0] = -2 * (length**2 * dot(z_i, z_j) + dr_air**2)
+        CDE[r, 1] = -2 * (length * dot(z_i, w) + r_0 * dr_air)
+        CDE[r, 2] = 2 * (length * dot(z_j, w) - r_0 * dr_air)
+        F[r] = dot(w, w) - r_0**2
     return CDE, F
-
-
-@njit(cache=True)
-def _dot(a: Array, b: Array) -> float:
-    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return product
 
 
 @njit(cache=True)
