@@ -55,6 +55,8 @@ class Moves(TreeSampler):
         """The first trial of the present population."""
         self._described: dict[str, NDArray[np.float64]] = {}
         """Descriptors of candidates, by key."""
+        self._latest: tuple[int, Forecast] | None = None
+        """The last forecast, after the number of solved trials that it was made from."""
 
     def drawn(self, study: Study, trial: FrozenTrial) -> Iterator[Child]:
         """Yield trees drawn uniformly for a new population, then children of its best, the most promising first."""
@@ -77,14 +79,20 @@ class Moves(TreeSampler):
                 yield trees[place]
 
     def _forecast(self, solved: Sequence[FrozenTrial]) -> Forecast:
-        """Return what is to be expected of other trees, from trials in the order of their standing."""
-        for trial in solved:
-            key = trial.user_attrs[KEY]
-            if key not in self._described:
-                self._described[key] = descriptors(Topology.from_key(key))
-        alike = groupby(solved, key=lambda trial: standing(trial)[:2])
-        places = [place for place, (_, trials) in enumerate(alike) for _ in trials]
-        return Forecast(np.array([self._described[trial.user_attrs[KEY]] for trial in solved]), places)
+        """Return what is to be expected of other trees, from trials in the order of their standing.
+
+        All candidates of a round are proposed from the same trials, so that one forecast serves them.
+        """
+        if self._latest is None or self._latest[0] != len(solved):
+            for trial in solved:
+                key = trial.user_attrs[KEY]
+                if key not in self._described:
+                    self._described[key] = descriptors(Topology.from_key(key))
+            alike = groupby(solved, key=lambda trial: standing(trial)[:2])
+            places = [place for place, (_, trials) in enumerate(alike) for _ in trials]
+            described = np.array([self._described[trial.user_attrs[KEY]] for trial in solved])
+            self._latest = len(solved), Forecast(described, places)
+        return self._latest[1]
 
 
 class Optunas(TreeSampler):
