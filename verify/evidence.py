@@ -22,7 +22,7 @@ ENDS = (0.0, 1.0)
 def evidence(body: Solid, against: Solid | Cone | Hull) -> tuple[str, ...]:
     """Return what is found about a body and what it must keep clear of, or inside of; one finding a line."""
     if isinstance(against, Cone):
-        return tuple(_of_cone(body.body, against))
+        return tuple(_of_cone(body, against))
     return tuple(_of_hull(body.body, against) if isinstance(against, Hull) else _of_pair(body, against))
 
 
@@ -49,7 +49,8 @@ def _of_pair(A: Solid, B: Solid) -> Iterator[str]:
             yield f"level {level}: inner meshes, FCL: {_overlap(inner[0].overlaps(inner[1]))}"
 
 
-def _of_cone(body: ConeSphere, cone: Cone) -> Iterator[str]:
+def _of_cone(solid: Solid, cone: Cone) -> Iterator[str]:
+    body = solid.body
     d, worst = cone_clearance(body, cone)
     x = body.centre(worst) - body.radius(worst) * cone.inward_normal(body.centre(worst))
     yield f"body: {_told(body)}"
@@ -59,7 +60,7 @@ def _of_cone(body: ConeSphere, cone: Cone) -> Iterator[str]:
     for sides in SIDES:
         yield f"polytope of {sides} sides around the body: inside by {least_s(body, cone, sides)!r}"
     for eta, name in zip(ENDS, ("first", "last"), strict=True):
-        off, beyond = keeps_off(Solid(body), cone, eta), reaches_beyond(body, cone, eta)
+        off, beyond = keeps_off(solid, cone, eta), reaches_beyond(body, cone, eta)
         yield f"plane at the {name} ball, FCL: outer mesh {'off it' if off else 'not off it'}"
         yield f"plane at the {name} ball, FCL: inner mesh {'reaches' if beyond else 'does not reach'} beyond it"
 

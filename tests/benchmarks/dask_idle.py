@@ -14,6 +14,7 @@ from pathlib import Path
 import psutil
 from dask_cluster import Cluster
 from engine_jobs import LONG, pause
+from workers import cpu
 
 from topo_search.engine import DaskWorkers
 
@@ -30,16 +31,6 @@ SETTINGS = {
 }
 
 
-def family(process: psutil.Process) -> set[psutil.Process]:
-    """Return a process and its descendants."""
-    return {process, *process.children(recursive=True)}
-
-
-def cpu(processes: set[psutil.Process]) -> float:
-    """Return the CPU time that processes have taken [s]."""
-    return sum(sum(process.cpu_times()[:2]) for process in processes)
-
-
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -52,11 +43,11 @@ def main() -> None:
             with DaskWorkers(cluster.address, {}) as engine:
                 for _ in engine.run(pause, [(0, 0.1), (1, 0.1)], deadline=lambda _: LONG):
                     pass
-                scheduler, workers = (family(psutil.Process(p.pid)) for p in (cluster.scheduler, worker))
-                before = cpu(scheduler), cpu(workers)
+                owners = [[psutil.Process(process.pid)] for process in (cluster.scheduler, worker)]
+                before = [cpu(owner) for owner in owners]
                 for _ in engine.run(pause, [(0, seconds), (1, seconds)], deadline=lambda _: LONG):
                     pass
-                after = cpu(scheduler), cpu(workers)
+                after = [cpu(owner) for owner in owners]
         first, both = ((now - earlier) / seconds for now, earlier in zip(after, before, strict=True))
         print(f"{name:28}{first:12.1%}{both / 2:12.1%}")
 
