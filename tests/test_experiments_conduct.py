@@ -72,7 +72,7 @@ def test_a_cell_is_solved_and_audited_as_alone():
     assert isinstance(alone, Design)
     assert (row.status, row.verdict, row.starts) == ("feasible", "clear", 3)
     assert (row.objective, row.lower_bound, row.gap) == (alone.objective, alone.lower_bound, alone.gap)
-    assert (row.colliding_pairs, row.largest_cluster, row.deepest_percent, row.median_percent) == (0, 0, 0.0, None)
+    assert (row.colliding_pairs, row.largest_cluster, row.deepest_percent, row.depths_percent) == (0, 0, 0.0, None)
     assert row.solve_s > 0
     assert row.audit_s > 0
     assert 10 < row.peak_mb < 10_000
@@ -87,6 +87,8 @@ def test_without_airflow_constraints_the_row_has_the_metrics_of_the_audit():
     depths = [-pair.analytic_m / (2 * envelope.end_radius) * 100 for pair in audit.pairs if pair.kind == "airflow"]
     assert row.colliding_pairs == sum(depth > 0 for depth in depths) > 0
     assert row.deepest_percent == pytest.approx(max(depths))
+    told = [float(depth) for depth in row.depths_percent.split()]
+    assert told == pytest.approx(sorted((depth for depth in depths if depth > 0), reverse=True), abs=0.06)
     assert 2 <= row.largest_cluster <= 5
     assert row.verdict == "clear"
 
@@ -200,6 +202,10 @@ def test_the_command_prints_the_summary_draws_and_resumes(tmp_path):
         (["--sizes", "ten"], "must be numbers with commas in between"),
         (["--topologies", "1,2,3"], "must be one or two numbers, but got 3"),
         (["--task", "push"], "must be TASK:N,N,..., but got push"),
+        (["--task", "push:3", "--task", "push:4"], "--task: must have no value twice, but got push 2 times"),
+        (["--distances", "0.3,0.3"], "--distances: must have no value twice, but got 0.3 2 times"),
+        (["--time-limit", "inf"], "--time-limit: must be positive and finite, but got inf"),
+        (["--sizes", "0"], "--sizes: must be positive and finite, but got 0"),
         (["--picture", "a.jpg"], "must end in .png or .svg, but got a.jpg"),
     ],
 )

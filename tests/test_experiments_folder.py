@@ -112,6 +112,16 @@ def test_other_experiments_programs_and_versions_are_refused(tmp_path):
         pass
 
 
+def test_results_of_another_program_are_left_as_they_are(tmp_path):
+    with Results.opened(tmp_path, asked()):
+        pass
+    for content in ("", "a,b\n1,2"):
+        (tmp_path / RESULTS).write_text(content)
+        with pytest.raises(BadInput, match="with other columns"), Results.opened(tmp_path, asked()):
+            pass
+        assert (tmp_path / RESULTS).read_text() == content
+
+
 def test_what_made_the_rows_is_said_without_where(tmp_path):
     with Results.opened(tmp_path, asked()):
         pass
@@ -132,6 +142,12 @@ def test_settings_come_back_from_files_and_options(name):
         assert tuple(Settings.task_of(word) for word in words[1::2] if ":" in word) == settings.tasks
 
 
+def test_the_command_has_all_digits():
+    options = SETTINGS.changed(distances=(0.2200001, 3.0), time_limit=1234567.5).as_options()
+    assert "--distances 0.2200001,3 " in options
+    assert options.endswith("--time-limit 1234567.5")
+
+
 @pytest.mark.parametrize("name", ["scaling", "ablation"])
 def test_the_full_setting_is_the_paper_s(name):
     sizes = {n for _, of in experiment(name).full.tasks for n in of}
@@ -144,9 +160,9 @@ def test_the_full_setting_is_the_paper_s(name):
     ("changes", "words"),
     [
         ({"tasks": (("pusch", (3,)),)}, "--task: must name a shipped example, but got pusch; did you mean `push`"),
-        ({"tasks": (("push", (0,)),)}, "--sizes: must be positive, but got 0"),
-        ({"topologies": (0, 1)}, "--topologies: must be positive, but got 0"),
-        ({"distances": (float("nan"),)}, "--distances: must be positive, but got nan"),
+        ({"tasks": (("push", (0,)),)}, "--sizes: must be positive and finite, but got 0"),
+        ({"topologies": (0, 1)}, "--topologies: must be positive and finite, but got 0"),
+        ({"distances": (float("nan"),)}, "--distances: must be positive and finite, but got nan"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(changes, words):

@@ -11,6 +11,7 @@ from topo_search.cli.experiment import NAMES
 from topo_search.experiments import Settings, experiment, results
 from topo_search.experiments.cell import IDENTITY
 from topo_search.experiments.measured import COLUMNS, METHOD
+from topo_search.experiments.settings import FEW_ABOVE
 
 FOLDER = Path(__file__).parents[1] / "notebooks" / "results"
 TEXT = " ".join((FOLDER / "README.md").read_text(encoding="utf-8").replace("\n- ", " ").split())
@@ -57,6 +58,14 @@ def test_the_front_page_says_what_the_ablation_shows():
         f"all {len(rows)} platforms of {rows['n'].min()} to {rows['n'].max()} modules blow into themselves" in words
     )
     assert f"is {rows['deepest_percent'].median():.0f} % of the deepest possible in the median" in words
+
+
+def test_the_front_page_says_how_many_trees_the_scaling_study_has():
+    few, fewer = json.loads((FOLDER / "scaling.json").read_text())["settings"]["topologies"]
+    sizes = results(FOLDER / "scaling-direct.csv")["n"]
+    words = " ".join((FOLDER.parents[1] / "README.md").read_text(encoding="utf-8").split())
+    assert f"{few} trees a size to {FEW_ABOVE} modules and {fewer} above" in words
+    assert f"for {sizes.min()} to {sizes.max()} modules beside the paper's formulation written directly" in words
 
 
 def test_the_front_page_says_how_many_problems_of_the_scaling_study_have_a_design():

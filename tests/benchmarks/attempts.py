@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -16,6 +15,7 @@ from nlp.finish import finish
 from nlp.point import Point
 from nlp.program import program
 from nlp.starts import draw, generator
+from topo_search.engine.usage import Clock
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import sample
@@ -23,7 +23,6 @@ from topo_search.topologies import sample
 Row = dict[str, Any]
 Method = Literal["ours", "direct"]
 METHODS: tuple[Method, ...] = ("ours", "direct")
-
 
 COMPILED = 8
 """A size at which the solver uses all of its compiled code."""
@@ -84,19 +83,6 @@ def load(stated: Stated) -> None:
     smaller = Stated(stated.example, min(COMPILED, stated.n - 1), stated.settings)
     task, topology = smaller.resolve(), sample(smaller.n, 1, 0)[0]
     program(task, topology).solve(_start("ours", task, topology, 0))
-
-
-class Clock:
-    """CPU seconds of this process since the last lap."""
-
-    def __init__(self) -> None:
-        self._began = time.process_time()
-
-    def lap(self) -> float:
-        """Return them, and begin the next."""
-        now = time.process_time()
-        seconds, self._began = now - self._began, now
-        return seconds
 
 
 def cost(row: Row) -> float:

@@ -10,12 +10,13 @@ from __future__ import annotations
 import multiprocessing
 import resource
 import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, Self
+
+from topo_search.engine.usage import peak_mb
 
 Row = dict[str, Any]
 Measurement = Callable[..., Iterator[Row]]
@@ -84,9 +85,3 @@ def _serve(pipe: Connection, measurement: Measurement, args: tuple[object, ...],
     while row is not None and pipe.recv():
         row = next(rows, None)
         pipe.send(None if row is None else {"peak_mb": peak_mb(), **row})
-
-
-def peak_mb() -> float:
-    """Return the most memory that this process has held [MB]."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (2**20 if sys.platform == "darwin" else 2**10)

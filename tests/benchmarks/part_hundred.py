@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from attempts import Clock, Stated, load
-from children import Child, peak_mb
+from attempts import Stated, load
+from children import Child
 from options import PAPER, Options, at
 from part_share import kind_of
 from rows import Row, Rows
@@ -13,6 +13,7 @@ from rows import Row, Rows
 import nlp
 from nlp.evaluate import violations
 from nlp.starts import draw, generator
+from topo_search.engine.usage import Clock, peak_mb
 from topo_search.model import Design, Topology
 from topo_search.topologies import sample
 from verify import audit

@@ -63,7 +63,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
     "--time-limit",
     type=click.FloatRange(min=0, min_open=True),
     metavar="SECONDS",
-    help="CPU time of a topology after which no further start is begun (default: 600).",
+    help="CPU time of a topology after which no further start is begun; of scaling and ablation (default: 600).",
 )
 @click.option(
     "--picture",

@@ -1,9 +1,10 @@
 """What becomes of the airflow when nothing keeps the envelopes apart (paper, Sec. IV, its ablation).
 
 The airflow constraints are replaced by a minimum distance of module centres, `search.interference = "separation"`;
-the exact audit then says how severely envelopes overlap. A depth is in percent of the deepest overlap that two
-envelopes can have, twice the radius of their far end. A depth near 100 % means that the far ends of two axes meet:
-axes that cross elsewhere overlap by as much as their radii there, 48 % at the modules themselves.
+the exact audit then says how severely envelopes overlap, by the paper's three metrics: the depth of every colliding
+pair, the largest cluster and the number of colliding pairs of every design. A depth is in percent of the deepest
+overlap that two envelopes can have, twice the radius of their far end. A depth near 100 % means that the far ends
+of two axes meet: axes that cross elsewhere overlap by as much as their radii there, 48 % at the modules themselves.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 
     group = ["distance_m", "task", "n"]
     every, designs = rows.groupby(group), _designs(rows).groupby(group)
+    depths = _pairs(rows).groupby(group)["depth_percent"]
     return pd.DataFrame(
         {
             "trees": every.size(),
@@ -45,7 +47,8 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
             "share_colliding": designs["colliding_pairs"].agg(lambda pairs: (pairs > 0).mean()),
             "deepest_median_percent": designs["deepest_percent"].median(),
             "share_deepest_reached": designs["deepest_percent"].agg(lambda depth: (depth >= REACHED).mean()),
-            "pair_depth_median_percent": designs["median_percent"].median(),
+            "pair_depth_median_percent": depths.median(),
+            "share_pairs_reached": depths.agg(lambda depth: (depth >= REACHED).mean()),
             "cluster_median": designs["largest_cluster"].median(),
             "cluster_share_median": designs["cluster_share"].median(),
             "pairs_low_quartile": designs["colliding_pairs"].quantile(0.25),
@@ -62,7 +65,7 @@ def findings(rows: pd.DataFrame) -> list[str]:
     designs = _designs(rows)
     if designs.empty:
         return ["No topology has a design."]
-    deepest, (low, high) = designs["deepest_percent"], ABOUT_HALF
+    deepest, depths, (low, high) = designs["deepest_percent"], _pairs(rows)["depth_percent"], ABOUT_HALF
     share, reached = designs["cluster_share"], (deepest >= REACHED).mean()
     told = [
         f"{(designs['colliding_pairs'] > 0).mean():.0%} of {len(designs)} designs have overlapping airflow.",
@@ -74,6 +77,11 @@ def findings(rows: pd.DataFrame) -> list[str]:
         f"more in {(share > high).mean():.0%}. That clusters of about half of the modules, or more, are "
         f"frequent, as the paper finds, is {_confirmed((share >= low).mean() >= OFTEN)}.",
     ]
+    if len(depths):
+        told.append(
+            f"Over all {len(depths)} colliding pairs the depth is {depths.median():.0f} % of the deepest possible "
+            f"in the median; {(depths >= REACHED).mean():.0%} of them reach {REACHED:.0f} %."
+        )
     pairs = designs.groupby("n")["colliding_pairs"].median()
     law = fit(designs["n"], designs["colliding_pairs"])
     if law is not None:
@@ -95,20 +103,21 @@ def figure(rows: pd.DataFrame) -> Figure:
 
     from topo_search.experiments.distributions import draw
 
-    designs = _designs(rows)
-    named = designs.groupby(["task", "distance_m"], sort=False)
-    series = [(f"{task}, {distance:.2f} m", of) for (task, distance), of in named]
+    named = _designs(rows).groupby(["task", "distance_m"], sort=False)
+    designs = [(f"{task}, {distance:.2f} m", of) for (task, distance), of in named]
     sizes = sorted(rows["n"].unique())
-    drawn = Figure(figsize=(13.0, 4.2), layout="constrained")
-    deepest, cluster, pairs = drawn.subplots(1, 3)
-    draw(deepest, series, "deepest_percent", sizes)
-    deepest.set(title="Deepest overlap", ylabel="depth [% of the deepest possible]", ylim=(0, 105))
-    draw(cluster, series, "largest_cluster", sizes)
+    drawn = Figure(figsize=(11.0, 7.6), layout="constrained")
+    (depth, deepest), (cluster, number) = drawn.subplots(2, 2)
+    draw(depth, [(name, _pairs(of)) for name, of in designs], "depth_percent", sizes)
+    depth.set(title="Overlap of every colliding pair", ylabel="depth [% of the deepest possible]", ylim=(0, 105))
+    draw(deepest, designs, "deepest_percent", sizes)
+    deepest.set(title="Deepest overlap of a design", ylabel="depth [% of the deepest possible]", ylim=(0, 105))
+    draw(cluster, designs, "largest_cluster", sizes)
     cluster.plot(range(len(sizes)), [n / 2 for n in sizes], "k--", linewidth=1, label="$n/2$")
-    cluster.set(title="Largest cluster of overlapping envelopes", ylabel="modules")
-    draw(pairs, series, "colliding_pairs", sizes)
-    pairs.set(title="Overlapping pairs of envelopes", ylabel="pairs")
+    cluster.set(title="Largest cluster of overlapping envelopes", ylabel="modules [-]")
     cluster.legend(fontsize=8)
+    draw(number, designs, "colliding_pairs", sizes)
+    number.set(title="Overlapping pairs of envelopes", ylabel="pairs [-]")
     drawn.suptitle(
         "Airflow constraints replaced by a minimum distance: boxes are quartiles, whiskers the whole range"
     )
@@ -119,6 +128,12 @@ def _designs(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows with a design, with the share of modules in the largest cluster."""
     designs = rows[rows["status"] == "feasible"]
     return designs.assign(cluster_share=designs["largest_cluster"].astype("float64") / designs["n"])
+
+
+def _pairs(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each colliding pair of all designs, with its depth."""
+    pairs = rows.assign(depth_percent=rows["depths_percent"].str.split(" ")).explode("depth_percent")
+    return pairs.dropna(subset="depth_percent").astype({"depth_percent": "float64"})
 
 
 EXPERIMENT = Experiment(

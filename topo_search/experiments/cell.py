@@ -43,7 +43,7 @@ class Cell:
     starts: int
     seed: int
     time_limit: float
-    """CPU seconds after which no further start is begun."""
+    """CPU seconds after which no further round is begun."""
     first: bool
     """Whether the first design ends it; else the best of all starts counts."""
 
@@ -55,7 +55,7 @@ class Cell:
 
     @property
     def rounds(self) -> list[range]:
-        """The starts, in the portions in which they are solved."""
+        """The starts, in the portions in which they are solved; those of a portion share what is built."""
         return [range(s, s + 1) for s in range(self.starts)] if self.first else [range(self.starts)]
 
     def resolve(self, n: int | None = None) -> ResolvedTask:

@@ -1,11 +1,13 @@
 """One problem against another, tree by tree: what the difference costs, and how many trees it leaves a design.
 
 A comparison has a reference and other variants. Efforts are compared over the trees that have a design under both;
-where a variant has several rows of one tree, one for each of its roots, the best of them counts.
+where a variant has several rows of one tree, one for each of its roots, the best of them counts. Trees of random
+wrenches each have their own, so that there is no best of them.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -45,7 +47,8 @@ class Comparison:
         """Return one row a problem and variant.
 
         `effort_ratio`: J over that of the reference, over the trees with a design under both (`trees_compared`);
-        `best_ratio`: the same of the best designs of all trees.
+        `best_ratio`: the same of the best designs of all trees; `best_gap`: that design's gap to the lower bound.
+        Trees with wrenches of their own have no best.
         """
         table = []
         for problem, of in rows.groupby(PROBLEM):
@@ -57,6 +60,7 @@ class Comparison:
                     continue
                 efforts = trees[name]
                 ratio = (efforts / reference).dropna()
+                same_task, best = bool(of["task_seed"].isna().all()), mine.nsmallest(1, "objective")
                 table.append(
                     {
                         **dict(zip(PROBLEM, problem, strict=True)),
@@ -69,8 +73,8 @@ class Comparison:
                         "trees_compared": len(ratio),
                         "effort_ratio_median": ratio.median(),
                         "effort_ratio_max": ratio.max(),
-                        "best_ratio": efforts.min() / reference.min(),
-                        "best_gap": mine["gap"].min(),
+                        "best_ratio": efforts.min() / reference.min() if same_task else math.nan,
+                        "best_gap": best["gap"].min() if same_task else math.nan,
                         "gap_median": mine["gap"].median(),
                         "offset_median_m": mine["offset_m"].median(),
                     }
@@ -81,12 +85,9 @@ class Comparison:
         """Return for each problem and variant what it costs."""
         told = []
         for (task, distance, n), of in self.summary(rows).groupby(PROBLEM):
-            variants = {row["variant"]: row for row in of.to_dict(orient="records")}
-            reference = self.names[0]
-            told += [
-                f"{task}, {n} modules at {distance:.2f} m: {_cost(variants[name], variants[reference])}"
-                for name in self.names[1:]
-            ]
+            reference, *others = of.to_dict(orient="records")
+            if reference["variant"] == self.names[0]:  # else it has no rows yet
+                told += [f"{task}, {n} modules at {distance:.2f} m: {_cost(row, reference)}" for row in others]
         return told
 
     def figure(self, rows: pd.DataFrame) -> Figure:
@@ -134,10 +135,15 @@ def _cost(row: dict[Hashable, Any], reference: dict[Hashable, Any]) -> str:
     )
     if not row["trees_compared"]:
         return f"{solved}."
-    return (
+    both = (
         f"{solved}; where both have one, {name} takes {_above(row['effort_ratio_median'])} effort in the median "
-        f"({_above(row['effort_ratio_max'])} at most); its best design takes {_above(row['best_ratio'])}, "
-        f"gap {row['best_gap']:.1%} instead of {reference['best_gap']:.1%}."
+        f"({_above(row['effort_ratio_max'])} at most)"
+    )
+    if pd.isna(row["best_ratio"]):
+        return f"{both}; median gap {row['gap_median']:.1%}, {other}: {reference['gap_median']:.1%}."
+    return (
+        f"{both}; its best design takes {_above(row['best_ratio'])}, gap {row['best_gap']:.1%} instead of "
+        f"{reference['best_gap']:.1%}."
     )
 
 
@@ -168,13 +174,12 @@ def _draw_shares(axes: Axes, table: pd.DataFrame, names: list[str]) -> None:
     from topo_search.export.palette import SERIES
 
     width = 0.8 / len(names)
+    places = table.groupby(PROBLEM).ngroup()
     for number, name in enumerate(names):
-        shares = [
-            100 * (of["trees_solved"] / of["trees"]).sum()
-            for _, group in table.groupby(PROBLEM)
-            for of in [group[group["variant"] == name]]
-        ]
-        places = [place + (number + 0.5) * width - 0.4 for place in range(len(shares))]
-        axes.bar(places, shares, 0.9 * width, color=SERIES[number], label=name)
+        of = table[table["variant"] == name]
+        shares = 100 * of["trees_solved"] / of["trees"]
+        axes.bar(
+            places[of.index] + (number + 0.5) * width - 0.4, shares, 0.9 * width, color=SERIES[number], label=name
+        )
     axes.set(title="Trees with a design", ylabel="share of all trees [%]", ylim=(0, 105))
     axes.legend(fontsize=8)

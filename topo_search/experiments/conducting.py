@@ -98,7 +98,7 @@ def results(folder: str | Path) -> pd.DataFrame:
 
     path = Path(folder) / RESULTS if Path(folder).is_dir() else Path(folder)
     kinds = {"key": "str", "task_seed": "Int64", "colliding_pairs": "Int64", "largest_cluster": "Int64"}
-    kinds |= {"verdict": "str", "worst_constraint": "str", "unit": "str"}
+    kinds |= dict.fromkeys(("verdict", "depths_percent", "worst_constraint", "unit"), "str")
     frame = pd.read_csv(path, dtype=kinds, keep_default_na=False, na_values=[""])
     return frame.sort_values(["n", "distance_m", "task", "variant"], kind="stable", ignore_index=True)
 

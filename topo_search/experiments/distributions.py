@@ -12,6 +12,14 @@ from topo_search.export.palette import SERIES
 WIDTH = 0.8
 """Room of all boxes of a size, in steps between sizes."""
 
+MARKERS = "osD^v<>P"
+"""More than there are colours, so that series of one colour are told apart."""
+
+
+def style(number: int) -> dict[str, str]:
+    """Return the colour and the marker of a series."""
+    return {"color": SERIES[number % len(SERIES)], "marker": MARKERS[number % len(MARKERS)]}
+
 
 def draw(axes: Axes, series: Sequence[tuple[str, pd.DataFrame]], column: str, sizes: Sequence[int]) -> None:
     """Draw a box a size and series: quartiles, the median, and whiskers to the least and the largest value.
@@ -24,7 +32,7 @@ def draw(axes: Axes, series: Sequence[tuple[str, pd.DataFrame]], column: str, si
     """
     width = WIDTH / max(1, len(series))
     for number, (name, rows) in enumerate(series):
-        colour = SERIES[number % len(SERIES)]
+        colour = style(number)["color"]
         values = {n: rows.loc[rows["n"] == n, column].dropna().to_numpy(float) for n in sizes}
         drawn = [place for place, n in enumerate(sizes) if len(values[n])]
         if drawn:

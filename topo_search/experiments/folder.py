@@ -120,13 +120,13 @@ def _mend(path: Path) -> set[Identity]:
         write_atomically(path, ",".join(COLUMNS) + "\n")
     content = path.read_bytes()
     whole = content[: content.rfind(b"\n") + 1]
+    lines = list(csv.reader(whole.decode("utf-8").splitlines()))
+    if not lines or tuple(lines[0]) != COLUMNS:
+        raise _refused(path.parent, f"has a {RESULTS} with other columns")
     if len(whole) < len(content):
         os.truncate(path, len(whole))
-    header, *lines = csv.reader(whole.decode("utf-8").splitlines())
-    if tuple(header) != COLUMNS:
-        raise _refused(path.parent, f"has a {RESULTS} with other columns")
     places = [COLUMNS.index(name) for name in IDENTITY]
-    return {tuple(line[place] for place in places) for line in lines}
+    return {tuple(line[place] for place in places) for line in lines[1:]}
 
 
 def _identity(values: dict[str, Any]) -> Identity:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
-import resource
-import statistics
-import sys
-import time
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from topo_search.engine import Failed, Verbs, merge, record_of
+from topo_search.engine.usage import Clock, peak_mb
 from topo_search.experiments.cell import Cell
 from topo_search.export.poses import poses
 from topo_search.model import Audit, Design, Infeasible, Status, Topology
@@ -67,8 +64,8 @@ class Measured:
     """Modules in the largest cluster of overlapping envelopes; 0 without overlap."""
     deepest_percent: float | None = None
     """Deepest overlap in percent of the deepest possible."""
-    median_percent: float | None = None
-    """Median depth over the colliding pairs, in the same percent."""
+    depths_percent: str | None = None
+    """Depths of all colliding pairs in the same percent, deepest first, with spaces in between."""
     worst_constraint: str | None = None
     """What was missed by the start that came closest; what happened if the cell failed."""
     violation: float | None = None
@@ -98,7 +95,7 @@ def measure(verbs: Verbs, cell: Cell) -> Measured:
     if not isinstance(best, Design):
         return row
     audit = verbs.audit(best)
-    return replace(row, audit_s=round(clock.lap(), 4), peak_mb=peak_mb(), **_judged(audit))
+    return replace(row, audit_s=round(clock.lap(), 4), peak_mb=round(peak_mb(), 1), **_judged(audit))
 
 
 def failed(cell: Cell, failure: Failed) -> Measured:
@@ -115,7 +112,7 @@ def _outcome(cell: Cell, best: Design | Infeasible, spent: float, iterations: in
         starts=0 if record is None else record.starts,
         solve_s=round(spent, 4),
         iterations=iterations,
-        peak_mb=peak_mb(),
+        peak_mb=round(peak_mb(), 1),
     )
     if isinstance(best, Design):
         offset = math.hypot(*poses(best).p_E)
@@ -140,7 +137,7 @@ def _judged(audit: Audit) -> dict[str, Any]:
         "colliding_pairs": overlaps.colliding_pairs,
         "largest_cluster": len(overlaps.clusters[0]) if overlaps.clusters else 0,
         "deepest_percent": overlaps.deepest_percent,
-        "median_percent": statistics.median(depths) if depths else None,
+        "depths_percent": " ".join(f"{depth:.1f}" for depth in sorted(depths, reverse=True)) or None,
     }
 
 
@@ -151,22 +148,3 @@ def _load(verbs: Verbs, task: str, distance_m: float, n: int) -> None:
     design = verbs.solve(resolved, sample(n, 1, 0)[0], starts=range(1), seed=0)
     if isinstance(design, Design):
         verbs.audit(design)
-
-
-class Clock:
-    """CPU seconds of this process since the last lap."""
-
-    def __init__(self) -> None:
-        self._began = time.process_time()
-
-    def lap(self) -> float:
-        """Return them, and begin the next."""
-        now = time.process_time()
-        seconds, self._began = now - self._began, now
-        return seconds
-
-
-def peak_mb() -> float:
-    """Return the most memory that this process has held [MB]."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return round(peak / (2**20 if sys.platform == "darwin" else 2**10), 1)

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from topo_search.experiments.cell import Cell, Variant
-from topo_search.experiments.comparison import Comparison, tree_of
+from topo_search.experiments.comparison import Comparison
 from topo_search.experiments.conducting import Experiment
 from topo_search.experiments.settings import Settings
-from topo_search.topologies import candidates
+from topo_search.topologies.rooted import Rooted, key_of, moved, rooted_of, text_of, turned
 
 PAPER_ROOT = Variant("paper root", ('search.root="paper"',))
 
@@ -24,23 +24,23 @@ COMPARISON = Comparison(
 
 def cells(settings: Settings) -> list[Cell]:
     """Return the plan: every tree with a free root, then with each of its modules as the paper's root."""
-    planned, rooted = [], dict[int, dict[str, list[str]]]()
+    planned = []
     for cell in COMPARISON.cells(settings):
-        if cell.variant != PAPER_ROOT:
-            planned.append(cell)
-            continue
-        if cell.n not in rooted:
-            rooted[cell.n] = _roots(cell.n)
-        planned += [replace(cell, key=key) for key in rooted[cell.n][cell.key]]
+        keys = roots(cell.key) if cell.variant == PAPER_ROOT else [cell.key]
+        planned += [replace(cell, key=key) for key in keys]
     return planned
 
 
-def _roots(n: int) -> dict[str, list[str]]:
-    """Return the keys of all rooted trees of n modules, by their trees."""
-    roots: dict[str, list[str]] = {}
-    for candidate in candidates(n, symmetry="none", root="paper"):
-        roots.setdefault(tree_of(candidate.key), []).append(candidate.key)
-    return roots
+def roots(key: str) -> list[str]:
+    """Return the keys of a tree with each of its modules as the root, as it lies and after a half turn."""
+    trees = rootings(rooted_of(key))
+    return sorted({key_of(text_of(turned(tree, quarters))) for tree in trees for quarters in (0, 2)})
+
+
+def rootings(tree: Rooted, entered: int | None = None) -> list[Rooted]:
+    """Return an aligned tree with each of its modules as the root; none beyond the port where it was entered."""
+    beyond = (port for port in range(4) if tree[port] and port != entered)
+    return [tree, *(other for port in beyond for other in rootings(moved(tree, port), (port + 2) % 4))]
 
 
 EXPERIMENT = Experiment(

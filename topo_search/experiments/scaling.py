@@ -1,10 +1,11 @@
 """How time, memory and success grow with the number of modules (paper, Sec. IV, its scaling study).
 
-Ten wrenches for each of uniformly drawn topologies, in four exposure settings. A topology is solved from one start
-after the other until the first design.
+Ten wrenches for each of uniformly drawn topologies, in four exposure settings, without body clearance. The root
+turns freely, where the paper's has two angles of at most 90 degrees: every tree is then one problem, whatever its
+root. A topology is solved from one start after the other until the first design.
 
-The paper gives no connector distance. The default is that of the shipped tasks, 0.22 m: just above the diameter of
-an airflow envelope's far end, so that parallel neighbours clear each other. At that distance geometry stops many a
+The paper gives no connector distance. The default is that of the shipped tasks, 0.22 m: just above the radius of an
+airflow envelope's far end, so that parallel neighbours clear each other. At that distance geometry stops many a
 large tree, whatever the wrenches; `--distances 0.3` gives room enough that nearly all trees of a hundred modules
 have a design, so that times of all sizes can be compared.
 """
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from topo_search.experiments.cell import PAPER, Cell, Variant, plan
+from topo_search.experiments.cell import IDENTITY, PAPER, Cell, Variant, plan
 from topo_search.experiments.conducting import Experiment
 from topo_search.experiments.measured import METHOD
 from topo_search.experiments.settings import Settings
@@ -81,7 +82,7 @@ def slowdown(rows: pd.DataFrame) -> pd.DataFrame:
     """
     import pandas as pd
 
-    problem = ["distance_m", "task", "n", "key"]
+    problem = list(IDENTITY[1:])
     designs = _solved(rows)
     ours, others = (designs[(designs["method"] == METHOD) == mine] for mine in (True, False))
     both = others.merge(ours, on=problem, suffixes=("", "_ours"))
@@ -140,8 +141,7 @@ def figure(rows: pd.DataFrame) -> Figure:
     """Return the paper's plot: the distribution of times a size and exposure; below, the share with a design."""
     from matplotlib.figure import Figure
 
-    from topo_search.experiments.distributions import draw
-    from topo_search.export.palette import SERIES
+    from topo_search.experiments.distributions import draw, style
 
     panels = list(rows.groupby("distance_m"))
     drawn = Figure(figsize=(3.0 + 7.0 * len(panels), 6.4), layout="constrained")
@@ -156,9 +156,8 @@ def figure(rows: pd.DataFrame) -> Figure:
         upper.set(xlabel="", title=f"connectors at {distance:.2f} m", yscale="log")
         for number, (name, mine) in enumerate(series):
             share = 100 * mine.groupby("n")["status"].agg(lambda status: (status == "feasible").mean())
-            marks = {"color": SERIES[number], "marker": "osD^v"[number % 5]}
             places = [sizes.index(n) + 0.08 * (number - (len(series) - 1) / 2) for n in share.index]
-            lower.plot(places, share.to_numpy(), label=name, **marks)
+            lower.plot(places, share.to_numpy(), label=name, **style(number))
         lower.set(xlabel="modules $n$", ylim=(-5, 105))
         lower.grid(alpha=0.3)
     axes[0, 0].set_ylabel("CPU time to a design [s]")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import asdict, dataclass
 from typing import Any, Self
@@ -29,7 +30,7 @@ class Settings:
     seed: int = 0
     """Draws topologies, wrenches and starts."""
     time_limit: float = 600.0
-    """CPU seconds of a cell after which no further start is begun."""
+    """CPU seconds of a cell after which no further start is begun, where the first design ends a cell."""
 
     def __post_init__(self) -> None:
         known = examples()
@@ -46,10 +47,17 @@ class Settings:
             "time-limit": [self.time_limit],
         }
         faults += [
-            Fault(f"--{option}", f"must be positive, but got {value:g}")
+            Fault(f"--{option}", f"must be positive and finite, but got {value:g}")
             for option, values in numbers.items()
-            for value in values
-            if not value > 0
+            for value in dict.fromkeys(values)
+            if not 0 < value < math.inf
+        ]
+        named = {"task": [name for name, _ in self.tasks], "distances": self.distances}
+        faults += [
+            Fault(f"--{option}", f"must have no value twice, but got {value} {values.count(value)} times")
+            for option, values in named.items()
+            for value in dict.fromkeys(values)
+            if values.count(value) > 1
         ]
         if faults:
             raise BadInput("experiment", faults)
@@ -81,7 +89,7 @@ class Settings:
         options += [f"--topologies {listed(self.topologies)}", f"--starts {self.starts}"]
         if self.distances:
             options.append(f"--distances {listed(self.distances)}")
-        return " ".join([*options, f"--seed {self.seed}", f"--time-limit {self.time_limit:g}"])
+        return " ".join([*options, f"--seed {self.seed}", f"--time-limit {listed((self.time_limit,))}"])
 
     @classmethod
     def task_of(cls, text: str) -> tuple[str, tuple[int, ...]]:
@@ -98,5 +106,5 @@ class Settings:
 
 
 def listed(values: tuple[float, ...]) -> str:
-    """Return numbers as the command line takes them."""
-    return ",".join(f"{value:g}" for value in values)
+    """Return numbers as the command line takes them, to the last digit."""
+    return ",".join(str(value).removesuffix(".0") for value in values)
