@@ -5,8 +5,6 @@ import signal
 import time
 from pathlib import Path
 
-from topo_search.engine.child import ONE_THREAD
-
 LONG = 600.0
 """No honest job of these tests takes as long [s]."""
 
@@ -46,8 +44,8 @@ def count_attempts(path):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def environment(_):
-    return {name: os.environ.get(name) for name in ONE_THREAD}
+def environment(names):
+    return {name: os.environ.get(name) for name in names}
 
 
 def report_pid(job):

@@ -88,4 +88,4 @@ def test_the_time_limit_drops_what_runs(engine, tmp_path):
 
 
 def test_libraries_use_one_thread(engine):
-    assert engine.one(environment, None, deadline=LONG) == ONE_THREAD
+    assert engine.one(environment, tuple(ONE_THREAD), deadline=LONG) == ONE_THREAD

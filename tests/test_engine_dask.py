@@ -6,12 +6,14 @@ import signal
 import threading
 from collections import Counter
 
+import distributed
 import pytest
 from dask_cluster import Cluster, free_port
-from engine_jobs import LONG, misbehave, pause, report_pid, square
+from engine_jobs import LONG, environment, misbehave, pause, report_pid, square
 from processes import eventually, gone
 
 from topo_search.engine import DaskWorkers, Failed, WorkersLost, dask_workers
+from topo_search.engine.dask_guard import TRIM
 from topo_search.model import BadInput
 
 
@@ -31,14 +33,25 @@ def test_killing_a_dask_worker_loses_nothing_and_leaves_no_child(cluster, tmp_pa
         eventually(lambda: gone(child))
 
 
+def children(workers, folder):
+    return [child for _, child in workers.run(report_pid, [(folder, 0.1)] * 4, deadline=lambda _: LONG)]
+
+
 def test_quick_jobs_do_not_make_one_worker_take_all_the_slow_ones(cluster, tmp_path):
     jobs = [*[(tmp_path, 0.0)] * 20, *[(tmp_path, 0.2)] * 24]
     with DaskWorkers(cluster.address, {}) as workers:
+        eventually(lambda: len(set(children(workers, tmp_path))) == 2)  # both have started
         results = workers.run(report_pid, jobs, deadline=lambda _: LONG)
         shares = Counter(child for (_, seconds), child in results if seconds)
     assert shares.total() == 24
     assert len(shares) == 2
     assert min(shares.values()) >= 8
+
+
+def test_a_child_keeps_memory_for_its_next_job(cluster):
+    assert TRIM in distributed.config["distributed"]["nanny"]["pre-spawn-environ"]
+    with DaskWorkers(cluster.address, {}) as workers:
+        assert workers.one(environment, (TRIM,), deadline=LONG) == {TRIM: None}
 
 
 def test_a_worker_that_joins_late_is_waited_for(tmp_path):
