@@ -106,7 +106,7 @@ def _fault(detail: Any, model: type[BaseModel]) -> Fault:
     if kind == "union_tag_invalid":
         path, given = f"{path}.kind", given["kind"]
     context = {name: _quoted(value) for name, value in detail.get("ctx", {}).items()}
-    rule = RULES.get(kind, detail["msg"]).format_map(context)
+    rule = RULES[kind].format_map(context) if kind in RULES else detail["msg"]
     return Fault(path, rule if "but got" in rule else f"{rule}, but got {shown(given)}")
 
 

@@ -12,7 +12,7 @@ from typing import Self
 
 from topo_search.model import BadInput, Fault
 from topo_search.model.files import read_task, to_toml, write_atomically
-from topo_search.study.identity import Request, installed
+from topo_search.study.identity import Identity, Request, installed
 from topo_search.study.ledger import Ledger
 from topo_search.study.lock import ReadOnlyFolder, locked
 from topo_search.study.row import COLUMNS, Row
@@ -71,19 +71,17 @@ class RunFolder:
             raise BadInput(str(path), [Fault("", f"is no run's folder: it has no {LEDGER}")])
         task = read_task(path / "task.toml")
         with Ledger.opened(path / LEDGER, read_only=True) as ledger:
-            held = ledger.identity()
-            if held is None:
-                raise BadInput(str(path), [Fault("", "holds no run yet")])
+            held = _held(path, ledger)
             starts, trials = ledger.asked()
             request = Request(
                 task,
-                held["symmetry"],
+                held.symmetry,
                 starts,
-                held["seed"],
-                strategy=held["strategy"],
-                sampler=held.get("sampler", "moves"),
+                held.seed,
+                strategy=held.strategy,
+                sampler=held.sampler or "moves",
                 trials=trials,
-                prune=held.get("prune", False),
+                prune=bool(held.prune),
                 versions=ledger.versions() or installed(),
             )
             yield cls._of_ledger(path, request, ledger)
@@ -91,10 +89,10 @@ class RunFolder:
     @classmethod
     def _of_ledger(cls, path: Path, request: Request, ledger: Ledger) -> Self:
         """Make sure that a ledger holds this request, and consider the rows that answer it."""
-        held = ledger.identity() or {}
-        for name, value in request.identity.items():
-            if held.get(name) != value:
-                shown = "another task" if name == "task" else f"a run with {name} {held.get(name)}, not {value}"
+        held = _held(path, ledger)
+        for name, value in request.identity:
+            if (other := getattr(held, name)) != value:
+                shown = "another task" if name == "task" else f"a run with {name} {other}, not {value}"
                 raise _refused(path, f"holds {shown}")
         ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
         return cls(path, request, ledger)
@@ -146,6 +144,14 @@ class RunFolder:
         for path, text in paths.items():
             _write(path, text, lasting=False)
         return set(paths)
+
+
+def _held(path: Path, ledger: Ledger) -> Identity:
+    """Return the identity of the run that a ledger holds."""
+    held = ledger.identity()
+    if held is None:
+        raise BadInput(str(path), [Fault("", "holds no run yet")])
+    return held
 
 
 def _write(path: Path, text: str, *, lasting: bool = True) -> None:

@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 from topo_search.engine import Space
 from topo_search.model import ResolvedTask, Task
 from topo_search.model.goals import Level
+from topo_search.model.value import Value
 from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 
 LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl")
@@ -65,6 +66,20 @@ class Context:
         return self.task.search.margin
 
 
+class Identity(Value):
+    """What one folder can hold one of. More starts and more trials extend a run, so they are left out."""
+
+    task: str
+    """A digest."""
+    seed: int
+    symmetry: Symmetry
+    strategy: StrategyName
+    prune: bool | None = None
+    """Of an exhaustive search."""
+    sampler: Sampler | None = None
+    """Of any other."""
+
+
 @dataclass(frozen=True)
 class Request:
     """What a run is asked to find; with what force (workers, time) is not part of it."""
@@ -103,25 +118,26 @@ class Request:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, but got {value!r}")
 
     @cached_property
-    def identity(self) -> dict[str, Any]:
-        """What one folder can hold one of. More starts and more trials extend a run, so they are left out."""
+    def identity(self) -> Identity:
+        """What its folder is known by."""
         tasks = [self.task.resolve(n).model_dump(mode="json") for n in self.task.sizes]
         if self.task.goals.names:
             tasks.append(self.task.goals.model_dump(mode="json"))
-        identity = {
-            "task": digest(tasks),
-            "seed": self.seed,
-            "symmetry": self.symmetry,
-            "strategy": self.strategy,
-        }
-        if self.strategy == "exhaustive":
-            return {**identity, "prune": self.prune}
-        return {**identity, "sampler": self.sampler}
+        exhaustive = self.strategy == "exhaustive"
+        return Identity(
+            task=digest(tasks),
+            seed=self.seed,
+            symmetry=self.symmetry,
+            strategy=self.strategy,
+            prune=self.prune if exhaustive else None,
+            sampler=None if exhaustive else self.sampler,
+        )
 
     @property
     def folder_name(self) -> str:
         """The name of the default folder, NAME-HASH."""
-        return f"{self.task.name}-{digest({**self.identity, 'starts': self.starts})[:8]}"
+        identity = self.identity.model_dump(exclude_none=True)
+        return f"{self.task.name}-{digest({**identity, 'starts': self.starts})[:8]}"
 
     @cached_property
     def levels(self) -> tuple[Request, ...]:

@@ -14,13 +14,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, fields
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from topo_search.engine import Scored
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_json
-from topo_search.study.identity import Context
-from topo_search.study.ledger_file import damage_named, opened, whole
+from topo_search.study.identity import Context, Identity, digest
+from topo_search.study.ledger_file import damaged, opened, parsed, whole
 from topo_search.study.row import Row, Solve, score
 
 _FIELDS = tuple(field.name for field in fields(Row))
@@ -37,7 +37,7 @@ INSERT INTO texts (context, key, result) VALUES (?, ?, ?)
 ON CONFLICT (context, key) DO UPDATE SET result = excluded.result, audit = CASE WHEN ? THEN audit END
 """
 _LOG = "INSERT INTO solves (at, context, key, asked, status, objective, violation) VALUES (?, ?, ?, ?, ?, ?, ?)"
-_LATEST = "SELECT fixed_by FROM contexts LEFT JOIN solves USING (context) ORDER BY number DESC LIMIT 1"
+_LATEST = "SELECT context, fixed_by FROM contexts LEFT JOIN solves USING (context) ORDER BY number DESC LIMIT 1"
 _STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (SELECT context FROM current)"
 
 
@@ -63,16 +63,24 @@ class Ledger:
         with opened(path, read_only=read_only) as database:
             yield cls(database, path)
 
-    def identity(self) -> dict[str, Any] | None:
-        """Return the identity of the run that the ledger holds, if it was claimed."""
-        found = self._database.execute("SELECT identity FROM run").fetchone()
-        return None if found is None else json.loads(found[0])
+    def identity(self) -> Identity | None:
+        """Return the identity of the run that the ledger holds, if it was claimed.
 
-    def claim(self, identity: dict[str, Any]) -> None:
+        Raises:
+            BadInput: it cannot be read, or is gone though the run was begun.
+        """
+        rows = self._database.execute("SELECT identity FROM run").fetchall()
+        if not rows and not self._database.execute("SELECT EXISTS (SELECT * FROM contexts)").fetchone()[0]:
+            return None
+        if len(rows) != 1:
+            raise damaged(self._path, f"its table run has {len(rows)} rows in place of one")
+        return parsed(self._path, Identity, "run", rows[0][0])
+
+    def claim(self, identity: Identity) -> None:
         """Give a new ledger the identity of its run; one that was claimed keeps its own."""
-        self._database.execute(
-            "INSERT INTO run SELECT ?, 0, NULL WHERE NOT EXISTS (SELECT * FROM run)", (json.dumps(identity),)
-        )
+        if self.identity() is None:
+            text = identity.model_dump_json(exclude_none=True)
+            self._database.execute("INSERT INTO run VALUES (?, 0, NULL)", (text,))
 
     def ask(self, starts: int, trials: int | None) -> None:
         """Record how many starts of each candidate, and how many proposals, were asked for last."""
@@ -81,12 +89,24 @@ class Ledger:
     def asked(self) -> tuple[int, int | None]:
         """Return how many starts of each candidate, and how many proposals, were asked for last."""
         starts, trials = self._database.execute("SELECT starts, trials FROM run").fetchone()
+        if not isinstance(starts, int) or not isinstance(trials, int | None):
+            raise damaged(self._path, f"its table run has starts {starts!r} and trials {trials!r}")
         return starts, trials
 
     def versions(self) -> dict[str, str] | None:
         """Return the versions of the libraries that solved last; None if nothing was begun."""
         found = self._database.execute(_LATEST).fetchone()
-        return None if found is None else json.loads(found[0])["versions"]
+        if found is None:
+            return None
+        context, text = found
+        try:
+            fixed_by = json.loads(text)
+        except ValueError:
+            fixed_by = None
+        if digest(fixed_by) != context:
+            raise damaged(self._path, f"what it holds of context {context} is not what was written")
+        versions: dict[str, str] = fixed_by["versions"]
+        return versions
 
     def bound(self, context: Context) -> tuple[float, Infeasible | None] | None:
         """Return the lower bound and the proof of impossibility of a context, if it was begun."""
@@ -94,7 +114,8 @@ class Ledger:
         found = self._database.execute(query, (context.name,)).fetchone()
         if found is None:
             return None
-        return found[0], found[1] and Infeasible.model_validate_json(found[1])
+        lower_bound, proof = found
+        return lower_bound, None if proof is None else parsed(self._path, Infeasible, "contexts", proof)
 
     def begin(self, context: Context, lower_bound: float, proof: Infeasible | None) -> None:
         """Record a context."""
@@ -149,10 +170,9 @@ class Ledger:
             "SELECT key, result, result_checksum, texts.audit, audit_checksum "
             f"FROM candidates LEFT JOIN texts USING (context, key) {_STANDING} AND status = 'feasible'"
         )
-        with damage_named(self._path):
-            for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n,)):
-                verdict = None if audit_checksum is None else whole(self._path, key, audit, audit_checksum)
-                yield key, whole(self._path, key, result, result_checksum), verdict
+        for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n,)):
+            verdict = None if audit_checksum is None else whole(self._path, key, audit, audit_checksum)
+            yield key, whole(self._path, key, result, result_checksum), verdict
 
     def record(self, context: Context, rows: Sequence[tuple[Row, Design | Infeasible | None]]) -> None:
         """Write rows of candidates that were solved, all or none, with what is known of their designs.
@@ -160,7 +180,7 @@ class Ledger:
         The last row with a design speaks for its candidate; the first one does when there is none. An audit stays
         if `row` still has its verdict.
         """
-        with damage_named(self._path), self._database:
+        with self._database:
             self._database.execute("BEGIN IMMEDIATE")
             for row, result in rows:
                 standing = row.feasible or context.step == 0
@@ -178,7 +198,7 @@ class Ledger:
         """Write the audit of a candidate's design."""
         text = to_json(audit).encode()
         place = context.name, key
-        with damage_named(self._path), self._database:
+        with self._database:
             self._database.execute("BEGIN IMMEDIATE")
             verdict = "UPDATE candidates SET audit = ?, audit_checksum = ? WHERE context = ? AND key = ?"
             self._database.execute(verdict, (str(audit.verdict), zlib.crc32(text), *place))
@@ -229,6 +249,5 @@ class Ledger:
             f"SELECT texts.{column}, {column}_checksum FROM candidates LEFT JOIN texts USING (context, key) "
             "WHERE context = ? AND key = ?"
         )
-        with damage_named(self._path):
-            text, checksum = self._database.execute(query, (context.name, key)).fetchone() or (None, None)
+        text, checksum = self._database.execute(query, (context.name, key)).fetchone() or (None, None)
         return None if checksum is None else whole(self._path, key, text, checksum)

@@ -9,10 +9,14 @@ from __future__ import annotations
 import sqlite3
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from topo_search.model import BadInput, Fault
+from topo_search.model.bad_input import faults_of
 
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
@@ -55,34 +59,42 @@ CHECKED = ("sqlite_schema", "run", "contexts", "candidates", "solves")
 
 ADVICE = "choose another folder with --out, or move it away"
 
+Model = TypeVar("Model", bound=BaseModel)
+
 
 @contextmanager
 def opened(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection]:
-    """Open a ledger's file, or begin one where there is none; arguments and errors as `Ledger.opened`."""
+    """Open a ledger's file, or begin one where there is none; arguments and errors as `Ledger.opened`.
+
+    Damage that is found later is named as well.
+    """
+    if path.exists() and not path.is_file():
+        raise refused(path, "is no file")
     options = ""
     if read_only:  # without a log that a killed process left there is nothing to share with other processes
         logged = path.with_name(f"{path.name}-wal").exists()
         options = "?mode=ro" if logged else "?mode=ro&immutable=1"
-    database = sqlite3.connect(path.absolute().as_uri() + options, isolation_level=None, uri=True)
-    try:
-        with damage_named(path):
-            empty = _check(database, path)
+    with (
+        closing(sqlite3.connect(path.absolute().as_uri() + options, isolation_level=None, uri=True)) as database,
+        _damage_named(path),
+    ):
+        empty = _check(database, path)
         if empty and read_only:
-            raise _refused(path, "is empty")
+            raise refused(path, "is empty")
         if not read_only:
             _begin(database, fill=empty)
         yield database
-    finally:
-        database.close()
 
 
 @contextmanager
-def damage_named(path: Path) -> Iterator[None]:
+def _damage_named(path: Path) -> Iterator[None]:
     """Turn what SQLite says of a damaged file into BadInput; a disk that is full or fails is another matter."""
     try:
         yield
     except sqlite3.DatabaseError as error:
-        if type(error) is not sqlite3.DatabaseError:
+        # what is no text comes as an OperationalError, but not from SQLite itself, and so without a code
+        no_text = isinstance(error, sqlite3.OperationalError) and not hasattr(error, "sqlite_errorcode")
+        if type(error) is not sqlite3.DatabaseError and not no_text:
             raise
         raise _bad(path, f"is damaged or no ledger ({error}); {ADVICE}") from None
 
@@ -98,21 +110,57 @@ def whole(path: Path, key: str, text: bytes | None, checksum: int) -> str:
     return text.decode()
 
 
+def parsed(path: Path, model: type[Model], table: str, text: str) -> Model:
+    """Return what a table holds as JSON text.
+
+    Raises:
+        BadInput: it is no such thing.
+    """
+    try:
+        return model.model_validate_json(text, strict=True)
+    except ValidationError as error:
+        raise damaged(path, f"its table {table}: {faults_of(error, model)[0]}") from None
+
+
 def _check(database: sqlite3.Connection, path: Path) -> bool:
     """Return whether a file is empty; refuse what is no ledger before anything is written to it."""
     application: int = database.execute("PRAGMA application_id").fetchone()[0]
     version = database.execute("PRAGMA user_version").fetchone()[0]
     tables: int = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-    if tables == 0 and application == 0:
+    if tables == application == version == 0:
         return True
     if application != APPLICATION_ID:
-        raise _refused(path, "is an SQLite file of another program")
+        raise refused(path, "is an SQLite file of another program")
     if version != VERSION:
-        raise _refused(path, f"has version {version}, but this program reads version {VERSION}")
+        raise refused(path, f"has version {version}, but this program reads version {VERSION}")
+    _check_tables(database, path)
     for table in CHECKED:
         if (fault := database.execute(f"PRAGMA quick_check({table})").fetchone()[0]) != "ok":
-            raise _refused(path, f"is damaged ({fault})")
+            raise damaged(path, fault)
     return False
+
+
+def _check_tables(database: sqlite3.Connection, path: Path) -> None:
+    """Refuse a ledger that has lost a table or a column."""
+    held = _columns(database)
+    with closing(sqlite3.connect(":memory:")) as pattern:
+        pattern.executescript(SCHEMA)
+        for table, columns in _columns(pattern).items():
+            if table not in held:
+                raise damaged(path, f"it has no table {table}")
+            if lacking := columns - held[table]:
+                raise damaged(path, f"its table {table} has no column {min(lacking)}")
+
+
+def _columns(database: sqlite3.Connection) -> dict[str, set[str]]:
+    """Return the columns of every table."""
+    tables: dict[str, set[str]] = {}
+    query = (
+        "SELECT tables.name, columns.name FROM sqlite_master AS tables, pragma_table_info(tables.name) AS columns"
+    )
+    for table, column in database.execute(query):
+        tables.setdefault(table, set()).add(column)
+    return tables
 
 
 def _begin(database: sqlite3.Connection, *, fill: bool) -> None:
@@ -123,7 +171,13 @@ def _begin(database: sqlite3.Connection, *, fill: bool) -> None:
         database.executescript(SCHEMA)
 
 
-def _refused(path: Path, what: str) -> BadInput:
+def damaged(path: Path, what: str) -> BadInput:
+    """Return the error that names the damage of a file that was only looked at."""
+    return refused(path, f"is damaged ({what})")
+
+
+def refused(path: Path, what: str) -> BadInput:
+    """Return the error that says why a file is not used."""
     return _bad(path, f"{what}; it is left as it is: {ADVICE}")
 
 

@@ -1,0 +1,169 @@
+"""Ledgers that something else has changed: each is named with what is wrong and what to do, and left as it is."""
+
+import sqlite3
+from contextlib import closing, contextmanager
+
+import pytest
+from toy_problem import toy_run
+
+from topo_search.model import BadInput
+from topo_search.study import RunFolder
+
+LEFT = "; it is left as it is: choose another folder with --out, or move it away"
+
+
+@pytest.fixture
+def run(tmp_path):
+    """The folder of a run that has ended."""
+    toy_run(tmp_path / "run")
+    return tmp_path / "run"
+
+
+def change(run, *statements):
+    """Change a ledger in SQL, as no part of this program does."""
+    with closing(sqlite3.connect(run / "ledger.sqlite", isolation_level=None)) as database:
+        for statement in statements:
+            database.execute(*statement if isinstance(statement, tuple) else (statement,))
+
+
+@contextmanager
+def named(run, what):
+    """Expect an error that names the file and the damage, and the file as it was."""
+    path = run / "ledger.sqlite"
+    before = path.read_bytes()
+    with pytest.raises(BadInput) as caught:
+        yield
+    assert str(caught.value) == f"{path}: is damaged ({what}){LEFT}"
+    assert path.read_bytes() == before
+
+
+def read(run):
+    with RunFolder.found(run):
+        pass
+
+
+@pytest.mark.parametrize("use", [toy_run, read])
+@pytest.mark.parametrize("table", ["run", "contexts", "candidates", "texts", "solves"])
+def test_a_table_that_was_dropped(run, use, table):
+    change(run, f"DROP TABLE {table}")
+    with named(run, f"it has no table {table}"):
+        use(run)
+
+
+@pytest.mark.parametrize("use", [toy_run, read])
+def test_a_column_that_has_another_name(run, use):
+    change(run, "ALTER TABLE candidates RENAME COLUMN standing TO stands")
+    with named(run, "its table candidates has no column standing"):
+        use(run)
+
+
+@pytest.mark.parametrize("use", [toy_run, read])
+@pytest.mark.parametrize(
+    ("harm", "what"),
+    [
+        ("DELETE FROM run", "its table run has 0 rows in place of one"),
+        ("INSERT INTO run SELECT * FROM run", "its table run has 2 rows in place of one"),
+        ("UPDATE run SET identity = json_remove(identity, '$.seed')", "seed: is required, but missing"),
+        (
+            "UPDATE run SET identity = json_set(identity, '$.seed', 'soon')",
+            'seed: must be a whole number, but got "soon"',
+        ),
+        (
+            "UPDATE run SET identity = json_set(identity, '$.strategy', 'guess')",
+            'strategy: must be "exhaustive" or "optuna", but got "guess"',
+        ),
+        ("UPDATE run SET identity = '[]'", "must be a table of named fields, but got []"),
+    ],
+)
+def test_an_identity_that_is_none(run, use, harm, what):
+    change(run, harm)
+    with named(run, what if what.startswith("its") else f"its table run: {what}"):
+        use(run)
+
+
+@pytest.mark.parametrize("use", [toy_run, read])
+@pytest.mark.parametrize("text", ["", '{"task": "x" seed', "\x00"])
+def test_an_identity_that_is_no_json(run, use, text):
+    change(run, ("UPDATE run SET identity = ?", (text,)))
+    with pytest.raises(BadInput, match=r"is damaged \(its table run: Invalid JSON: .*; it is left as it is"):
+        use(run)
+
+
+@pytest.mark.parametrize("use", [toy_run, read])
+def test_an_identity_that_is_no_text(run, use):
+    change(run, "UPDATE run SET identity = CAST(x'ff00' AS TEXT)")
+    with pytest.raises(BadInput, match=r"ledger\.sqlite: is damaged .*identity.* choose another folder with --out"):
+        use(run)
+
+
+def test_what_was_asked_for_last_is_no_number(run):
+    change(run, "UPDATE run SET starts = 'many'")
+    with named(run, "its table run has starts 'many' and trials None"):
+        read(run)
+    assert toy_run(run).exit_status == 0  # which asks anew
+    read(run)
+
+
+@pytest.mark.parametrize("harm", ["''", "'{'", "replace(fixed_by, 'numpy', 'numpi')", "x'ffff'"])
+def test_a_context_that_is_not_what_was_written(run, harm):
+    change(run, f"UPDATE contexts SET fixed_by = {harm}")
+    with pytest.raises(
+        BadInput, match=r"is damaged \(what it holds of context [0-9a-f]{16} is not what was written"
+    ):
+        read(run)
+
+
+def test_a_proof_that_is_none(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
+    toy_run(tmp_path)
+    change(tmp_path, "UPDATE contexts SET proof = json_remove(proof, '$.status')")
+    with pytest.raises(BadInput, match=r"is damaged \(its table contexts: status: is required, but missing"):
+        toy_run(tmp_path)
+
+
+@pytest.mark.parametrize("mark", ["application_id = 1", "user_version = 1"])
+def test_a_file_that_another_program_has_begun(tmp_path, mark):
+    change(tmp_path, f"PRAGMA {mark}")
+    path = tmp_path / "ledger.sqlite"
+    before = path.read_bytes()
+    with pytest.raises(BadInput) as caught:
+        toy_run(tmp_path)
+    assert str(caught.value) == f"{path}: is an SQLite file of another program{LEFT}"
+    assert path.read_bytes() == before
+
+
+def test_a_file_that_is_no_database(tmp_path):
+    (tmp_path / "ledger.sqlite").write_text("a ledger is a list of accounts\n" * 100)
+    with pytest.raises(BadInput, match=r"is damaged or no ledger .file is not a database.; choose another folder"):
+        toy_run(tmp_path)
+
+
+def test_a_folder_in_place_of_the_file(tmp_path):
+    (tmp_path / "ledger.sqlite").mkdir()
+    with pytest.raises(BadInput, match=r"ledger\.sqlite: is no file; it is left as it is"):
+        toy_run(tmp_path)
+
+
+def told(run):
+    """What a run says of its ledger, if it refuses it."""
+    try:
+        toy_run(run)
+    except BadInput as error:
+        return str(error)
+    return None
+
+
+def test_a_torn_page_is_named_unless_nothing_was_there(run):
+    """Every quarter of every page in turn was never written, though its neighbours were."""
+    path, others = run / "ledger.sqlite", [run / "candidates.csv", run / "best.json"]
+    whole, files = path.read_bytes(), [other.read_text() for other in others]
+    texts = []
+    for place in range(0, len(whole), 1024):
+        path.write_bytes(whole[:place] + bytes(1024) + whole[place + 1024 :])
+        texts.append(told(run))
+        assert [other.read_text() for other in others] == files
+        for log in run.glob("ledger.sqlite-*"):
+            log.unlink()
+    faults = [text for text in texts if text is not None]
+    assert all(text.startswith(f"{path}: is damaged ") for text in faults)
+    assert len(faults) >= len(whole) / 4096
