@@ -44,6 +44,7 @@ def faulty(tmp_path, modules, *options):
     finally:
         for pid in processes_with(str(coordinator.log)):
             os.kill(pid, signal.SIGKILL)
+        coordinator.process.communicate()
 
 
 def kill_at(coordinator, rows):

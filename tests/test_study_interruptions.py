@@ -56,11 +56,13 @@ class Coordinator:
         return self.process
 
     def wait_for(self, rows):
-        eventually(lambda: len(recorded(self.folder)) >= rows or self.process.poll() is not None)
+        """Wait until it has recorded so many rows; each has time of its own: other work may slow them."""
+        for count in range(len(recorded(self.folder)) + 1, rows + 1):
+            eventually(lambda at=count: len(recorded(self.folder)) >= at or self.process.poll() is not None)
         assert self.process.poll() is None, self.process.communicate()
 
     def finish(self):
-        out, err = self.process.communicate(timeout=300)
+        out, err = self.process.communicate(timeout=1800)
         return self.process.returncode, out, err
 
 

@@ -47,6 +47,11 @@ class Spent:
     engine: float = 0.0
     """CPU time of all processes of the engine, jobs included."""
 
+    @property
+    def all(self) -> float:
+        """CPU time of all processes."""
+        return self.engine + self.coordinator
+
 
 class Watched(Engine):
     """An engine that adds up what its jobs take."""
@@ -112,7 +117,7 @@ def main() -> None:
             if number == 0:  # processes have started, and have loaded what they need
                 for _, watched, _ in rows:
                     watched.spent = Spent()
-    one = rows[0][1].spent
+    one, two, two_dask = (watched.spent for _, watched, _ in rows)
     print(
         f"{one.jobs} solves and audits each, load average {os.getloadavg()[1]:.1f}; CPU in shares of that in jobs"
     )
@@ -121,12 +126,13 @@ def main() -> None:
         spent = watched.spent
         others = spent.engine / spent.solving - 1.0
         # one worker has a core to itself; two share theirs with the coordinator and all other processes
-        rate = 1.0 if count == 1 else 2.0 * one.solving / (spent.engine + spent.coordinator)
+        rate = 1.0 if count == 1 else 2.0 * one.solving / spent.all
         print(
             f"{name:18}{spent.jobs / spent.wall:10.2f}{spent.occupied / (count * spent.wall):10.1%}"
             f"{1e3 * spent.solving / spent.jobs:7.0f} ms{spent.coordinator / spent.solving:10.2%}"
             f"{others:10.2%}{rate:10.2f}"
         )
+    print(f"all CPU with two Dask workers, in shares of that with two workers: {two_dask.all / two.all:.3f}")
 
 
 if __name__ == "__main__":
