@@ -6,8 +6,9 @@ from nlp.one_stage import Program, one_stage
 from nlp.two_stages import TwoStages
 from topo_search.model import Exterior, ResolvedTask, Topology
 
-TWO_STAGES_FROM = 8
-"""Fewest modules for which a second try in two stages pays."""
+TWO_STAGES_FROM = 16
+"""Fewest modules for which a second try in two stages pays: of few, it makes starts that miss two to three times as
+expensive, and next to none end in a design (`tests/benchmarks/staging.py`)."""
 
 
 def program(task: ResolvedTask, topology: Topology) -> Program:
