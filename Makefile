@@ -12,6 +12,7 @@ demo: $(STAMP)  ## search all five-module topologies for the push task
 
 notebooks: $(STAMP)  ## run every notebook with its full settings, and draw the pictures of the README
 	FULL=1 $(BIN)/jupyter-execute --timeout=-1 notebooks/*.ipynb
+	$(BIN)/python tests/benchmarks/keep_results.py
 
 test: lint  ## everything CI checks, but what needs a browser
 	$(BIN)/pytest -n 2 -m "not slow and not browser"

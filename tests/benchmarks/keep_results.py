@@ -3,8 +3,8 @@
     python tests/benchmarks/keep_results.py scaling=RUN-FOLDER scaling-direct=RUN-FOLDER ...
 
 A run's rows and its description go to `notebooks/results/NAME.csv` and `NAME.json`; a row that was cut off while it
-was written is left out. Then the text of that folder is made anew from all that it holds; without arguments nothing
-else is.
+was written is left out. Then the text of that folder and the front page's pictures of it are made anew from all
+that it holds; without arguments nothing else is.
 """
 
 from __future__ import annotations
@@ -20,13 +20,16 @@ from topo_search.cli.experiment import NAMES
 from topo_search.experiments import Settings, experiment, results
 
 KEPT = Path(__file__).parents[2] / "notebooks" / "results"
+SHOWN = ("scaling", "ablation")
+"""Experiments whose picture is on the front page."""
 HEAD = """# Results of the experiments
 
 Rows of `topo-search experiment NAME`, a file each, with the command, versions and date that made them in the JSON
 file beside it; rows called `direct` are of the paper's formulation written directly. The command, with `--out DIR`
 behind it, makes the same rows but for seconds and megabytes, in `DIR/results.csv`, as long as the solver is the
-same; `python tests/benchmarks/keep_results.py NAME=DIR` puts them here and writes this text.
-`topo_search/experiments/measured.py` explains the columns. In Python, with a picture of the rows that are here:
+same; `python tests/benchmarks/keep_results.py NAME=DIR` puts them here, writes this text and draws the pictures of
+the front page. `topo_search/experiments/measured.py` explains the columns. In Python, with a picture of the rows
+that are here:
 
 ```python
 from topo_search.experiments import experiment, results
@@ -51,6 +54,8 @@ def main() -> None:
         name, _, folder = run.partition("=")
         keep(name, Path(folder))
     (KEPT / "README.md").write_text(HEAD + "".join(map(section, NAMES)), encoding="utf-8")
+    for name in SHOWN:
+        experiment(name).figure(kept(name)).savefig(KEPT.parent / "pictures" / f"{name}.png", dpi=110)
 
 
 def keep(name: str, folder: Path) -> None:
@@ -62,16 +67,25 @@ def keep(name: str, folder: Path) -> None:
 
 def section(name: str) -> str:
     """Return what the rows of an experiment show, those of other methods beside them."""
-    asked, tables = experiment(name), sorted(KEPT.glob(f"{name}*.csv"), key=lambda path: path.stem)
-    frames = [results(table) for table in tables]
+    asked = experiment(name)
     parts = [f"\n## {asked.question}\n"]
-    for table, rows in zip(tables, frames, strict=True):
+    for table in tables(name):
+        rows = results(table)
         about = json.loads(table.with_suffix(".json").read_text(encoding="utf-8"))
         planned = len(asked.cells(Settings.from_json(about["settings"])))
         parts.append(f"\n`{table.name}`, {len(rows)} of {planned} problems of\n\n    {about['command']}\n")
-    findings = asked.findings(pd.concat(frames, ignore_index=True))
-    parts += ["\n", *(f"{bullet(finding)}\n" for finding in findings)]
+    parts += ["\n", *(f"{bullet(finding)}\n" for finding in asked.findings(kept(name)))]
     return "".join(parts)
+
+
+def tables(name: str) -> list[Path]:
+    """Return the tables of an experiment, the solver's first."""
+    return sorted(KEPT.glob(f"{name}*.csv"), key=lambda path: path.stem)
+
+
+def kept(name: str) -> pd.DataFrame:
+    """Return the rows of all methods."""
+    return pd.concat([results(table) for table in tables(name)], ignore_index=True)
 
 
 def bullet(text: str) -> str:

@@ -97,7 +97,7 @@ class Comparison:
         table = self.summary(rows)
         problems = list(table.groupby(PROBLEM, sort=False))
         drawn = Figure(figsize=(8.0 + 1.6 * len(problems), 4.6), layout="constrained")
-        effort, share = drawn.subplots(1, 2)
+        effort, share = drawn.subplots(1, 2, sharex=True)
         _draw_efforts(effort, list(self._ratios(rows)), self.names)
         _draw_shares(share, table, self.names)
         labels = [f"{task}\n$n$ = {n}, {distance:.2f} m" for (task, distance, n), _ in problems]
