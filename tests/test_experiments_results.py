@@ -2,10 +2,12 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from benchmarks import keep_results
 
 from topo_search.cli.experiment import NAMES
 from topo_search.experiments import Settings, experiment, results
@@ -48,6 +50,25 @@ def test_the_text_says_what_the_rows_say(name):
     rows = pd.concat([results(path) for path in sorted(FOLDER.glob(f"{name}*.csv"))], ignore_index=True)
     for sentence in experiment(name).findings(rows):
         assert sentence in TEXT
+
+
+def test_a_run_is_kept_and_the_text_is_the_one_that_belongs_to_the_rows(tmp_path, monkeypatch):
+    kept, run = tmp_path / "results", tmp_path / "run"
+    shutil.copytree(FOLDER, kept)
+    run.mkdir()
+    (tmp_path / "pictures").mkdir()
+    (kept / "root.json").rename(run / "about.json")
+    rows = (kept / "root.csv").read_bytes()
+    (kept / "root.csv").unlink()
+    (run / "results.csv").write_bytes(rows + b"paper root,push,0.15,4,a30")
+    (kept / "README.md").unlink()
+    monkeypatch.setattr(keep_results, "KEPT", kept)
+    monkeypatch.setattr("sys.argv", ["keep_results.py", f"root={run}"])
+    keep_results.main()
+    assert {path.name for path in kept.iterdir()} == {path.name for path in FOLDER.iterdir()}
+    for path in FOLDER.iterdir():
+        assert (kept / path.name).read_bytes() == path.read_bytes(), path.name
+    assert {path.stem for path in (tmp_path / "pictures").iterdir()} == {"scaling", "ablation"}
 
 
 def test_the_front_page_says_what_the_ablation_shows():
