@@ -127,33 +127,30 @@ def _gaps(point: Point) -> Iterator[tuple[str, float]]:
         gaps = np.linalg.norm(p - point.p_E, axis=1) - task.exclusion_radius
         yield from ((names.exclusion(a), gap) for a, gap in enumerate(gaps))
 
-    if any(map(needs_offset, task.exposure)):
-        yield names.OFFSET, float(np.linalg.norm(point.p_E - point.p_COM)) - LEAST_OFFSET * task.module.arm_length
-    for number, segment, gaps in exposure_gaps(point):
-        requirement = task.exposure[number]
-        yield from ((names.exposure(number, requirement, a, segment), gap) for a, gap in enumerate(gaps))
-
-
-def exposure_gaps(point: Point) -> Iterator[tuple[int, int | None, Array]]:
-    """Yield (number, segment, exact clearances of all envelopes, shape (n,) [m]) of every exposure requirement."""
-    module, (R, p) = point.task.module, point.poses
-    envelopes = Swept(p, -module.envelope.length * R[:, :, 2], module.envelope.start_radius, module.envelope.growth)
     offset = point.p_E - point.p_COM
-    for number, requirement in enumerate(point.task.exposure):
+    envelopes = Swept(p, d, air.start_radius, air.growth)
+    for number, requirement in enumerate(task.exposure):
+        if needs_offset(requirement):
+            yield names.OFFSET, float(np.linalg.norm(offset)) - LEAST_OFFSET * task.module.arm_length
         match requirement:
-            case Local(radius=float(radius)):
-                yield number, None, clearance(envelopes, Swept(point.p_E, np.zeros(3), radius))
             case Local():
-                yield number, None, hull_clearance(envelopes, point.p_E, convex_hull(requirement.corners))
+                if requirement.radius is None:
+                    gaps = hull_clearance(envelopes, point.p_E, convex_hull(requirement.corners))
+                else:
+                    gaps = clearance(envelopes, Swept(point.p_E, np.zeros(3), requirement.radius))
+                yield from ((names.exposure(number, requirement, a), gap) for a, gap in enumerate(gaps))
             case Directional():
                 along = requirement.length and requirement.length * offset / np.linalg.norm(offset)
                 for segment, path in enumerate(requirement.segments or [along]):
-                    swept = Swept(point.p_E, np.asarray(path), requirement.radius)
-                    yield number, segment, clearance(envelopes, swept)
+                    gaps = clearance(envelopes, Swept(point.p_E, np.asarray(path), requirement.radius))
+                    yield from (
+                        (names.exposure(number, requirement, a, segment), gap) for a, gap in enumerate(gaps)
+                    )
             case Exterior():
                 axis = -offset if requirement.axis == "com" else np.asarray(requirement.axis)
                 half_angle = math.radians(requirement.half_angle_deg)
-                yield number, None, cone_clearance(envelopes, point.p_E, axis / np.linalg.norm(axis), half_angle)
+                gaps = cone_clearance(envelopes, point.p_E, axis / np.linalg.norm(axis), half_angle)
+                yield from ((names.exposure(number, requirement, a), gap) for a, gap in enumerate(gaps))
 
 
 def _bounds(point: Point) -> Iterator[Violation]:

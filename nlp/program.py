@@ -1,19 +1,29 @@
-"""How a topology is solved for a task: as the problem stands, or with the cones that hold all airflow last."""
+"""The nonlinear program of one task and topology, made ready once and solved from many starts."""
 
 from __future__ import annotations
 
-from nlp.one_stage import Program, one_stage
-from nlp.two_stages import TwoStages
-from topo_search.model import Exterior, ResolvedTask, Topology
+from typing import Protocol
 
-TWO_STAGES_FROM = 16
-"""Fewest modules for which a second try in two stages pays: of few, it makes starts that miss two to three times as
-expensive, and next to none end in a design (`tests/benchmarks/staging.py`)."""
+from nlp.graph import GraphProgram
+from nlp.ipopt import Answer
+from nlp.point import Point
+from topo_search.model import ResolvedTask, Topology
+
+GRAPH_UP_TO = 7
+"""Most modules for which building the graph of the page pays; `tests/benchmarks/performance.py` measures it."""
+
+
+class Program(Protocol):
+    """A nonlinear program, ready to be solved from any start."""
+
+    def solve(self, start: Point) -> Answer:
+        """Return the point that Ipopt reaches from a start, whatever it says of it."""
 
 
 def program(task: ResolvedTask, topology: Topology) -> Program:
-    """Return the program of a task and topology, ready to be solved from many starts."""
-    cone = any(isinstance(asked, Exterior) for asked in task.exposure)
-    if cone and task.end_effector.fixed_position is None and topology.n >= TWO_STAGES_FROM:
-        return TwoStages(task, topology)
-    return one_stage(task, topology)
+    """Return the program that is the faster for the topology's size; both state the same problem."""
+    if topology.n <= GRAPH_UP_TO:
+        return GraphProgram(task, topology)
+    from nlp.assembled import AssembledProgram  # compiled code, which small platforms need not load
+
+    return AssembledProgram(task, topology)

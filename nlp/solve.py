@@ -15,9 +15,8 @@ from nlp.evaluate import Violation, violations, worst
 from nlp.finish import finish
 from nlp.ipopt import Answer
 from nlp.neighbour import carried_over
-from nlp.one_stage import Program
 from nlp.point import Point
-from nlp.program import program
+from nlp.program import Program, program
 from nlp.starts import draw, generator
 from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Topology
 

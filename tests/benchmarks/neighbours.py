@@ -23,9 +23,8 @@ import nlp
 from nlp.evaluate import violations, worst
 from nlp.finish import finish
 from nlp.neighbour import carried_over
-from nlp.one_stage import Program
 from nlp.point import Point
-from nlp.program import program
+from nlp.program import Program, program
 from nlp.starts import draw, generator
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.files import read_task

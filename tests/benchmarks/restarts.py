@@ -22,11 +22,10 @@ import numpy as np
 from nlp.bounds import prove_impossible
 from nlp.evaluate import violations, worst
 from nlp.finish import finish
-from nlp.one_stage import Program
 from nlp.placing import place
 from nlp.point import Point, fixed_end_effector
 from nlp.problem import hinge_limit
-from nlp.program import program
+from nlp.program import Program, program
 from nlp.starts import PLACED_FROM, draw, generator, with_inputs
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task

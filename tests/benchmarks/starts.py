@@ -18,9 +18,8 @@ from direct import random_start
 from nlp.bounds import lower_bound
 from nlp.evaluate import violations, worst
 from nlp.finish import finish
-from nlp.one_stage import Program
 from nlp.point import Point
-from nlp.program import program
+from nlp.program import Program, program
 from nlp.starts import draw, generator
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task
