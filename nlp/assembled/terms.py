@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -34,6 +34,8 @@ Jet = list[Array]
 """Values (m,), then as far as asked for gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
 KEPT = 30
 """Most buffers of one expression, one for each order and number of columns in use."""
+TASKS = 16
+"""Most tasks whose formulas are kept; in a study every topology may have its own."""
 Formula = Callable[[int, Array], Jet]
 """formula(order, y); order 0, 1 or 2."""
 
@@ -180,7 +182,7 @@ def distance_formula(distance: float) -> Formula:
     return formula
 
 
-@cache
+@lru_cache(maxsize=TASKS)
 def exposure_formulas(
     requirement: Local | Directional | Exterior, task: ResolvedTask, beta: float
 ) -> tuple[Formula, ...]:
