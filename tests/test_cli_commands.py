@@ -2,6 +2,7 @@ import errno
 import json
 import signal
 import sqlite3
+from contextlib import closing
 from itertools import pairwise
 
 import pytest
@@ -148,11 +149,20 @@ def test_a_lossy_symmetry_says_so(command):
         assert ("is lossy" in command("run", "toy.toml", "--symmetry", symmetry).stdout) == lossy
 
 
+def full_database():
+    """Return what SQLite says when there is no room for another page."""
+    with closing(sqlite3.connect(":memory:")) as database:
+        database.execute("PRAGMA max_page_count = 1")
+        with pytest.raises(sqlite3.OperationalError) as caught:
+            database.execute("CREATE TABLE numbers (number)")
+    return caught.value
+
+
 @pytest.mark.parametrize(
     ("error", "said"),
     [
         (OSError(errno.ENOSPC, "", "candidates.csv"), "No space left on device (candidates.csv)"),
-        (sqlite3.OperationalError("database or disk is full"), "database or disk is full"),
+        (full_database(), "database or disk is full"),
     ],
 )
 def test_a_full_disk_is_told_from_all_that_can_be_repaired_by_typing(command, monkeypatch, error, said):

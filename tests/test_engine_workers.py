@@ -48,7 +48,7 @@ def test_no_worker_is_left_behind_after_an_error_of_the_caller(tmp_path):
 def test_threads_are_as_many_as_before_outside_of_workers():
     before = dict(os.environ)
     with Workers(1) as workers:
-        assert workers.one(environment, None, deadline=LONG) == ONE_THREAD
+        assert workers.one(environment, tuple(ONE_THREAD), deadline=LONG) == ONE_THREAD
     assert dict(os.environ) == before
 
 
