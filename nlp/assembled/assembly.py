@@ -196,7 +196,7 @@ def _terms(task: ResolvedTask, topology: Topology, pairs: Indices, beta: float) 
     for requirement in task.exposure:
         seen = [(everyone, carried.tip), (axis(everyone), nothing)]
         vectors = Differences.of(*seen, *([offset] if needs_offset(requirement) else []))
-        terms += [Term(formula, vectors) for formula in exposure_formulas(requirement, task, beta)]
+        terms += [Term(formula, vectors) for formula in exposure_formulas(requirement, air, unit, beta)]
     if any(needs_offset(requirement) for requirement in task.exposure):
         terms.append(Term(distance_formula(LEAST_OFFSET), Differences.of(offset)))
     return terms

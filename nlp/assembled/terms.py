@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -27,15 +27,13 @@ from nlp.assembled.vectors import dot
 from nlp.envelope import ConeSphere
 from nlp.exposure import exposure_clearances
 from nlp.units import Units
-from topo_search.model import Directional, Exterior, Local, ResolvedTask, needs_offset
+from topo_search.model import AirflowEnvelope, Directional, Exterior, Local, needs_offset
 from topo_search.model.arrays import Array
 
 Jet = list[Array]
 """Values (m,), then as far as asked for gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
 KEPT = 30
 """Most buffers of one expression, one for each order and number of columns in use."""
-TASKS = 16
-"""Most tasks whose formulas are kept; in a study every topology may have its own."""
 Formula = Callable[[int, Array], Jet]
 """formula(order, y); order 0, 1 or 2."""
 
@@ -182,12 +180,11 @@ def distance_formula(distance: float) -> Formula:
     return formula
 
 
-@lru_cache(maxsize=TASKS)
+@cache
 def exposure_formulas(
-    requirement: Local | Directional | Exterior, task: ResolvedTask, beta: float
+    requirement: Local | Directional | Exterior, air: AirflowEnvelope, unit: Units, beta: float
 ) -> tuple[Formula, ...]:
     """Return each row of an exposure requirement as a formula of p_i - p'_E, z_i and, if it needs it, p_E."""
-    unit, air = Units.of(task), task.module.envelope
     q, z, p_EB = ca.SX.sym("q", 3), ca.SX.sym("z", 3), ca.SX.sym("p_E", 3)
     envelope = ConeSphere(
         q, -air.length / unit.length * z, air.start_radius / unit.length, air.growth / unit.length
