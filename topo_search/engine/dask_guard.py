@@ -18,8 +18,8 @@ from topo_search.engine.engine import WorkersLost
 from topo_search.engine.verbs import Failed
 from topo_search.engine.workers import Workers
 
-BATCH = 0.5
-"""How long a batch of jobs should take [s]: a hundred times what it costs to send one (5 ms)."""
+BATCH = 2.0
+"""How long a batch of jobs should take [s]: long beside the moment in which a child waits for the next one."""
 
 TRIM = "MALLOC_TRIM_THRESHOLD_"
 """Dask sets it for its workers, which may hold much data: the C library then gives memory back to the system as
@@ -51,7 +51,8 @@ class Ended:
 
 
 _thread = threading.local()
-"""Keeps a child for each thread of a Dask worker, which runs one task at a time; it ends with the Dask worker."""
+"""Keeps, for each thread of a Dask worker, which runs one task at a time, a child that ends with the Dask worker,
+and the versions that were found."""
 
 
 def run_guarded(batch: Batch) -> Ended:
@@ -60,8 +61,10 @@ def run_guarded(batch: Batch) -> Ended:
     Raises:
         WorkersLost: this Dask worker can run no job, or none whose result could be reproduced.
     """
-    if fault := find_fault(batch.versions)():
-        raise WorkersLost(f"the Dask worker {current_process().name} {fault}")
+    if getattr(_thread, "versions", None) != batch.versions:  # to look them up takes as long as many a job
+        if fault := find_fault(batch.versions)():
+            raise WorkersLost(f"the Dask worker {current_process().name} {fault}")
+        _thread.versions = batch.versions
     if not hasattr(_thread, "child"):
         os.environ.pop(TRIM, None)
         _thread.child = Workers(1).__enter__()

@@ -77,7 +77,7 @@ class DaskWorkers(Engine):
         deadline: Callable[[J], float],
         until: float = math.inf,
     ) -> Iterator[tuple[J, R | Failed]]:
-        """Yield (job, result) as batches end; at most two batches a Dask thread are drawn from `jobs` ahead."""
+        """Yield (job, result) as batches end; about four batches a Dask thread are drawn from `jobs` ahead."""
         suspects: list[J] = []
         for batch, ended in self._batches(function, jobs, deadline, until):
             if isinstance(ended, Failed):
@@ -96,14 +96,16 @@ class DaskWorkers(Engine):
         Jobs that a batch had no time to begin are sent again, before any others.
         """
         source = iter(jobs)
-        returned: deque[J] = deque()
+        waiting: deque[J] = deque()
         running: dict[Future[Ended], list[J]] = {}
         size = 1
 
         def draw() -> list[J]:
-            """Take as many jobs as a batch should have."""
-            batch = [returned.popleft() for _ in range(min(size, len(returned)))]
-            return batch + list(islice(source, size - len(batch)))
+            """Take a batch; when few jobs are left, all threads shall have some of them."""
+            batches = 2 * max(1, self._threads)
+            waiting.extend(islice(source, max(0, batches * size - len(waiting))))
+            share = math.ceil(len(waiting) / batches)
+            return [waiting.popleft() for _ in range(min(size, share))]
 
         batch = draw()
         try:
@@ -120,7 +122,8 @@ class DaskWorkers(Engine):
                     if isinstance(ended, Ended) and ended.results:
                         size = min(max(1, int(BATCH * len(ended.results) / ended.seconds)), LARGEST_BATCH)
                         places = {place for place, _ in ended.results}
-                        returned.extend(job for place, job in enumerate(sent) if place not in places)
+                        left = [job for place, job in enumerate(sent) if place not in places]
+                        waiting.extendleft(reversed(left))
                     yield sent, ended
                 batch = batch or draw()
         finally:
