@@ -2,12 +2,14 @@
 
     python tests/benchmarks/strategies.py table push --modules 7 --starts 8 --out push-7.csv
     python tests/benchmarks/strategies.py replay push-7.csv --seeds 20
+    python tests/benchmarks/strategies.py find push-7.csv --seeds 20 --samplers moves --solves 500
     python tests/benchmarks/strategies.py solve push --modules 12 --solves 200 --seeds 3 [--set FIELD=VALUE ...]
 
 `table` solves every candidate from every start. `replay` looks up in it what the samplers propose, without designs
-carried over from parents, and counts the solves until a tree within 0.1 % of the best of the table is found.
-`solve` solves what is proposed, with designs carried over as the search does it, until there were so many solves.
-A candidate that is proven impossible takes no solve.
+carried over from parents, and counts the solves until a tree within 0.1 % of the best of the table is found. Every
+seed takes the starts of each tree in an order of its own: few of them may lead to what a tree can reach.
+`find` counts them too, but solves what is proposed, with designs carried over as the search does it, and gives up
+after so many solves. `solve` says what they lead to. A candidate that is proven impossible takes no solve.
 """
 
 from __future__ import annotations
@@ -17,11 +19,12 @@ import csv
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from statistics import mean, median
-from typing import NamedTuple
+from random import Random
+from statistics import median
+from typing import NamedTuple, Protocol
 
 import nlp
-from topo_search.engine import Proposal, Scored, Space, Strategy, merge, record_of, scaled_violation
+from topo_search.engine import Proposal, Scored, Space, merge, record_of, scaled_violation
 from topo_search.engine.proposals import optuna_study
 from topo_search.model import Design, Infeasible, ResolvedTask
 from topo_search.model.files import read_task
@@ -47,8 +50,8 @@ class Reached(NamedTuple):
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=["table", "replay", "solve"])
-    parser.add_argument("example", help="of `replay`: the table")
+    parser.add_argument("part", choices=["table", "replay", "find", "solve"])
+    parser.add_argument("example", help="of `replay` and `find`: the table")
     parser.add_argument("--modules", type=int, default=7)
     parser.add_argument("--starts", type=int, default=8, help="starts of each candidate of a table")
     parser.add_argument("--out", type=Path, help="the table")
@@ -61,6 +64,8 @@ def main() -> None:
         write_table(arguments.example, arguments.modules, arguments.starts, arguments.out)
     elif arguments.part == "replay":
         replay(Path(arguments.example), arguments.samplers, arguments.seeds)
+    elif arguments.part == "find":
+        find(Path(arguments.example), arguments.samplers, arguments.seeds, arguments.solves)
     else:
         task = read_task(arguments.example, (f"modules={arguments.modules}", *arguments.settings))
         solve(task.resolve(arguments.modules), arguments.samplers, arguments.seeds, arguments.solves)
@@ -86,52 +91,139 @@ def reached_by(outcome: Design | Infeasible, task: ResolvedTask) -> Reached:
     return Reached(outcome.status, math.inf, scaled_violation(outcome.violation, outcome.unit, task))
 
 
-def replay(path: Path, samplers: Sequence[str], seeds: int) -> None:
-    """Print how many solves the samplers need on a table."""
-    table: dict[str, list[Reached]] = {}
+class Table(NamedTuple):
+    """What every start of every candidate of a task reaches."""
+
+    example: str
+    n: int
+    reached: dict[str, list[Reached]]
+
+    @property
+    def space(self) -> Space:
+        """The candidates."""
+        return Space(read_task(self.example, (f"modules={self.n}",)).resolve(self.n), "task")
+
+    @property
+    def best(self) -> float:
+        """The least J of all [rad^4/s^4]."""
+        return min(reached.objective for found in self.reached.values() for reached in found)
+
+    @property
+    def starts(self) -> int:
+        """Starts of each candidate."""
+        return max(map(len, self.reached.values()))
+
+
+def read_table(path: Path) -> Table:
+    """Return a table from its file."""
+    reached: dict[str, list[Reached]] = {}
     with path.open(newline="") as stream:
         for row in csv.DictReader(stream):
-            reached = Reached(row["status"], float(row["objective"]), float(row["violation"]))
-            table.setdefault(row["key"], []).append(reached)
-    n = int(row["modules"])
-    space = Space(read_task(row["example"], (f"modules={n}",)).resolve(n), "task")
-    starts = max(map(len, table.values()))
-    best = min(reached.objective for found in table.values() for reached in found)
-    good = sum(min(reached.objective for reached in found) <= best * (1 + WITHIN) for found in table.values())
-    print(f"{row['example']}, n = {n}: {len(table)} candidates, {good} within 0.1 % of the best, {starts} starts")
-    print("| sampler | solves: mean | median | most | candidates: mean | no more than a third of random's mean |")
-    print("|---|---|---|---|---|---|")
-    needed = {
-        sampler: [until_found(space, table, best, sampler, seed) for seed in range(seeds)] for sampler in samplers
-    }
-    third = mean(solves for solves, _ in needed["random"]) / 3 if "random" in needed else math.nan
-    for sampler, found in needed.items():
-        solves, candidates = zip(*found, strict=True)
-        soon = sum(number <= third for number in solves)
-        line = f"{mean(solves):.0f} | {median(solves):.0f} | {max(solves)} | {mean(candidates):.0f}"
-        print(f"| {sampler} | {line} | {soon} of {seeds} seeds |")
+            found = Reached(row["status"], float(row["objective"]), float(row["violation"]))
+            reached.setdefault(row["key"], []).append(found)
+    return Table(row["example"], int(row["modules"]), reached)
 
 
-def until_found(
-    space: Space, table: dict[str, list[Reached]], best: float, sampler: str, seed: int
-) -> tuple[int, int]:
-    """Return how many solves and candidates a sampler needs until one is within 0.1 % of the best."""
-    starts = max(map(len, table.values()))
-    tried: dict[str, int] = {}
-    least = math.inf
+class Source(Protocol):
+    """Where a proposal's score comes from."""
 
-    def scored(proposal: Proposal) -> Scored:
-        nonlocal least
+    tried: dict[str, int]
+    """Solves of each candidate so far."""
+    least: float
+    """The least J so far [rad^4/s^4]."""
+
+    def __call__(self, proposal: Proposal) -> Scored:
+        """Return what became of a candidate."""
+
+
+class LookedUp:
+    """Scores from a table, without designs carried over; the starts of a tree are in an order of the seed's."""
+
+    def __init__(self, table: Table, seed: int) -> None:
+        random = Random(seed)
+        self.tried, self.least = dict[str, int](), math.inf
+        self._reached = {key: random.sample(found, len(found)) for key, found in table.reached.items()}
+
+    def __call__(self, proposal: Proposal) -> Scored:
+        """Return what the first starts of a candidate reach."""
         key = proposal.candidate.key
-        found = table[key][: proposal.starts]
-        tried[key] = 0 if found[0].status == "impossible" else len(found)
+        found = self._reached[key][: proposal.starts]
+        self.tried[key] = 0 if found[0].status == "impossible" else len(found)
         reached = min(found, key=lambda one: (one.objective, one.violation))
-        least = min(least, reached.objective)
+        self.least = min(self.least, reached.objective)
         return score(key, proposal.starts, reached)
 
-    strategy = optuna_study(space, sampler=sampler, trials=space.count(), starts=starts, seed=seed)
-    follow(strategy, scored, lambda: least <= best * (1 + WITHIN))
-    return sum(tried.values()), len(tried)
+
+class Solved:
+    """Scores from solves, with designs carried over from parents."""
+
+    def __init__(self, task: ResolvedTask, seed: int) -> None:
+        self.task, self.seed, self.tried, self.least = task, seed, dict[str, int](), math.inf
+        self._outcomes: dict[str, Design | Infeasible] = {}
+        self._starts: dict[str, int] = {}
+
+    def __call__(self, proposal: Proposal) -> Scored:
+        """Solve a candidate from the starts that it lacks."""
+        key = proposal.candidate.key
+        starts = range(self._starts.get(key, 0), proposal.starts)
+        donor = None if starts.start else self._outcomes.get(proposal.near or "")
+        near = [donor] if isinstance(donor, Design) else []
+        if starts:  # in the end all starts are asked for, which may have been given
+            outcome = nlp.solve(self.task, proposal.candidate.topology, starts=starts, seed=self.seed, near=near)
+            record = record_of(outcome)
+            self._starts[key] = proposal.starts
+            self.tried[key] = self.tried.get(key, 0) + (0 if record is None else record.starts)
+            known = self._outcomes.get(key)
+            self._outcomes[key] = outcome if known is None else merge(known, outcome, self.task)
+        reached = reached_by(self._outcomes[key], self.task)
+        self.least = min(self.least, reached.objective)
+        return score(key, proposal.starts, reached)
+
+
+def replay(path: Path, samplers: Sequence[str], seeds: int) -> None:
+    """Print how many solves the samplers need on a table."""
+    table = read_table(path)
+    print_needed(table, table.starts, lambda seed: LookedUp(table, seed), samplers, seeds, math.inf)
+
+
+def find(path: Path, samplers: Sequence[str], seeds: int, most: int) -> None:
+    """Print how many solves the samplers need until they have found what a table says is the best."""
+    table = read_table(path)
+    print_needed(table, ALL_STARTS, lambda seed: Solved(table.space.task, seed), samplers, seeds, most)
+
+
+def print_needed(
+    table: Table, starts: int, source: Callable[[int], Source], samplers: Sequence[str], seeds: int, most: float
+) -> None:
+    """Print how many solves the samplers need until a tree within 0.1 % of the best of a table is found."""
+    space, best = table.space, table.best
+
+    def found(source: Source) -> bool:
+        return source.least <= best * (1 + WITHIN)
+
+    def ends(source: Source) -> bool:
+        return found(source) or sum(source.tried.values()) >= most
+
+    good = sum(
+        min(reached.objective for reached in every) <= best * (1 + WITHIN) for every in table.reached.values()
+    )
+    print(f"{table.example}, n = {table.n}: {len(table.reached)} candidates, {good} within 0.1 % of the best")
+    print(
+        "| sampler | solves: median | in 4 of 5 seeds at most | seeds that miss it | a third of random's median |"
+    )
+    print("|---|---|---|---|---|")
+    third = math.nan
+    for sampler in sorted(samplers, key=lambda sampler: sampler != "random"):
+        solves = []
+        for seed in range(seeds):
+            scores = source(seed)
+            explore(space, sampler, starts, seed, scores, ends)
+            solves.append(float(sum(scores.tried.values())) if found(scores) else math.inf)
+        solves.sort()
+        third = median(solves) / 3 if sampler == "random" else third
+        soon = "" if math.isnan(third) else f"{sum(number <= third for number in solves)} of {seeds} seeds"
+        line = f"{median(solves):.0f} | {solves[math.ceil(0.8 * seeds) - 1]:.0f} | {solves.count(math.inf)}"
+        print(f"| {sampler} | {line} | {soon} |", flush=True)
 
 
 def solve(task: ResolvedTask, samplers: Sequence[str], seeds: int, budget: int) -> None:
@@ -147,29 +239,15 @@ def solve(task: ResolvedTask, samplers: Sequence[str], seeds: int, budget: int) 
 
 def best_of(task: ResolvedTask, sampler: str, seed: int, budget: int) -> float:
     """Return the best J that a sampler finds with so many solves."""
-    space = Space(task, "task")
-    outcomes: dict[str, Design | Infeasible] = {}
-    tried: dict[str, int] = {}
-    solves, least = 0, math.inf
+    least = math.inf
 
-    def scored(proposal: Proposal) -> Scored:
-        nonlocal solves, least
-        key = proposal.candidate.key
-        starts = range(tried.get(key, 0), proposal.starts)
-        donor = None if starts.start else outcomes.get(proposal.near or "")
-        near = [donor] if isinstance(donor, Design) else []
-        outcome = nlp.solve(task, proposal.candidate.topology, starts=starts, seed=seed, near=near)
-        record = record_of(outcome)
-        solves += 0 if record is None else record.starts
-        tried[key] = proposal.starts
-        outcomes[key] = merge(outcomes[key], outcome, task) if key in outcomes else outcome
-        reached = reached_by(outcomes[key], task)
-        if solves <= budget:
-            least = min(least, reached.objective)
-        return score(key, proposal.starts, reached)
+    def ends(source: Source) -> bool:
+        nonlocal least
+        solves = sum(source.tried.values())
+        least = source.least if solves <= budget else least
+        return solves >= budget
 
-    strategy = optuna_study(space, sampler=sampler, trials=space.count(), starts=ALL_STARTS, seed=seed)
-    follow(strategy, scored, lambda: solves >= budget)
+    explore(Space(task, "task"), sampler, ALL_STARTS, seed, Solved(task, seed), ends)
     return least
 
 
@@ -180,16 +258,22 @@ def score(key: str, starts: int, reached: Reached) -> Scored:
     return Scored(key, starts, reached.status, None, reached.violation)
 
 
-def follow(strategy: Strategy, scored: Callable[[Proposal], Scored], ends: Callable[[], bool]) -> None:
-    """Follow a strategy round by round until it ends or enough was found."""
+def explore(
+    space: Space, sampler: str, starts: int, seed: int, source: Source, ends: Callable[[Source], bool]
+) -> None:
+    """Follow a sampler's proposals, and look after each whether it was enough."""
+    strategy = optuna_study(space, sampler=sampler, trials=space.count(), starts=starts, seed=seed)
     proposed = next(strategy)
-    while not ends():
-        scores = [scored(proposal) for proposal in proposed]
+    while True:
+        scores = []
+        for proposal in proposed:
+            scores.append(source(proposal))
+            if ends(source):
+                return
         try:
             proposed = strategy.send(scores)
         except StopIteration:
             return
-    strategy.close()
 
 
 if __name__ == "__main__":
