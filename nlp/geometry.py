@@ -128,6 +128,22 @@ def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float)
     return least
 
 
+def cone_reach(envelopes: Swept, centre: Array, upstream: Array, half_angle: float) -> float:
+    """Return how far upstream of a centre an apex must be for its cone, open downstream, to hold all envelopes.
+
+    In metres. There `cone_clearance` vanishes: (reach - h) sin(theta) - rho cos(theta) = r for the end ball that
+    asks for most, with h its height upstream of the centre and rho its distance from the axis.
+    """
+    reaches = []
+    for eta in (0.0, 1.0):
+        q = envelopes.o + eta * envelopes.d - centre
+        h = q @ upstream
+        rho = np.linalg.norm(q - h[:, None] * upstream, axis=1)
+        r = envelopes.r_0 + eta * envelopes.dr
+        reaches.append(np.max(h + (rho * np.cos(half_angle) + r) / np.sin(half_angle)))
+    return float(max(reaches))
+
+
 def hull_clearance(envelope: Swept, corner: Array, hull: Hull) -> Array:
     """Return the clearance of n envelopes from a hull that stands at a place, with its exact sign [m].
 

@@ -1,6 +1,17 @@
-"""Geometry first: hinge angles at which no two envelopes overlap, before any wrench is thought of.
+r"""Geometry first: hinge angles at which no two envelopes overlap, before any wrench is thought of.
 
 The search itself is compiled (`nlp.turning`); here a task and a topology become the numbers that it works on.
+
+A cone that must hold all airflow asks for more than that. The farther its apex, the end-effector, has to be, the
+longer is the lever of the forces there, and thrusts that point apart do little against it. What counts is
+
+.. math::  \ell = \frac{\text{reach}}{\text{lift}}, \qquad
+           \text{lift} = \tfrac{1}{n} \left\| \sum\nolimits_i z_i \right\|,
+
+| symbol | meaning | unit |
+|---|---|---|
+| reach | distance of the nearest apex upstream of the centroid whose cone holds all envelopes | m |
+| lift | share of the thrust that is left of equal inputs; 1 if all axes are parallel | |
 """
 
 from __future__ import annotations
@@ -9,7 +20,7 @@ import math
 
 import numpy as np
 
-from nlp.geometry import PORTS, poses
+from nlp.geometry import PORTS, Swept, cone_reach, poses
 from nlp.problem import hinge_limit
 from nlp.turning import Platform, Rules, Tree, straighten, turn_free
 from topo_search.model import ResolvedTask, Topology
@@ -23,6 +34,12 @@ TURNS = 100
 """Most turns of hinges, a module."""
 SWEEPS = 3
 """How often every hinge is turned back towards zero, once no envelopes overlap."""
+KICKS = 15
+"""Hinges turned at random for a cone's sake, a module."""
+REPAIRS = 20
+"""Most turns of hinges after each, to undo the overlaps that it makes."""
+PATIENCE = 1 / 6
+"""Share of the kicks after which a platform that still has overlaps is let be: there each takes all its repairs."""
 
 
 def place(
@@ -40,9 +57,64 @@ def place(
     if turn_free(tree, at, found, rules, TURNS * topology.n, rng) == 0.0 and leeway:
         straighten(tree, at, found, rules._replace(enough=ENOUGH), SWEEPS, rng)
         turn_free(tree, at, found, rules, TURNS * topology.n, rng)  # if room for some cost others all theirs
-    placed = np.empty(topology.n)
-    placed[order] = found
-    result: Array = placed[1:]
+    return _by_module(found, order)
+
+
+def place_in_cone(
+    task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float, rng: np.random.Generator
+) -> Array:
+    """Return hinge angles, found from alpha, with a shorter lever l and no more overlaps.
+
+    An iterated local search: a hinge is turned anywhere, what then overlaps is turned free, and the angles that
+    this leads to are kept if there are fewer overlaps or, with as many, if l is less.
+
+    Args:
+        task: the task.
+        topology: the tree.
+        alpha: hinge angles, best those of `place`, shape (n-1,) [rad].
+        half_angle: of the cone [rad].
+        rng: random numbers.
+    """
+    order = _preorder(topology)
+    l_c = task.module.connector_distance / task.module.arm_length
+    tree, rules = _tree(topology, order), _rules(task, CLEAR)
+
+    def repaired(alpha: Array) -> tuple[float, Array]:
+        found = np.concatenate([[0.0], alpha])[order]
+        overlap = turn_free(tree, _platform(topology, alpha, l_c, order), found, rules, REPAIRS, rng)
+        return overlap, _by_module(found, order)
+
+    least, best = repaired(alpha)
+    shortest, kicks = lever(task, topology, best, half_angle), KICKS * topology.n
+    for kick in range(kicks):
+        if least > 0.0 and kick >= PATIENCE * kicks:
+            break
+        kicked = best.copy()
+        kicked[rng.integers(topology.n - 1)] = rng.uniform(-rules.turn, rules.turn)
+        if least == 0.0 and lever(task, topology, kicked, half_angle) >= shortest:
+            continue
+        overlap, kicked = repaired(kicked)
+        length = lever(task, topology, kicked, half_angle)
+        if (overlap, length) < (least, shortest):
+            least, shortest, best = overlap, length, kicked
+    return best
+
+
+def lever(task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float) -> float:
+    """Return the lever l of hinge angles [m]."""
+    R, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
+    air, z = task.module.envelope, R[:, :, 2]
+    thrust = z.sum(axis=0)
+    lift = max(float(np.linalg.norm(thrust)), 1e-9)
+    envelopes = Swept(p, -air.length * z, air.start_radius, air.growth)
+    return topology.n * cone_reach(envelopes, p.mean(axis=0), thrust / lift, half_angle) / lift
+
+
+def _by_module(found: Array, order: list[int]) -> Array:
+    """Return the hinge angles of the modules 1..n-1, given those of all in preorder."""
+    alpha = np.empty_like(found)
+    alpha[order] = found
+    result: Array = alpha[1:]
     return result
 
 

@@ -4,17 +4,20 @@ A start is a function of (task, topology, start index, seed) alone, whatever ran
 
 Parallel neighbours blow into each other, so hinges start splayed: a child's airflow leans away from its parent's.
 `tests/benchmarks/starts.py` measures how many more solves that alone makes end feasible. Large platforms need more:
-their hinges are placed until no envelopes overlap (`nlp.placing`).
+their hinges are placed until no envelopes overlap (`nlp.placing`), and where a cone must hold all airflow so that
+its apex can be near; the end-effector is then put there, and the platform turned to where the wrenches cost least.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
+from dataclasses import replace
 
 import numpy as np
 
 from nlp.evaluate import asked_wrenches, wrench_matrix
-from nlp.geometry import poses, root_angles, root_rotation, rotation
+from nlp.geometry import Swept, cone_reach, poses, root_angles, rotation
 from nlp.point import Point, fixed_end_effector
 from nlp.problem import hinge_limit
 from topo_search.model import Exterior, ResolvedTask, Topology
@@ -28,6 +31,8 @@ PLACED_FROM = 8
 """Fewest modules for which hinges are placed free of overlaps first; with fewer, Ipopt sorts them out as well."""
 CONE_SPREAD = 0.3
 """Scatter of the end-effector's direction about the axis of an allowed cone."""
+TURNS = 24
+"""Ways round the mean force of which a start with such a cone takes the one that costs the least effort."""
 LEAST_INPUT, LARGEST_INPUT = 0.05, 0.95
 """Range of the inputs of a start, over their bound: strictly inside, as an interior-point method wants them."""
 
@@ -40,20 +45,30 @@ def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> 
 
 def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
     """Return a random start."""
-    n, l_c = topology.n, task.module.connector_distance
-    alpha = splayed(task, topology, rng)
-    if n >= PLACED_FROM:
-        from nlp.placing import place  # compiled code, which small platforms need not load
+    alpha, half_angle = splayed(task, topology, rng), None
+    if topology.n >= PLACED_FROM:
+        from nlp.placing import place, place_in_cone  # compiled code, which small platforms need not load
 
-        alpha = place(task, topology, alpha, rng)
+        alpha, half_angle = place(task, topology, alpha, rng), _narrowest_cone(task)
+        if half_angle is not None:
+            alpha = place_in_cone(task, topology, alpha, half_angle, rng)
 
-    R, _ = poses(topology, np.eye(3), alpha, l_c)
-    R_root = _towards(R[:, :, 2].sum(axis=0), _mean_force(task))
+    R, _ = poses(topology, np.eye(3), alpha, task.module.connector_distance)
+    upright, turn = _towards(R[:, :, 2].sum(axis=0), _mean_force(task)), 0.0
     if task.search.root == "free":
-        R_root = rotation(_unit(_mean_force(task)), rng.uniform(-np.pi, np.pi)) @ R_root
-    root = root_of(task, R_root)
-    p_E = _end_effector(task, topology, root, alpha, rng)
-    return with_inputs(Point(task, topology, root, alpha, p_E, np.empty((len(task.load_cases), n, 4))))
+        turn = rng.uniform(-np.pi, np.pi)
+    nowhere, nothing = np.zeros(3), np.empty((len(task.load_cases), topology.n, 4))
+
+    def turned(angle: float) -> Point:
+        root = root_of(task, rotation(_unit(_mean_force(task)), angle) @ upright)
+        return Point(task, topology, root, alpha, nowhere, nothing)
+
+    if half_angle is None:
+        start = turned(turn)
+        return with_inputs(replace(start, p_E=_end_effector(start, rng)))
+    turns = turn + 2 * np.pi / TURNS * np.arange(TURNS if task.search.root == "free" else 1)
+    starts = [replace(start, p_E=_apex(start, half_angle)) for start in map(turned, turns)]
+    return with_inputs(min(starts, key=lambda start: float(np.sum(_least_norm_inputs(start) ** 2))))
 
 
 def splayed(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
@@ -69,35 +84,60 @@ def root_of(task: ResolvedTask, R: Array) -> Array:
     return root if task.search.root == "free" else np.array([0.0, *np.clip(root[1:], -np.pi / 2, np.pi / 2)])
 
 
-def _end_effector(
-    task: ResolvedTask, topology: Topology, root: Array, alpha: Array, rng: np.random.Generator
-) -> Array:
+def _end_effector(start: Point, rng: np.random.Generator) -> Array:
     """Return p'_E: anywhere around the platform; upstream of the rotors if the target must not be blown at."""
+    task = start.task
     direction, distance = rng.normal(size=3), rng.uniform(1.0, 10.0) * task.module.arm_length
     distance += task.end_effector.stand_off
     if task.end_effector.fixed_position is not None:
-        return fixed_end_effector(task, topology, root, alpha)
-    upstream = _unit(_mean_force(task))
-    exteriors = [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
-    for requirement in exteriors:
-        if requirement.axis != "com":
-            upstream = -_unit(np.asarray(requirement.axis))
-    if exteriors:
+        return fixed_end_effector(task, start.topology, start.root, start.alpha)
+    upstream = _upstream(task)
+    if any(isinstance(requirement, Exterior) for requirement in task.exposure):
         direction = upstream + CONE_SPREAD * direction
     elif task.exposure and direction @ upstream < 0:
         direction = -direction
-    direction = _unit(direction)
-    _, p = poses(topology, root_rotation(root), alpha, task.module.connector_distance)
-    result: Array = p.mean(axis=0) + distance * direction
+    result: Array = start.poses[1].mean(axis=0) + distance * _unit(direction)
     return result
+
+
+def _apex(start: Point, half_angle: float) -> Array:
+    """Return p'_E: upstream of the rotors, just so far that a cone from there holds all airflow."""
+    task, (R, p) = start.task, start.poses
+    air, centroid, upstream, margin = task.module.envelope, p.mean(axis=0), _upstream(task), task.search.margin
+    envelopes = Swept(p, -air.length * R[:, :, 2], air.start_radius, air.growth)
+    reach = cone_reach(envelopes, centroid, upstream, half_angle) + margin / math.sin(half_angle)
+    off = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin
+    result: Array = centroid + max(reach, off) * upstream
+    return result
+
+
+def _narrowest_cone(task: ResolvedTask) -> float | None:
+    """Return the half-angle [rad] of the narrowest cone that must hold all airflow, if its apex may be chosen."""
+    cones = [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
+    if not cones or task.end_effector.fixed_position is not None:
+        return None
+    return math.radians(min(cone.half_angle_deg for cone in cones))
+
+
+def _upstream(task: ResolvedTask) -> Array:
+    """Return the direction to where no airflow goes: out of an allowed cone, else along the mean force."""
+    upstream = _unit(_mean_force(task))
+    for requirement in task.exposure:
+        if isinstance(requirement, Exterior) and requirement.axis != "com":
+            upstream = -_unit(np.asarray(requirement.axis))
+    return upstream
 
 
 def with_inputs(point: Point) -> Point:
     """Return the point with the least-norm inputs of every load case, brought inside their bounds."""
     u_max = point.task.max_input
+    return replace(point, u=np.clip(_least_norm_inputs(point), LEAST_INPUT * u_max, LARGEST_INPUT * u_max))
+
+
+def _least_norm_inputs(point: Point) -> Array:
+    """Return the least-norm inputs of every load case, whatever their bounds, shape (K, n, 4) [rad^2/s^2]."""
     u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=1e-6)[0].T
-    u = np.clip(u, LEAST_INPUT * u_max, LARGEST_INPUT * u_max).reshape(point.u.shape)
-    return Point(point.task, point.topology, point.root, point.alpha, point.p_E, u)
+    return np.asarray(u, dtype=float).reshape(point.u.shape)
 
 
 def _mean_force(task: ResolvedTask) -> Array:

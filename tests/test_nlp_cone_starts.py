@@ -1,0 +1,134 @@
+"""Starts of large platforms whose airflow a cone must hold: hinges placed for it, the end-effector at its apex."""
+
+import math
+
+import numpy as np
+import pytest
+from nlp_cases import push
+from test_nlp_placing import least_clearance
+
+from nlp.evaluate import asked_wrenches, violations, wrench_matrix
+from nlp.geometry import Swept, cone_reach, root_rotation, rotation
+from nlp.placing import CLEAR, lever, place, place_in_cone
+from nlp.point import Point
+from nlp.starts import TURNS, draw, generator, root_of
+from topo_search.model import Topology
+from topo_search.model.files import read_task
+from topo_search.topologies import sample
+from verify.bodies import Cone, ConeSphere
+from verify.clearance import cone_clearance
+
+
+def cone(half_angle_deg=60.0, axis="com"):
+    return {"kind": "exterior", "half_angle_deg": half_angle_deg, "axis": axis}
+
+
+def conical(n, **fields):
+    search = {"body_clearance": False, **fields.pop("search", {})}
+    fields = {"module": {"connector_distance": 0.22}, "exposure": [cone()], **fields}
+    return push(n, search=search, **fields)
+
+
+def in_cone(start):
+    return [check.scaled for check in violations(start) if "exterior" in check.name]
+
+
+def test_one_ball_reaches_as_far_as_its_tangent_cone():
+    """A ball of radius 1 on the axis: its tangent cone of half-angle 30 degrees has its apex 2 away."""
+    ball = Swept(np.zeros((1, 3)), np.zeros((1, 3)), 1.0)
+    up = np.array([0.0, 0.0, 1.0])
+    assert cone_reach(ball, np.zeros(3), up, math.radians(30)) == pytest.approx(2.0)
+    aside = Swept(np.array([[3.0, 0.0, 5.0]]), np.zeros((1, 3)), 1.0)
+    assert cone_reach(aside, np.zeros(3), up, math.radians(45)) == pytest.approx(5.0 + 3.0 + math.sqrt(2))
+    assert cone_reach(aside, np.zeros(3), up, math.radians(90)) == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize("half_angle_deg", [20.0, 60.0, 90.0])
+def test_the_reach_is_where_the_audit_finds_the_cone_touched(half_angle_deg):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        o, d, centre, upstream = rng.normal(size=(6, 3)), rng.normal(size=(6, 3)), *rng.normal(size=(2, 3))
+        upstream /= np.linalg.norm(upstream)
+        reach = cone_reach(Swept(o, d, 0.1, 0.2), centre, upstream, math.radians(half_angle_deg))
+        allowed = Cone(centre + reach * upstream, -upstream, half_angle_deg)
+        gaps = [cone_clearance(ConeSphere(*axis, 0.1, 0.2), allowed)[0] for axis in zip(o, d, strict=True)]
+        assert min(gaps) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_hinges_placed_for_a_cone_have_a_shorter_lever_and_no_overlaps(number):
+    task, topology = conical(16), sample(16, 3, seed=1)[number]
+    rng = np.random.default_rng(number)
+    placed = place(task, topology, np.zeros(15), rng)
+    clear = CLEAR * task.module.arm_length - 1e-9
+    assert least_clearance(task, topology, placed) >= clear
+    alpha = place_in_cone(task, topology, placed, math.radians(60), rng)
+    assert lever(task, topology, alpha, math.radians(60)) < lever(task, topology, placed, math.radians(60))
+    assert least_clearance(task, topology, alpha) >= clear
+    assert np.all(np.abs(alpha) <= np.pi / 2)
+
+
+def test_the_lever_of_a_straight_chain():
+    """All thrust is left, and the outermost balls at the rotors' height ask for most."""
+    task, chain = conical(9), Topology(((-1, -1, -1), *((h, 0, 2) for h in range(8))))
+    l_c, r = task.module.connector_distance, task.module.envelope.start_radius
+    half_angle = math.radians(60)
+    expected = (8 * l_c * math.cos(half_angle) + r) / math.sin(half_angle)
+    assert lever(task, chain, np.zeros(8), half_angle) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"exposure": [cone(75.0), cone(60.0)]},
+        {"exposure": [cone(60.0, [0.0, 0.6, -0.8])]},
+        {"end_effector": {"stand_off": 0.8}},
+        {"search": {"root": "paper"}},
+        {"search": {"margin": 0.01}},
+    ],
+    ids=["com axis", "two cones", "fixed axis", "stand-off", "paper root", "margin"],
+)
+def test_every_cone_holds_all_airflow_at_the_start(fields):
+    task, topology = conical(10, **fields), sample(10, 1, seed=2)[0]
+    for index in range(2):
+        start = draw(task, topology, generator(task, topology, index, 0))
+        names = [check.name for check in violations(start) if check.scaled > 0.0]
+        assert not [name for name in names if not name.startswith("load case")]
+        nearest = max(in_cone(start)) * task.module.arm_length
+        if not task.end_effector.stand_off:
+            assert nearest == pytest.approx(-task.search.margin, abs=1e-9)
+
+
+def test_the_platform_is_turned_to_where_the_wrenches_cost_least():
+    task = read_task("ten-wrenches-exterior-60", ("modules=10",)).resolve(10)
+    topology = sample(10, 1, seed=0)[0]
+    start = draw(task, topology, generator(task, topology, 0, 0))
+    force = sum(np.add(case.at_end_effector.force, case.at_com.force) for case in task.load_cases)
+
+    def effort(point):
+        return np.sum(np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=None)[0] ** 2)
+
+    efforts = []
+    for k in range(TURNS):
+        turn = rotation(force / np.linalg.norm(force), 2 * np.pi * k / TURNS)
+        root = root_of(task, turn @ root_rotation(start.root))
+        p_E = turn @ start.p_E  # the origin is the root's centre
+        efforts.append(effort(Point(task, topology, root, start.alpha, p_E, start.u)))
+    assert min(efforts) == pytest.approx(efforts[0], rel=1e-9)
+    assert max(efforts) > 1.01 * efforts[0]
+
+
+def test_one_seed_one_start():
+    task, topology = conical(12), sample(12, 1, seed=0)[0]
+    first, second = (draw(task, topology, generator(task, topology, 3, 0)) for _ in range(2))
+    np.testing.assert_array_equal(first.pack(), second.pack())
+    other = draw(task, topology, generator(task, topology, 4, 0))
+    assert np.abs(other.alpha - first.alpha).max() > 0.1
+
+
+def test_a_fixed_end_effector_stays_where_it_is():
+    task = conical(8, end_effector={"position": [0.0, 0.0, 1.0]})
+    topology = sample(8, 1, seed=0)[0]
+    start = draw(task, topology, generator(task, topology, 0, 0))
+    np.testing.assert_allclose(start.p_E - start.p_COM, [0.0, 0.0, 1.0], atol=1e-12)
