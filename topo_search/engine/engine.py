@@ -27,7 +27,7 @@ class Engine(Protocol):
         deadline: Callable[[J], float],
         until: float = math.inf,
     ) -> Iterator[tuple[J, R | Failed]]:
-        """Yield (job, result) as jobs end, in any order; `jobs` is drawn from only a little ahead of the workers.
+        """Yield (job, result) as jobs end, in any order; `jobs` is drawn from only seconds ahead of the workers.
 
         A job that crashes its process or passes its deadline is tried twice, then comes back as Failed.
 
