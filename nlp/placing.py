@@ -63,7 +63,7 @@ def place(
 def place_in_cone(
     task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float, rng: np.random.Generator
 ) -> Array:
-    """Return hinge angles, found from alpha, with a shorter lever l and no more overlaps.
+    """Return hinge angles, found from alpha, with no more overlaps and, with as many, no longer a lever l.
 
     An iterated local search: a hinge is turned anywhere, what then overlaps is turned free, and the angles that
     this leads to are kept if there are fewer overlaps or, with as many, if l is less.

@@ -33,6 +33,8 @@ CONE_SPREAD = 0.3
 """Scatter of the end-effector's direction about the axis of an allowed cone."""
 TURNS = 24
 """Ways round the mean force of which a start with such a cone takes the one that costs the least effort."""
+TIE = 1e-6
+"""Efforts so close together are the same: of turns that symmetry makes alike rounding must not choose."""
 LEAST_INPUT, LARGEST_INPUT = 0.05, 0.95
 """Range of the inputs of a start, over their bound: strictly inside, as an interior-point method wants them."""
 
@@ -45,13 +47,13 @@ def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> 
 
 def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
     """Return a random start."""
-    alpha, half_angle = splayed(task, topology, rng), None
+    alpha, cone = splayed(task, topology, rng), None
     if topology.n >= PLACED_FROM:
         from nlp.placing import place, place_in_cone  # compiled code, which small platforms need not load
 
-        alpha, half_angle = place(task, topology, alpha, rng), _narrowest_cone(task)
-        if half_angle is not None:
-            alpha = place_in_cone(task, topology, alpha, half_angle, rng)
+        alpha, cone = place(task, topology, alpha, rng), _narrowest_cone(task)
+        if cone is not None and cone.axis == "com":  # else the apex is not where the thrusts pull
+            alpha = place_in_cone(task, topology, alpha, math.radians(cone.half_angle_deg), rng)
 
     R, _ = poses(topology, np.eye(3), alpha, task.module.connector_distance)
     upright, turn = _towards(R[:, :, 2].sum(axis=0), _mean_force(task)), 0.0
@@ -63,12 +65,14 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
         root = root_of(task, rotation(_unit(_mean_force(task)), angle) @ upright)
         return Point(task, topology, root, alpha, nowhere, nothing)
 
-    if half_angle is None:
+    if cone is None:
         start = turned(turn)
         return with_inputs(replace(start, p_E=_end_effector(start, rng)))
     turns = turn + 2 * np.pi / TURNS * np.arange(TURNS if task.search.root == "free" else 1)
-    starts = [replace(start, p_E=_apex(start, half_angle)) for start in map(turned, turns)]
-    return with_inputs(min(starts, key=lambda start: float(np.sum(_least_norm_inputs(start) ** 2))))
+    starts = [replace(start, p_E=_apex(start, cone)) for start in map(turned, turns)]
+    efforts = [_least_effort(start) for start in starts]
+    cheap = min(efforts) * (1.0 + TIE)
+    return with_inputs(next(start for start, effort in zip(starts, efforts, strict=True) if effort <= cheap))
 
 
 def splayed(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
@@ -91,8 +95,9 @@ def _end_effector(start: Point, rng: np.random.Generator) -> Array:
     distance += task.end_effector.stand_off
     if task.end_effector.fixed_position is not None:
         return fixed_end_effector(task, start.topology, start.root, start.alpha)
-    upstream = _upstream(task)
-    if any(isinstance(requirement, Exterior) for requirement in task.exposure):
+    cones = [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
+    upstream = _upstream(task, *(cone for cone in cones if cone.axis != "com"))
+    if cones:
         direction = upstream + CONE_SPREAD * direction
     elif task.exposure and direction @ upstream < 0:
         direction = -direction
@@ -100,38 +105,50 @@ def _end_effector(start: Point, rng: np.random.Generator) -> Array:
     return result
 
 
-def _apex(start: Point, half_angle: float) -> Array:
-    """Return p'_E: upstream of the rotors, just so far that a cone from there holds all airflow."""
+def _apex(start: Point, cone: Exterior) -> Array:
+    """Return p'_E: upstream of the rotors, just so far that the cone from there holds all airflow."""
     task, (R, p) = start.task, start.poses
-    air, centroid, upstream, margin = task.module.envelope, p.mean(axis=0), _upstream(task), task.search.margin
-    envelopes = Swept(p, -air.length * R[:, :, 2], air.start_radius, air.growth)
-    reach = cone_reach(envelopes, centroid, upstream, half_angle) + margin / math.sin(half_angle)
+    air, centroid, upstream, margin = (
+        task.module.envelope,
+        p.mean(axis=0),
+        _upstream(task, cone),
+        task.search.margin,
+    )
+    envelopes, theta = (
+        Swept(p, -air.length * R[:, :, 2], air.start_radius, air.growth),
+        math.radians(cone.half_angle_deg),
+    )
+    reach = cone_reach(envelopes, centroid, upstream, theta) + margin / math.sin(theta)
     off = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin
     result: Array = centroid + max(reach, off) * upstream
     return result
 
 
-def _narrowest_cone(task: ResolvedTask) -> float | None:
-    """Return the half-angle [rad] of the narrowest cone that must hold all airflow, if its apex may be chosen."""
-    cones = [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
-    if not cones or task.end_effector.fixed_position is not None:
+def _narrowest_cone(task: ResolvedTask) -> Exterior | None:
+    """Return the narrowest cone that must hold all airflow, if its apex may be chosen."""
+    if task.end_effector.fixed_position is not None:
         return None
-    return math.radians(min(cone.half_angle_deg for cone in cones))
+    cones = [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
+    return min(cones, key=lambda cone: cone.half_angle_deg, default=None)
 
 
-def _upstream(task: ResolvedTask) -> Array:
-    """Return the direction to where no airflow goes: out of an allowed cone, else along the mean force."""
-    upstream = _unit(_mean_force(task))
-    for requirement in task.exposure:
-        if isinstance(requirement, Exterior) and requirement.axis != "com":
-            upstream = -_unit(np.asarray(requirement.axis))
-    return upstream
+def _upstream(task: ResolvedTask, *cones: Exterior) -> Array:
+    """Return where no airflow goes: out of the last cone if its axis is fixed, else along the mean force."""
+    if not cones or cones[-1].axis == "com":
+        return _unit(_mean_force(task))
+    return -_unit(np.asarray(cones[-1].axis))
 
 
 def with_inputs(point: Point) -> Point:
     """Return the point with the least-norm inputs of every load case, brought inside their bounds."""
     u_max = point.task.max_input
     return replace(point, u=np.clip(_least_norm_inputs(point), LEAST_INPUT * u_max, LARGEST_INPUT * u_max))
+
+
+def _least_effort(point: Point) -> float:
+    """Return the objective of the least-norm inputs [rad^4/s^4]."""
+    weights = np.array([case.weight for case in point.task.load_cases])
+    return float(weights @ np.sum(_least_norm_inputs(point) ** 2, axis=(1, 2)))
 
 
 def _least_norm_inputs(point: Point) -> Array:

@@ -7,13 +7,13 @@ import pytest
 from nlp_cases import push
 from test_nlp_placing import least_clearance
 
+from nlp import starts
 from nlp.evaluate import asked_wrenches, violations, wrench_matrix
 from nlp.geometry import Swept, cone_reach, root_rotation, rotation
 from nlp.placing import CLEAR, lever, place, place_in_cone
 from nlp.point import Point
 from nlp.starts import TURNS, draw, generator, root_of
 from topo_search.model import Topology
-from topo_search.model.files import read_task
 from topo_search.topologies import sample
 from verify.bodies import Cone, ConeSphere
 from verify.clearance import cone_clearance
@@ -100,14 +100,17 @@ def test_every_cone_holds_all_airflow_at_the_start(fields):
             assert nearest == pytest.approx(-task.search.margin, abs=1e-9)
 
 
-def test_the_platform_is_turned_to_where_the_wrenches_cost_least():
-    task = read_task("ten-wrenches-exterior-60", ("modules=10",)).resolve(10)
-    topology = sample(10, 1, seed=0)[0]
+@pytest.mark.parametrize("weights", [(1.0, 1.0), (1.0, 0.01)])
+def test_the_platform_is_turned_to_where_the_wrenches_cost_least(weights):
+    forces = ([0.5, 0.0, 0.5], [0.0, 0.5, 0.5])
+    cases = [{"end_effector": {"force": f}, "weight": weight} for f, weight in zip(forces, weights, strict=True)]
+    task, topology = conical(10, load_cases=cases), sample(10, 1, seed=0)[0]
     start = draw(task, topology, generator(task, topology, 0, 0))
-    force = sum(np.add(case.at_end_effector.force, case.at_com.force) for case in task.load_cases)
+    force = np.array(weights) @ np.array(forces)
 
     def effort(point):
-        return np.sum(np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=None)[0] ** 2)
+        u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=None)[0]
+        return np.sum(u**2, axis=0) @ np.array(weights)
 
     efforts = []
     for k in range(TURNS):
@@ -117,6 +120,29 @@ def test_the_platform_is_turned_to_where_the_wrenches_cost_least():
         efforts.append(effort(Point(task, topology, root, start.alpha, p_E, start.u)))
     assert min(efforts) == pytest.approx(efforts[0], rel=1e-9)
     assert max(efforts) > 1.01 * efforts[0]
+
+
+def test_the_narrowest_of_several_cones_holds_all_airflow_at_the_start():
+    wide, narrow = cone(90.0, [0.0, 0.0, -1.0]), cone(60.0, [0.0, 0.6, -0.8])
+    for exposure in ([wide, narrow], [narrow, wide]):
+        task, topology = conical(10, exposure=exposure), sample(10, 1, seed=2)[0]
+        start = draw(task, topology, generator(task, topology, 0, 0))
+        named = f"exposure {exposure.index(narrow)} "
+        held = [check.scaled for check in violations(start) if named in check.name]
+        assert len(held) == 10
+        assert max(held) <= 0.0
+
+
+def test_rounding_does_not_choose_among_turns_that_are_alike(monkeypatch):
+    """Hover costs the same whichever way the platform is turned about the vertical."""
+    hover = [{"com": {"force": [0.0, 0.0, 1.0]}}]
+    task, topology = conical(8, load_cases=hover), sample(8, 1, seed=0)[0]
+    start = draw(task, topology, generator(task, topology, 0, 0))
+    calls = iter(range(TURNS))
+    exact = starts._least_effort
+    monkeypatch.setattr(starts, "_least_effort", lambda point: exact(point) * (1.0 - 1e-12 * next(calls)))
+    other = draw(task, topology, generator(task, topology, 0, 0))
+    np.testing.assert_array_equal(other.root, start.root)
 
 
 def test_one_seed_one_start():

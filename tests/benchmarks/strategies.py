@@ -221,7 +221,9 @@ def print_needed(
             solves.append(float(sum(scores.tried.values())) if found(scores) else math.inf)
         solves.sort()
         third = median(solves) / 3 if sampler == "random" else third
-        soon = "" if math.isnan(third) else f"{sum(number <= third for number in solves)} of {seeds} seeds"
+        soon = (
+            "" if math.isnan(third) else f"{sum(number <= third < math.inf for number in solves)} of {seeds} seeds"
+        )
         line = f"{median(solves):.0f} | {solves[math.ceil(0.8 * seeds) - 1]:.0f} | {solves.count(math.inf)}"
         print(f"| {sampler} | {line} | {soon} |", flush=True)
 

@@ -52,7 +52,7 @@ class Ended:
 
 _thread = threading.local()
 """Keeps, for each thread of a Dask worker, which runs one task at a time, a child that ends with the Dask worker,
-and the versions that were found."""
+and the versions that it was found to have: they must not be changed under it."""
 
 
 def run_guarded(batch: Batch) -> Ended:

@@ -93,7 +93,7 @@ class DaskWorkers(Engine):
     ) -> Iterator[tuple[list[J], Ended | Failed]]:
         """Yield batches with what came back; Failed if the Dask workers that ran one ended again and again.
 
-        Jobs that a batch had no time to begin are sent again, before any others.
+        Jobs that a batch had no time to begin are sent again, before new ones are drawn.
         """
         source = iter(jobs)
         waiting: deque[J] = deque()
