@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -109,12 +109,11 @@ def _clearances(point: Point) -> Iterator[Violation]:
 def _gaps(point: Point) -> Iterator[tuple[str, float]]:
     """Yield the name and the exact clearance [m], positive when clear, of every geometric constraint."""
     task, n = point.task, point.topology.n
-    R, p = point.poses
-    air = task.module.envelope
-    d = -air.length * R[:, :, 2]
+    p = point.poses[1]
+    envelopes = point.envelopes
     i, j = np.array(list(combinations(range(n), 2)), dtype=int).reshape(-1, 2).T
     if task.search.interference == "airflow":
-        one, other = (Swept(p[side], d[side], air.start_radius, air.growth) for side in (i, j))
+        one, other = (replace(envelopes, o=p[side], d=envelopes.d[side]) for side in (i, j))
         yield from zip(map(names.airflow, i, j), clearance(one, other), strict=True)
         distance, bolted = task.centre_distance, point.topology.bolted
     else:
@@ -128,7 +127,6 @@ def _gaps(point: Point) -> Iterator[tuple[str, float]]:
         yield from ((names.exclusion(a), gap) for a, gap in enumerate(gaps))
 
     offset = point.p_E - point.p_COM
-    envelopes = Swept(p, d, air.start_radius, air.growth)
     for number, requirement in enumerate(task.exposure):
         if needs_offset(requirement):
             yield names.OFFSET, float(np.linalg.norm(offset)) - LEAST_OFFSET * task.module.arm_length

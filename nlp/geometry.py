@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from topo_search.model import Topology
+from topo_search.model import AirflowEnvelope, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.hulls import Hull
 
@@ -83,6 +83,11 @@ class Swept:
     d: Array
     r_0: float
     dr: float = 0.0
+
+
+def envelopes(air: AirflowEnvelope, R: Array, p: Array) -> Swept:
+    """Return the airflow envelopes of modules with orientations R (n,3,3) and centres p (n,3) [m]."""
+    return Swept(p, -air.length * R[:, :, 2], air.start_radius, air.growth)
 
 
 def clearance(one: Swept, other: Swept) -> Array:

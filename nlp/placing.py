@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from nlp.geometry import PORTS, Swept, cone_reach, poses
+from nlp.geometry import PORTS, cone_reach, envelopes, poses
 from nlp.problem import hinge_limit
 from nlp.turning import Platform, Rules, Tree, straighten, turn_free
 from topo_search.model import ResolvedTask, Topology
@@ -103,11 +103,10 @@ def place_in_cone(
 def lever(task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float) -> float:
     """Return the lever l of hinge angles [m]."""
     R, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
-    air, z = task.module.envelope, R[:, :, 2]
-    thrust = z.sum(axis=0)
+    thrust = R[:, :, 2].sum(axis=0)
     lift = max(float(np.linalg.norm(thrust)), 1e-9)
-    envelopes = Swept(p, -air.length * z, air.start_radius, air.growth)
-    return topology.n * cone_reach(envelopes, p.mean(axis=0), thrust / lift, half_angle) / lift
+    reach = cone_reach(envelopes(task.module.envelope, R, p), p.mean(axis=0), thrust / lift, half_angle)
+    return topology.n * reach / lift
 
 
 def _by_module(found: Array, order: list[int]) -> Array:

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nlp.geometry import poses, root_rotation
+from nlp.geometry import Swept, envelopes, poses, root_rotation
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -40,6 +40,18 @@ class Point:
         n, m, m_E = self.topology.n, self.task.module.mass, self.task.end_effector.mass
         result: Array = (m_E * self.p_E + m * self.poses[1].sum(axis=0)) / (n * m + m_E)
         return result
+
+    @cached_property
+    def envelopes(self) -> Swept:
+        """Airflow envelopes of all modules."""
+        R, p = self.poses
+        return envelopes(self.task.module.envelope, R, p)
+
+    @property
+    def objective(self) -> float:
+        """J [rad^4/s^4]."""
+        weights = np.array([case.weight for case in self.task.load_cases])
+        return float(np.sum(weights * np.sum(self.u**2, axis=(1, 2))))
 
     def pack(self) -> Array:
         """Return the dimensionless vector of `nlp.problem.Variables`."""

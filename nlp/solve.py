@@ -91,9 +91,7 @@ def _trial(program: Program, start: Point, index: int) -> _Trial:
     answer = program.solve(start)
     # an evaluation that failed leaves no numbers behind: then the start itself is what was reached
     point = finish(answer.point) if np.all(np.isfinite(answer.point.pack())) else start
-    weights = [case.weight for case in point.task.load_cases]
-    objective = float(np.sum(np.array(weights) * np.sum(point.u**2, axis=(1, 2))))
-    return _Trial(index, answer, point, worst(violations(point)), objective)
+    return _Trial(index, answer, point, worst(violations(point)), point.objective)
 
 
 def _design(best: _Trial, record: SolverRecord) -> Design:

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from nlp.evaluate import asked_wrenches, wrench_matrix
-from nlp.geometry import Swept, cone_reach, poses, root_angles, rotation
+from nlp.geometry import cone_reach, poses, root_angles, rotation
 from nlp.point import Point, fixed_end_effector
 from nlp.problem import hinge_limit
 from topo_search.model import Exterior, ResolvedTask, Topology
@@ -69,10 +69,9 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
         start = turned(turn)
         return with_inputs(replace(start, p_E=_end_effector(start, rng)))
     turns = turn + 2 * np.pi / TURNS * np.arange(TURNS if task.search.root == "free" else 1)
-    starts = [replace(start, p_E=_apex(start, cone)) for start in map(turned, turns)]
-    efforts = [_least_effort(start) for start in starts]
-    cheap = min(efforts) * (1.0 + TIE)
-    return with_inputs(next(start for start, effort in zip(starts, efforts, strict=True) if effort <= cheap))
+    starts = [_with_least_norm(replace(start, p_E=_apex(start, cone))) for start in map(turned, turns)]
+    cheap = min(start.objective for start in starts) * (1.0 + TIE)
+    return _bounded(next(start for start in starts if start.objective <= cheap))
 
 
 def splayed(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
@@ -95,8 +94,9 @@ def _end_effector(start: Point, rng: np.random.Generator) -> Array:
     distance += task.end_effector.stand_off
     if task.end_effector.fixed_position is not None:
         return fixed_end_effector(task, start.topology, start.root, start.alpha)
-    cones = [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
-    upstream = _upstream(task, *(cone for cone in cones if cone.axis != "com"))
+    cones = _cones(task)
+    fixed = [cone for cone in cones if cone.axis != "com"]
+    upstream = _upstream(task, fixed[-1] if fixed else None)
     if cones:
         direction = upstream + CONE_SPREAD * direction
     elif task.exposure and direction @ upstream < 0:
@@ -107,54 +107,48 @@ def _end_effector(start: Point, rng: np.random.Generator) -> Array:
 
 def _apex(start: Point, cone: Exterior) -> Array:
     """Return p'_E: upstream of the rotors, just so far that the cone from there holds all airflow."""
-    task, (R, p) = start.task, start.poses
-    air, centroid, upstream, margin = (
-        task.module.envelope,
-        p.mean(axis=0),
-        _upstream(task, cone),
-        task.search.margin,
-    )
-    envelopes, theta = (
-        Swept(p, -air.length * R[:, :, 2], air.start_radius, air.growth),
-        math.radians(cone.half_angle_deg),
-    )
-    reach = cone_reach(envelopes, centroid, upstream, theta) + margin / math.sin(theta)
+    task, p, half_angle = start.task, start.poses[1], math.radians(cone.half_angle_deg)
+    centroid, upstream, margin = p.mean(axis=0), _upstream(task, cone), task.search.margin
+    reach = cone_reach(start.envelopes, centroid, upstream, half_angle) + margin / math.sin(half_angle)
     off = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin
     result: Array = centroid + max(reach, off) * upstream
     return result
+
+
+def _cones(task: ResolvedTask) -> list[Exterior]:
+    """Return the cones that must hold all airflow."""
+    return [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
 
 
 def _narrowest_cone(task: ResolvedTask) -> Exterior | None:
     """Return the narrowest cone that must hold all airflow, if its apex may be chosen."""
     if task.end_effector.fixed_position is not None:
         return None
-    cones = [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
-    return min(cones, key=lambda cone: cone.half_angle_deg, default=None)
+    return min(_cones(task), key=lambda cone: cone.half_angle_deg, default=None)
 
 
-def _upstream(task: ResolvedTask, *cones: Exterior) -> Array:
-    """Return where no airflow goes: out of the last cone if its axis is fixed, else along the mean force."""
-    if not cones or cones[-1].axis == "com":
+def _upstream(task: ResolvedTask, cone: Exterior | None) -> Array:
+    """Return where no airflow goes: out of a cone whose axis is fixed, else along the mean force."""
+    if cone is None or cone.axis == "com":
         return _unit(_mean_force(task))
-    return -_unit(np.asarray(cones[-1].axis))
+    return -_unit(np.asarray(cone.axis))
 
 
 def with_inputs(point: Point) -> Point:
     """Return the point with the least-norm inputs of every load case, brought inside their bounds."""
+    return _bounded(_with_least_norm(point))
+
+
+def _with_least_norm(point: Point) -> Point:
+    """Return the point with the least-norm inputs of every load case, whatever their bounds."""
+    u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=1e-6)[0]
+    return replace(point, u=np.asarray(u.T, dtype=float).reshape(point.u.shape))
+
+
+def _bounded(point: Point) -> Point:
+    """Return the point with its inputs brought inside their bounds."""
     u_max = point.task.max_input
-    return replace(point, u=np.clip(_least_norm_inputs(point), LEAST_INPUT * u_max, LARGEST_INPUT * u_max))
-
-
-def _least_effort(point: Point) -> float:
-    """Return the objective of the least-norm inputs [rad^4/s^4]."""
-    weights = np.array([case.weight for case in point.task.load_cases])
-    return float(weights @ np.sum(_least_norm_inputs(point) ** 2, axis=(1, 2)))
-
-
-def _least_norm_inputs(point: Point) -> Array:
-    """Return the least-norm inputs of every load case, whatever their bounds, shape (K, n, 4) [rad^2/s^2]."""
-    u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=1e-6)[0].T
-    return np.asarray(u, dtype=float).reshape(point.u.shape)
+    return replace(point, u=np.clip(point.u, LEAST_INPUT * u_max, LARGEST_INPUT * u_max))
 
 
 def _mean_force(task: ResolvedTask) -> Array:

@@ -136,9 +136,7 @@ class _Merit:
 
 def _merit(point: Point) -> _Merit:
     reason = worst(violations(finish(point)))
-    weights = np.array([case.weight for case in point.task.load_cases])
-    effort = float(weights @ np.einsum("kiq,kiq->k", point.u, point.u))
-    return _Merit(reason.met, effort if reason.met else reason.rank)
+    return _Merit(reason.met, point.objective if reason.met else reason.rank)
 
 
 def _ipopt(assembly: Assembly, options: Options) -> tuple[ca.Function, tuple[Evaluated, ...]]:
