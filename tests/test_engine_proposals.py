@@ -123,18 +123,54 @@ def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
     assert all(s.starts == FEW for s in scores if s.status in ("failed", "impossible"))
 
 
-def test_children_are_near_candidates_of_earlier_rounds_that_have_a_design() -> None:
+def test_what_is_carried_over_are_designs_of_earlier_rounds() -> None:
     rounds = follow(optuna_study(space(7), sampler="moves", trials=160, starts=4, seed=0))
     earlier: set[str] = set()
     near = 0
     for part in rounds:
         for proposal in part:
-            if proposal.near is not None:
-                near += 1
-                assert proposal.near in earlier
-                assert scored(proposal.near, 4).objective is not None
+            near += proposal.near != ()
+            assert earlier.issuperset(proposal.near)
+            assert len(set(proposal.near)) == len(proposal.near) <= proposal.starts
+            assert all(scored(key, 4).objective is not None for key in proposal.near)
         earlier |= {p.candidate.key for p in part}
-    assert near > 100
+    assert near > 50
+
+
+def twin_of(key: str) -> str:
+    return space(8).twin_of(space(8).candidate_of(Topology.from_key(key))).key
+
+
+def test_of_twins_one_is_proposed_and_the_other_where_it_is_the_best() -> None:
+    keys = new(follow(optuna_study(space(8), sampler="moves", trials=160, starts=4, seed=0)))
+    pairs = sum(twin_of(key) in keys and twin_of(key) != key for key in keys) / 2
+    assert pairs < 0.15 * len(keys)
+    best = min(keys, key=lambda key: scored(key, 4).objective or math.inf)
+    assert twin_of(best) in keys
+
+
+def test_a_tree_whose_starts_miss_is_found_by_its_twin() -> None:
+    """All but the trees with the very best objective do what they can; those two seem bad where one comes first."""
+    promised = {
+        candidate.key: scored(candidate.key, 4).objective or math.inf for candidate in space(8).candidates()
+    }
+    first, second = sorted(promised, key=lambda key: (promised[key], key))[:2]
+    assert (twin_of(first), promised[first]) == (second, pytest.approx(promised[second]))
+
+    def found(seed: int) -> bool:
+        met: list[str] = []
+
+        def objective(key: str, starts: int) -> Scored:
+            if key in (first, second):
+                met.append(key)
+                if key == met[0]:
+                    return Scored(key, starts, "feasible", 10.0, None)
+            return scored(key, starts)
+
+        rounds = follow(optuna_study(space(8), sampler="moves", trials=200, starts=4, seed=seed), objective)
+        return {first, second} <= set(new(rounds))
+
+    assert sum(map(found, range(3))) >= 2
 
 
 def test_moves_find_better_trees_than_uniform_draws() -> None:

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from topo_search.engine.proposals.descriptors import descriptors
+from topo_search.engine.proposals.descriptors import PATTERNS, descriptors
 from topo_search.engine.proposals.forecast import MOST, Forecast
 from topo_search.model import Topology
 from topo_search.topologies import Connectors, candidate_of, sample
+from topo_search.topologies.tree_moves import part_of
 
 
 @given(st.integers(1, 14), st.integers(0, 10**6), st.sampled_from(["aligned", "any"]))
@@ -20,19 +21,50 @@ def test_trees_that_are_one_candidate_are_described_alike(n: int, seed: int, con
 
 
 @pytest.mark.parametrize(
-    ("key", "expected"),
+    ("key", "expected", "paths"),
     [
-        ("a0", [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0]),
-        ("a10", [0, 0.25, 0, 0, 2, 0, 0, 2, 1 / 2, 0, 0, 0]),
-        ("p18", [0, 0.25, 0, 0, 2, 0, 0, 0, 1 / 2, 0, 0, 0]),  # spins cancel
-        ("af0000", [0.4, 0.4, 0, 0, 4, 0, 1, 5, 16 / 5, 0, 0, 0]),
-        ("a3400", [0.25, 0.25, 0, 1, 2, 2, 0, 4, 10 / 4, 0, 0, 0]),  # a square without its last joint
-        ("a300", [1 / 9, 1 / 3, 0, 0, 2, 1, 0, 3, 4 / 3, 3, 0, 2**0.5 / 27]),  # a corner
-        ("a5100", [1 / 8, 3 / 4, 0, 0, 2, 2, 0, 4, 10 / 4, 4, 2, 0.625**0.5 / 4]),  # three in a row, and one aside
+        ("a0", [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0], {}),
+        ("a10", [0, 0.25, 0, 0, 2, 0, 0, 2, 1 / 2, 0, 0, 0], {}),
+        ("p18", [0, 0.25, 0, 0, 2, 0, 0, 0, 1 / 2, 0, 0, 0], {}),  # spins cancel
+        ("af0000", [0.4, 0.4, 0, 0, 4, 0, 1, 5, 16 / 5, 0, 0, 0], {"0": 2, "1": 4}),
+        # a square without its last joint
+        ("a3400", [0.25, 0.25, 0, 1, 2, 2, 0, 4, 10 / 4, 0, 0, 0], {"1": 2, "11": 1}),
+        # a corner
+        ("a300", [1 / 9, 1 / 3, 0, 0, 2, 1, 0, 3, 4 / 3, 3, 0, 2**0.5 / 27], {"1": 1}),
+        # three in a row, and one aside
+        (
+            "a5100",
+            [1 / 8, 3 / 4, 0, 0, 2, 2, 0, 4, 10 / 4, 4, 2, 0.625**0.5 / 4],
+            {"0": 1, "1": 1, "01": 1},
+        ),
+        # the same, the one aside turned by a quarter
+        (
+            "p5180",
+            [1 / 8, 3 / 4, 0, 0, 2, 2, 0, 2, 10 / 4, 4, 2, 0.625**0.5 / 4],
+            {"0": 1, "1": 1, "01": 1},
+        ),
     ],
 )
-def test_descriptors_of_trees_that_can_be_looked_at(key: str, expected: list[float]) -> None:
-    assert descriptors(Topology.from_key(key)) == pytest.approx(expected)
+def test_descriptors_of_trees_that_can_be_looked_at(key: str, expected: list[float], paths: dict[str, int]) -> None:
+    counted = [paths.get("".join(map(str, pattern)), 0) for pattern in PATTERNS]
+    assert descriptors(Topology.from_key(key)) == pytest.approx([*expected, *counted])
+
+
+@given(st.integers(2, 14), st.integers(0, 10**6), st.data())
+def test_a_part_mirrored_at_its_joint_keeps_the_patterns_of_all_paths(
+    n: int, seed: int, data: st.DataObject
+) -> None:
+    (tree,) = sample(n, 1, seed, symmetry="none")
+    i = data.draw(st.integers(1, n - 1))
+    part = part_of(tree, i)
+    across = {port: port if (port - tree.joints[i][2]) % 2 == 0 else (port + 2) % 4 for port in range(4)}
+    joints = [
+        (h, across[a] if h in part else a, across[b] if child in part else b)
+        for child, (h, a, b) in enumerate(tree.joints)
+        if child
+    ]
+    mirrored = Topology((tree.joints[0], *joints))
+    assert descriptors(mirrored)[-len(PATTERNS) :] == pytest.approx(descriptors(tree)[-len(PATTERNS) :])
 
 
 @pytest.mark.parametrize("bend", [0.0, 3.0])
@@ -61,3 +93,17 @@ def test_one_solved_tree_is_enough() -> None:
     hopes = Forecast(np.ones((1, 4)), [0]).hopes(np.ones((2, 4)))
     assert np.all(np.isfinite(hopes))
     assert hopes[0] == hopes[1]
+
+
+def test_what_falls_short_is_told_from_what_the_others_say() -> None:
+    rng = np.random.default_rng(2)
+    described = rng.normal(size=(60, 2))
+    order = np.argsort(described[:, 0])
+    missed = order[3]  # among the best, but it stands last
+    ranking = np.array([*order[order != missed], missed])
+    forecast = Forecast(described[ranking], range(60))
+    missed_hopes = forecast.missed()
+    assert 59 in np.argsort(missed_hopes)[:3]
+    assert np.isinf(missed_hopes).sum() > 15  # those that stand no worse than the others tell
+    alone = Forecast(described[ranking[:-1]], range(59)).hopes(described[[missed]])
+    assert missed_hopes[-1] == pytest.approx(alone[0], abs=0.1)

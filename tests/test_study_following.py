@@ -24,7 +24,7 @@ def halving(space, told):
         starts *= 2
         order = sorted(range(len(scores)), key=lambda i: (scores[i].objective or math.inf, scores[i].violation))
         best = scores[order[0]].key
-        proposals = [Proposal(proposals[i].candidate, starts, near=best) for i in order[: len(order) // 2]]
+        proposals = [Proposal(proposals[i].candidate, starts, near=(best,)) for i in order[: len(order) // 2]]
 
 
 def follow(path, *, until=math.inf, strategy=halving):
@@ -80,21 +80,42 @@ def neighbours(space, told):
     first, second, third = itertools.islice(space.candidates(), 3)
     told.append((yield [Proposal(first, 1)]))
     told.append(
-        (yield [Proposal(first, 2, near=first.key), Proposal(second, 1, near=first.key), Proposal(third, 1)])
+        (yield [Proposal(first, 2, near=(first.key,)), Proposal(second, 3, near=(first.key,)), Proposal(third, 1)])
     )
 
 
-def test_a_design_is_carried_over_with_the_first_starts_alone(tmp_path, log):
+def test_a_design_is_carried_over_with_the_first_starts_alone_in_place_of_one(tmp_path, log):
     follow(tmp_path / "run", strategy=neighbours)
     first, second, third = (c.key for c in itertools.islice(Space(toy_task(4).resolve(4), "c2").candidates(), 3))
     carried = [(line.split()[0], line.split()[3:]) for line in log.read_text().splitlines()]
     assert carried == [(first, []), (first, []), (second, [first]), (third, [])]
+    with RunFolder.found(tmp_path / "run") as folder:
+        rows = {row.key: row for row in folder.ledger.ranked(4)}
+    assert [(rows[key].asked, rows[key].starts) for key in (first, second, third)] == [(2, 2), (3, 2), (1, 1)]
+    assert rows[second].objective == min(toy_problem.value(second, start, 0, 1e-4) for start in (1, 2))
+
+
+def test_designs_may_stand_for_all_of_the_first_starts(tmp_path, log):
+    def carried_over_alone(space, told):
+        first, second, third = itertools.islice(space.candidates(), 3)
+        told.append((yield [Proposal(first, 1), Proposal(second, 1)]))
+        told.append((yield [Proposal(third, 2, near=(first.key, second.key))]))
+        told.append((yield [Proposal(third, 4, near=(first.key, second.key))]))
+
+    ended, told = follow(tmp_path / "run", strategy=carried_over_alone)
+    lines = [line.split() for line in log.read_text().splitlines()]
+    assert ended
+    assert [line[3:] for line in lines] == [[], [], [told[0][0].key, told[0][1].key], []]
+    third = told[1][0].key
+    values = [toy_problem.value(third, start, 0, 1e-4) for start in (-2, -1, 2, 3)]
+    assert [scores[0].objective for scores in told[1:]] == [min(values[:2]), min(values)]
 
 
 def test_a_neighbour_without_a_design_carries_nothing_over(tmp_path, monkeypatch, log):
     first = next(Space(toy_task(4).resolve(4), "c2").candidates()).key
     monkeypatch.setenv("TOY_NONE", first)
-    follow(tmp_path / "run", strategy=neighbours)
+    _, told = follow(tmp_path / "run", strategy=neighbours)
+    assert [scored.starts for scored in told[1]] == [2, 3, 1]
     assert {len(line.split()) for line in log.read_text().splitlines()} == {3}
 
 

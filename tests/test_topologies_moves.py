@@ -6,9 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from topo_search.engine import Space
 from topo_search.model import Topology
-from topo_search.topologies import Connectors, Root, candidate_of, candidates, sample
-from topo_search.topologies.tree_moves import grafted, neighbour, part_of
+from topo_search.model.files import read_task
+from topo_search.topologies import Connectors, Root, Symmetry, candidate_of, candidates, sample
+from topo_search.topologies.tree_moves import grafted, neighbour, part_of, with_spins_reversed
 
 
 def spins(topology: Topology) -> list[int]:
@@ -83,3 +85,28 @@ def test_what_cannot_be_moved_is_refused() -> None:
         grafted(chain, 2, (0, 0))
     with pytest.raises(ValueError, match=r"`n >= 2` must hold for a move, but got n = 1"):
         neighbour(Topology.from_key("a0"), Random(0), "aligned")
+
+
+@given(trees("any"))
+def test_spins_reversed_twice_are_a_half_turn(tree: Topology) -> None:
+    other = with_spins_reversed(tree)
+    assert spins(other) == spins(tree)  # relative to the root's
+    assert candidate_of(with_spins_reversed(other), connectors="any") == candidate_of(tree, connectors="any")
+
+
+@given(trees("aligned"))
+def test_reversed_spins_are_a_quarter_turn_of_an_aligned_tree(tree: Topology) -> None:
+    other = with_spins_reversed(tree)
+    assert other.kappas == tree.kappas
+    assert candidate_of(other, symmetry="c4") == candidate_of(tree, symmetry="c4")
+
+
+@pytest.mark.parametrize("connectors", ["aligned", "any"])
+@pytest.mark.parametrize("symmetry", ["task", "none", "c2", "d2", "c4"])
+def test_the_twin_of_a_twin_is_the_candidate_itself(symmetry: Symmetry, connectors: Connectors) -> None:
+    task = read_task("push", ("modules=4", f"search.connectors={connectors}")).resolve(4)
+    space = Space(task, symmetry)
+    twins = {candidate: space.twin_of(candidate) for candidate in space.candidates()}
+    assert all(twins[twin] == candidate for candidate, twin in twins.items())
+    if symmetry == "none":
+        assert all(twin == candidate for candidate, twin in twins.items())

@@ -71,6 +71,7 @@ def solve(
         time.sleep(0.1)
     time.sleep(float(os.environ.get("TOY_SLEEP", "0")))
     feasible = not _told("TOY_NONE", key)
+    starts = starts or range(-len(near), 0)  # designs alone stand for starts, beside others they bring nothing
     best = min(starts, key=lambda s: (value(key, s, seed, margin), s))
     record = SolverRecord(
         status="Solve_Succeeded",

@@ -1,15 +1,18 @@
 """How soon each sampler of `run --strategy optuna` finds good trees.
 
     python tests/benchmarks/strategies.py table push --modules 7 --starts 8 --out push-7.csv
+    python tests/benchmarks/strategies.py table runs/push-8 --out push-8.csv
     python tests/benchmarks/strategies.py replay push-7.csv --seeds 20
     python tests/benchmarks/strategies.py find push-7.csv --seeds 20 --samplers moves --solves 500
     python tests/benchmarks/strategies.py solve push --modules 12 --solves 200 --seeds 3 [--set FIELD=VALUE ...]
 
-`table` solves every candidate from every start. `replay` looks up in it what the samplers propose, without designs
-carried over from parents, and counts the solves until a tree within 0.1 % of the best of the table is found. Every
-seed takes the starts of each tree in an order of its own: few of them may lead to what a tree can reach.
-`find` counts them too, but solves what is proposed, with designs carried over as the search does it, and gives up
-after so many solves. `solve` says what they lead to. A candidate that is proven impossible takes no solve.
+`table` solves every candidate from every start, or reads what they reached from the folder of an exhaustive run,
+whose ledger does not keep by how much a start failed that others of its tree did better than. `replay` looks up
+in it what the samplers propose, without designs carried over from other trees, and counts the solves until a tree
+within 0.1 % of the best of the table is found. Every seed takes the starts of each tree in an order of its own:
+few of them may lead to what a tree can reach. `find` counts them too, but solves what is proposed, with designs
+carried over as the search does it, and gives up after so many solves. `solve` says what they lead to. A candidate
+that is proven impossible takes no solve.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from __future__ import annotations
 import argparse
 import csv
 import math
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from random import Random
@@ -28,6 +32,7 @@ from topo_search.engine import Proposal, Scored, Space, merge, record_of, scaled
 from topo_search.engine.proposals import optuna_study
 from topo_search.model import Design, Infeasible, ResolvedTask
 from topo_search.model.files import read_task
+from topo_search.study import RunFolder
 
 SAMPLERS = ("moves", "tpe", "nsga2", "random")
 WITHIN = 1e-3
@@ -51,7 +56,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=["table", "replay", "find", "solve"])
-    parser.add_argument("example", help="of `replay` and `find`: the table")
+    parser.add_argument("example", help="of `replay` and `find`: the table; of `table` also a run's folder")
     parser.add_argument("--modules", type=int, default=7)
     parser.add_argument("--starts", type=int, default=8, help="starts of each candidate of a table")
     parser.add_argument("--out", type=Path, help="the table")
@@ -60,7 +65,9 @@ def main() -> None:
     parser.add_argument("--samplers", nargs="+", default=SAMPLERS)
     parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", dest="settings")
     arguments = parser.parse_args()
-    if arguments.part == "table":
+    if arguments.part == "table" and Path(arguments.example).is_dir():
+        extract_table(Path(arguments.example), arguments.out)
+    elif arguments.part == "table":
         write_table(arguments.example, arguments.modules, arguments.starts, arguments.out)
     elif arguments.part == "replay":
         replay(Path(arguments.example), arguments.samplers, arguments.seeds)
@@ -82,6 +89,24 @@ def write_table(example: str, n: int, starts: int, out: Path) -> None:
                 outcome = nlp.solve(task, candidate.topology, starts=range(start, start + 1), seed=0)
                 reached = reached_by(outcome, task)
                 writer.writerow([example, n, candidate.key, start, *reached])
+
+
+def extract_table(run: Path, out: Path) -> None:
+    """Write what the starts of an exhaustive run reached."""
+    with RunFolder.found(run) as folder, out.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(COLUMNS)
+        context, *_ = folder.request.contexts(folder.request.task.sizes[0])
+        task = context.task
+        for candidate in Space(task, "task").candidates():
+            outcome = folder.ledger.result(context, candidate.key)
+            record = record_of(outcome)
+            closest = reached_by(outcome, task)
+            feasible = [Reached("feasible", J, 0.0) for J in (() if record is None else record.objectives)]
+            missed = 1 if record is None else record.starts - len(feasible)
+            failed = Reached("infeasible", math.inf, math.inf) if feasible else closest
+            for start, reached in enumerate([*feasible, *(missed * [failed])]):
+                writer.writerow([task.name, task.n, candidate.key, start, *reached])
 
 
 def reached_by(outcome: Design | Infeasible, task: ResolvedTask) -> Reached:
@@ -122,6 +147,15 @@ def read_table(path: Path) -> Table:
             found = Reached(row["status"], float(row["objective"]), float(row["violation"]))
             reached.setdefault(row["key"], []).append(found)
     return Table(row["example"], int(row["modules"]), reached)
+
+
+def twins_apart(table: Table) -> float:
+    """Return by how much, in the median, the best J of two trees differ whose rotors turn in opposite senses."""
+    space = table.space
+    least = {key: min(reached.objective for reached in every) for key, every in table.reached.items()}
+    pairs = {frozenset((one.key, space.twin_of(one).key)) for one in space.candidates()}
+    found = [[least[key] for key in pair] for pair in pairs if len(pair) == 2]
+    return median([max(both) / min(both) - 1 for both in found if max(both) < math.inf] or [math.nan])
 
 
 class Source(Protocol):
@@ -165,10 +199,11 @@ class Solved:
     def __call__(self, proposal: Proposal) -> Scored:
         """Solve a candidate from the starts that it lacks."""
         key = proposal.candidate.key
-        starts = range(self._starts.get(key, 0), proposal.starts)
-        donor = None if starts.start else self._outcomes.get(proposal.near or "")
-        near = [donor] if isinstance(donor, Design) else []
-        if starts:  # in the end all starts are asked for, which may have been given
+        first = self._starts.get(key, 0)
+        donors = [] if first else [self._outcomes[donor] for donor in proposal.near]
+        near = [donor for donor in donors if isinstance(donor, Design)]
+        starts = range(max(first, len(near)), proposal.starts)
+        if first < proposal.starts:  # in the end all starts are asked for, which may have been given
             outcome = nlp.solve(self.task, proposal.candidate.topology, starts=starts, seed=self.seed, near=near)
             record = record_of(outcome)
             self._starts[key] = proposal.starts
@@ -208,6 +243,7 @@ def print_needed(
         min(reached.objective for reached in every) <= best * (1 + WITHIN) for every in table.reached.values()
     )
     print(f"{table.example}, n = {table.n}: {len(table.reached)} candidates, {good} within 0.1 % of the best")
+    print(f"median difference of two that differ in the sense of all rotors alone: {twins_apart(table):.2%}")
     print(
         "| sampler | solves: median | in 4 of 5 seeds at most | seeds that miss it | a third of random's median |"
     )
@@ -219,6 +255,7 @@ def print_needed(
             scores = source(seed)
             explore(space, sampler, starts, seed, scores, ends)
             solves.append(float(sum(scores.tried.values())) if found(scores) else math.inf)
+            print(f"{sampler}, seed {seed}: {solves[-1]:.0f} solves", file=sys.stderr, flush=True)
         solves.sort()
         third = median(solves) / 3 if sampler == "random" else third
         soon = (

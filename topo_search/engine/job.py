@@ -24,7 +24,7 @@ class Job:
     starts: range
     seed: int
     near: tuple[Design, ...] = ()
-    """Designs of other topologies, each carried over as one more start; only with the first starts."""
+    """Designs that are carried over, each as a start of its own before the others."""
 
     @property
     def deadline(self) -> float:

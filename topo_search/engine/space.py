@@ -9,6 +9,7 @@ from typing import TypedDict
 from topo_search.model import ResolvedTask, Topology
 from topo_search.topologies import Candidate, Symmetry, candidate_of, candidates, count, sample
 from topo_search.topologies.symmetry import Connectors, Root
+from topo_search.topologies.tree_moves import with_spins_reversed
 
 
 class _Family(TypedDict):
@@ -45,6 +46,17 @@ class Space:
     def candidate_of(self, topology: Topology) -> Candidate:
         """Return the candidate that stands for a topology."""
         return candidate_of(topology, **self._family)
+
+    def twin_of(self, candidate: Candidate) -> Candidate:
+        """Return the candidate that differs in the sense of all its rotors alone, which may be the same.
+
+        Rotor drag torques are small, and so is what its optimum differs by. With the paper's root it stands
+        otherwise in the world, and there is none but itself; nor is there without symmetry, where half turns are
+        candidates of their own.
+        """
+        if self.task.search.root == "paper" or self.symmetry == "none":
+            return candidate
+        return self.candidate_of(with_spins_reversed(candidate.topology))
 
     def sample(self, m: int, seed: int) -> list[Topology]:
         """Return m candidates, drawn independently and uniformly."""

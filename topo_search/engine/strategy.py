@@ -21,8 +21,8 @@ class Proposal:
     candidate: Candidate
     starts: int
     """Number of starts in all; those that were tried in earlier rounds are not tried again."""
-    near: str | None = None
-    """Key of a candidate of an earlier round whose design is carried over as one more start."""
+    near: tuple[str, ...] = ()
+    """Keys of candidates of earlier rounds, whose designs are carried over in place of as many first starts."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Scored:
 
     key: str
     starts: int
-    """Number of starts that need no more solving: tried, or given up."""
+    """Number of starts that need no more solving: tried, replaced by designs carried over, or given up."""
     status: str
     """feasible, infeasible, impossible or failed."""
     objective: float | None

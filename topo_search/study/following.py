@@ -92,16 +92,15 @@ class Following:
         candidate = proposal.candidate
         before = self._scores.get(candidate.key)
         first = before[-1].starts if before else 0
-        known = []
-        if first == 0 and proposal.near:
-            known.append(self._ledger.result(self._context, proposal.near))
+        known = [self._ledger.result(self._context, key) for key in proposal.near] if first == 0 else []
+        carried_over = sum(isinstance(result, Design) for result in known)
         if first == 0 and self._neighbour is not None:
             known.append(self._ledger.result(self._neighbour, candidate.key))
         return Job(
             self._context.task,
             candidate.topology,
             candidate.orbit,
-            range(first, proposal.starts),
+            range(max(first, carried_over), proposal.starts),
             self._context.seed,
             tuple(near for near in known if isinstance(near, Design)),
         )

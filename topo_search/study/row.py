@@ -38,7 +38,7 @@ class Row:
     status: str
     """feasible, infeasible, impossible, pruned or failed."""
     asked: int
-    """Number of starts that need no more solving: tried, or given up with the reason."""
+    """Number of starts that need no more solving: tried, replaced by a design carried over, or given up."""
     lower_bound: float | None
     """[rad^4/s^4]"""
     objective: float | None = None

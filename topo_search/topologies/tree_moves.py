@@ -55,6 +55,12 @@ def grafted(topology: Topology, i: int, at: tuple[int, int], turns: int = 0) -> 
     return Topology(tuple(joints))
 
 
+def with_spins_reversed(topology: Topology) -> Topology:
+    """Return the tree whose rotors all turn the other way: every joint sits one port further on."""
+    first, *joints = topology.joints
+    return Topology((first, *((h, (a + 1) % 4, (b + 1) % 4) for h, a, b in joints)))
+
+
 def part_of(topology: Topology, i: int) -> frozenset[int]:
     """Return module i and everything beyond it, as seen from the root."""
     part = {i}

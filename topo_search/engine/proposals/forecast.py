@@ -9,9 +9,11 @@
 
 A tree x is expected at k(x, X) K^-1 y with variance k(x, x) - k(x, X) K^-1 k(X, x) [1]. The first part of k speaks
 of trees that look alike, the second of trends. Places instead of objectives need no unit, and no value for a tree
-without a design.
+without a design. What the others tell of solved tree i has the mean y_i - (K^-1 y)_i / (K^-1)_ii, and together with
+NOISE the variance 1 / (K^-1)_ii [2].
 
 [1] C. E. Rasmussen, C. K. I. Williams, "Gaussian processes for machine learning", MIT Press (2006), eq. 2.23-2.24.
+[2] The same, eq. 5.12.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.distance import cdist
 from scipy.special import ndtri
 
 Array = NDArray[np.float64]
@@ -30,6 +33,8 @@ LINEAR = 0.1
 """Variance of the trends."""
 NOISE = 0.3
 """Variance of what few starts say."""
+OPTIMISM = 2.0
+"""Standard deviations by which a tree may do better than expected."""
 MOST = 1000
 """Of more solved trees every second, third, ... in their ranking is looked at."""
 
@@ -44,16 +49,18 @@ class Forecast:
             described: descriptors of the solved trees in the order of their ranking, shape (m, d).
             places: their places in the ranking, equal ones for trees that stand alike.
         """
-        step = math.ceil(len(described) / MOST)
-        described, place = described[::step], np.asarray(places[::step], dtype=float)
+        self.kept = slice(None, None, math.ceil(len(described) / MOST))
+        """Which of the solved trees are looked at."""
+        described, place = described[self.kept], np.asarray(places[self.kept], dtype=float)
         self._mean, self._scale = described.mean(axis=0), _deviation(described)
         self._X = self._columns(described)
         y = ndtri((place + 0.5) / (place.max() + 1.0))
+        self._y = (y - y.mean()) / _deviation(y)
         self._K = cho_factor(_covariance(self._X, self._X) + NOISE * np.eye(len(self._X)))
-        self._weights = cho_solve(self._K, (y - y.mean()) / _deviation(y))
+        self._weights = cho_solve(self._K, self._y)
 
     def hopes(self, described: Array) -> Array:
-        """Return where trees may stand if they do better than expected by a standard deviation, shape (k,).
+        """Return where trees may stand if they do better than expected, shape (k,).
 
         Args:
             described: descriptors of the trees, shape (k, d).
@@ -62,7 +69,17 @@ class Forecast:
         known = _covariance(X, self._X)
         before = 1.0 + LINEAR * (1.0 + np.mean(X * X, axis=1))
         variance = before - np.sum(known * cho_solve(self._K, known.T).T, axis=1)
-        return np.asarray(known @ self._weights - np.sqrt(np.maximum(variance, 0.0)))
+        return np.asarray(known @ self._weights - OPTIMISM * np.sqrt(np.maximum(variance, 0.0)))
+
+    def missed(self) -> Array:
+        """Return hopes of solved trees, those `kept`, by what the others tell; infinite where they were met.
+
+        What stands worse than expected may have had the wrong starts.
+        """
+        diagonal = np.diag(cho_solve(self._K, np.eye(len(self._y))))
+        expected = self._y - self._weights / diagonal
+        hopes = expected - OPTIMISM * np.sqrt(np.maximum(1.0 / diagonal - NOISE, 0.0))
+        return np.where(expected < self._y, hopes, np.inf)
 
     def _columns(self, described: Array) -> Array:
         return np.asarray((described - self._mean) / self._scale)
@@ -71,7 +88,7 @@ class Forecast:
 def _covariance(X: Array, Y: Array) -> Array:
     """Return k of all pairs of rows, shape (rows of X, rows of Y)."""
     d = X.shape[1]
-    apart = np.sum((X[:, None] - Y[None]) ** 2, axis=-1)
+    apart = cdist(X, Y, "sqeuclidean")
     return np.asarray(np.exp(-apart / (2 * d)) + LINEAR * (1.0 + X @ Y.T / d))
 
 

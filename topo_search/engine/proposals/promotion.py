@@ -10,7 +10,7 @@ from topo_search.engine.strategy import Scored
 FEW = 2
 """Starts of a new candidate."""
 SHARE = 4
-"""Starts are doubled while a candidate is the best, or among the best 1/4, 1/16, ... of all."""
+"""Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all."""
 CERTAIN = 5
 """So many of the best are given all starts in the end, whatever their share."""
 
@@ -48,4 +48,4 @@ def goes_on(score: Scored, others: Sequence[Standing], step: int) -> bool:
         step: 1 after the first step.
     """
     own = standing(score)
-    return own[0] < NOT_PROMISING and bisect_left(others, own) < max(1, len(others) // SHARE**step)
+    return own[0] < NOT_PROMISING and bisect_left(others, own) < len(others) // SHARE**step

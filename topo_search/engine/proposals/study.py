@@ -36,8 +36,8 @@ class _Fresh:
 
     trial: optuna.Trial
     candidate: Candidate
-    near: str | None
-    """Key of the candidate that it was made from, if it was made from one."""
+    near: tuple[str, ...]
+    """Keys of the candidates whose designs are carried over to it."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def optuna_study(
     known: list[_Known] = []
     left = min(trials, space.count())
     while left:
-        fresh = [_asked(study, proposer) for _ in range(min(ROUND, left))]
+        fresh = [_asked(study, proposer, most=starts) for _ in range(min(ROUND, left))]
         scores: dict[str, Scored] = {}
         going_on = fresh
         for step, stop in enumerate(steps(starts), start=1):
@@ -89,13 +89,13 @@ def optuna_study(
     yield [Proposal(one.candidate, starts) for one in best if one.standing[0] < NOT_PROMISING]
 
 
-def _asked(study: optuna.Study, proposer: TreeSampler) -> _Fresh:
-    """Return the next candidate, with the one that it was made from."""
+def _asked(study: optuna.Study, proposer: TreeSampler, most: int) -> _Fresh:
+    """Return the next candidate, with those whose designs are carried over to it, at most so many."""
     trial = study.ask(proposer.distributions)
     candidate = proposer.space.candidate_of(decoded(trial.params, proposer.space.n))
-    near = proposer.parents.get(trial.number)
+    near = proposer.donors.get(trial.number, ())[:most]
     trial.set_user_attr(KEY, candidate.key)
-    trial.set_user_attr("parent", near)
+    trial.set_user_attr("near", near)
     return _Fresh(trial, candidate, near)
 
 

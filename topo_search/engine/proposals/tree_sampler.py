@@ -6,6 +6,7 @@ no design has a constraint above zero, by which Optuna orders such trials behind
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Iterator, Set
 from itertools import islice
@@ -27,8 +28,11 @@ KEY = "key"
 DRAWS = 64
 """How many trees in a row may be known before one is drawn uniformly from all that are left."""
 
-Child = tuple[Topology, str | None]
-"""A tree that may be proposed, and the key of the candidate that it was made from, if it was."""
+FRESH = 8
+"""Uniform draws that a search, or a population after a restart, begins with."""
+
+Child = tuple[Topology, tuple[str, ...]]
+"""A tree that may be proposed, and the keys of the candidates whose designs it may start from."""
 
 
 class TreeSampler(BaseSampler):
@@ -38,8 +42,8 @@ class TreeSampler(BaseSampler):
         self.space = space
         self.random = Random(seed)
         self.connectors = space.task.search.connectors
-        self.parents: dict[int, str] = {}
-        """Key of the candidate that a trial's tree was made from, by the trial's number."""
+        self.donors: dict[int, tuple[str, ...]] = {}
+        """Keys of the candidates whose designs a trial's tree starts from, by the trial's number."""
         self.distributions: dict[str, BaseDistribution] = {
             name: CategoricalDistribution(range(values))
             for name, values in ranges(space.n, self.connectors).items()
@@ -47,8 +51,8 @@ class TreeSampler(BaseSampler):
         """The numbers that make a tree, as Optuna's `ask` takes them."""
 
     @abstractmethod
-    def drawn(self, study: Study, trial: FrozenTrial) -> Iterator[Child]:
-        """Yield trees for a trial, known or not, without end."""
+    def drawn(self, study: Study, trial: FrozenTrial, proposed: Set[str]) -> Iterator[Child]:
+        """Yield trees for a trial until there is no idea left; those proposed before are passed over."""
 
     def uniform(self) -> Topology:
         """Return a tree drawn uniformly from all candidates."""
@@ -64,11 +68,10 @@ class TreeSampler(BaseSampler):
     ) -> dict[str, Any]:
         """Return the numbers of a tree that was not proposed before."""
         known = {other.user_attrs[KEY] for other in study.get_trials(deepcopy=False) if KEY in other.user_attrs}
-        for topology, parent in islice(self.drawn(study, trial), DRAWS):
+        for topology, donors in islice(self.drawn(study, trial, known), DRAWS):
             candidate = self.space.candidate_of(topology)
             if candidate.key not in known:
-                if parent is not None:
-                    self.parents[trial.number] = parent
+                self.donors[trial.number] = donors
                 return dict(encoded(candidate.topology, self.connectors))
         return dict(encoded(self._left(known).topology, self.connectors))
 
@@ -85,3 +88,13 @@ class TreeSampler(BaseSampler):
             if candidate.key not in known:
                 return candidate
         return self.random.choice([other for other in self.space.candidates() if other.key not in known])
+
+
+def standing(trial: FrozenTrial) -> tuple[float, float, int]:
+    """Order trials by objective, behind them those without a design by violation; the earlier one wins a tie."""
+    return sum(trial.constraints.values()), trial.value or 0.0, trial.number
+
+
+def has_design(trial: FrozenTrial) -> bool:
+    """Whether a trial that is over led to a design."""
+    return trial.value is not None and math.isfinite(trial.value)
