@@ -3,7 +3,9 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import optuna
@@ -11,7 +13,7 @@ import pytest
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
-from topo_search.engine.proposals import optuna_study
+from topo_search.engine.proposals import moves, optuna_study
 from topo_search.engine.proposals.promotion import CERTAIN, FEW
 from topo_search.engine.proposals.study import ROUND
 from topo_search.engine.space import Space
@@ -72,7 +74,7 @@ def new(rounds: Iterable[list[Proposal]]) -> list[str]:
 
 @pytest.mark.parametrize("connectors", ["aligned", "any"])
 @pytest.mark.parametrize("sampler", SAMPLERS)
-def test_nothing_is_proposed_twice_and_the_same_again(sampler: str, connectors: str) -> None:
+def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors: str) -> None:
     def proposed() -> list[list[Proposal]]:
         return follow(optuna_study(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=3))
 
@@ -80,7 +82,10 @@ def test_nothing_is_proposed_twice_and_the_same_again(sampler: str, connectors: 
     first = [[p for p in part if p.starts == FEW] for part in rounds]
     keys = [p.candidate.key for part in first for p in part]
     assert len(keys) == len(set(keys)) == 52
-    assert [len(part) for part in first if part] == [ROUND] * 6 + [4]
+    assert [len(part) for part in first if part] == [ROUND] * 6 + [4] or sampler == "moves"
+    assert max(map(len, rounds)) <= ROUND
+    met = [(p.candidate.key, p.starts) for part in rounds[:-1] for p in part]
+    assert len(met) == len(set(met))
     listed = {candidate.key: candidate for candidate in space(6, connectors).candidates()}
     assert all(listed[p.candidate.key] == p.candidate for part in rounds for p in part)
     assert proposed() == rounds
@@ -91,7 +96,9 @@ def test_nothing_is_proposed_twice_and_the_same_again(sampler: str, connectors: 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
     rounds = follow(optuna_study(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
-    assert sorted(new(rounds)) == [candidate.key for candidate in space(5).candidates()]
+    reached = {p.candidate.key: p.starts for part in rounds for p in part}
+    assert sorted(reached) == [candidate.key for candidate in space(5).candidates()]
+    assert sum(starts > FEW for starts in reached.values()) < len(reached) / 2
 
 
 @pytest.mark.parametrize("n", [1, 2])
@@ -123,28 +130,44 @@ def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
     assert all(s.starts == FEW for s in scores if s.status in ("failed", "impossible"))
 
 
-def test_what_is_carried_over_are_designs_of_earlier_rounds() -> None:
-    rounds = follow(optuna_study(space(7), sampler="moves", trials=160, starts=4, seed=0))
-    earlier: set[str] = set()
-    near = 0
-    for part in rounds:
-        for proposal in part:
-            near += proposal.near != ()
-            assert earlier.issuperset(proposal.near)
-            assert len(set(proposal.near)) == len(proposal.near) <= proposal.starts
-            assert all(scored(key, 4).objective is not None for key in proposal.near)
-        earlier |= {p.candidate.key for p in part}
-    assert near > 50
+def test_what_is_carried_over_are_designs_of_earlier_rounds_in_place_of_new_starts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(moves, "REPEATS", ROUND)  # the more there are, the more often one's donor is another one
+
+    def missing(key: str, starts: int) -> Scored:
+        """More starts help much or not at all, so that some trees are tried again."""
+        miss = min(Random(f"{key} {start}").random() for start in range(starts))
+        return Scored(key, starts, "feasible", 10.0 / spread(key) * (1.0 + 0.6 * miss), None)
+
+    had = Counter[str]()
+    new_ones = repeats = 0
+    for n, objective in ((7, scored), (6, missing)):
+        rounds = follow(optuna_study(space(n), sampler="moves", trials=100, starts=STARTS, seed=2), objective)
+        had.clear()
+        for part in rounds:
+            solved, now = {*had}, {p.candidate.key for p in part}
+            for proposal in part:
+                key, near = proposal.candidate.key, proposal.near
+                assert solved.issuperset(near)
+                assert not now.intersection(near)
+                assert all(objective(donor, had[donor]).objective is not None for donor in near)
+                assert len(set(near)) == len(near) <= proposal.starts - had[key]
+                new_ones += near != () and key not in solved
+                repeats += near != () and key in solved
+            had.update({p.candidate.key: p.starts - had[p.candidate.key] for p in part})
+    assert new_ones > 100
+    assert repeats > 5
 
 
 def twin_of(key: str) -> str:
-    return space(8).twin_of(space(8).candidate_of(Topology.from_key(key))).key
+    return space(8).twin_of(Topology.from_key(key)).key
 
 
 def test_of_twins_one_is_proposed_and_the_other_where_it_is_the_best() -> None:
     keys = new(follow(optuna_study(space(8), sampler="moves", trials=160, starts=4, seed=0)))
     pairs = sum(twin_of(key) in keys and twin_of(key) != key for key in keys) / 2
-    assert pairs < 0.15 * len(keys)
+    assert pairs < 0.2 * len(keys)  # a third where nothing is known of twins
     best = min(keys, key=lambda key: scored(key, 4).objective or math.inf)
     assert twin_of(best) in keys
 
@@ -173,6 +196,37 @@ def test_a_tree_whose_starts_miss_is_found_by_its_twin() -> None:
     assert sum(map(found, range(3))) >= 2
 
 
+@pytest.mark.parametrize("at_first", ["infeasible", "feasible"])
+def test_a_tree_whose_starts_miss_is_tried_again(at_first: str) -> None:
+    """The two trees with the very best objective seem bad from their first starts."""
+    trees = sorted(space(8).candidates(), key=lambda one: scored(one.key, 4).objective or math.inf)
+    hidden = {tree.key for tree in trees[:2]}
+
+    def objective(key: str, starts: int) -> Scored:
+        if key in hidden and starts == FEW:
+            bad = (None, 1.0) if at_first == "infeasible" else (10.0, None)
+            return Scored(key, starts, at_first, *bad)
+        return scored(key, starts)
+
+    def found(sampler: str, seed: int) -> bool:
+        rounds = follow(optuna_study(space(8), sampler=sampler, trials=200, starts=10, seed=seed), objective)
+        return any(p.candidate.key in hidden and p.starts > FEW for part in rounds for p in part)
+
+    assert sum(found("moves", seed) for seed in range(3)) >= 2
+    assert not any(found("random", seed) for seed in range(3))
+
+
+def test_more_starts_that_fail_are_not_asked_for_again_and_again() -> None:
+    """Nothing but the first starts of a tree leads anywhere."""
+    rounds = follow(
+        optuna_study(space(7), sampler="moves", trials=100, starts=STARTS, seed=0),
+        lambda key, starts: replace(scored(key, FEW), starts=starts),
+    )
+    times = Counter(p.candidate.key for part in rounds[:-1] for p in part)
+    assert len(times) == 100
+    assert 100 < sum(times.values()) < 200
+
+
 def test_moves_find_better_trees_than_uniform_draws() -> None:
     def best(sampler: str, seed: int) -> float:
         keys = new(follow(optuna_study(space(10), sampler=sampler, trials=96, starts=4, seed=seed)))
@@ -188,7 +242,7 @@ def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> No
     rounds = follow(optuna_study(space(6), sampler="moves", trials=3 * ROUND, starts=4, seed=0, journal=journal))
     storage = JournalStorage(JournalFileBackend(str(journal)))
     study = optuna.load_study(study_name=None, storage=storage)
-    assert [trial.user_attrs["key"] for trial in study.trials] == new(rounds)
+    assert list(dict.fromkeys(trial.user_attrs["key"] for trial in study.trials)) == new(rounds)
     for trial in study.trials:
         score = scored(trial.user_attrs["key"], trial.user_attrs["starts"])
         assert trial.user_attrs["status"] == score.status

@@ -31,7 +31,7 @@ def test_as_many_candidates_are_solved_as_asked_for_and_the_number_can_be_raised
     more = toy_run(tmp_path / "run", sampler=sampler, trials=56, **PROPOSED)
     assert (more.sizes[0].settled, more.sizes[0].complete) == (56, True)
     assert few < {row[0] for row in ranking(tmp_path / "run")}
-    assert len(trials_of(tmp_path / "run")) == 56
+    assert len({trial.user_attrs["key"] for trial in trials_of(tmp_path / "run")}) == 56
     assert more.best.objective <= answer.best.objective
 
 
@@ -45,21 +45,24 @@ def test_all_candidates_are_solved_in_the_end(tmp_path):
 
 def test_workers_change_nothing(tmp_path):
     for workers in (1, 3):
-        toy_run(tmp_path / str(workers), trials=40, workers=workers, **PROPOSED)
+        toy_run(tmp_path / str(workers), trials=80, workers=workers, **PROPOSED)
     assert ranking(tmp_path / "1") == ranking(tmp_path / "3")
+    one, three = ([trial.user_attrs for trial in trials_of(tmp_path / workers)] for workers in "13")
+    assert one == three
+    assert len(one) > len({attributes["key"] for attributes in one}) == 80  # some trees are tried again
 
 
 def test_a_killed_run_ends_like_one_that_was_not_and_solves_nothing_twice(tmp_path, monkeypatch):
-    options = ("--modules", "6", "--strategy", "optuna", "--trials", "40", "--starts", "9")
+    options = ("--modules", "6", "--strategy", "optuna", "--trials", "80", "--starts", "9")
     coordinator = Coordinator(tmp_path, *options, TOY_SLEEP="0.05")
     try:
-        for rows in (9, 33):
+        for rows in (9, 70):
             coordinator.start()
             coordinator.wait_for(rows)
             os.kill(coordinator.process.pid, signal.SIGKILL)
             coordinator.finish()
             eventually(lambda: processes_with(str(coordinator.log)) == [])
-        assert len(recorded(coordinator.folder)) >= 33
+        assert len(recorded(coordinator.folder)) >= 70
         coordinator.start()
         assert coordinator.finish()[0] == 0
     finally:
@@ -69,7 +72,7 @@ def test_a_killed_run_ends_like_one_that_was_not_and_solves_nothing_twice(tmp_pa
     log = tmp_path / "unkilled"
     log.touch()
     monkeypatch.setenv("TOY_LOG", str(log))
-    toy_run(tmp_path / "whole", trials=40, **PROPOSED)
+    toy_run(tmp_path / "whole", trials=80, **PROPOSED)
     assert ranking(coordinator.folder) == ranking(tmp_path / "whole")
     in_flight = 2 * 2 * 2  # kills, workers, jobs a worker
     assert len(solved_keys(coordinator.log)) <= len(solved_keys(log)) + in_flight

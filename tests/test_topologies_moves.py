@@ -106,7 +106,7 @@ def test_reversed_spins_are_a_quarter_turn_of_an_aligned_tree(tree: Topology) ->
 def test_the_twin_of_a_twin_is_the_candidate_itself(symmetry: Symmetry, connectors: Connectors) -> None:
     task = read_task("push", ("modules=4", f"search.connectors={connectors}")).resolve(4)
     space = Space(task, symmetry)
-    twins = {candidate: space.twin_of(candidate) for candidate in space.candidates()}
+    twins = {candidate: space.twin_of(candidate.topology) for candidate in space.candidates()}
     assert all(twins[twin] == candidate for candidate, twin in twins.items())
     if symmetry == "none":
         assert all(twin == candidate for candidate, twin in twins.items())

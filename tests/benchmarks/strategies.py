@@ -9,10 +9,10 @@
 `table` solves every candidate from every start, or reads what they reached from the folder of an exhaustive run,
 whose ledger does not keep by how much a start failed that others of its tree did better than. `replay` looks up
 in it what the samplers propose, without designs carried over from other trees, and counts the solves until a tree
-within 0.1 % of the best of the table is found. Every seed takes the starts of each tree in an order of its own:
-few of them may lead to what a tree can reach. `find` counts them too, but solves what is proposed, with designs
-carried over as the search does it, and gives up after so many solves. `solve` says what they lead to. A candidate
-that is proven impossible takes no solve.
+within 0.1 % of the best of the table is found; it gives up after `--solves`, if that is given. Every seed takes the
+starts of each tree in an order of its own: few of them may lead to what a tree can reach. `find` counts them too,
+and gives up after `--solves`, but solves what is proposed, with designs carried over as the search does it. `solve`
+says what the samplers lead to with so many solves. A candidate that is proven impossible takes no solve.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=8, help="starts of each candidate of a table")
     parser.add_argument("--out", type=Path, help="the table")
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--solves", type=int, default=200)
+    parser.add_argument("--solves", type=int, help="most of them; of `replay` as many as there are, else 200")
     parser.add_argument("--samplers", nargs="+", default=SAMPLERS)
     parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", dest="settings")
     arguments = parser.parse_args()
@@ -70,12 +70,12 @@ def main() -> None:
     elif arguments.part == "table":
         write_table(arguments.example, arguments.modules, arguments.starts, arguments.out)
     elif arguments.part == "replay":
-        replay(Path(arguments.example), arguments.samplers, arguments.seeds)
+        replay(Path(arguments.example), arguments.samplers, arguments.seeds, arguments.solves or math.inf)
     elif arguments.part == "find":
-        find(Path(arguments.example), arguments.samplers, arguments.seeds, arguments.solves)
+        find(Path(arguments.example), arguments.samplers, arguments.seeds, arguments.solves or 200)
     else:
         task = read_task(arguments.example, (f"modules={arguments.modules}", *arguments.settings))
-        solve(task.resolve(arguments.modules), arguments.samplers, arguments.seeds, arguments.solves)
+        solve(task.resolve(arguments.modules), arguments.samplers, arguments.seeds, arguments.solves or 200)
 
 
 def write_table(example: str, n: int, starts: int, out: Path) -> None:
@@ -153,7 +153,7 @@ def twins_apart(table: Table) -> float:
     """Return by how much, in the median, the best J of two trees differ whose rotors turn in opposite senses."""
     space = table.space
     least = {key: min(reached.objective for reached in every) for key, every in table.reached.items()}
-    pairs = {frozenset((one.key, space.twin_of(one).key)) for one in space.candidates()}
+    pairs = {frozenset((one.key, space.twin_of(one.topology).key)) for one in space.candidates()}
     found = [[least[key] for key in pair] for pair in pairs if len(pair) == 2]
     return median([max(both) / min(both) - 1 for both in found if max(both) < math.inf] or [math.nan])
 
@@ -189,7 +189,7 @@ class LookedUp:
 
 
 class Solved:
-    """Scores from solves, with designs carried over from parents."""
+    """Scores from solves, with designs carried over from other trees."""
 
     def __init__(self, task: ResolvedTask, seed: int) -> None:
         self.task, self.seed, self.tried, self.least = task, seed, dict[str, int](), math.inf
@@ -200,9 +200,9 @@ class Solved:
         """Solve a candidate from the starts that it lacks."""
         key = proposal.candidate.key
         first = self._starts.get(key, 0)
-        donors = [] if first else [self._outcomes[donor] for donor in proposal.near]
+        donors = [self._outcomes[donor] for donor in proposal.near]
         near = [donor for donor in donors if isinstance(donor, Design)]
-        starts = range(max(first, len(near)), proposal.starts)
+        starts = range(first + len(near), proposal.starts)
         if first < proposal.starts:  # in the end all starts are asked for, which may have been given
             outcome = nlp.solve(self.task, proposal.candidate.topology, starts=starts, seed=self.seed, near=near)
             record = record_of(outcome)
@@ -215,10 +215,10 @@ class Solved:
         return score(key, proposal.starts, reached)
 
 
-def replay(path: Path, samplers: Sequence[str], seeds: int) -> None:
+def replay(path: Path, samplers: Sequence[str], seeds: int, most: float) -> None:
     """Print how many solves the samplers need on a table."""
     table = read_table(path)
-    print_needed(table, table.starts, lambda seed: LookedUp(table, seed), samplers, seeds, math.inf)
+    print_needed(table, table.starts, lambda seed: LookedUp(table, seed), samplers, seeds, most)
 
 
 def find(path: Path, samplers: Sequence[str], seeds: int, most: int) -> None:

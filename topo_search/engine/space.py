@@ -47,16 +47,15 @@ class Space:
         """Return the candidate that stands for a topology."""
         return candidate_of(topology, **self._family)
 
-    def twin_of(self, candidate: Candidate) -> Candidate:
-        """Return the candidate that differs in the sense of all its rotors alone, which may be the same.
+    def twin_of(self, topology: Topology) -> Candidate:
+        """Return the candidate that differs in the sense of all rotors alone, which may be the topology's own.
 
         Rotor drag torques are small, and so is what its optimum differs by. With the paper's root it stands
         otherwise in the world, and there is none but itself; nor is there without symmetry, where half turns are
         candidates of their own.
         """
-        if self.task.search.root == "paper" or self.symmetry == "none":
-            return candidate
-        return self.candidate_of(with_spins_reversed(candidate.topology))
+        turned = self.task.search.root != "paper" and self.symmetry != "none"
+        return self.candidate_of(with_spins_reversed(topology) if turned else topology)
 
     def sample(self, m: int, seed: int) -> list[Topology]:
         """Return m candidates, drawn independently and uniformly."""

@@ -22,7 +22,10 @@ class Proposal:
     starts: int
     """Number of starts in all; those that were tried in earlier rounds are not tried again."""
     near: tuple[str, ...] = ()
-    """Keys of candidates of earlier rounds, whose designs are carried over in place of as many first starts."""
+    """Keys of candidates of earlier rounds, whose designs are carried over in place of as many of the next starts.
+
+    None of them is in this round: how far it had come would depend on which job ends first.
+    """
 
 
 @dataclass(frozen=True)

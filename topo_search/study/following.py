@@ -92,7 +92,7 @@ class Following:
         candidate = proposal.candidate
         before = self._scores.get(candidate.key)
         first = before[-1].starts if before else 0
-        known = [self._ledger.result(self._context, key) for key in proposal.near] if first == 0 else []
+        known = [self._ledger.result(self._context, key) for key in proposal.near]
         carried_over = sum(isinstance(result, Design) for result in known)
         if first == 0 and self._neighbour is not None:
             known.append(self._ledger.result(self._neighbour, candidate.key))
@@ -100,7 +100,7 @@ class Following:
             self._context.task,
             candidate.topology,
             candidate.orbit,
-            range(max(first, carried_over), proposal.starts),
+            range(first + carried_over, proposal.starts),
             self._context.seed,
             tuple(near for near in known if isinstance(near, Design)),
         )

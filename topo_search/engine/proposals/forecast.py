@@ -71,15 +71,11 @@ class Forecast:
         variance = before - np.sum(known * cho_solve(self._K, known.T).T, axis=1)
         return np.asarray(known @ self._weights - OPTIMISM * np.sqrt(np.maximum(variance, 0.0)))
 
-    def missed(self) -> Array:
-        """Return hopes of solved trees, those `kept`, by what the others tell; infinite where they were met.
-
-        What stands worse than expected may have had the wrong starts.
-        """
+    def hopes_again(self) -> Array:
+        """Return hopes of solved trees, those `kept`, by what the others tell, whatever their own starts led to."""
         diagonal = np.diag(cho_solve(self._K, np.eye(len(self._y))))
         expected = self._y - self._weights / diagonal
-        hopes = expected - OPTIMISM * np.sqrt(np.maximum(1.0 / diagonal - NOISE, 0.0))
-        return np.where(expected < self._y, hopes, np.inf)
+        return np.asarray(expected - OPTIMISM * np.sqrt(np.maximum(1.0 / diagonal - NOISE, 0.0)))
 
     def _columns(self, described: Array) -> Array:
         return np.asarray((described - self._mean) / self._scale)

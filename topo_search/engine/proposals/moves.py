@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence, Set
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping, Sequence, Set
 from itertools import groupby, islice
 from typing import NamedTuple
 
@@ -13,7 +14,18 @@ from optuna.trial import FrozenTrial, TrialState
 
 from topo_search.engine.proposals.descriptors import descriptors
 from topo_search.engine.proposals.forecast import Forecast
-from topo_search.engine.proposals.tree_sampler import FRESH, KEY, Child, TreeSampler, has_design, standing
+from topo_search.engine.proposals.promotion import steps
+from topo_search.engine.proposals.tree_sampler import (
+    FRESH,
+    KEY,
+    NEAR,
+    STARTS,
+    STATUS,
+    Idea,
+    TreeSampler,
+    has_design,
+    standing,
+)
 from topo_search.engine.space import Space
 from topo_search.model import Topology
 from topo_search.topologies.tree_moves import neighbour
@@ -27,15 +39,31 @@ CHILDREN = 32
 STRANGERS = 16
 """Trees drawn uniformly beside them: the best tree need not look like others that are good."""
 STALE = 160
-"""A population is given up when so many trials after its best are no better."""
-RELUCTANCE = 1.0
-"""By how much more than a new tree a twin must promise, in standard deviations of what is known."""
+"""A population is given up when so many trials after its best, of new trees or old ones, are no better."""
+RELUCTANCE = {"feasible": 1.0, "infeasible": 0.5}
+"""By how much more than a new tree another chance must promise, in standard deviations of what is known.
+
+It is one more for every time that the tree had more starts, tried again or as one of the best of its round. Starts
+without a design say less than a bad design.
+"""
+REPEATS = 2
+"""Most trees of a round that are tried again."""
 DONORS = 2
 """Designs that a tree starts from: its parent's, then the best of those of other solved trees a move away."""
+DONORS_AGAIN = 1
+"""The same for a tree that is tried again; the other starts are random."""
 RELATIVES = 32
 """Moves from a tree by which such trees are looked for; of large ones they find few."""
 BATCHES = 2
 """How often trees are drawn before it is said that all are known."""
+
+
+class _Chance(NamedTuple):
+    """What may be proposed, and how much it promises; of equal hopes what is new comes first."""
+
+    hope: float
+    again: bool
+    key: str
 
 
 class _Known(NamedTuple):
@@ -44,22 +72,28 @@ class _Known(NamedTuple):
     forecast: Forecast
     designs: dict[str, int]
     """Keys of the candidates with a design, the best first, and their places."""
-    twins: list[tuple[float, str]]
-    """What twins of solved trees promise, and their keys."""
+    again: list[_Chance]
+    """Solved trees from more starts."""
+    twins: list[_Chance]
+    """Twins of solved trees."""
 
 
 class Moves(TreeSampler):
     """Makes trees from the best of a population by single moves, and begins anew when that leads nowhere.
 
     Of several such trees and some drawn uniformly it proposes the one that promises most by what was solved so far.
-    Twins, two trees that differ in the sense of all rotors alone, are about as good as each other, so it proposes
-    one of them. The other one follows if the first is the best of all, or if that fell so far short of what was
-    promised that its few starts may have missed what it can do. In place of its first starts a tree is given
-    designs of its parent and of solved trees a move away, as far as there are any; the best's twin has the best's.
+    Few starts may miss what a tree can do, so solved trees compete with new ones for more of them: they promise
+    what the others tell of them, and less for every time that they had more. Twins, two trees that differ in the
+    sense of all rotors alone, are about as good as each other: one of them is proposed, and the other one is
+    another chance of it, or follows at once if the first is the best of all. Where no new tree is in sight nothing
+    is tried again before all are tried. In place of starts a tree is given designs of its parent and of solved
+    trees a move away, as far as there are any; the best's twin has the best's.
     """
 
-    def __init__(self, space: Space, seed: int) -> None:
+    def __init__(self, space: Space, *, starts: int, seed: int) -> None:
+        """Begin a search that gives a tree no more than so many starts."""
         super().__init__(space, seed)
+        self._steps = [*steps(starts)]
         self._first = 0
         """The first trial of the present population."""
         self._described: dict[str, Array] = {}
@@ -69,28 +103,40 @@ class Moves(TreeSampler):
         self._latest: tuple[int, _Known] | None = None
         """What was learnt last, after the number of trials that it was learnt from."""
 
-    def drawn(self, study: Study, trial: FrozenTrial, proposed: Set[str]) -> Iterator[Child]:
-        """Yield trees drawn uniformly for a new population, then what promises most, if anything does."""
-        solved = sorted(study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)), key=standing)
+    def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
+        """Yield candidates drawn uniformly for a new population, then what promises most, if anything does."""
+        over = [other for other in earlier if other.state == TrialState.COMPLETE]
+        solved = _best_of_each(over)
         best = [other for other in solved if other.number >= self._first][:PARENTS]
         if best and trial.number - best[0].number > STALE:
             self._first = trial.number
         while trial.number < self._first + FRESH or not best:
-            yield self.uniform(), ()
-        known = self._learnt(solved)
+            yield self.uniform()
+        known = self._learnt(over, solved)
+        # A round begins with the best's twin, so the best is not tried again beside it.
         for key in islice(known.designs, 1):
-            yield Topology.from_key(self._twin(key)), (key,)
-        failed = {other.user_attrs[KEY] for other in study.get_trials(deepcopy=False, states=(TrialState.FAIL,))}
+            yield Idea(self._twin(key), (key,))
+        proposed = {other.user_attrs[KEY] for other in earlier}
+        failed = {other.user_attrs[KEY] for other in earlier if other.state == TrialState.FAIL}
         settled = proposed | set(map(self._twin, proposed - failed))
-        twins = [(hope, key) for hope, key in known.twins if key not in proposed]
+        # What one job of a round carries over must not be what another one extends: which ends first is chance.
+        round_so_far = [other for other in earlier if other.state == TrialState.RUNNING]
+        running = {other.user_attrs[KEY] for other in round_so_far}
+        lent = running.union(*(other.user_attrs[NEAR] for other in round_so_far))
+        repeats = {other.user_attrs[KEY] for other in over} & running
+        again = [one for one in known.again if one.key not in lent | failed] if len(repeats) < REPEATS else []
+        twins = [one for one in known.twins if one.key not in proposed]
         for _ in range(BATCHES):
             parents: dict[str, str | None] = {}
             for key, parent in self._drawn(best):
                 if key not in settled:
                     parents.setdefault(key, parent)
             hopes = known.forecast.hopes(self._descriptors([*parents])) if parents else np.empty(0)
-            for _, key in sorted([*zip(hopes.tolist(), parents, strict=True), *twins]):
-                yield Topology.from_key(key), self._donors(known, key, parents.get(key))
+            new = [_Chance(hope, False, key) for hope, key in zip(hopes.tolist(), parents, strict=True)]
+            for _, repeat, key in sorted([*new, *twins, *(again if new else [])]):
+                had = (other.user_attrs[NEAR] for other in earlier if other.user_attrs[KEY] == key)
+                donors = self._donors(known.designs, key, parents.get(key), without=running.union(*had))
+                yield Idea(key, donors[: DONORS_AGAIN if repeat else min(DONORS, self._steps[0])], repeat)
 
     def _drawn(self, best: Sequence[FrozenTrial]) -> Iterator[tuple[str, str | None]]:
         """Yield keys: children of the best, more of the better ones, each with its parent, and strangers."""
@@ -106,37 +152,53 @@ class Moves(TreeSampler):
         """Return the key of a candidate that one move leads to."""
         return self.space.candidate_of(neighbour(tree, self.random, self.connectors)).key
 
-    def _learnt(self, solved: Sequence[FrozenTrial]) -> _Known:
-        """Return what trials in the order of their standing tell; one answer serves a round."""
-        if self._latest is None or self._latest[0] != len(solved):
+    def _learnt(self, over: Sequence[FrozenTrial], solved: Sequence[FrozenTrial]) -> _Known:
+        """Return what trials tell; one answer serves a round.
+
+        Args:
+            over: the trials in the order of their numbers.
+            solved: the best of each candidate's in the order of their standing.
+        """
+        if self._latest is None or self._latest[0] != len(over):
             keys = [trial.user_attrs[KEY] for trial in solved]
-            described = self._descriptors(keys)
             equal = groupby(solved, key=lambda trial: standing(trial)[:2])
             places = [place for place, (_, trials) in enumerate(equal) for _ in trials]
-            forecast = Forecast(described, places)
+            forecast = Forecast(self._descriptors(keys), places)
             designs = {
                 key: place for place, (key, trial) in enumerate(zip(keys, solved, strict=True)) if has_design(trial)
             }
-            second = [
-                (float(hope) + RELUCTANCE, self._twin(trial.user_attrs[KEY]))
-                for hope, trial in zip(forecast.missed(), solved[forecast.kept], strict=True)
-                if hope < np.inf and trial.user_attrs["status"] != "impossible"
-            ]
-            self._latest = len(solved), _Known(forecast, designs, second)
+            chances = [*self._chances(over, solved[forecast.kept], forecast.hopes_again().tolist())]
+            again, twins = ([one for one in chances if one.again is kind] for kind in (True, False))
+            self._latest = len(over), _Known(forecast, designs, again, twins)
         return self._latest[1]
 
-    def _donors(self, known: _Known, key: str, parent: str | None) -> tuple[str, ...]:
-        """Return whose designs a tree starts from: its parent's first, if it has one."""
+    def _chances(
+        self, over: Sequence[FrozenTrial], solved: Sequence[FrozenTrial], hopes: Sequence[float]
+    ) -> Iterator[_Chance]:
+        """Yield other chances of solved trees: their twins, and themselves where starts are left."""
+        starts = {trial.user_attrs[KEY]: trial.user_attrs[STARTS] for trial in over}
+        for trial, hope in zip(solved, hopes, strict=True):
+            key, status = trial.user_attrs[KEY], trial.user_attrs[STATUS]
+            if status in RELUCTANCE:
+                more = bisect_left(self._steps, starts[key])
+                yield _Chance(hope + RELUCTANCE[status] + more, False, self._twin(key))
+                if more + 1 < len(self._steps):
+                    yield _Chance(hope + RELUCTANCE[status] + more, True, key)
+
+    def _donors(
+        self, designs: Mapping[str, int], key: str, parent: str | None, *, without: Set[str]
+    ) -> tuple[str, ...]:
+        """Return whose designs a tree can start from: its parent's first, if it has one."""
         tree = Topology.from_key(key)
         relatives = {self._moved(tree) for _ in range(RELATIVES)} - {key, parent}
-        ranked = sorted(relatives & known.designs.keys(), key=known.designs.__getitem__)
-        return tuple(donor for donor in (parent, *ranked) if donor in known.designs)[:DONORS]
+        ranked = sorted(relatives & designs.keys(), key=designs.__getitem__)
+        first = () if parent is None else (parent,)
+        return tuple(donor for donor in (*first, *ranked) if donor in designs and donor not in without)
 
     def _twin(self, key: str) -> str:
         """Return the key of a candidate's twin."""
         if key not in self._twins:
-            candidate = self.space.candidate_of(Topology.from_key(key))
-            self._twins[key] = self.space.twin_of(candidate).key
+            self._twins[key] = self.space.twin_of(Topology.from_key(key)).key
         return self._twins[key]
 
     def _descriptors(self, keys: Sequence[str]) -> Array:
@@ -145,3 +207,11 @@ class Moves(TreeSampler):
             if key not in self._described:
                 self._described[key] = descriptors(Topology.from_key(key))
         return np.array([self._described[key] for key in keys])
+
+
+def _best_of_each(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """Return the trial of each candidate that stands best, in the order of their standing."""
+    best: dict[str, FrozenTrial] = {}
+    for trial in sorted(trials, key=standing):
+        best.setdefault(trial.user_attrs[KEY], trial)
+    return [*best.values()]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Sequence
 
 from optuna import Study
 from optuna.samplers import BaseSampler, NSGAIISampler, TPESampler
@@ -10,7 +10,7 @@ from optuna.trial import FrozenTrial
 
 from topo_search.engine.proposals.encoding import decoded
 from topo_search.engine.proposals.moves import Moves
-from topo_search.engine.proposals.tree_sampler import FRESH, Child, TreeSampler
+from topo_search.engine.proposals.tree_sampler import FRESH, Idea, TreeSampler
 from topo_search.engine.space import Space
 
 SEEDS = 2**32
@@ -20,10 +20,10 @@ SEEDS = 2**32
 class Uniform(TreeSampler):
     """Draws uniformly from the candidates."""
 
-    def drawn(self, study: Study, trial: FrozenTrial, proposed: Set[str]) -> Iterator[Child]:
-        """Yield trees drawn uniformly."""
+    def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
+        """Yield candidates drawn uniformly."""
         while True:
-            yield self.uniform(), ()
+            yield self.uniform()
 
 
 class Optunas(TreeSampler):
@@ -33,22 +33,22 @@ class Optunas(TreeSampler):
         super().__init__(space, seed)
         self._sampler = sampler
 
-    def drawn(self, study: Study, trial: FrozenTrial, proposed: Set[str]) -> Iterator[Child]:
-        """Yield the trees that the sampler proposes."""
+    def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
+        """Yield what the sampler proposes."""
         while trial.number < FRESH:
-            yield self.uniform(), ()
+            yield self.uniform()
         while True:
             numbers = self._sampler.sample_relative(study, trial, self.distributions)
             for name, distribution in self.distributions.items():
                 if name not in numbers:
                     numbers[name] = self._sampler.sample_independent(study, trial, name, distribution)
-            yield decoded(numbers, self.space.n), ()
+            yield Idea(self.space.candidate_of(decoded(numbers, self.space.n)).key)
 
 
-def sampler_of(name: str, space: Space, seed: int) -> TreeSampler:
+def sampler_of(name: str, space: Space, *, starts: int, seed: int) -> TreeSampler:
     """Return the sampler of a name; ValueError lists the names."""
     if name == "moves":
-        return Moves(space, seed)
+        return Moves(space, starts=starts, seed=seed)
     if name == "random":
         return Uniform(space, seed)
     of_optuna = seed % SEEDS

@@ -1,4 +1,7 @@
-"""An Optuna study as a strategy: rounds of new candidates from a few starts, then more starts for the best of them.
+"""An Optuna study as a strategy: rounds of candidates from a few starts, then more starts for the best of them.
+
+A sampler may propose a candidate again, which is given the starts that follow. That is a trial of its own,
+told what all starts of the candidate led to: the value of a trial that is over cannot change.
 
 When all rounds are over the best of all are given what is left of their starts. The study is in memory and made
 again with the strategy; its journal is a copy for optuna-dashboard, with what the proposals were made from.
@@ -7,6 +10,7 @@ again with the strategy; its journal is a copy for optuna-dashboard, with what t
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,19 +23,20 @@ from optuna.trial import FrozenTrial, TrialState
 from topo_search.engine.proposals.encoding import decoded
 from topo_search.engine.proposals.promotion import CERTAIN, NOT_PROMISING, Standing, goes_on, standing, steps
 from topo_search.engine.proposals.samplers import sampler_of
-from topo_search.engine.proposals.tree_sampler import KEY, TreeSampler
+from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Proposal, Scored, Strategy
+from topo_search.model import Topology
 from topo_search.topologies import Candidate
 
 ROUND = 8
-"""New candidates a round: what is learnt is learnt from whole rounds."""
+"""Candidates a round, new ones or some again: what is learnt is learnt from whole rounds."""
 IMPOSSIBLE = 1.0e6
 """Constraint of a candidate that is proven impossible, behind all for which no design was found."""
 
 
 @dataclass(frozen=True)
-class _Fresh:
+class _Asked:
     """A candidate of the present round."""
 
     trial: optuna.Trial
@@ -39,24 +44,21 @@ class _Fresh:
     near: tuple[str, ...]
     """Keys of the candidates whose designs are carried over to it."""
 
-
-@dataclass(frozen=True)
-class _Known:
-    """A candidate of a round before."""
-
-    candidate: Candidate
-    standing: Standing
+    @property
+    def key(self) -> str:
+        """Of the candidate."""
+        return self.candidate.key
 
 
 def optuna_study(
     space: Space, *, sampler: str, trials: int, starts: int, seed: int, journal: Path | None = None
 ) -> Strategy:
-    """Propose trees that an Optuna sampler draws, none twice, until there are enough or none is left.
+    """Propose trees that an Optuna sampler draws until there are enough, or none is left.
 
     Args:
         space: the candidates.
         sampler: moves, tpe, nsga2 or random.
-        trials: how many candidates to propose.
+        trials: how many different candidates to propose.
         starts: starts of the best; the others are given fewer.
         seed: draws the proposals.
         journal: a file that is written anew, for optuna-dashboard.
@@ -64,45 +66,49 @@ def optuna_study(
     Raises:
         ValueError: an unknown sampler.
     """
-    proposer = sampler_of(sampler, space, seed)
+    proposer = sampler_of(sampler, space, starts=starts, seed=seed)
     study = _new_study(sampler=proposer)
     shown = None if journal is None else _new_journal(journal)
-    known: list[_Known] = []
+    standings: dict[str, Standing] = {}
+    given = Counter[str]()  # how many of the steps each candidate was given
     left = min(trials, space.count())
     while left:
-        fresh = [_asked(study, proposer, most=starts) for _ in range(min(ROUND, left))]
+        asked = [_ask(study, proposer) for _ in range(min(ROUND, left))]
+        left -= len({one.key for one in asked} - standings.keys())
         scores: dict[str, Scored] = {}
-        going_on = fresh
-        for step, stop in enumerate(steps(starts), start=1):
-            found = yield [Proposal(one.candidate, stop, one.near) for one in going_on]
-            scores |= {score.key: score for score in found}
-            ranking = sorted([*(one.standing for one in known), *map(standing, scores.values())])
-            going_on = [one for one in going_on if goes_on(scores[one.candidate.key], ranking, step)]
-            if not going_on:
-                break
-        told = [_tell(study, one.trial, scores[one.candidate.key]) for one in fresh]
-        known += [_Known(one.candidate, standing(scores[one.candidate.key])) for one in fresh]
-        left -= len(fresh)
+        for step, stop in enumerate(steps(starts)):
+            ranking = sorted(standings.values())
+            part = [
+                one
+                for one in asked
+                if given[one.key] == step and (one.key not in scores or goes_on(scores[one.key], ranking, step))
+            ]
+            if part:
+                found = yield [Proposal(one.candidate, stop, () if one.key in scores else one.near) for one in part]
+                given.update(score.key for score in found)
+                scores |= {score.key: score for score in found}
+                standings |= {score.key: standing(score) for score in found}
+        told = [_tell(study, one.trial, scores[one.key]) for one in asked]
         if shown is not None:
             shown.add_trials(told)
-    best = sorted(known, key=lambda one: (one.standing, one.candidate.key))[:CERTAIN]
-    yield [Proposal(one.candidate, starts) for one in best if one.standing[0] < NOT_PROMISING]
+    best = sorted((reached, key) for key, reached in standings.items() if reached[0] < NOT_PROMISING)[:CERTAIN]
+    yield [Proposal(space.candidate_of(Topology.from_key(key)), starts) for _, key in best]
 
 
-def _asked(study: optuna.Study, proposer: TreeSampler, most: int) -> _Fresh:
-    """Return the next candidate, with those whose designs are carried over to it, at most so many."""
+def _ask(study: optuna.Study, proposer: TreeSampler) -> _Asked:
+    """Return the next candidate, with those whose designs are carried over to it."""
     trial = study.ask(proposer.distributions)
     candidate = proposer.space.candidate_of(decoded(trial.params, proposer.space.n))
-    near = proposer.donors.get(trial.number, ())[:most]
+    near = proposer.donors.get(trial.number, ())
     trial.set_user_attr(KEY, candidate.key)
-    trial.set_user_attr("near", near)
-    return _Fresh(trial, candidate, near)
+    trial.set_user_attr(NEAR, near)
+    return _Asked(trial, candidate, near)
 
 
 def _tell(study: optuna.Study, trial: optuna.Trial, score: Scored) -> FrozenTrial:
     """Tell the study what became of a candidate; without a design it misses a constraint, at an infinite value."""
-    trial.set_user_attr("status", score.status)
-    trial.set_user_attr("starts", score.starts)
+    trial.set_user_attr(STATUS, score.status)
+    trial.set_user_attr(STARTS, score.starts)
     if score.status == "failed":
         return study.tell(trial, state=TrialState.FAIL)
     missed = score.violation if score.status == "infeasible" and score.violation is not None else IMPOSSIBLE

@@ -1,4 +1,4 @@
-"""Optuna samplers over trees: each proposes a whole tree, and never one that was proposed before.
+"""Optuna samplers over trees: each proposes a whole tree, one that was proposed before only for more starts.
 
 A trial's candidate is in its user attribute `key`, so that what is known is read from the study. A trial that found
 no design has a constraint above zero, by which Optuna orders such trials behind all that have one.
@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Sequence, Set
 from itertools import islice
 from random import Random
-from typing import Any
+from typing import Any, NamedTuple
 
 from optuna import Study
 from optuna.distributions import BaseDistribution, CategoricalDistribution
@@ -21,18 +21,31 @@ from optuna.trial import FrozenTrial
 from topo_search.engine.proposals.encoding import encoded, ranges
 from topo_search.engine.space import Space
 from topo_search.model import Topology
-from topo_search.topologies import Candidate
 
 KEY = "key"
 """User attribute of a trial: the key of its candidate."""
+NEAR = "near"
+"""User attribute of a trial: the keys of the candidates whose designs are carried over to it."""
+STARTS = "starts"
+"""User attribute of a trial that is over: the starts of its candidate so far."""
+STATUS = "status"
+"""User attribute of a trial that is over: what became of its candidate."""
 DRAWS = 64
 """How many trees in a row may be known before one is drawn uniformly from all that are left."""
 
 FRESH = 8
 """Uniform draws that a search, or a population after a restart, begins with."""
 
-Child = tuple[Topology, tuple[str, ...]]
-"""A tree that may be proposed, and the keys of the candidates whose designs it may start from."""
+
+class Idea(NamedTuple):
+    """What may be proposed."""
+
+    key: str
+    """Of the candidate."""
+    donors: tuple[str, ...] = ()
+    """Keys of the candidates whose designs are carried over to it."""
+    again: bool = False
+    """Whether it was proposed before and is to have more starts."""
 
 
 class TreeSampler(BaseSampler):
@@ -51,13 +64,19 @@ class TreeSampler(BaseSampler):
         """The numbers that make a tree, as Optuna's `ask` takes them."""
 
     @abstractmethod
-    def drawn(self, study: Study, trial: FrozenTrial, proposed: Set[str]) -> Iterator[Child]:
-        """Yield trees for a trial until there is no idea left; those proposed before are passed over."""
+    def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
+        """Yield candidates for a trial until there is no idea left; known ones are passed over, if not meant again.
 
-    def uniform(self) -> Topology:
-        """Return a tree drawn uniformly from all candidates."""
+        Args:
+            study: what Optuna's own samplers take.
+            trial: the one to propose for.
+            earlier: the trials that have a candidate.
+        """
+
+    def uniform(self) -> Idea:
+        """Return a candidate drawn uniformly from all."""
         (topology,) = self.space.sample(1, self.random.getrandbits(64))
-        return topology
+        return Idea(topology.key)
 
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
         """Return the numbers that make a tree."""
@@ -66,14 +85,16 @@ class TreeSampler(BaseSampler):
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
     ) -> dict[str, Any]:
-        """Return the numbers of a tree that was not proposed before."""
-        known = {other.user_attrs[KEY] for other in study.get_trials(deepcopy=False) if KEY in other.user_attrs}
-        for topology, donors in islice(self.drawn(study, trial, known), DRAWS):
-            candidate = self.space.candidate_of(topology)
-            if candidate.key not in known:
-                self.donors[trial.number] = donors
-                return dict(encoded(candidate.topology, self.connectors))
-        return dict(encoded(self._left(known).topology, self.connectors))
+        """Return the numbers of a tree, and note whose designs are carried over to it."""
+        earlier = [other for other in study.get_trials(deepcopy=False) if KEY in other.user_attrs]
+        known = {other.user_attrs[KEY] for other in earlier}
+        for idea in islice(self.ideas(study, trial, earlier), DRAWS):
+            if idea.again or idea.key not in known:
+                break
+        else:
+            idea = self._left(known)
+        self.donors[trial.number] = idea.donors
+        return dict(encoded(Topology.from_key(idea.key), self.connectors))
 
     def sample_independent(
         self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
@@ -81,13 +102,14 @@ class TreeSampler(BaseSampler):
         """Refuse to draw a number of its own."""
         raise ValueError(f"only {', '.join(self.distributions)} can be drawn, but got {param_name!r}")
 
-    def _left(self, known: Set[str]) -> Candidate:
+    def _left(self, known: Set[str]) -> Idea:
         """Return a candidate drawn uniformly from those that are not known; they are listed if there are few."""
         for _ in range(DRAWS):
-            candidate = self.space.candidate_of(self.uniform())
-            if candidate.key not in known:
-                return candidate
-        return self.random.choice([other for other in self.space.candidates() if other.key not in known])
+            idea = self.uniform()
+            if idea.key not in known:
+                return idea
+        left = [other.key for other in self.space.candidates() if other.key not in known]
+        return Idea(self.random.choice(left))
 
 
 def standing(trial: FrozenTrial) -> tuple[float, float, int]:
