@@ -59,11 +59,11 @@ BATCHES = 2
 
 
 class _Chance(NamedTuple):
-    """What may be proposed, and how much it promises; of equal hopes what is new comes first."""
+    """What may be proposed, and how much it promises."""
 
     hope: float
-    again: bool
     key: str
+    again: bool
 
 
 class _Known(NamedTuple):
@@ -132,8 +132,8 @@ class Moves(TreeSampler):
                 if key not in settled:
                     parents.setdefault(key, parent)
             hopes = known.forecast.hopes(self._descriptors([*parents])) if parents else np.empty(0)
-            new = [_Chance(hope, False, key) for hope, key in zip(hopes.tolist(), parents, strict=True)]
-            for _, repeat, key in sorted([*new, *twins, *(again if new else [])]):
+            new = [_Chance(hope, key, again=False) for hope, key in zip(hopes.tolist(), parents, strict=True)]
+            for _, key, repeat in sorted([*new, *twins, *(again if new else [])]):
                 had = (other.user_attrs[NEAR] for other in earlier if other.user_attrs[KEY] == key)
                 donors = self._donors(known.designs, key, parents.get(key), without=running.union(*had))
                 yield Idea(key, donors[: DONORS_AGAIN if repeat else min(DONORS, self._steps[0])], repeat)
@@ -181,9 +181,9 @@ class Moves(TreeSampler):
             key, status = trial.user_attrs[KEY], trial.user_attrs[STATUS]
             if status in RELUCTANCE:
                 more = bisect_left(self._steps, starts[key])
-                yield _Chance(hope + RELUCTANCE[status] + more, False, self._twin(key))
+                yield _Chance(hope + RELUCTANCE[status] + more, self._twin(key), again=False)
                 if more + 1 < len(self._steps):
-                    yield _Chance(hope + RELUCTANCE[status] + more, True, key)
+                    yield _Chance(hope + RELUCTANCE[status] + more, key, again=True)
 
     def _donors(
         self, designs: Mapping[str, int], key: str, parent: str | None, *, without: Set[str]
