@@ -167,23 +167,25 @@ class Moves(TreeSampler):
             designs = {
                 key: place for place, (key, trial) in enumerate(zip(keys, solved, strict=True)) if has_design(trial)
             }
-            chances = [*self._chances(over, solved[forecast.kept], forecast.hopes_again().tolist())]
-            again, twins = ([one for one in chances if one.again is kind] for kind in (True, False))
+            again, twins = self._chances(over, solved[forecast.kept], forecast.hopes_again().tolist())
             self._latest = len(over), _Known(forecast, designs, again, twins)
         return self._latest[1]
 
     def _chances(
         self, over: Sequence[FrozenTrial], solved: Sequence[FrozenTrial], hopes: Sequence[float]
-    ) -> Iterator[_Chance]:
-        """Yield other chances of solved trees: their twins, and themselves where starts are left."""
+    ) -> tuple[list[_Chance], list[_Chance]]:
+        """Return other chances of solved trees: themselves where starts are left, and their twins."""
         starts = {trial.user_attrs[KEY]: trial.user_attrs[STARTS] for trial in over}
+        again, twins = list[_Chance](), list[_Chance]()
         for trial, hope in zip(solved, hopes, strict=True):
             key, status = trial.user_attrs[KEY], trial.user_attrs[STATUS]
             if status in RELUCTANCE:
                 more = bisect_left(self._steps, starts[key])
-                yield _Chance(hope + RELUCTANCE[status] + more, self._twin(key), again=False)
+                promise = hope + RELUCTANCE[status] + more
+                twins.append(_Chance(promise, self._twin(key), again=False))
                 if more + 1 < len(self._steps):
-                    yield _Chance(hope + RELUCTANCE[status] + more, key, again=True)
+                    again.append(_Chance(promise, key, again=True))
+        return again, twins
 
     def _donors(
         self, designs: Mapping[str, int], key: str, parent: str | None, *, without: Set[str]
