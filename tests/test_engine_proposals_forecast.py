@@ -1,13 +1,18 @@
 """What trees are compared by, and what is expected of those that were never solved."""
 
 import numpy as np
+import optuna
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from topo_search.engine.proposals.descriptors import PATTERNS, descriptors
 from topo_search.engine.proposals.forecast import MOST, Forecast
+from topo_search.engine.proposals.moves import Moves
+from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, standing
+from topo_search.engine.space import Space
 from topo_search.model import Topology
+from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, candidate_of, sample
 from topo_search.topologies.tree_moves import part_of
 
@@ -103,7 +108,47 @@ def test_what_falls_short_is_told_from_what_the_others_say() -> None:
     ranking = np.array([*order[order != missed], missed])
     hopes = Forecast(described[ranking], range(240)).hopes_again()
     assert np.argsort(hopes).tolist().index(239) < 12
-    for place in (0, 100, 239):
+    for place in (10, 100, 239):
         others = np.arange(240) != place
         alone = Forecast(described[ranking[others]], np.arange(240)[others]).hopes(described[[ranking[place]]])
-        assert hopes[place] == pytest.approx(alone[0], abs=0.1)
+        assert hopes[place] == pytest.approx(alone[0], abs=0.05)
+
+
+def test_trees_that_stand_alike_are_told_apart_by_nothing_but_what_they_look_like() -> None:
+    rng = np.random.default_rng(3)
+    described = rng.normal(size=(40, 2))
+    places = [*range(10), *(30 * [10])]
+    forecast, other = (
+        Forecast(np.concatenate([described[:10], tied]), places) for tied in (described[10:], described[:9:-1])
+    )
+    unknown = rng.normal(size=(5, 2))
+    assert forecast.hopes(unknown) == pytest.approx(other.hopes(unknown))
+
+
+def test_by_how_much_trees_without_a_design_miss_it_counts_only_while_none_has_one() -> None:
+    space = Space(read_task("push", ("modules=6",)).resolve(6), "task")
+    keys = [candidate.key for candidate in space.sample(12, 0)]
+
+    def hopes(violations: list[float], designs: int) -> list[float]:
+        study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
+        for number, (key, violation) in enumerate(zip(keys, violations, strict=True)):
+            trial = study.ask()
+            found = number < designs
+            for name, value in (
+                (KEY, key),
+                (STARTS, 1),
+                (STATUS, "feasible" if found else "infeasible"),
+                (NEAR, ()),
+            ):
+                trial.set_user_attr(name, value)
+            trial.set_constraint("violation", 0.0 if found else violation)
+            study.tell(trial, float(number) if found else float("inf"))
+        moves = Moves(space, starts=4, seed=0)
+        over = study.get_trials(deepcopy=False)
+        learnt = moves._learnt(over, sorted(over, key=standing))
+        return learnt.forecast.hopes(moves._descriptors([one.key for one in space.sample(20, 1)])).tolist()
+
+    rising = [1.0 + number for number in range(12)]
+    falling = rising[::-1]
+    assert hopes(rising, 3) == pytest.approx(hopes(falling, 3))
+    assert hopes(rising, 0) != pytest.approx(hopes(falling, 0))

@@ -4,12 +4,13 @@
 |---|---|---|
 | X | descriptors of the m solved trees, columns of mean 0 and deviation 1 | (m, d) |
 | y | places of the solved trees in their ranking, as normal scores of mean 0 and deviation 1 | (m,) |
-| k(x, x') | covariance before anything is solved: exp(-|x - x'|^2 / 2 d) + LINEAR (1 + x.x' / d) | |
+| k(x, x') | covariance before anything is solved: exp(-|x - x'|^2 / 4 d) + LINEAR (1 + x.x' / d) | |
 | K | k(X, X) + NOISE I | (m, m) |
 
 A tree x is expected at k(x, X) K^-1 y with variance k(x, x) - k(x, X) K^-1 k(X, x) [1]. The first part of k speaks
-of trees that look alike, the second of trends. Places instead of objectives need no unit, and no value for a tree
-without a design. What the others tell of solved tree i has the mean y_i - (K^-1 y)_i / (K^-1)_ii, and together with
+of trees that look alike, the second of trends; the mean of |x - x'|^2 over all pairs is 2 d. Places instead of
+objectives need no unit, and no value for a tree without a design; trees that stand alike share the middle of their
+places. What the others tell of solved tree i has the mean y_i - (K^-1 y)_i / (K^-1)_ii, and together with
 NOISE the variance 1 / (K^-1)_ii [2].
 
 [1] C. E. Rasmussen, C. K. I. Williams, "Gaussian processes for machine learning", MIT Press (2006), eq. 2.23-2.24.
@@ -31,8 +32,8 @@ Array = NDArray[np.float64]
 
 LINEAR = 0.1
 """Variance of the trends."""
-NOISE = 0.3
-"""Variance of what few starts say."""
+NOISE = 0.6
+"""Variance of what one start says."""
 OPTIMISM = 2.0
 """Standard deviations by which a tree may do better than expected."""
 MOST = 1000
@@ -51,10 +52,11 @@ class Forecast:
         """
         self.kept = slice(None, None, math.ceil(len(described) / MOST))
         """Which of the solved trees are looked at."""
-        described, place = described[self.kept], np.asarray(places[self.kept], dtype=float)
+        described, places = described[self.kept], places[self.kept]
         self._mean, self._scale = described.mean(axis=0), _deviation(described)
         self._X = self._columns(described)
-        y = ndtri((place + 0.5) / (place.max() + 1.0))
+        alike = np.bincount(places)
+        y = ndtri((np.cumsum(alike) - 0.5 * alike)[places] / len(places))
         self._y = (y - y.mean()) / _deviation(y)
         self._K = cho_factor(_covariance(self._X, self._X) + NOISE * np.eye(len(self._X)))
         self._weights = cho_solve(self._K, self._y)
@@ -85,7 +87,7 @@ def _covariance(X: Array, Y: Array) -> Array:
     """Return k of all pairs of rows, shape (rows of X, rows of Y)."""
     d = X.shape[1]
     apart = cdist(X, Y, "sqeuclidean")
-    return np.asarray(np.exp(-apart / (2 * d)) + LINEAR * (1.0 + X @ Y.T / d))
+    return np.asarray(np.exp(-apart / (4 * d)) + LINEAR * (1.0 + X @ Y.T / d))
 
 
 def _deviation(values: Array) -> Array:

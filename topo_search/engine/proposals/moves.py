@@ -40,20 +40,15 @@ STRANGERS = 16
 """Trees drawn uniformly beside them: the best tree need not look like others that are good."""
 STALE = 160
 """A population is given up when so many trials after its best, of new trees or old ones, are no better."""
-RELUCTANCE = {"feasible": 1.0, "infeasible": 0.5}
+RELUCTANCE = {"feasible": 1.0, "infeasible": 0.0}
 """By how much more than a new tree another chance must promise, in standard deviations of what is known.
 
-It is one more for every time that the tree had more starts, tried again or as one of the best of its round. Starts
-without a design say less than a bad design.
+It is one more for every time that the tree had more starts. One start without a design says little.
 """
 REPEATS = 2
 """Most trees of a round that are tried again."""
-DONORS = 2
-"""Designs that a tree starts from: its parent's, then the best of those of other solved trees a move away."""
-DONORS_AGAIN = 1
-"""The same for a tree that is tried again; the other starts are random."""
 RELATIVES = 32
-"""Moves from a tree by which such trees are looked for; of large ones they find few."""
+"""Moves from a tree by which solved ones are looked for to start from; of large trees they find few."""
 BATCHES = 2
 """How often trees are drawn before it is said that all are known."""
 
@@ -81,19 +76,23 @@ class _Known(NamedTuple):
 class Moves(TreeSampler):
     """Makes trees from the best of a population by single moves, and begins anew when that leads nowhere.
 
-    Of several such trees and some drawn uniformly it proposes the one that promises most by what was solved so far.
-    Few starts may miss what a tree can do, so solved trees compete with new ones for more of them: they promise
-    what the others tell of them, and less for every time that they had more. Twins, two trees that differ in the
-    sense of all rotors alone, are about as good as each other: one of them is proposed, and the other one is
+    Of several such trees and some drawn uniformly it proposes the one that promises most by what was solved so far,
+    from one start. That may miss what a tree can do, so solved trees compete with new ones for more starts: they
+    promise what the others tell of them, and less for every time that they had more. Twins, two trees that differ
+    in the sense of all rotors alone, are about as good as each other: one of them is proposed, and the other one is
     another chance of it, or follows at once if the first is the best of all. Where no new tree is in sight nothing
-    is tried again before all are tried. In place of starts a tree is given designs of its parent and of solved
-    trees a move away, as far as there are any; the best's twin has the best's.
+    is tried again before all are tried. Each time a tree is tried a design takes the place of the next start, if
+    there is one that it did not start from before: a child's from its parent, or else one of a solved tree a move
+    away; the best's twin has the best's.
     """
+
+    few = 1
+    promotes = False
 
     def __init__(self, space: Space, *, starts: int, seed: int) -> None:
         """Begin a search that gives a tree no more than so many starts."""
         super().__init__(space, seed)
-        self._steps = [*steps(starts)]
+        self._steps = [*steps(starts, self.few)]
         self._first = 0
         """The first trial of the present population."""
         self._described: dict[str, Array] = {}
@@ -135,8 +134,7 @@ class Moves(TreeSampler):
             new = [_Chance(hope, key, again=False) for hope, key in zip(hopes.tolist(), parents, strict=True)]
             for _, key, repeat in sorted([*new, *twins, *(again if new else [])]):
                 had = (other.user_attrs[NEAR] for other in earlier if other.user_attrs[KEY] == key)
-                donors = self._donors(known.designs, key, parents.get(key), without=running.union(*had))
-                yield Idea(key, donors[: DONORS_AGAIN if repeat else min(DONORS, self._steps[0])], repeat)
+                yield Idea(key, self._donor(known.designs, key, parents.get(key), running.union(*had)), repeat)
 
     def _drawn(self, best: Sequence[FrozenTrial]) -> Iterator[tuple[str, str | None]]:
         """Yield keys: children of the best, more of the better ones, each with its parent, and strangers."""
@@ -161,7 +159,7 @@ class Moves(TreeSampler):
         """
         if self._latest is None or self._latest[0] != len(over):
             keys = [trial.user_attrs[KEY] for trial in solved]
-            equal = groupby(solved, key=lambda trial: standing(trial)[:2])
+            equal = groupby(solved, key=_stands_at if has_design(solved[0]) else _misses_by)
             places = [place for place, (_, trials) in enumerate(equal) for _ in trials]
             forecast = Forecast(self._descriptors(keys), places)
             designs = {
@@ -187,15 +185,15 @@ class Moves(TreeSampler):
                     again.append(_Chance(promise, key, again=True))
         return again, twins
 
-    def _donors(
-        self, designs: Mapping[str, int], key: str, parent: str | None, *, without: Set[str]
+    def _donor(
+        self, designs: Mapping[str, int], key: str, parent: str | None, without: Set[str]
     ) -> tuple[str, ...]:
-        """Return whose designs a tree can start from: its parent's first, if it has one."""
+        """Return whose design a tree starts from: a child its parent's, others the best a move away, if any is."""
+        if parent is not None and parent in designs and parent not in without:
+            return (parent,)
         tree = Topology.from_key(key)
-        relatives = {self._moved(tree) for _ in range(RELATIVES)} - {key, parent}
-        ranked = sorted(relatives & designs.keys(), key=designs.__getitem__)
-        first = () if parent is None else (parent,)
-        return tuple(donor for donor in (*first, *ranked) if donor in designs and donor not in without)
+        relatives = {self._moved(tree) for _ in range(RELATIVES)} & designs.keys() - without - {key}
+        return tuple(sorted(relatives, key=designs.__getitem__)[:1])
 
     def _twin(self, key: str) -> str:
         """Return the key of a candidate's twin."""
@@ -217,3 +215,16 @@ def _best_of_each(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
     for trial in sorted(trials, key=standing):
         best.setdefault(trial.user_attrs[KEY], trial)
     return [*best.values()]
+
+
+def _stands_at(trial: FrozenTrial) -> float | None:
+    """Return what trees are ranked by: their objective, at which all without a design stand alike.
+
+    By how much they miss one says little of how good a tree can be, and would spread the ranking where none is.
+    """
+    return trial.value
+
+
+def _misses_by(trial: FrozenTrial) -> float:
+    """Return what trees are ranked by while none has a design."""
+    return sum(trial.constraints.values())

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from topo_search.engine.strategy import Scored
 
 FEW = 2
-"""Starts of a new candidate."""
+"""Starts of a new candidate, if its sampler does not say otherwise."""
 SHARE = 4
-"""Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all."""
+"""Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all, if its sampler promotes."""
 CERTAIN = 5
 """So many of the best are given all starts in the end, whatever their share."""
 
@@ -30,9 +30,9 @@ def standing(score: Scored) -> Standing:
     return NOT_PROMISING, 0.0
 
 
-def steps(starts: int) -> Iterator[int]:
-    """Yield the numbers of starts of which each is for fewer candidates than the one before."""
-    step = FEW
+def steps(starts: int, few: int) -> Iterator[int]:
+    """Yield the numbers of starts from few to all, each for fewer candidates than the one before."""
+    step = few
     while step < starts:
         yield step
         step *= 2

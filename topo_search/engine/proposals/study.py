@@ -1,7 +1,7 @@
-"""An Optuna study as a strategy: rounds of candidates from a few starts, then more starts for the best of them.
+"""An Optuna study as a strategy: rounds of candidates from few starts, and more starts for those that promise more.
 
-A sampler may propose a candidate again, which is given the starts that follow. That is a trial of its own,
-told what all starts of the candidate led to: the value of a trial that is over cannot change.
+Either the best of a round are given them at once, or the sampler proposes candidates again. That is a trial of its
+own, told what all starts of the candidate led to: the value of a trial that is over cannot change.
 
 When all rounds are over the best of all are given what is left of their starts. The study is in memory and made
 again with the strategy; its journal is a copy for optuna-dashboard, with what the proposals were made from.
@@ -73,15 +73,18 @@ def optuna_study(
     given = Counter[str]()  # how many of the steps each candidate was given
     left = min(trials, space.count())
     while left:
-        asked = [_ask(study, proposer) for _ in range(min(ROUND, left))]
-        left -= len({one.key for one in asked} - standings.keys())
+        asked: list[_Asked] = []
+        while len(asked) < ROUND and left:
+            asked.append(_ask(study, proposer))
+            left -= asked[-1].key not in standings
         scores: dict[str, Scored] = {}
-        for step, stop in enumerate(steps(starts)):
+        for step, stop in enumerate(steps(starts, proposer.few)):
             ranking = sorted(standings.values())
             part = [
                 one
                 for one in asked
-                if given[one.key] == step and (one.key not in scores or goes_on(scores[one.key], ranking, step))
+                if given[one.key] == step
+                and (one.key not in scores or (proposer.promotes and goes_on(scores[one.key], ranking, step)))
             ]
             if part:
                 found = yield [Proposal(one.candidate, stop, () if one.key in scores else one.near) for one in part]

@@ -19,6 +19,7 @@ from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial
 
 from topo_search.engine.proposals.encoding import encoded, ranges
+from topo_search.engine.proposals.promotion import FEW
 from topo_search.engine.space import Space
 from topo_search.model import Topology
 
@@ -50,6 +51,11 @@ class Idea(NamedTuple):
 
 class TreeSampler(BaseSampler):
     """Draws the numbers of a tree's encoding together, in the form that its candidate's key has."""
+
+    few = FEW
+    """Starts of a new candidate."""
+    promotes = True
+    """Whether the best candidates of a round are given more starts in it."""
 
     def __init__(self, space: Space, seed: int) -> None:
         self.space = space
