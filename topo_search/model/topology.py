@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import networkx as nx
 
@@ -88,55 +88,28 @@ class Topology:
     @cached_property
     def key(self) -> str:
         """The canonical text of this rooted tree (see the module's docstring)."""
-        children: dict[tuple[int, int], int] = {}
-        for h, i, a, _ in self.edges():
-            children[h, a] = i
-        parity_bit = 0 if self.aligned else 8
+        children = {(h, a): i for h, i, a, _ in self.edges()}
+        kappas = self.kappas
+        letter, parity_bit = ("a", 0) if self.aligned else ("p", 8)
         digits: list[str] = []
         stack = [0]
         while stack:
             i = stack.pop()
             b = self.joints[i][2]
-            slots = (0, 1, 2, 3) if i == 0 else tuple((b + turn) % 4 for turn in (1, 2, 3))
-            mask = sum(1 << bit for bit, port in enumerate(slots) if (i, port) in children)
-            if self.kappas[i] % 2:
-                mask |= parity_bit
+            slots = (0, 1, 2, 3) if i == 0 else ((b + 1) % 4, (b + 2) % 4, (b + 3) % 4)
+            mask, beyond = parity_bit * (kappas[i] % 2), list[int]()
+            for bit, port in enumerate(slots):
+                if (i, port) in children:
+                    mask |= 1 << bit
+                    beyond.append(children[i, port])
             digits.append(f"{mask:x}")
-            stack.extend(children[i, port] for port in reversed(slots) if (i, port) in children)
-        return ("a" if self.aligned else "p") + "".join(digits)
+            stack.extend(reversed(beyond))
+        return letter + "".join(digits)
 
     @classmethod
     def from_key(cls, key: str) -> Topology:
         """Return the one concrete rooted tree that a key names; ValueError says what is wrong with it."""
-        if not key or key[0] not in "ap":
-            raise ValueError(f"a topology key starts with `a` or `p`, but got {key!r}")
-        try:
-            masks = [int(digit, 16) for digit in key[1:]]
-        except ValueError:
-            raise ValueError(f"a topology key has hexadecimal digits after its letter, but got {key!r}") from None
-        any_port = key[0] == "p"
-        joints: list[Joint] = []
-        open_slots: list[tuple[int, int]] = [(-1, -1)]
-        for i, mask in enumerate(masks):
-            if not open_slots:
-                raise ValueError(f"key {key!r} describes {i} modules but has {len(masks)} digits")
-            h, a = open_slots.pop()
-            if h < 0:
-                joints.append(ROOT)
-                ports = [port for port in range(4) if mask >> port & 1]
-            else:
-                if mask >= (16 if any_port else 8):
-                    raise ValueError(f"digit {i} of an aligned key must be under 8, but got {key!r}")
-                b = (a + 2 - (mask >> 3)) % 4
-                joints.append((h, a, b))
-                ports = [(b + turn) % 4 for bit, turn in enumerate((1, 2, 3)) if mask >> bit & 1]
-            open_slots.extend((i, port) for port in reversed(ports))
-        if open_slots:
-            raise ValueError(f"key {key!r} ends before {len(open_slots)} of its modules are described")
-        topology = cls(tuple(joints))
-        if topology.key != key:
-            raise ValueError(f"{key!r} is not canonical: the same tree has the key {topology.key!r}")
-        return topology
+        return _read(key)
 
     @property
     def bolted(self) -> frozenset[tuple[int, int]]:
@@ -156,3 +129,37 @@ class Topology:
         for h, i, a, b in self.edges():
             graph.add_edge(h, i, ports={h: a, i: b})
         return graph
+
+
+@lru_cache(maxsize=1 << 12)
+def _read(key: str) -> Topology:
+    """Return the tree of a key; the same keys are read again and again."""
+    if not key or key[0] not in "ap":
+        raise ValueError(f"a topology key starts with `a` or `p`, but got {key!r}")
+    try:
+        masks = [int(digit, 16) for digit in key[1:]]
+    except ValueError:
+        raise ValueError(f"a topology key has hexadecimal digits after its letter, but got {key!r}") from None
+    any_port = key[0] == "p"
+    joints: list[Joint] = []
+    open_slots: list[tuple[int, int]] = [(-1, -1)]
+    for i, mask in enumerate(masks):
+        if not open_slots:
+            raise ValueError(f"key {key!r} describes {i} modules but has {len(masks)} digits")
+        h, a = open_slots.pop()
+        if h < 0:
+            joints.append(ROOT)
+            ports = [port for port in range(4) if mask >> port & 1]
+        else:
+            if mask >= (16 if any_port else 8):
+                raise ValueError(f"digit {i} of an aligned key must be under 8, but got {key!r}")
+            b = (a + 2 - (mask >> 3)) % 4
+            joints.append((h, a, b))
+            ports = [(b + turn) % 4 for bit, turn in enumerate((1, 2, 3)) if mask >> bit & 1]
+        open_slots.extend((i, port) for port in reversed(ports))
+    if open_slots:
+        raise ValueError(f"key {key!r} ends before {len(open_slots)} of its modules are described")
+    topology = Topology(tuple(joints))
+    if topology.key != key:
+        raise ValueError(f"{key!r} is not canonical: the same tree has the key {topology.key!r}")
+    return topology
