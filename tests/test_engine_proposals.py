@@ -86,6 +86,7 @@ def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors:
     assert len(keys) == len(set(keys)) == 52
     assert [len(part) for part in first if part] == [ROUND] * 6 + [4] or sampler == "moves"
     assert max(map(len, rounds)) <= ROUND
+    assert {len(part) for part in rounds[:-2]} == {ROUND} or sampler != "moves"  # repeats beside new ones
     met = [(p.candidate.key, p.starts) for part in rounds[:-1] for p in part]
     assert len(met) == len(set(met))
     listed = {candidate.key: candidate for candidate in space(6, connectors).candidates()}
@@ -233,6 +234,22 @@ def test_more_starts_that_fail_are_not_asked_for_again_and_again(monkeypatch: py
     times = Counter(p.candidate.key for part in rounds[:-1] for p in part)
     assert len(times) == 100
     assert 100 < sum(times.values()) < 200
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_what_is_known_from_more_starts_than_asked_for_is_not_asked_for_again(sampler: str) -> None:
+    """A folder that another version began may know more."""
+
+    def known(key: str, starts: int) -> Scored:
+        return scored(key, max(starts, 4))
+
+    rounds = follow(optuna_study(space(7), sampler=sampler, trials=100, starts=STARTS, seed=0), known)
+    reached = Counter[str]()
+    for part in rounds[:-1]:
+        for proposal in part:
+            assert proposal.starts > reached[proposal.candidate.key]
+            reached[proposal.candidate.key] = max(proposal.starts, 4)
+    assert max(reached.values()) > 4
 
 
 def test_moves_find_better_trees_than_uniform_draws() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from topo_search.engine.proposals.descriptors import PATTERNS, descriptors
 from topo_search.engine.proposals.forecast import MOST, Forecast
 from topo_search.engine.proposals.moves import Moves
-from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, standing
+from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS
 from topo_search.engine.space import Space
 from topo_search.model import Topology
 from topo_search.model.files import read_task
@@ -145,7 +145,7 @@ def test_by_how_much_trees_without_a_design_miss_it_counts_only_while_none_has_o
             study.tell(trial, float(number) if found else float("inf"))
         moves = Moves(space, starts=4, seed=0)
         over = study.get_trials(deepcopy=False)
-        learnt = moves._learnt(over, sorted(over, key=standing))
+        learnt = moves._learnt(over)
         return learnt.forecast.hopes(moves._descriptors([one.key for one in space.sample(20, 1)])).tolist()
 
     rising = [1.0 + number for number in range(12)]

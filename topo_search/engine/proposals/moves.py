@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence, Set
+from functools import lru_cache
 from itertools import groupby, islice
 from typing import NamedTuple
 
@@ -24,7 +25,7 @@ from topo_search.engine.proposals.tree_sampler import (
     Idea,
     TreeSampler,
     has_design,
-    standing,
+    merit,
 )
 from topo_search.engine.space import Space
 from topo_search.model import Topology
@@ -49,6 +50,8 @@ REPEATS = 2
 """Most trees of a round that are tried again."""
 RELATIVES = 32
 """Moves from a tree by which solved ones are looked for to start from; of large trees they find few."""
+KEPT = 1 << 12
+"""Trees whose candidates are kept: moves often lead to the same ones."""
 BATCHES = 2
 """How often trees are drawn before it is said that all are known."""
 
@@ -64,6 +67,8 @@ class _Chance(NamedTuple):
 class _Known(NamedTuple):
     """What is learnt from the trials that are over."""
 
+    solved: list[FrozenTrial]
+    """The best trial of each candidate, in the order of their merit."""
     forecast: Forecast
     designs: dict[str, int]
     """Keys of the candidates with a design, the best first, and their places."""
@@ -97,6 +102,8 @@ class Moves(TreeSampler):
         """The first trial of the present population."""
         self._described: dict[str, Array] = {}
         """Descriptors of candidates, by key."""
+        self._key_of = lru_cache(KEPT)(lambda tree: space.candidate_of(tree).key)
+        """Returns the key of the candidate that stands for a tree."""
         self._twins: dict[str, str] = {}
         """Key of the candidate that differs in the sense of all rotors alone, by key."""
         self._latest: tuple[int, _Known] | None = None
@@ -105,13 +112,14 @@ class Moves(TreeSampler):
     def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
         """Yield candidates drawn uniformly for a new population, then what promises most, if anything does."""
         over = [other for other in earlier if other.state == TrialState.COMPLETE]
-        solved = _best_of_each(over)
-        best = [other for other in solved if other.number >= self._first][:PARENTS]
+        while not over:
+            yield self.uniform()
+        known = self._learnt(over)
+        best = [other for other in known.solved if other.number >= self._first][:PARENTS]
         if best and trial.number - best[0].number > STALE:
             self._first = trial.number
         while trial.number < self._first + FRESH or not best:
             yield self.uniform()
-        known = self._learnt(over, solved)
         # A round begins with the best's twin, so the best is not tried again beside it.
         for key in islice(known.designs, 1):
             yield Idea(self._twin(key), (key,))
@@ -148,25 +156,24 @@ class Moves(TreeSampler):
 
     def _moved(self, tree: Topology) -> str:
         """Return the key of a candidate that one move leads to."""
-        return self.space.candidate_of(neighbour(tree, self.random, self.connectors)).key
+        return self._key_of(neighbour(tree, self.random, self.connectors))
 
-    def _learnt(self, over: Sequence[FrozenTrial], solved: Sequence[FrozenTrial]) -> _Known:
-        """Return what trials tell; one answer serves a round.
-
-        Args:
-            over: the trials in the order of their numbers.
-            solved: the best of each candidate's in the order of their standing.
-        """
+    def _learnt(self, over: Sequence[FrozenTrial]) -> _Known:
+        """Return what trials, at least one, in the order of their numbers tell; one answer serves a round."""
         if self._latest is None or self._latest[0] != len(over):
+            solved = _best_of_each(over)
             keys = [trial.user_attrs[KEY] for trial in solved]
-            equal = groupby(solved, key=_stands_at if has_design(solved[0]) else _misses_by)
-            places = [place for place, (_, trials) in enumerate(equal) for _ in trials]
+            # By how much trees without a design miss one says little of how good they can be, and would spread the
+            # ranking where no good tree is: they stand alike, as long as one tree has a design.
+            by_objective = has_design(solved[0])
+            alike = groupby(map(merit, solved), key=lambda one: one.objective if by_objective else one.violation)
+            places = [place for place, (_, merits) in enumerate(alike) for _ in merits]
             forecast = Forecast(self._descriptors(keys), places)
             designs = {
                 key: place for place, (key, trial) in enumerate(zip(keys, solved, strict=True)) if has_design(trial)
             }
             again, twins = self._chances(over, solved[forecast.kept], forecast.hopes_again().tolist())
-            self._latest = len(over), _Known(forecast, designs, again, twins)
+            self._latest = len(over), _Known(solved, forecast, designs, again, twins)
         return self._latest[1]
 
     def _chances(
@@ -210,21 +217,8 @@ class Moves(TreeSampler):
 
 
 def _best_of_each(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
-    """Return the trial of each candidate that stands best, in the order of their standing."""
+    """Return the trial of each candidate with the best merit, in the order of their merit."""
     best: dict[str, FrozenTrial] = {}
-    for trial in sorted(trials, key=standing):
+    for trial in sorted(trials, key=merit):
         best.setdefault(trial.user_attrs[KEY], trial)
     return [*best.values()]
-
-
-def _stands_at(trial: FrozenTrial) -> float | None:
-    """Return what trees are ranked by: their objective, at which all without a design stand alike.
-
-    By how much they miss one says little of how good a tree can be, and would spread the ranking where none is.
-    """
-    return trial.value
-
-
-def _misses_by(trial: FrozenTrial) -> float:
-    """Return what trees are ranked by while none has a design."""
-    return sum(trial.constraints.values())

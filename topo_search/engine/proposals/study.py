@@ -10,7 +10,7 @@ again with the strategy; its journal is a copy for optuna-dashboard, with what t
 from __future__ import annotations
 
 import math
-from collections import Counter
+from bisect import bisect_right
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,7 +70,8 @@ def optuna_study(
     study = _new_study(sampler=proposer)
     shown = None if journal is None else _new_journal(journal)
     standings: dict[str, Standing] = {}
-    given = Counter[str]()  # how many of the steps each candidate was given
+    ladder = [*steps(starts, proposer.few)]
+    rung: dict[str, int] = {}  # how many of the steps each candidate has behind it
     left = min(trials, space.count())
     while left:
         asked: list[_Asked] = []
@@ -78,19 +79,23 @@ def optuna_study(
             asked.append(_ask(study, proposer))
             left -= asked[-1].key not in standings
         scores: dict[str, Scored] = {}
-        for step, stop in enumerate(steps(starts, proposer.few)):
+        part = asked
+        while part:
+            found = yield [
+                Proposal(one.candidate, ladder[rung.get(one.key, 0)], () if one.key in scores else one.near)
+                for one in part
+            ]
+            scores |= {score.key: score for score in found}
+            standings |= {score.key: standing(score) for score in found}
+            rung |= {score.key: bisect_right(ladder, score.starts) for score in found}
             ranking = sorted(standings.values())
             part = [
                 one
-                for one in asked
-                if given[one.key] == step
-                and (one.key not in scores or (proposer.promotes and goes_on(scores[one.key], ranking, step)))
+                for one in part
+                if proposer.promotes
+                and rung[one.key] < len(ladder)
+                and goes_on(scores[one.key], ranking, rung[one.key])
             ]
-            if part:
-                found = yield [Proposal(one.candidate, stop, () if one.key in scores else one.near) for one in part]
-                given.update(score.key for score in found)
-                scores |= {score.key: score for score in found}
-                standings |= {score.key: standing(score) for score in found}
         told = [_tell(study, one.trial, scores[one.key]) for one in asked]
         if shown is not None:
             shown.add_trials(told)

@@ -118,9 +118,20 @@ class TreeSampler(BaseSampler):
         return Idea(self.random.choice(left))
 
 
-def standing(trial: FrozenTrial) -> tuple[float, float, int]:
-    """Order trials by objective, behind them those without a design by violation; the earlier one wins a tie."""
-    return sum(trial.constraints.values()), trial.value or 0.0, trial.number
+class Merit(NamedTuple):
+    """Orders trials that are over; less is better, and the earlier one wins a tie."""
+
+    violation: float
+    """By how much a design was missed; 0 with one."""
+    objective: float
+    """Infinite without a design."""
+    number: int
+    """Of the trial."""
+
+
+def merit(trial: FrozenTrial) -> Merit:
+    """Return what a trial that is over has led to."""
+    return Merit(sum(trial.constraints.values()), trial.value or 0.0, trial.number)
 
 
 def has_design(trial: FrozenTrial) -> bool:
