@@ -1,4 +1,4 @@
-"""Bodies and designs for the tests and benchmarks of the audit."""
+"""Bodies and designs for the tests and benchmarks of the audit, and what fails in one."""
 
 import math
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model import Design, Task, Topology
+from topo_search.model import Audit, Design, Status, Task, Topology
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
 from verify.kinematics import platform
@@ -108,6 +108,15 @@ FAN = Topology(((-1, -1, -1), (0, 0, 2), (0, 2, 0)))
 
 HOVER = {"com": {"force": [0.0, 0.0, 1.0]}}
 
+FREE_ABOVE = [
+    {"kind": "local", "radius": 0.15},
+    {"kind": "directional", "radius": 0.1, "segments": [[0.0, 0.0, 1.0], [1.0, 0.0, 0.2]]},
+    {"kind": "directional", "radius": 0.1, "along": "end_effector", "length": 2.0},
+    {"kind": "exterior", "half_angle_deg": 60.0},
+    {"kind": "exterior", "half_angle_deg": 90.0, "axis": [0.0, 0.1, -1.0]},
+]
+"""Every kind of exposure, which the fan keeps."""
+
 
 def design(
     topology: Topology,
@@ -144,6 +153,12 @@ def fan(task: dict[str, Any] | None = None, **given: Any) -> Design:
 def changed(given: Design, **fields: Any) -> Design:
     """The design of a file in which some fields were overwritten."""
     return Design.model_validate({**given.model_dump(mode="json"), **fields})
+
+
+def failing(result: Audit) -> set[str]:
+    """The kinds and names of everything that is not clear."""
+    kinds = {pair.kind for pair in result.pairs if pair.status != Status.CLEAR}
+    return kinds | {row.name for row in result.residuals if row.status != Status.CLEAR}
 
 
 def at_clearance(A: ConeSphere, B: ConeSphere, d: float) -> tuple[ConeSphere, ConeSphere]:
