@@ -210,9 +210,9 @@ class Moves(TreeSampler):
 
     def _descriptors(self, keys: Sequence[str]) -> Array:
         """Return the descriptors of candidates, a row each."""
-        for key in keys:
-            if key not in self._described:
-                self._described[key] = descriptors(Topology.from_key(key))
+        new = [key for key in keys if key not in self._described]
+        if new:
+            self._described |= zip(new, descriptors([*map(Topology.from_key, new)]), strict=True)
         return np.array([self._described[key] for key in keys])
 
 
