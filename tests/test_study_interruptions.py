@@ -1,5 +1,9 @@
 import csv
+import errno
+import fcntl
 import os
+import platform
+import re
 import signal
 import sqlite3
 import subprocess
@@ -120,9 +124,19 @@ def test_ctrl_c_keeps_all_results_and_stops_the_workers(coordinator):
 def test_a_second_coordinator_is_refused_with_the_reason(coordinator):
     coordinator.start()
     coordinator.wait_for(1)
-    with pytest.raises(BadInput, match=f"another run works in this folder .process {coordinator.process.pid}."):
+    holder = f"process {coordinator.process.pid} on {platform.node()}"
+    with pytest.raises(BadInput, match=re.escape(f"another run works in this folder ({holder})")):
         toy_run(coordinator.folder, modules=4)
     assert coordinator.finish()[0] == 0
+
+
+def test_a_disk_without_locks_is_refused_with_the_reason_and_what_to_do(tmp_path, monkeypatch):
+    def none_left(handle, operation):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", none_left)
+    with pytest.raises(BadInput, match="No locks available on its disk; choose another folder with --out"):
+        toy_run(tmp_path / "run")
 
 
 @pytest.mark.parametrize("keep", [10, 3000, 5000])

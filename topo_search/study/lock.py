@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,7 +25,7 @@ def locked(folder: Path) -> Iterator[None]:
     """Hold the folder's lock; the system frees it when the process ends, however it ends.
 
     Raises:
-        ReadOnlyFolder: nothing can be written there.
+        ReadOnlyFolder: nothing can be written there, or its disk knows no locks.
         BadInput: another process holds it.
     """
     try:
@@ -35,12 +36,14 @@ def locked(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            holder = os.read(handle, 32).decode(errors="replace").strip() or "unknown"
+            holder = os.read(handle, 256).decode(errors="replace").strip() or "unknown"
             raise BadInput(
                 str(folder), [Fault("", f"another run works in this folder (process {holder})")]
             ) from None
+        except OSError as error:
+            raise ReadOnlyFolder(folder, f"{error.strerror} on its disk") from None
         os.truncate(handle, 0)
-        os.write(handle, f"{os.getpid()}\n".encode())
+        os.write(handle, f"{os.getpid()} on {platform.node()}\n".encode())
         yield
     finally:
         os.close(handle)
