@@ -26,10 +26,11 @@ def ranking(folder):
         return [[row[name] for name in COLUMNS if name != "seconds"] for row in csv.DictReader(stream)]
 
 
-def test_the_toy_problem_has_the_same_answer_on_both_engines(cluster, tmp_path):
-    toy_run(tmp_path / "here", modules=4, workers=2)
+@pytest.mark.parametrize("options", [{"modules": 4}, {"modules": 6, "strategy": "optuna", "trials": 24}])
+def test_the_toy_problem_has_the_same_answer_on_both_engines(cluster, tmp_path, options):
+    toy_run(tmp_path / "here", workers=2, **options)
     with DaskWorkers(cluster.address, {}) as engine:
-        toy_run(tmp_path / "there", modules=4, engine=engine)
+        toy_run(tmp_path / "there", engine=engine, **options)
     assert ranking(tmp_path / "here") == ranking(tmp_path / "there")
     assert (tmp_path / "here" / "best.json").read_text() == (tmp_path / "there" / "best.json").read_text()
 
