@@ -1,11 +1,12 @@
 """What a second worker brings, what the coordinator costs, and what Dask costs beside processes of this machine.
 
-    PYTHONPATH=tests python tests/benchmarks/workers.py [--modules N] [--starts N] [--rounds N]
+    PYTHONPATH=tests python tests/benchmarks/workers.py push --modules 5 [--starts N] [--trials N] [--rounds N]
 
-The same search of push, to its ledger and with its audits, by one worker, by two, and by two Dask workers with a
-scheduler of their own, in turn, as often as there are rounds. Wall time means little on a machine that has other
-work to do, so there are two more views: the share of the time that workers had a job, and the CPU time that all
-processes took, from which follows how much faster than one worker two cores of their own would be.
+The same search of an example, to its ledger and with its audits, by one worker, by two, and by two Dask workers
+with a scheduler of their own, in turn, as often as there are rounds; of all trees, or of so many that `moves`
+proposes. Wall time means little on a machine that has other work to do, so there are two more views: the share of
+the time that workers had a job, and the CPU time that all processes took, from which follows how much faster than
+one worker two cores of their own would be.
 """
 
 from __future__ import annotations
@@ -91,12 +92,15 @@ def search(request: Request, watched: Watched, processes: Callable[[], list[psut
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("example", nargs="?", default="push")
     parser.add_argument("--modules", type=int, default=5)
     parser.add_argument("--starts", type=int, default=nlp.DEFAULT_STARTS)
+    parser.add_argument("--trials", type=int, help="trees that `moves` proposes; else the search is exhaustive")
     parser.add_argument("--rounds", type=int, default=3)
     arguments = parser.parse_args()
-    task = read_task("push", (f"modules={arguments.modules}",))
-    request = Request(task, "c2", arguments.starts, 0)
+    task = read_task(arguments.example, (f"modules={arguments.modules}",))
+    strategy = "exhaustive" if arguments.trials is None else "optuna"
+    request = Request(task, "c2", arguments.starts, 0, strategy, trials=arguments.trials)
     with ExitStack() as stack:
         cluster = stack.enter_context(Cluster(Path(stack.enter_context(tempfile.TemporaryDirectory()))))
         cluster.add_worker("--nworkers", "2")
