@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
 import optuna
@@ -87,7 +88,7 @@ def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors:
     assert [len(part) for part in first if part] == [ROUND] * 6 + [4] or sampler == "moves"
     assert max(map(len, rounds)) <= ROUND
     assert {len(part) for part in rounds[:-2]} == {ROUND} or sampler != "moves"  # repeats beside new ones
-    met = [(p.candidate.key, p.starts) for part in rounds[:-1] for p in part]
+    met = [(p.candidate.key, p.starts) for part in rounds for p in part]
     assert len(met) == len(set(met))
     listed = {candidate.key: candidate for candidate in space(6, connectors).candidates()}
     assert all(listed[p.candidate.key] == p.candidate for part in rounds for p in part)
@@ -99,9 +100,25 @@ def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors:
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
     rounds = follow(optuna_study(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
-    reached = {p.candidate.key: p.starts for part in rounds for p in part}
+    reached = {p.candidate.key: p.starts for part in rounds[:-1] for p in part}
     assert sorted(reached) == [candidate.key for candidate in space(5).candidates()]
     assert sum(starts > FEW for starts in reached.values()) < len(reached) / 2
+    last = [scored(p.candidate.key, reached[p.candidate.key]) for p in rounds[-1]]
+    assert [s.objective or math.inf for s in last] == sorted(s.objective or math.inf for s in last)
+    reached |= {p.candidate.key: p.starts for p in rounds[-1]}
+    may = [key for key, starts in reached.items() if scored(key, starts).status in ("feasible", "infeasible")]
+    assert {reached[key] for key in may} == {STARTS}
+
+
+def test_under_a_time_limit_all_get_the_starts_that_are_left_in_parts() -> None:
+    for timed, stops in ((False, [STARTS]), (True, [2, 4, 8, STARTS])):
+        strategy = optuna_study(space(6), sampler="moves", trials=1000, starts=STARTS, seed=0, timed=timed)
+        rounds = follow(strategy)
+        stages = [part for part in rounds if len(part) > ROUND]
+        assert [{p.starts for p in part} for part in stages] == [{stop} for stop in stops]
+        assert stages == rounds[-len(stages) :]
+        met = [(p.candidate.key, p.starts) for part in rounds for p in part]
+        assert len(met) == len(set(met))
 
 
 @pytest.mark.parametrize("n", [1, 2])
@@ -245,11 +262,38 @@ def test_what_is_known_from_more_starts_than_asked_for_is_not_asked_for_again(sa
 
     rounds = follow(optuna_study(space(7), sampler=sampler, trials=100, starts=STARTS, seed=0), known)
     reached = Counter[str]()
-    for part in rounds[:-1]:
+    for part in rounds:
         for proposal in part:
             assert proposal.starts > reached[proposal.candidate.key]
             reached[proposal.candidate.key] = max(proposal.starts, 4)
     assert max(reached.values()) > 4
+
+
+@pytest.mark.parametrize(("stale", "anew"), [(8, True), (160, False)])
+def test_a_population_that_finds_nothing_better_is_given_up(
+    monkeypatch: pytest.MonkeyPatch, stale: int, anew: bool
+) -> None:
+    """The first tree is the best, its twin is trial 8; at trial 9 they are stale, and eight are drawn uniformly."""
+    neighbour, sample_relative = moves.neighbour, moves.Moves.sample_relative
+    moved, met = list[bool](), list[str]()
+
+    def counted(*options: Any) -> Topology:
+        moved[-1] = True
+        return neighbour(*options)
+
+    def watched(*options: Any) -> dict[str, Any]:
+        moved.append(False)
+        return sample_relative(*options)
+
+    def objective(key: str, starts: int) -> Scored:
+        met.append(key)
+        return Scored(key, starts, "feasible", 1.0 if key == met[0] else 2.0, None)
+
+    monkeypatch.setattr(moves, "STALE", stale)
+    monkeypatch.setattr(moves, "neighbour", counted)
+    monkeypatch.setattr(moves.Moves, "sample_relative", watched)
+    follow(optuna_study(space(8), sampler="moves", trials=18, starts=1, seed=0), objective)
+    assert moved[:18] == [False] * 9 + [not anew] * 8 + [True]
 
 
 def test_moves_find_better_trees_than_uniform_draws() -> None:
@@ -272,7 +316,7 @@ def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> No
         score = scored(trial.user_attrs["key"], trial.user_attrs["starts"])
         assert trial.user_attrs["status"] == score.status
         assert trial.value == (None if score.status == "failed" else score.objective or float("inf"))
-    told = [scored(p.candidate.key, p.starts) for part in rounds[:-1] for p in part]
+    told = [scored(p.candidate.key, p.starts) for part in rounds for p in part]
     assert study.best_value == min(score.objective or math.inf for score in told)
 
 

@@ -11,7 +11,7 @@ from processes import eventually, recorded
 from test_study_interruptions import Coordinator, processes_with, ranking
 from toy_problem import solved_keys, toy_run
 
-from topo_search.engine.proposals.promotion import CERTAIN
+from topo_search.study import Silent
 
 PROPOSED = {"modules": 6, "strategy": "optuna", "starts": 9}
 
@@ -37,12 +37,37 @@ def test_as_many_candidates_are_solved_as_asked_for_and_the_number_can_be_raised
     assert more.best.objective <= answer.best.objective
 
 
-def test_all_candidates_are_solved_in_the_end(tmp_path):
-    answer = toy_run(tmp_path / "run", modules=4, strategy="optuna", trials=1000)
+class Told(Silent):
+    """Notes how many candidates are announced, and how many of them are settled."""
+
+    def __init__(self):
+        self.sizes = []
+
+    def size(self, n, candidates, starts):
+        self.sizes.append([n, candidates, starts, 0])
+
+    def settled(self, incumbent):
+        self.sizes[-1][-1] += 1
+
+
+@pytest.mark.parametrize("sampler", ["moves", "random"])
+def test_where_all_candidates_are_proposed_it_ends_like_an_exhaustive_search(tmp_path, sampler):
+    observer = Told()
+    answer = toy_run(tmp_path / "run", sampler=sampler, trials=1000, observer=observer, **PROPOSED)
     (size,) = answer.sizes
-    assert (size.settled, size.candidates, size.complete) == (14, 14, True)
+    assert (size.settled, size.candidates, size.starts, size.complete) == (216, 216, 9, True)
+    first, (n, number, starts, told) = observer.sizes
+    assert first == [6, 216, 9, 216]
+    assert (n, starts) == (6, 9)
+    assert 108 < number == told <= 216
     assert not any("not proposed" in remark for remark in size.remarks)
-    assert [row.asked for row in size.top[:CERTAIN]] == [2] * CERTAIN
+    if sampler == "random":  # without designs carried over
+        toy_run(tmp_path / "exhaustive", modules=6, starts=9)
+        assert [row[:2] for row in ranking(tmp_path / "run")] == [
+            row[:2] for row in ranking(tmp_path / "exhaustive")
+        ]
+    shown = min(trials_of(tmp_path / "run"), key=lambda trial: trial.value)
+    assert shown.value == size.top[0].objective
 
 
 def test_workers_change_nothing(tmp_path):

@@ -89,7 +89,7 @@ def search(
         sampler: what proposes them: `moves` on the best trees, `tpe`, `nsga2` or `random`.
         trials: how many are proposed; None: all.
         prune: whether an exhaustive search skips candidates that are proven to be no better than the best so far.
-        starts: starts of each candidate, or of the best that were proposed; default: the solver's.
+        starts: starts of each candidate, or of the best if not all are proposed; default: the solver's.
         seed: draws the starts and the proposals.
         workers: worker processes; default: the cores available. They change nothing but the time it takes.
         dask: the address of a Dask scheduler, tcp://HOST:PORT, whose workers take the place of processes here.

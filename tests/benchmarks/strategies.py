@@ -203,13 +203,12 @@ class Solved:
         donors = [self._outcomes[donor] for donor in proposal.near]
         near = [donor for donor in donors if isinstance(donor, Design)]
         starts = range(first + len(near), proposal.starts)
-        if first < proposal.starts:  # in the end all starts are asked for, which may have been given
-            outcome = nlp.solve(self.task, proposal.candidate.topology, starts=starts, seed=self.seed, near=near)
-            record = record_of(outcome)
-            self._starts[key] = proposal.starts
-            self.tried[key] = self.tried.get(key, 0) + (0 if record is None else record.starts)
-            known = self._outcomes.get(key)
-            self._outcomes[key] = outcome if known is None else merge(known, outcome, self.task)
+        outcome = nlp.solve(self.task, proposal.candidate.topology, starts=starts, seed=self.seed, near=near)
+        record = record_of(outcome)
+        self._starts[key] = proposal.starts
+        self.tried[key] = self.tried.get(key, 0) + (0 if record is None else record.starts)
+        known = self._outcomes.get(key)
+        self._outcomes[key] = outcome if known is None else merge(known, outcome, self.task)
         reached = reached_by(self._outcomes[key], self.task)
         self.least = min(self.least, reached.objective)
         return score(key, proposal.starts, reached)
@@ -301,7 +300,8 @@ def explore(
     space: Space, sampler: str, starts: int, seed: int, source: Source, ends: Callable[[Source], bool]
 ) -> None:
     """Follow a sampler's proposals, and look after each whether it was enough."""
-    strategy = optuna_study(space, sampler=sampler, trials=space.count(), starts=starts, seed=seed)
+    trials = space.count() - 1  # where all are proposed all get all starts in the end, whatever the sampler
+    strategy = optuna_study(space, sampler=sampler, trials=trials, starts=starts, seed=seed)
     proposed = next(strategy)
     while True:
         scores = []

@@ -39,7 +39,11 @@ if TYPE_CHECKING:
     type=click.Choice(["moves", "tpe", "nsga2", "random"]),
     help="What proposes them: moves on the best trees so far (default), TPE, NSGA-II, or uniform draws.",
 )
-@click.option("--trials", type=click.IntRange(1, options.MOST), help="How many different ones (default: 512).")
+@click.option(
+    "--trials",
+    type=click.IntRange(1, options.MOST),
+    help="How many different ones (default: 512); where there are no more, all are solved from all starts.",
+)
 @click.option(
     "--prune",
     is_flag=True,

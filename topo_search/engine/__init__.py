@@ -8,7 +8,7 @@ from topo_search.engine.merging import merge, record_of
 from topo_search.engine.rounds import rounds
 from topo_search.engine.shortfall import scaled_violation
 from topo_search.engine.space import Space
-from topo_search.engine.strategy import Proposal, Round, Scored, Strategy
+from topo_search.engine.strategy import Proposal, Round, Scored, Stage, Strategy
 from topo_search.engine.verbs import AuditDesign, Failed, Outcome, Solve, Verbs
 from topo_search.engine.workers import Workers, audit_deadline, solve_deadline
 
@@ -24,6 +24,7 @@ __all__ = [
     "Scored",
     "Solve",
     "Space",
+    "Stage",
     "Strategy",
     "Verbs",
     "Workers",

@@ -13,7 +13,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 
 from topo_search.engine.rounds import rounds
 from topo_search.engine.space import Space
-from topo_search.engine.strategy import Proposal, Round, Scored, Strategy
+from topo_search.engine.strategy import Proposal, Round, Scored, Stage, Strategy
 from topo_search.topologies import Candidate
 
 PRUNED_AFTER = 32
@@ -68,7 +68,7 @@ def exhaustive(space: Space, *, starts: int, timed: bool, bound: Bound | None = 
             for candidate, score in zip(candidates, scores, strict=True)
             if score.status in ("feasible", "infeasible") and (bound is None or may_beat(least, bound(candidate)))
         ]
-        scores = yield [Proposal(candidate, stop) for candidate in candidates]
+        scores = yield Stage(Proposal(candidate, stop) for candidate in candidates)
         least = min(least, _least(scores))
 
 

@@ -55,5 +55,9 @@ class Round(Protocol):
         ...
 
 
+class Stage(list[Proposal]):
+    """A round that goes over earlier candidates once more, all from as many starts; whoever watches is told."""
+
+
 Strategy = Generator[Round, list[Scored], None]
 """Yields rounds; is sent what became of each round's proposals, in their order."""

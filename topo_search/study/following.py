@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Iterator
 
-from topo_search.engine import Engine, Job, Proposal, Round, Scored, Solve, Strategy, solved
+from topo_search.engine import Engine, Job, Proposal, Round, Scored, Solve, Stage, Strategy, solved
 from topo_search.model import Design
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
@@ -49,7 +49,8 @@ class Following:
         Args:
             strategy: is replayed as far as the ledger knows the results.
             until: time.monotonic() at which to stop.
-            announced: whether the observer knows of all candidates; else it is told of each round's.
+            announced: whether the observer knows of all candidates; else it is told of each round's. It is told
+                of those that are a stage of their own.
         """
         try:
             proposed = next(strategy)
@@ -64,11 +65,12 @@ class Following:
         """Return the results of a round, in its order; None if the time was over before."""
         drawn: list[Proposal] = []
         starts = 0
+        announces = not announced or isinstance(proposed, Stage)
 
         def jobs() -> Iterator[Job]:
             nonlocal starts
             for proposal in proposed:
-                if proposal.starts != starts and not announced:
+                if proposal.starts != starts and announces:
                     starts = proposal.starts
                     self._observer.size(self._context.task.n, len(proposed), starts)
                     self._settled.clear()

@@ -184,6 +184,7 @@ def _follow(
         starts=request.starts,
         seed=request.seed,
         journal=folder.path / f"study-n{n}.journal",
+        timed=timed,
     )
     return following.follow(strategy, until, announced=True)
 

@@ -12,7 +12,7 @@ FEW = 2
 SHARE = 4
 """Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all, if its sampler promotes."""
 CERTAIN = 5
-"""So many of the best are given all starts in the end, whatever their share."""
+"""So many of the best are given all starts in the end; all are if every candidate was proposed."""
 
 NOT_PROMISING = 2
 """First number of the standing of candidates that are given no more starts."""

@@ -3,8 +3,12 @@
 Either the best of a round are given them at once, or the sampler proposes candidates again. That is a trial of its
 own, told what all starts of the candidate led to: the value of a trial that is over cannot change.
 
-When all rounds are over the best of all are given what is left of their starts. The study is in memory and made
-again with the strategy; its journal is a copy for optuna-dashboard, with what the proposals were made from.
+When all rounds are over the best of all are given what is left of their starts. If every candidate was proposed all
+are that may have a design, the best first, as in an exhaustive search; but designs that were carried over stay in
+the places of starts.
+
+The study is in memory and made again with the strategy; its journal is a copy for optuna-dashboard, with what the
+proposals were made from.
 """
 
 from __future__ import annotations
@@ -20,12 +24,13 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
-from topo_search.engine.proposals.encoding import decoded
+from topo_search.engine.proposals.encoding import decoded, encoded
 from topo_search.engine.proposals.promotion import CERTAIN, NOT_PROMISING, Standing, goes_on, standing, steps
 from topo_search.engine.proposals.samplers import sampler_of
 from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
+from topo_search.engine.rounds import rounds
 from topo_search.engine.space import Space
-from topo_search.engine.strategy import Proposal, Scored, Strategy
+from topo_search.engine.strategy import Proposal, Scored, Stage, Strategy
 from topo_search.model import Topology
 from topo_search.topologies import Candidate
 
@@ -51,7 +56,14 @@ class _Asked:
 
 
 def optuna_study(
-    space: Space, *, sampler: str, trials: int, starts: int, seed: int, journal: Path | None = None
+    space: Space,
+    *,
+    sampler: str,
+    trials: int,
+    starts: int,
+    seed: int,
+    journal: Path | None = None,
+    timed: bool = False,
 ) -> Strategy:
     """Propose trees that an Optuna sampler draws until there are enough, or none is left.
 
@@ -59,9 +71,10 @@ def optuna_study(
         space: the candidates.
         sampler: moves, tpe, nsga2 or random.
         trials: how many different candidates to propose.
-        starts: starts of the best; the others are given fewer.
+        starts: starts of the best, or in the end of all if all are proposed; the others are given fewer.
         seed: draws the proposals.
         journal: a file that is written anew, for optuna-dashboard.
+        timed: whether there is a time limit: then what is left of the starts is given in parts.
 
     Raises:
         ValueError: an unknown sampler.
@@ -71,7 +84,7 @@ def optuna_study(
     shown = None if journal is None else _new_journal(journal)
     standings: dict[str, Standing] = {}
     ladder = [*steps(starts, proposer.few)]
-    rung: dict[str, int] = {}  # how many of the steps each candidate has behind it
+    had: dict[str, int] = {}  # starts of each candidate so far
     left = min(trials, space.count())
     while left:
         asked: list[_Asked] = []
@@ -82,25 +95,35 @@ def optuna_study(
         part = asked
         while part:
             found = yield [
-                Proposal(one.candidate, ladder[rung.get(one.key, 0)], () if one.key in scores else one.near)
+                Proposal(
+                    one.candidate,
+                    ladder[bisect_right(ladder, had.get(one.key, 0))],
+                    () if one.key in scores else one.near,
+                )
                 for one in part
             ]
             scores |= {score.key: score for score in found}
             standings |= {score.key: standing(score) for score in found}
-            rung |= {score.key: bisect_right(ladder, score.starts) for score in found}
+            had |= {score.key: score.starts for score in found}
             ranking = sorted(standings.values())
             part = [
                 one
                 for one in part
                 if proposer.promotes
-                and rung[one.key] < len(ladder)
-                and goes_on(scores[one.key], ranking, rung[one.key])
+                and had[one.key] < starts
+                and goes_on(scores[one.key], ranking, bisect_right(ladder, had[one.key]))
             ]
         told = [_tell(study, one.trial, scores[one.key]) for one in asked]
         if shown is not None:
             shown.add_trials(told)
-    best = sorted((reached, key) for key, reached in standings.items() if reached[0] < NOT_PROMISING)[:CERTAIN]
-    yield [Proposal(space.candidate_of(Topology.from_key(key)), starts) for _, key in best]
+    best = sorted((reached, key) for key, reached in standings.items() if reached[0] < NOT_PROMISING)
+    most = CERTAIN if trials < space.count() else None
+    for stop in (part.stop for part in rounds(starts, starts, timed=timed)):
+        if short := [key for _, key in best[:most] if had[key] < stop]:
+            found = yield Stage(Proposal(space.candidate_of(Topology.from_key(key)), stop) for key in short)
+            had |= {score.key: score.starts for score in found}
+            if shown is not None:
+                shown.add_trials([_tell(study, _told_again(study, proposer, score.key), score) for score in found])
 
 
 def _ask(study: optuna.Study, proposer: TreeSampler) -> _Asked:
@@ -111,6 +134,12 @@ def _ask(study: optuna.Study, proposer: TreeSampler) -> _Asked:
     trial.set_user_attr(KEY, candidate.key)
     trial.set_user_attr(NEAR, near)
     return _Asked(trial, candidate, near)
+
+
+def _told_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:
+    """Return a trial of a candidate that is not the sampler's."""
+    study.enqueue_trial(dict(encoded(Topology.from_key(key), proposer.connectors)), {KEY: key, NEAR: ()})
+    return study.ask(proposer.distributions)
 
 
 def _tell(study: optuna.Study, trial: optuna.Trial, score: Scored) -> FrozenTrial:
