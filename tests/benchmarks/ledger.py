@@ -2,7 +2,7 @@
 
     PYTHONPATH=tests python tests/benchmarks/ledger.py [--modules N] [--symmetry NAME] [--folder DIR]
 
-Fills the ledger of a run with designs of every candidate but the last (10 modules up to half turns: 129,516), then
+Fills the ledger of a run with designs of every candidate but the last (10 modules up to half turns: 130,338), then
 takes the run up in a process of its own, as far as the first job that is still to be done. With --folder the ledger
 is kept there, or taken from there. All times are CPU seconds.
 """
