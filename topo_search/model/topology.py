@@ -65,7 +65,7 @@ class Topology:
         """Number of modules."""
         return len(self.joints)
 
-    @property
+    @cached_property
     def parents(self) -> tuple[int, ...]:
         """Parent of every module; -1 for the root."""
         return tuple(h for h, _, _ in self.joints)
@@ -75,7 +75,7 @@ class Topology:
         for i, (h, a, b) in enumerate(self.joints[1:], start=1):
             yield h, i, a, b
 
-    @property
+    @cached_property
     def kappas(self) -> tuple[int, ...]:
         """Quarter turns of every module relative to the aligned joint; 0 for the root."""
         return (0, *((a + 2 - b) % 4 for _, a, b in self.joints[1:]))
@@ -116,7 +116,7 @@ class Topology:
         """The pairs (h, i), h < i, of modules that share a joint."""
         return frozenset((h, i) for h, i, _, _ in self.edges())
 
-    @property
+    @cached_property
     def free_connectors(self) -> tuple[tuple[int, int], ...]:
         """The (module, port) without a joint, in order."""
         used = {place for h, i, a, b in self.edges() for place in ((h, a), (i, b))}
