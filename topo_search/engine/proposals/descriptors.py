@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import Topology
+from topo_search.model.arrays import Array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 
 DIRECTIONS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])

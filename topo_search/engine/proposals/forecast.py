@@ -23,12 +23,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.distance import cdist
 from scipy.special import ndtri
 
-Array = NDArray[np.float64]
+from topo_search.model.arrays import Array
 
 LINEAR = 0.1
 """Variance of the trends."""

@@ -9,7 +9,6 @@ from itertools import groupby, islice
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from optuna import Study
 from optuna.trial import FrozenTrial, TrialState
 
@@ -29,9 +28,8 @@ from topo_search.engine.proposals.tree_sampler import (
 )
 from topo_search.engine.space import Space
 from topo_search.model import Topology
+from topo_search.model.arrays import Array
 from topo_search.topologies.tree_moves import neighbour
-
-Array = NDArray[np.float64]
 
 PARENTS = 8
 """The best of a population have children; the others are replaced."""
