@@ -25,7 +25,7 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
 (3) is the paper's torque balance about the origin of W instead of the COM: the same constraint, since it differs
 from it by p_COM x (2), and much sparser. (5) is this project's body clearance, with d so large that no rigid parts
 can touch; with it alpha_max is pi/2 or, if less, where a rotor could touch the module that its own is bolted to
-(`topo_search.model.room`). Without it alpha_max is pi/2: the paper's problem. In the paper's ablation (5) holds for
+(`topo_search.model.room`). Without it alpha_max is pi/2, as in the paper. In the paper's ablation (5) holds for
 all pairs, with the separation as d, in place of (4). d_E is the paper's l_c, or the task's stand-off where that is
 larger; rho is the share of u_max that the task allows, in the paper 1. Every clearance of (4) to (7) keeps the
 margin.

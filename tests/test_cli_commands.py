@@ -13,7 +13,8 @@ from topo_search import compose
 from topo_search.cli import main
 from topo_search.cli.progress import Bar, Lines
 from topo_search.model import Audit, Clearance, Design, Infeasible
-from topo_search.model.files import examples, read_json
+from topo_search.model.files import examples, read_json, read_task
+from topo_search.model.search import Search
 from topo_search.study import folder, single
 from topo_search.topologies import candidates, count, sample
 
@@ -142,6 +143,52 @@ def test_options_stand_for_fields_of_the_task(command, tmp_path):
     keys = {path.stem for path in (tmp_path / "out" / "designs").iterdir()}
     wanted = (candidates(n, symmetry="none", connectors="any", root="paper") for n in (2, 3))
     assert keys == {candidate.key for some in wanted for candidate in some}
+
+
+@pytest.mark.parametrize(
+    "words", [["run", "toy.toml"], ["solve", "toy.toml", "--topology", "a300"], ["check", "toy.toml"]]
+)
+def test_the_papers_literal_problem_is_one_switch(command, tmp_path, words):
+    """Whatever the file says; of the root, the margin and body clearance nothing else."""
+    stated = "[search]\nmargin = 1e-3\nbody_clearance = 0.4\nconnectors = 'any'\n"
+    (tmp_path / "toy.toml").write_text(f"{TOY}{stated}")
+    told = {"run": ["--out", "out"], "solve": ["--out", "out.json"], "check": ["--json"]}[words[0]]
+    done = command(*words, "--paper", *told)
+    assert done.exit_code == 0
+    if words[0] == "run":
+        posed = read_task(tmp_path / "out" / "task.toml").search
+    elif words[0] == "solve":
+        posed = read_json(Design, tmp_path / "out.json").task.search
+    else:
+        posed = Search.model_validate(json.loads(done.stdout)["task"]["search"])
+    wanted = {"root": "paper", "margin": 0.0, "body_clearance": False, "connectors": "any"}
+    assert {name: getattr(posed, name) for name in wanted} == wanted
+
+
+@pytest.mark.parametrize(
+    ("words", "given"),
+    [
+        (["--root", "free"], "search.root=free"),
+        (["--root", "paper"], "search.root=paper"),
+        (["--set", "search.margin=1e-3"], "search.margin=1e-3"),
+        (["--set", " search . margin = 1"], None),
+        (["--set", "search.body_clearance=0.4"], "search.body_clearance=0.4"),
+        (["--set", "search={}"], "search={}"),
+    ],
+)
+def test_what_the_papers_problem_sets_is_set_by_nothing_else(command, tmp_path, words, given):
+    result = command("run", "toy.toml", "--paper", *words)
+    assert result.exit_code == 2
+    if given is not None:
+        assert result.stderr == f"--paper: sets this field itself, but got {given}\n"
+    assert {path.name for path in tmp_path.iterdir()} == {"toy.toml"}
+
+
+def test_the_papers_problem_has_no_margin_to_trade(command, tmp_path):
+    (tmp_path / "toy.toml").write_text(f"{TOY}[goals]\nclearance = [1e-4, 1e-3]\n")
+    result = command("run", "toy.toml", "--paper")
+    assert result.exit_code == 2
+    assert "goals.clearance: must be left out with --paper, whose margin is 0" in result.stderr
 
 
 def test_a_lossy_symmetry_says_so(command):

@@ -15,7 +15,7 @@ from topo_search.cli import main
 from topo_search.compose import VERBS
 from topo_search.engine import Failed
 from topo_search.experiments import Settings, conduct, experiment, results
-from topo_search.experiments.cell import PAPER, Variant, plan, trees
+from topo_search.experiments.cell import AIRFLOW_ALONE, Variant, plan, trees
 from topo_search.experiments.measured import measure
 from topo_search.model import BadInput, Design, Topology
 from topo_search.topologies import candidates
@@ -65,7 +65,9 @@ def test_trees_are_all_or_as_many_different_ones_as_asked_for():
 
 
 def test_a_cell_is_solved_and_audited_as_alone():
-    cells = plan(Settings((("push", (3,)),), (4, 4), 3, (0.2,)), (Variant("airflow", (PAPER,)),), first=False)
+    cells = plan(
+        Settings((("push", (3,)),), (4, 4), 3, (0.2,)), (Variant("airflow", (AIRFLOW_ALONE,)),), first=False
+    )
     cell = next(cell for cell in cells if cell.key == "a300")
     row = measure(VERBS, cell)
     alone = VERBS.solve(cell.resolve(), Topology.from_key(cell.key), starts=range(3), seed=0)

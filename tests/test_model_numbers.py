@@ -115,9 +115,9 @@ def test_derived_defaults_of_the_search() -> None:
     task = read_task("push")
     assert task.body_clearance == pytest.approx(0.30, rel=1e-15)  # 2 (0.10 + 0.05)
     assert task.separation == 0.20
-    literal = read_task("push", ("search.body_clearance=false",))
-    assert literal.body_clearance is None
-    assert literal.resolve(5).search.body_clearance is False
+    airflow_alone = read_task("push", ("search.body_clearance=false",))
+    assert airflow_alone.body_clearance is None
+    assert airflow_alone.resolve(5).search.body_clearance is False
     ablation = read_task("push", ("search.interference=separation",))
     assert ablation.body_clearance is None
     assert ablation.resolve(5).search.separation == 0.20

@@ -61,15 +61,15 @@ def test_what_a_user_asks_for_is_kept_where_it_is_more():
 
     assert asked(body_clearance=0.36).centre_distance == 0.36
     assert asked(body_clearance=0.2).centre_distance == pytest.approx(0.3006659, rel=1e-6)
-    for literal in ({"body_clearance": False}, {"interference": "separation"}):
-        assert asked(**literal).centre_distance is None
+    for airflow_alone in ({"body_clearance": False}, {"interference": "separation"}):
+        assert asked(**airflow_alone).centre_distance is None
 
 
 def test_without_body_clearance_hinges_turn_as_in_the_paper():
     stated = {"name": "long", "modules": 5, "load_cases": [HOVER], "module": {"arm_length": 0.135}}
     assert Task.model_validate(stated).largest_hinge_angle() < 0.9
-    literal = Task.model_validate({**stated, "search": {"body_clearance": False}})
-    assert literal.largest_hinge_angle() == math.pi / 2
+    airflow_alone = Task.model_validate({**stated, "search": {"body_clearance": False}})
+    assert airflow_alone.largest_hinge_angle() == math.pi / 2
 
 
 @pytest.mark.parametrize("own_frame", [False, True])

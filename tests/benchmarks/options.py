@@ -26,8 +26,8 @@ class Options:
     """Largest size whose growth is measured for the direct formulation too."""
 
 
-PAPER = "search.body_clearance=false"
-"""The paper's problem, in which nothing but airflow keeps modules apart."""
+AIRFLOW_ALONE = "search.body_clearance=false"
+"""The paper's clearances: nothing but airflow keeps modules apart."""
 
 
 def at(distance: float) -> str:

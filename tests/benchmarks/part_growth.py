@@ -7,7 +7,7 @@ import statistics
 import numpy as np
 from attempts import METHODS, Stated, attempts
 from children import Child
-from options import PAPER, Options, at
+from options import AIRFLOW_ALONE, Options, at
 from rows import Row, Rows
 
 from topo_search.topologies import sample
@@ -29,7 +29,7 @@ def measure(rows: Rows, options: Options) -> None:
                 identity = {"part": PART, "n": n, "key": topology.key, "method": method}
                 if rows.where(**identity) or (method == "direct" and n > options.direct_up_to):
                     continue
-                stated = Stated(EXAMPLE, n, (PAPER, at(DISTANCE)))
+                stated = Stated(EXAMPLE, n, (AIRFLOW_ALONE, at(DISTANCE)))
                 with Child(attempts, method, "ours", stated, [topology.key], [0], cap=options.cap) as child:
                     answer = next(child, None)
                 if answer is not None:

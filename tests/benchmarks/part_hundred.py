@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from attempts import Stated, load
 from children import Child
-from options import PAPER, Options, at
+from options import AIRFLOW_ALONE, Options, at
 from part_share import kind_of
 from rows import Row, Rows
 
@@ -32,7 +32,7 @@ def measure(rows: Rows, options: Options) -> None:
                 identity = {"part": PART, "n": n, "key": topology.key, "distance": distance}
                 if rows.where(**identity):
                     continue
-                stated, tried = Stated(EXAMPLE, n, (PAPER, at(distance))), []
+                stated, tried = Stated(EXAMPLE, n, (AIRFLOW_ALONE, at(distance))), []
                 with Child(_starts, stated, topology.key, options.starts, cap=options.cap) as child:
                     while (
                         not (tried and tried[-1]["verdict"] == "clear") and (row := next(child, None)) is not None

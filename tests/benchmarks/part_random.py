@@ -6,7 +6,7 @@ import statistics
 
 from attempts import METHODS, Stated, attempts, cost
 from children import Child
-from options import PAPER, Options
+from options import AIRFLOW_ALONE, Options
 from rows import Row, Rows
 
 from topo_search.topologies import sample
@@ -23,7 +23,7 @@ def measure(rows: Rows, options: Options) -> None:
                 if rows.where(**identity):
                     continue
                 spent, starts, solved = 0.0, 0, False
-                stated = Stated(EXAMPLE, n, (PAPER,))
+                stated = Stated(EXAMPLE, n, (AIRFLOW_ALONE,))
                 with Child(
                     attempts, method, method, stated, [topology.key], range(10**6), cap=options.cap
                 ) as child:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from attempts import Stated, attempts, cost
 from children import Child
-from options import PAPER, Options, at
+from options import AIRFLOW_ALONE, Options, at
 from rows import Row, Rows
 
 from topo_search.topologies import sample
@@ -16,7 +16,7 @@ PART, SIZES = "share", (10, 20, 40)
 EXAMPLES = ("ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional", "ten-wrenches-exterior-60")
 DISTANCE, DISTANCES = 0.22, (0.15, 0.18, 0.22, 0.26, 0.30)
 """Connector distance of the examples, and those of the curve [m]."""
-PROBLEMS = {"airflow only": (PAPER,), "with body clearance": ()}
+PROBLEMS = {"airflow only": (AIRFLOW_ALONE,), "with body clearance": ()}
 
 
 def measure(rows: Rows, options: Options) -> None:

@@ -6,7 +6,7 @@ import statistics
 
 from attempts import METHODS, Stated, attempts, cost
 from children import Child
-from options import PAPER, Options
+from options import AIRFLOW_ALONE, Options
 from rows import Row, Rows
 
 from topo_search.topologies import sample
@@ -24,7 +24,7 @@ def measure(rows: Rows, options: Options) -> None:
             answers: dict[str, Row] | None = None
             index = 0
             while answers is None and index < options.starts:
-                answers = _both(Stated(EXAMPLE, n, (PAPER,)), topology.key, index, options.cap)
+                answers = _both(Stated(EXAMPLE, n, (AIRFLOW_ALONE,)), topology.key, index, options.cap)
                 index += 1
             rows.add({**identity, "tried": index, **(answers or {})})
 

@@ -25,6 +25,7 @@ WIDTH = 120
 @click.argument("task")
 @options.modules
 @options.set_field
+@options.paper
 @click.option(
     "--picture",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -32,7 +33,14 @@ WIDTH = 120
     help="Draw forces and exposure regions as a .png or .svg; needs the extra `viz`.",
 )
 @options.as_json
-def check(task: str, modules: str | None, settings: tuple[str, ...], picture: Path | None, as_json: bool) -> None:
+def check(
+    task: str,
+    modules: str | None,
+    settings: tuple[str, ...],
+    paper: bool,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
     """Explain a task in words, and warn about odd values.
 
     TASK is a file, or the name of a shipped example.
@@ -40,10 +48,9 @@ def check(task: str, modules: str | None, settings: tuple[str, ...], picture: Pa
     Exit status: 0 a task, whatever is odd about it; 2 bad input.
     """
     with explained():
-        from topo_search.model.files import read_task
         from topo_search.model.oddities import oddities
 
-        asked = read_task(task, options.overrides(settings, modules=modules))
+        asked = options.asked(task, settings, paper=paper, modules=modules)
         if picture is not None:
             _draw(asked, picture)
         sizes = [_size(asked, n) for n in asked.sizes]

@@ -7,9 +7,12 @@ import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+
+if TYPE_CHECKING:
+    from topo_search.model import Task
 
 MOST = 1_000_000_000
 """Of whatever is counted."""
@@ -40,6 +43,9 @@ dask = click.option(
 )
 connectors = click.option("--connectors", type=click.Choice(["aligned", "any"]), help="Ports that a child may use.")
 root = click.option("--root", type=click.Choice(["free", "paper"]), help="Orientations of the root module.")
+paper = click.option(
+    "--paper", is_flag=True, help="The paper's literal problem: its root, no margin, no body clearance."
+)
 as_json = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
 
 
@@ -63,10 +69,41 @@ def modules(function: Callable[..., Any]) -> Callable[..., Any]:
     return click.option("--modules", callback=_sizes, metavar="N|LO-HI", help="Number of modules.")(function)
 
 
-def overrides(settings: tuple[str, ...], **fields: str | None) -> tuple[str, ...]:
-    """Return `--set` settings with those that other options stand for; dots are written as two underscores."""
+def asked(task: str, settings: tuple[str, ...], *, paper: bool = False, **fields: str | None) -> Task:
+    """Return the task that the command line names, with everything that its options set.
+
+    Args:
+        task: a file, or the name of a shipped example.
+        settings: those of `--set`.
+        paper: whether the paper's literal problem is asked for.
+        fields: what other options stand for; dots are written as two underscores.
+
+    Raises:
+        BadInput: the task is wrong, or something else sets what `--paper` sets.
+    """
+    from topo_search.model import BadInput, Fault
+    from topo_search.model.files import read_task
+    from topo_search.model.settings import PAPER
+
     given = {name.replace("__", "."): value for name, value in fields.items() if value is not None}
-    return (*settings, *(f"{name}={value}" for name, value in given.items()))
+    changes = (*settings, *(f"{name}={value}" for name, value in given.items()))
+    if not paper:
+        return read_task(task, changes)
+    if twice := [setting for setting in changes if _meets(setting, PAPER)]:
+        raise BadInput("--paper", [Fault("", f"sets this field itself, but got {setting}") for setting in twice])
+    posed = read_task(task, (*changes, *PAPER))
+    if posed.goals.clearance:
+        rule = f"must be left out with --paper, whose margin is 0, but got {list(posed.goals.clearance)}"
+        raise BadInput(task, [Fault("goals.clearance", rule)])
+    return posed
+
+
+def _meets(setting: str, others: tuple[str, ...]) -> bool:
+    """Whether a setting sets a field that one of others sets too, or a table with it."""
+    from topo_search.model.settings import field_of
+
+    mine = field_of(setting)
+    return bool(mine) and any(all(a == b for a, b in zip(mine, field_of(other), strict=False)) for other in others)
 
 
 def echo_json(value: Any) -> None:

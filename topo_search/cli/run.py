@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from topo_search.study import Answer
 
 
-@click.command(epilog="Example: topo-search run push --set search.body_clearance=false --out push-literal")
+@click.command(epilog="Example: topo-search run push --paper --out push-paper")
 @click.argument("task")
 @options.modules
 @options.set_field
+@options.paper
 @click.option(
     "--symmetry",
     type=click.Choice(["task", *options.SYMMETRIES]),
@@ -63,6 +64,7 @@ def run(
     task: str,
     modules: str | None,
     settings: tuple[str, ...],
+    paper: bool,
     symmetry: Any,
     strategy: Any,
     sampler: Any,
@@ -93,10 +95,10 @@ def run(
     with explained(resumes=True):
         from topo_search.cli.progress import shown_progress
         from topo_search.compose import DEFAULT_TRIALS, search
-        from topo_search.model.files import read_task
 
-        changes = options.overrides(settings, modules=modules, search__root=root, search__connectors=connectors)
-        asked = read_task(task, changes)
+        asked = options.asked(
+            task, settings, paper=paper, modules=modules, search__root=root, search__connectors=connectors
+        )
         with shown_progress() as observer, needs_extras("--dask"):
             answer = search(
                 asked,

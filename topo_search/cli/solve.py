@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 )
 @options.modules
 @options.set_field
+@options.paper
 @options.starts
 @options.seed
 @options.time_limit
@@ -37,6 +38,7 @@ def solve(
     sample_seed: int | None,
     modules: str | None,
     settings: tuple[str, ...],
+    paper: bool,
     starts: int | None,
     seed: int,
     time_limit: float | None,
@@ -52,9 +54,9 @@ def solve(
         from topo_search import compose
         from topo_search.cli.tables import print_solved, standing
         from topo_search.model import Design
-        from topo_search.model.files import read_task, to_json, write_atomically
+        from topo_search.model.files import to_json, write_atomically
 
-        asked = read_task(task, options.overrides(settings, modules=modules))
+        asked = options.asked(task, settings, paper=paper, modules=modules)
         topology = _topology(asked, key, sample_seed, sized=modules is not None)
         if out is not None:
             options.require_writable(out)

@@ -10,8 +10,8 @@ from topo_search.model import ResolvedTask
 from topo_search.model.files import read_task
 from topo_search.topologies import candidates, count, sample
 
-PAPER = "search.body_clearance=false"
-"""The paper's problem, in which nothing but airflow keeps modules apart."""
+AIRFLOW_ALONE = "search.body_clearance=false"
+"""The paper's clearances: nothing but airflow keeps modules apart."""
 
 IDENTITY = ("variant", "task", "distance_m", "n", "key", "task_seed")
 """The columns of `results.csv` that tell a cell's row from all others."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from topo_search.experiments.cell import IDENTITY, PAPER, Cell, Variant, plan
+from topo_search.experiments.cell import AIRFLOW_ALONE, IDENTITY, Cell, Variant, plan
 from topo_search.experiments.conducting import Experiment
 from topo_search.experiments.measured import METHOD
 from topo_search.experiments.settings import Settings
@@ -32,7 +32,7 @@ SIMILAR = 3.0
 
 def cells(settings: Settings) -> list[Cell]:
     """Return the plan."""
-    return plan(settings, (Variant("airflow", (PAPER,)),), first=True)
+    return plan(settings, (Variant("airflow", (AIRFLOW_ALONE,)),), first=True)
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:

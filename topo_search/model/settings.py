@@ -11,6 +11,9 @@ from topo_search.model.bad_input import BadInput, Fault, shown
 SETTING = re.compile(r"\s*([A-Za-z_]\w*(?:\.\w+|\[\d+\])*)\s*=(.*)", re.DOTALL)
 """`search.margin=1e-3`, `load_cases.0.weight=2`, or the same with `load_cases[0]`."""
 
+PAPER = ("search.root=paper", "search.margin=0", "search.body_clearance=false")
+"""The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames."""
+
 
 def apply_settings(data: dict[str, Any], settings: tuple[str, ...]) -> None:
     """Set fields of a task's data, in order; whether they exist and fit is for the task to say.
@@ -23,12 +26,17 @@ def apply_settings(data: dict[str, Any], settings: tuple[str, ...]) -> None:
         raise BadInput("--set", faults)
 
 
+def field_of(setting: str) -> tuple[str, ...]:
+    """Return the names that lead to the field of a setting; none of what is no setting."""
+    match = SETTING.fullmatch(setting)
+    return () if match is None else tuple(re.findall(r"\w+", match[1]))
+
+
 def _apply(data: dict[str, Any], setting: str) -> Fault | None:
     match = SETTING.fullmatch(setting)
     if match is None:
         return Fault("", f"must be FIELD=VALUE, but got {shown(setting)}")
-    field, text = match.groups()
-    return _lay(data, re.findall(r"\w+", field), _value(text), above="")
+    return _lay(data, [*field_of(setting)], _value(match[2]), above="")
 
 
 def _lay(place: Any, names: list[str], value: Any, *, above: str) -> Fault | None:
