@@ -3,6 +3,7 @@ import json
 import signal
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -12,7 +13,7 @@ from click.testing import CliRunner
 from topo_search import compose
 from topo_search.cli import main
 from topo_search.cli.progress import Bar, Lines
-from topo_search.model import Audit, Clearance, Design, Infeasible
+from topo_search.model import Assembly, Audit, Clearance, Design, EndEffectorSheet, Infeasible
 from topo_search.model.files import examples, read_json, read_task
 from topo_search.model.search import Search
 from topo_search.study import folder, single
@@ -50,6 +51,46 @@ def test_run_tells_the_best_and_where_everything_is(command, tmp_path):
     best = read_json(Design, path / "best.json")
     assert f"best design: {best.topology.key}, 3 modules" in first.stdout
     assert command("run", "toy.toml").stdout == first.stdout
+
+
+ODD = "gravity: 1.62 m/s^2 is not that of the Earth's surface"
+
+
+def test_what_check_warns_about_is_told_before_the_work(command):
+    asked = ["toy.toml", "--set", "gravity=1.62"]
+    warned = f"warning: {ODD}"
+    assert command("run", *asked).stderr.splitlines()[0] == warned
+    assert command("run", *asked).stderr.splitlines()[0] == warned  # the run has ended
+    assert command("solve", *asked, "--topology", "a300").stderr.splitlines()[0] == warned
+    told = command("run", *asked, "--json")
+    assert [f"{one['path']}: {one['words']}" for one in json.loads(told.stdout)["warnings"]] == [ODD]
+    plain = command("run", "toy.toml", "--json")
+    assert json.loads(plain.stdout)["warnings"] == []
+    assert "warning" not in plain.stderr
+
+
+def test_solve_warns_about_the_size_that_it_solves(command, tmp_path):
+    """Three modules cannot lift themselves here, four can: the largest of a range counts."""
+    (tmp_path / "toy.toml").write_text(TOY.replace("3", "[2, 3]", 1).replace("[0.0, 0.0, 1.0]", "[0.0, 0.0, 6.0]"))
+    (tmp_path / "toy.toml").write_text((tmp_path / "toy.toml").read_text().replace("com =", 'units = "SI"\ncom ='))
+    for key, odd in (("a10", False), ("a300", True)):
+        result = command("solve", "toy.toml", "--topology", key)
+        assert ("is under the weight" in result.stderr) == odd
+
+
+def test_the_answer_tells_what_its_audit_notes_about_the_rod(command, monkeypatch):
+    def noted(design):
+        note = "the rod is 20 m long"
+        sheet = EndEffectorSheet(position_m=(0.0, 0.0, 20.0), from_com_m=(0.0, 0.0, 20.0), note=note)
+        return toy_problem.audit(design).model_copy(update={"assembly": Assembly(end_effector=sheet)})
+
+    assert "note:" not in command("run", "toy.toml").stdout
+    monkeypatch.setattr(compose, "VERBS", replace(toy_problem.VERBS, audit=noted))
+    result = command("run", "toy.toml", "--out", "noted")
+    assert result.stdout.splitlines()[-2] == "note: the rod is 20 m long"
+    assert (
+        json.loads(command("run", "toy.toml", "--out", "noted", "--json").stdout)["note"] == "the rod is 20 m long"
+    )
 
 
 def test_run_as_json_holds_the_best_row_and_the_status(command, monkeypatch):
@@ -348,7 +389,7 @@ def test_a_bar_shows_the_incumbent_its_gap_and_the_count():
         bar.settled(toy_row)
         bar.note("something happened")
     shown = stream.getvalue()
-    assert "best a110 J 4, gap 25.0 %" in shown
+    assert "best a110 J 4, gap 25.00 %" in shown
     assert "2/2" in shown
     assert "something happened" in shown
 
@@ -363,7 +404,7 @@ def test_plain_lines_come_now_and_then(capsys, monkeypatch):
         lines.settled(toy_problem.toy_row("a110", objective=4.0, gap=0.25))
     told = capsys.readouterr().err.splitlines()
     assert told[0] == "3 modules: 100 candidates, at most 24 starts each"
-    assert told[1] == "3 modules: 10 of 100, best a110 J 4, gap 25.0 %, about 90 s left"
+    assert told[1] == "3 modules: 10 of 100, best a110 J 4, gap 25.00 %, about 90 s left"
     assert len(told) == 1 + 5
 
 

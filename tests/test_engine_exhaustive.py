@@ -2,7 +2,8 @@ import pytest
 from toy_problem import toy_task
 
 from topo_search.engine import Scored, Space, exhaustive
-from topo_search.engine.exhaustive import PRUNED_AFTER, SOLVER_PRECISION
+from topo_search.engine.exhaustive import PRUNED_AFTER
+from topo_search.model.proven import SOLVER_PRECISION
 
 SPACE = Space(toy_task(6).resolve(6), "c2")
 KEYS = [candidate.key for candidate in SPACE.candidates()]

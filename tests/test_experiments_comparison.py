@@ -37,7 +37,7 @@ def test_a_comparison_is_made_tree_by_tree():
     assert experiment("body").findings(rows) == [
         "push, 5 modules at 0.30 m: body clearance: 2 of 4 trees have a design, airflow only: 3; where both have "
         "one, body clearance takes +5.0% effort in the median (+10.0% at most); its best design takes +12.5%, gap "
-        "30.0% instead of 5.0%."
+        "30.0 % instead of 5.0 %."
     ]
 
 
@@ -110,7 +110,7 @@ def test_trees_with_wrenches_of_their_own_have_no_best():
     assert table["best_gap"].isna().all()
     assert experiment("placement").findings(rows) == [
         "ten-wrenches, 10 modules at 0.30 m: com: 2 of 2 trees have a design, free: 2; where both have one, com "
-        "takes +20.0% effort in the median (+20.0% at most); median gap 30.0%, free: 20.0%.",
+        "takes +20.0% effort in the median (+20.0% at most); median gap 30.0 %, free: 20.0 %.",
         "ten-wrenches, 10 modules at 0.30 m: com, inside allowed: 0 of 2 trees have a design, free: 2.",
     ]
 

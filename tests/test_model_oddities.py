@@ -83,16 +83,20 @@ def test_a_task_in_which_nothing_hovers() -> None:
             "0.3 m is more than the 0.2236 m from the centre of mass",
         ),
         ({"end_effector": {"position": [400.0, 0.0, 0.0]}}, "end_effector.position", "lengths are in metres"),
-        ({"exposure": [{"kind": "local", "radius": 150.0}]}, "exposure[0].radius", "150 m is more than 200 arm"),
+        (
+            {"exposure": [{"kind": "local", "radius": 150.0}]},
+            "exposure[0].radius",
+            "150 m is 289 times the width of 3",
+        ),
         (
             {"exposure": [{"kind": "directional", "segments": [[1.0, 0.0, 0.0], [0.0, 0.0, -800.0]]}]},
             "exposure[0].segments[1]",
-            "800 m is more than",
+            "800 m is 1540 times",
         ),
         (
             {"exposure": [{"kind": "directional", "along": "end_effector", "length": 500.0}]},
             "exposure[0].length",
-            "500 m is more than",
+            "500 m is 962 times",
         ),
         ({"load_cases": [{"com": {}}, HOVER]}, "load_cases[0]", "asks for no force and no torque"),
         ({"load_cases": [HOVER, PUSH_WHILE_HOVERING, HOVER]}, "load_cases[2]", "is the same as load_cases[0]"),
@@ -106,3 +110,39 @@ def test_a_task_in_which_nothing_hovers() -> None:
 def test_values_that_are_seldom_meant(fields: dict[str, Any], path: str, said: str) -> None:
     odd = found(**fields)
     assert said in odd[path]
+
+
+@pytest.mark.parametrize(
+    ("fields", "path"),
+    [
+        ({"exposure": [{"kind": "local", "radius": 20.0}]}, "exposure[0].radius"),
+        ({"exposure": [{"kind": "local", "box": [40.0, 40.0, 40.0]}]}, "exposure[0]"),
+        ({"exposure": [{"kind": "directional", "radius": 15.0, "segments": [[1, 0, 0]]}]}, "exposure[0].radius"),
+        ({"exposure": [{"kind": "directional", "segments": [[1, 0, 0], [100, 0, 0]]}]}, "exposure[0].segments[1]"),
+        (
+            {"exposure": [{"kind": "directional", "along": "end_effector", "length": 100.0}]},
+            "exposure[0].length",
+        ),
+        ({"end_effector": {"stand_off": 20.0}}, "end_effector.stand_off"),
+        ({"end_effector": {"position": [0.0, 20.0, 0.0]}}, "end_effector.position"),
+    ],
+)
+def test_centimetres_are_told_whatever_the_number_of_modules(fields: dict[str, Any], path: str) -> None:
+    """What is a hundred times as long as was meant; what was meant is not odd."""
+    for n in (1, 3, 100):
+        assert "lengths are in metres" in found(**fields, modules=n)[path]
+
+
+def test_the_farthest_corner_of_a_region_counts() -> None:
+    corners = [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 30.0]]
+    assert "30 m is" in found(exposure=[{"kind": "local", "vertices": corners}])["exposure[0]"]
+
+
+@pytest.mark.parametrize("n", [1, 3, 100])
+def test_lengths_of_the_platforms_size_are_not_odd(n: int) -> None:
+    exposure = [
+        {"kind": "local", "radius": 0.3},
+        {"kind": "directional", "segments": [[4.0, 0.0, 0.0]]},
+        {"kind": "directional", "along": "end_effector", "length": 4.0},
+    ]
+    assert found(exposure=exposure, end_effector={"stand_off": 1.0}, modules=n) == {}

@@ -6,14 +6,17 @@ import re
 import numpy as np
 import pytest
 from report_cases import Reader, design, grown, toy_page
+from toy_problem import toy_run
 
 from topo_search.compose import audit
 from topo_search.export.poses import poses
 from topo_search.model import Topology
+from topo_search.model.files import read_task
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.closest import closest_points
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
+from topo_search.report.run_page import run_page
 from topo_search.report.scene import scene
 from topo_search.study import RunFolder
 
@@ -84,6 +87,18 @@ def test_the_page_of_a_design_has_its_clearances_and_no_ranking(audited):
     hover = [text for matrix in cells for trace in matrix["data"] for row in trace["customdata"] for text in row]
     described = {text.split("<br>")[0] for text in hover if text}
     assert len(described) == len(verdict.pairs)
+
+
+def test_what_is_odd_about_the_task_is_on_the_page(audited, tmp_path):
+    """`check` warns about two load cases of push, which do not carry the weight; the toy task is plain."""
+    page = Reader(render(design_page(*audited, "mine.json")))
+    assert page.text.count("Warning: load_cases[") == 2
+    assert "Warning:" not in Reader(toy_page(tmp_path / "plain")).text
+    odd = read_task("push", ("gravity=1.62", "modules=3"))
+    toy_run(tmp_path / "run", task=odd)
+    with RunFolder.found(tmp_path / "run") as folder:
+        text = Reader(render(run_page(folder))).text
+    assert "Warning: gravity: 1.62 m/s^2 is not that of the Earth's surface." in text
 
 
 def test_a_page_needs_nothing_but_itself(audited):

@@ -52,3 +52,11 @@ def test_positions_beyond_all_digits_leave_the_mount_open():
     tip = result.assembly.end_effector
     assert (tip.mount, tip.rod, tip.connectors) == (None, None, ())
     assert "too large" in tip.note
+
+
+@pytest.mark.parametrize(("away", "told"), [(1.0, False), (20.0, True)])
+def test_a_rod_far_longer_than_the_platform_is_wide_is_told(away, told):
+    tip = audit(fan(end_effector=(0.0, 0.0, away))).assembly.end_effector
+    assert (tip.note is not None) == told
+    if told:
+        assert tip.note.startswith(f"the rod is {tip.rod.length_m:.3g} m long, ")

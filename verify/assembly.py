@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from topo_search.model import Assembly, BoltedJoint, Design, EndEffectorSheet, FreeConnector, Mount, Rod
+from topo_search.model.room import LARGE, packed_width
 from topo_search.model.value import Vector
 from verify.bodies import Array
 from verify.kinematics import PORT_DIRECTIONS, Platform, platform
@@ -24,12 +25,14 @@ def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:
     )
     connectors = free_connectors(design, parts)
     mount = design.mount or nearest_available(connectors)
+    rod = _rod(design, parts, mount) if mount is not None and parts.in_range else None
+    notes = (_note(parts, mount, connectors), None if rod is None else _long(design, rod))
     sheet = EndEffectorSheet(
         position_m=design.end_effector_m,
         from_com_m=_vector(found.p_e),
         mount=mount,
-        rod=_rod(design, parts, mount) if mount is not None and parts.in_range else None,
-        note=_note(parts, mount, connectors),
+        rod=rod,
+        note="; ".join(note for note in notes if note) or None,
         connectors=connectors,
     )
     return Assembly(joints=joints, end_effector=sheet)
@@ -70,6 +73,16 @@ def _note(parts: RigidParts, mount: Mount | None, connectors: tuple[FreeConnecto
     chosen = next(c for c in connectors if (c.module, c.port) == (mount.module, mount.port))
     obstacles = ", ".join(f"{obstacle.part} of module {obstacle.module}" for obstacle in chosen.blocked_by)
     return f"the stated mount is blocked by {obstacles}" if obstacles else None
+
+
+def _long(design: Design, rod: Rod) -> str | None:
+    """Say so if a rod is far longer than the platform that carries it is wide."""
+    n = design.topology.n
+    width = packed_width(design.task.module, n)
+    if rod.length_m <= LARGE * width:
+        return None
+    times = f"{rod.length_m / width:.0f} times the width of {n} modules in a square"
+    return f"the rod is {rod.length_m:.3g} m long, {times}"
 
 
 def _vector(v: Array) -> Vector:

@@ -86,7 +86,9 @@ def _explain(task: Task) -> None:
 
 def _expectations(size: dict[str, Any]) -> list[tuple[str, str]]:
     """Return what is known of a number of modules before anything is solved, in words."""
-    bound = f"at least {figures(size['lower_bound'])} rad⁴/s⁴, whatever the topology"
+    from topo_search.model.proven import at_least
+
+    bound = f"at least {figures(at_least(size['lower_bound'], 4))} rad⁴/s⁴, whatever the topology"
     return [
         ("candidates", f"{size['candidates']}; {size['quotient']}"),
         ("effort J", f"impossible: {size['impossible']}" if size["impossible"] else bound),

@@ -13,6 +13,7 @@ import click
 
 if TYPE_CHECKING:
     from topo_search.model import Task
+    from topo_search.model.oddities import Oddity
 
 MOST = 1_000_000_000
 """Of whatever is counted."""
@@ -96,6 +97,16 @@ def asked(task: str, settings: tuple[str, ...], *, paper: bool = False, **fields
         rule = f"must be left out with --paper, whose margin is 0, but got {list(posed.goals.clearance)}"
         raise BadInput(task, [Fault("goals.clearance", rule)])
     return posed
+
+
+def warn(task: Task) -> tuple[Oddity, ...]:
+    """Print what is odd about a task, as `check` does, on stderr; and return it."""
+    from topo_search.model.oddities import oddities
+
+    found = oddities(task)
+    for oddity in found:
+        click.echo(f"warning: {oddity}", err=True)
+    return found
 
 
 def _meets(setting: str, others: tuple[str, ...]) -> bool:

@@ -19,6 +19,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from topo_search.model.proven import gap_percent
 from topo_search.report.wording import counted, modules
 from topo_search.study import Observer, Row
 
@@ -32,7 +33,7 @@ def describe(incumbent: Row | None) -> str:
     """Return the best design so far in a few words."""
     if incumbent is None:
         return "no design yet"
-    gap = "" if incumbent.gap is None else f", gap {100 * incumbent.gap:.1f} %"
+    gap = "" if incumbent.gap is None else f", gap {gap_percent(incumbent.gap)}"
     return f"best {incumbent.key} J {incumbent.objective:.6g}{gap}"
 
 

@@ -13,6 +13,7 @@ from topo_search.cli import options
 from topo_search.cli.errors import explained, needs_extras
 
 if TYPE_CHECKING:
+    from topo_search.model.oddities import Oddity
     from topo_search.study import Answer
 
 
@@ -83,6 +84,7 @@ def run(
     """Search the topologies for TASK (a file, or the name of a shipped example) and audit the best.
 
     Typing the same command again resumes a stopped run, or prints the answer of a finished one.
+    What is odd about the task, which `check` warns about, is told first, on stderr.
 
     Exit status: 0 audited design found; 1 designs found, but none passed its audit;
     2 bad input; 3 no design found, with the reasons; 70 no workers: they do not start, or the
@@ -99,6 +101,7 @@ def run(
         asked = options.asked(
             task, settings, paper=paper, modules=modules, search__root=root, search__connectors=connectors
         )
+        odd = options.warn(asked)
         with shown_progress() as observer, needs_extras("--dask"):
             answer = search(
                 asked,
@@ -116,7 +119,7 @@ def run(
                 observer=observer,
             )
         if as_json:
-            options.echo_json(answer_as_json(answer))
+            options.echo_json(answer_as_json(answer, odd))
         else:
             from topo_search.cli.tables import print_answer
 
@@ -124,13 +127,15 @@ def run(
         raise SystemExit(answer.exit_status)
 
 
-def answer_as_json(answer: Answer) -> dict[str, Any]:
-    """Return an answer as a JSON value."""
+def answer_as_json(answer: Answer, odd: tuple[Oddity, ...]) -> dict[str, Any]:
+    """Return an answer, and what is odd about its task, as a JSON value."""
     told = {
         "folder": str(answer.folder),
         "exit_status": answer.exit_status,
         "best": answer.best and asdict(answer.best),
+        "note": answer.note,
         "sizes": [asdict(size) for size in answer.sizes],
+        "warnings": [asdict(one) for one in odd],
     }
     if not answer.levels:
         return told

@@ -60,6 +60,7 @@ def solve(
         topology = _topology(asked, key, sample_seed, sized=modules is not None)
         if out is not None:
             options.require_writable(out)
+        options.warn(asked.model_copy(update={"modules": topology.n}))
         solved = compose.solve(
             asked,
             topology,

@@ -13,6 +13,7 @@ from rich.table import Table
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audit_summary import survived
 from topo_search.model import Audit, Design, Infeasible, Status
+from topo_search.model.proven import gap_percent
 from topo_search.report.wording import counted, length, modules
 from topo_search.study import Answer, Row, SizeAnswer, Solved
 
@@ -32,6 +33,8 @@ def print_answer(answer: Answer) -> None:
         smallest = f", {answer.smallest}" if answer.smallest else ""
         found = f"best design: {best.key}, {modules(best.modules)}{smallest}"
         click.echo(f"{found}, {_effort(best)}, audit {best.audit}")
+        if (note := answer.note) is not None:
+            click.echo(f"note: {note}")
     elif answer.exit_status == 1:
         click.echo("designs were found, but none passed its audit")
     else:
@@ -107,7 +110,7 @@ def _print_rows(rows: tuple[Row, ...]) -> None:
             row.key,
             f"{row.objective:.6g}",
             f"{row.objective / row.lower_bound:.4f}" if row.objective and row.lower_bound else "",
-            "" if row.gap is None else f"{100 * row.gap:.2f} %",
+            "" if row.gap is None else gap_percent(row.gap),
             f"{row.starts_at_best} of {row.starts}",
             str(row.orbit),
             row.audit or ("failed" if row.audit_failure else ""),
@@ -123,7 +126,7 @@ def _print(table: Table) -> None:
 
 
 def _effort(row: Row) -> str:
-    gap = "" if row.gap is None else f", gap to the lower bound {100 * row.gap:.2f} %"
+    gap = "" if row.gap is None else f", gap to the lower bound {gap_percent(row.gap)}"
     return f"J = {row.objective:.6g} rad^4/s^4{gap}"
 
 
@@ -135,7 +138,7 @@ def standing(outcome: Outcome) -> str:
         return outcome.message
     tried = (outcome.solver or {}).get("starts")
     starts = "" if tried is None else f" after {counted(tried, 'start')}"
-    gap = "" if outcome.gap is None else f", gap to the lower bound {100 * outcome.gap:.2f} %"
+    gap = "" if outcome.gap is None else f", gap to the lower bound {gap_percent(outcome.gap)}"
     return f"J = {outcome.objective:.6g} rad^4/s^4{gap}{starts}"
 
 

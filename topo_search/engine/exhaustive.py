@@ -14,12 +14,11 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from topo_search.engine.rounds import rounds
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Proposal, Round, Scored, Stage, Strategy
+from topo_search.model.proven import SOLVER_PRECISION
 from topo_search.topologies import Candidate
 
 PRUNED_AFTER = 32
 """Candidates that are proposed before it is looked at what they rule out."""
-SOLVER_PRECISION = 1.0e-6
-"""Relative error of an objective that the solver does not care about."""
 
 Bound = Callable[[Candidate], float]
 """What no objective of a candidate can go below."""

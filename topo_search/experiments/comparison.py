@@ -17,6 +17,7 @@ import pandas as pd
 from topo_search.experiments.cell import Cell, Variant, plan
 from topo_search.experiments.settings import Settings
 from topo_search.model import Topology
+from topo_search.model.proven import gap_percent
 from topo_search.topologies import candidate_of
 
 if TYPE_CHECKING:
@@ -139,12 +140,11 @@ def _cost(row: dict[Hashable, Any], reference: dict[Hashable, Any]) -> str:
         f"{solved}; where both have one, {name} takes {_above(row['effort_ratio_median'])} effort in the median "
         f"({_above(row['effort_ratio_max'])} at most)"
     )
-    if pd.isna(row["best_ratio"]):
-        return f"{both}; median gap {row['gap_median']:.1%}, {other}: {reference['gap_median']:.1%}."
-    return (
-        f"{both}; its best design takes {_above(row['best_ratio'])}, gap {row['best_gap']:.1%} instead of "
-        f"{reference['best_gap']:.1%}."
-    )
+    which = "gap_median" if pd.isna(row["best_ratio"]) else "best_gap"
+    mine, others = (gap_percent(of[which], decimals=1) for of in (row, reference))
+    if which == "gap_median":
+        return f"{both}; median gap {mine}, {other}: {others}."
+    return f"{both}; its best design takes {_above(row['best_ratio'])}, gap {mine} instead of {others}."
 
 
 def _above(ratio: float) -> str:

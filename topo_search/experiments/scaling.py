@@ -18,6 +18,7 @@ from topo_search.experiments.cell import AIRFLOW_ALONE, IDENTITY, Cell, Variant,
 from topo_search.experiments.conducting import Experiment
 from topo_search.experiments.measured import METHOD
 from topo_search.experiments.settings import Settings
+from topo_search.model.proven import gap_percent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,6 +101,7 @@ def findings(rows: pd.DataFrame) -> list[str]:
     for (method, distance), series in rows.groupby(["method", "distance_m"], sort=False):
         of = table[(table["method"] == method) & (table["distance_m"] == distance)]
         told.append(_success(f"{method}, {distance:.2f} m", series))
+        told += _found_first(method, of)
         fits = growth(series)
         if len(fits):
             low, high = (f"n^{exponent:.1f}" for exponent in (fits["exponent"].min(), fits["exponent"].max()))
@@ -124,6 +126,20 @@ def findings(rows: pd.DataFrame) -> list[str]:
             f"{of['memory_median'].iloc[-1]:.1f} times the memory."
         )
     return told
+
+
+def _found_first(method: str, of: pd.DataFrame) -> list[str]:
+    """Return how good the designs are at which the clock stops: the first ones, of the largest size with any."""
+    found = of[of["gap_median"].notna()]
+    if found.empty:
+        return []
+    largest = found[found["n"] == found["n"].max()]
+    low, high = (gap_percent(gap, decimals=1) for gap in (largest["gap_median"].min(), largest["gap_median"].max()))
+    gaps = f"is {high}" if low == high else f"goes from {low} to {high} over the exposure settings"
+    return [
+        f"{method}: times are to the first design of a tree whose root turns freely, not to a good one: with "
+        f"{largest['n'].iloc[0]} modules its median gap to the lower bound {gaps}."
+    ]
 
 
 def _success(whose: str, rows: pd.DataFrame) -> str:

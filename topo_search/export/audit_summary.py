@@ -8,9 +8,12 @@ from itertools import groupby
 from typing import NamedTuple
 
 from topo_search.model import Audit, Clearance, Design, Residual, Sensitivity, Status
+from topo_search.model.proven import at_least, at_most
 
 LISTED = 50
 """Rows of a design that are listed when they are not clear; the tables hold all."""
+DIGITS = 9
+"""Of bounds and of numbers that are compared."""
 
 
 class Judged(NamedTuple):
@@ -125,19 +128,26 @@ def survived(found: Sensitivity) -> Iterator[str]:
     )
     for name, limit, unit in errors:
         if limit is not None:
-            known = "" if limit.violated_at is None else f" (too much: {limit.violated_at:.3g} {unit})"
-            yield f"{name} by {limit.tolerated:.3g} {unit}{known}; first to break: {limit.name}"
+            known = "" if limit.violated_at is None else f" (too much: {at_most(limit.violated_at, 3):.3g} {unit})"
+            yield f"{name} by {at_least(limit.tolerated, 3):.3g} {unit}{known}; first to break: {limit.name}"
     asked = found.tolerances
     if asked is not None:
+        least, attained = at_least(asked.lower_m, 3), at_most(asked.attained_m, 3)
         yield (
-            f"within the task's tolerances: {asked.status}, least clearance {asked.lower_m:.3g} m or more "
-            f"({asked.attained_m:.3g} m in an example), {asked.name}"
+            f"within the task's tolerances: {asked.status}, least clearance {least:.3g} m or more "
+            f"({attained:.3g} m in an example), {asked.name}"
         )
 
 
 def _clearance_row(pair: Clearance) -> list[str]:
     share = "" if pair.percent is None else f"{pair.percent:.3g} %"
-    return [pair.name, pair.status, f"{pair.analytic_m:.6g}", _number(pair.lower_m), _number(pair.upper_m), share]
+    return [pair.name, pair.status, f"{pair.analytic_m:.6g}", *_bounds(pair), share]
+
+
+def _bounds(pair: Clearance) -> list[str]:
+    """Return what a clearance is at least and at most."""
+    lower = None if pair.lower_m is None else at_least(pair.lower_m, DIGITS)
+    return [_number(lower), _number(None if pair.upper_m is None else at_most(pair.upper_m, DIGITS))]
 
 
 def _residual_row(row: Residual) -> list[str]:
@@ -149,4 +159,4 @@ def _nearest(pairs: Sequence[Clearance]) -> Clearance | None:
 
 
 def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.9g}"
+    return "" if value is None else f"{value:.{DIGITS}g}"

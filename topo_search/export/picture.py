@@ -22,6 +22,7 @@ from topo_search.export.tree_plot import draw_tree
 from topo_search.export.viewpoint import poses_to_draw
 from topo_search.model.design import Design
 from topo_search.model.exposure import Exterior
+from topo_search.model.proven import gap_percent
 
 
 def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | None = None) -> None:
@@ -81,7 +82,7 @@ def title(design: Design) -> str:
         rf"$J$ = {mantissa}$\times$10$^{{{int(exponent)}}}$ rad$^4$/s$^4$",
     ]
     if design.gap is not None:
-        parts.append(f"gap {100 * design.gap:.1f} %")
+        parts.append(f"gap {gap_percent(design.gap, 1)}")
     return "   ".join(parts)
 
 

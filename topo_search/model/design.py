@@ -20,6 +20,7 @@ from pydantic import (
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.bad_input import shown
 from topo_search.model.html import heading, paragraph, table
+from topo_search.model.proven import gap_percent
 from topo_search.model.task import ResolvedTask, Task
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
 from topo_search.model.value import Index, Number, Value, Vector, refuse
@@ -167,7 +168,7 @@ class Design(Value):
 
     def _repr_html_(self) -> str:
         """Show a notebook what to bolt to what, and what it costs."""
-        gap = "" if self.gap is None else f", gap to the lower bound {100 * self.gap:.2f} %"
+        gap = "" if self.gap is None else f", gap to the lower bound {gap_percent(self.gap)}"
         n = self.topology.n
         title = heading(f"{self.task.name}: {n} module{'s' * (n > 1)}, {self.topology.key}")
         effort = paragraph(f"J = {self.objective:.6g} rad^4/s^4{gap}")

@@ -17,6 +17,7 @@ from topo_search.model.bad_input import shown
 from topo_search.model.exposure import Directional, Local
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Module
+from topo_search.model.room import LARGE, packed_width
 from topo_search.model.task import Task
 
 EARTH = (9.76, 9.84)
@@ -25,6 +26,8 @@ LARGEST_RATIO = 1000.0
 """Of the weights of two load cases; effort then counts for the heavier one alone."""
 LARGEST_MARGIN = 0.01
 """[m]"""
+LONG_PATH = 20.0
+"""Paths are seldom meant to be longer, in packed widths."""
 SAME = 1e-9
 """Relative tolerance of comparisons between forces."""
 
@@ -49,7 +52,7 @@ def oddities(task: Task) -> tuple[Oddity, ...]:
     return (
         *_gravity(task),
         *_module(task.module, task.module.max_input(task.gravity)),
-        *_lengths(task),
+        *_lengths(task, n),
         *_thrust(task, n),
         *_load_cases(task, n),
         *_search(task),
@@ -94,25 +97,35 @@ def _module(module: Module, u_max: float) -> Iterator[Oddity]:
         )
 
 
-def _lengths(task: Task) -> Iterator[Oddity]:
-    """Yield lengths at the target that look as if they were in millimetres."""
-    lengths = [
-        ("end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,)))),
-        ("end_effector.stand_off", task.end_effector.stand_off),
-    ]
+def _lengths(task: Task, n: int) -> Iterator[Oddity]:
+    """Yield lengths at the target that look as if they were in centimetres or millimetres."""
+    width = packed_width(task.module, n)
+    for path, length, usual in _lengths_at_target(task):
+        if length > usual * width:
+            yield Oddity(
+                path,
+                f"{length:g} m is {length / width:.0f} times the width of {n} modules in a square, "
+                f"{width:.3g} m: lengths are in metres",
+            )
+
+
+def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
+    """Yield each length with its field and the most that is usual, in packed widths."""
+    yield "end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,))), LARGE
+    yield "end_effector.stand_off", task.end_effector.stand_off, LARGE
     for e, asked in enumerate(task.exposure):
         if isinstance(asked, Local | Directional):
-            lengths.append((f"exposure[{e}].radius", asked.radius or 0.0))
+            yield f"exposure[{e}].radius", asked.radius or 0.0, LARGE
         if isinstance(asked, Local):
-            lengths += [(f"exposure[{e}]", math.hypot(*corner)) for corner in asked.corners[:1].tolist()]
+            yield (
+                f"exposure[{e}]",
+                max((math.hypot(*corner) for corner in asked.corners.tolist()), default=0.0),
+                LARGE,
+            )
         if isinstance(asked, Directional):
-            lengths += [
-                (f"exposure[{e}].segments[{k}]", math.hypot(*end)) for k, end in enumerate(asked.segments or ())
-            ]
-            lengths.append((f"exposure[{e}].length", asked.length or 0.0))
-    for path, length in lengths:
-        if length > 200 * task.module.arm_length:
-            yield Oddity(path, f"{length:g} m is more than 200 arm lengths: lengths are in metres")
+            for k, end in enumerate(asked.segments or ()):
+                yield f"exposure[{e}].segments[{k}]", math.hypot(*end), LONG_PATH
+            yield f"exposure[{e}].length", asked.length or 0.0, LONG_PATH
 
 
 def _thrust(task: Task, n: int) -> Iterator[Oddity]:

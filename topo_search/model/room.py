@@ -32,8 +32,15 @@ from topo_search.model.module import Module
 
 ROUNDING = 1e-9
 """Share of d by which a point on the circle around the axis may seem to be inside it."""
+LARGE = 4.0
+"""Lengths that keep modules off the end-effector, and its rod, are seldom meant to be longer, in packed widths."""
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of a box with edges of 1."""
+
+
+def packed_width(module: Module, n: int) -> float:
+    """Return how wide n modules are, packed in a square: a scale for lengths at the target [m]."""
+    return 2 * module.connector_distance * math.sqrt(n)
 
 
 def body_radius(module: Module) -> float:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from topo_search.model import Audit, Design, ResolvedTask
+from topo_search.model import Audit, Design, ResolvedTask, Task
 from topo_search.model.files import to_toml
+from topo_search.model.oddities import oddities
+from topo_search.model.proven import at_least, gap_percent, needed_percent
 from topo_search.report.design_part import design_part
 from topo_search.report.page import Page, Reproduction, Table, TaskPart
 from topo_search.report.task_facts import facts, load_cases
-from topo_search.report.wording import figures, modules, percent
+from topo_search.report.wording import figures, modules
 
 EFFORT = "J = Σ_k λ_k ‖u_k‖²"
 
@@ -28,17 +30,18 @@ def design_page(design: Design, audit: Audit, file: str) -> Page:
         answer=f"{key} is a platform of {modules(task.n)} for {task.name}: {effort(design)}; {verdict(audit)}.",
         notes=("This page is about one design; it says nothing about other trees of modules.",),
         bound=bound(design.lower_bound, design.gap, task.n),
-        task=task_part(task),
+        task=task_part(task, task),
         design=design_part(design, audit),
         run=None,
         reproduction=_reproduction(design, audit, file),
     )
 
 
-def task_part(task: ResolvedTask) -> TaskPart:
-    """Return the task as it was understood."""
+def task_part(task: ResolvedTask, stated: Task) -> TaskPart:
+    """Return the task as it was understood, and what is odd about it as it was stated."""
     columns = ("load case", "the rotors together produce", "weight λ")
-    return TaskPart(facts(task), Table(columns, load_cases(task), frozenset({0, 2})))
+    warnings = tuple(map(str, oddities(stated)))
+    return TaskPart(facts(task), Table(columns, load_cases(task), frozenset({0, 2})), warnings)
 
 
 def effort(design: Design) -> str:
@@ -46,7 +49,9 @@ def effort(design: Design) -> str:
     text = f"its control effort is J = {figures(design.objective)} rad⁴/s⁴"
     if design.gap is None:
         return text
-    return f"{text}, of which any platform of {modules(design.topology.n)} needs at least {percent(1 - design.gap)}"
+    return (
+        f"{text}, of which any platform of {modules(design.topology.n)} needs at least {needed_percent(design.gap)}"
+    )
 
 
 def verdict(audit: Audit) -> str:
@@ -65,7 +70,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
     """Return the lower bound and what it means, a paragraph each."""
     if lower_bound is None:
         return ("The design states no lower bound, so that nothing is known of how good it is.",)
-    told = f"Lower bound: {figures(lower_bound, 5)} rad⁴/s⁴ for the control effort {EFFORT}."
+    told = f"Lower bound: {figures(at_least(lower_bound, 5), 5)} rad⁴/s⁴ for the control effort {EFFORT}."
     meaning = (
         f"It holds for every platform of {modules(n)} of this kind, whatever its tree, its hinge angles and the "
         "place of its end-effector: it is what the forces of the load cases cost rotors that pull within their "
@@ -76,7 +81,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
         return told, meaning
     return (
         told,
-        f"The gap is {percent(gap)}: no platform of {modules(n)} saves more than this share of the effort.",
+        f"The gap is {gap_percent(gap)}: no platform of {modules(n)} saves more than this share of the effort.",
         meaning,
     )
 

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from topo_search.export.viewpoint import poses_to_draw
 from topo_search.model import Assembly, Audit, Clearance, Design, Limit, Status
+from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
 from topo_search.report.page import Chart, DesignPart, Table
@@ -87,7 +88,8 @@ def _nearest(pairs: tuple[Clearance, ...]) -> Table:
             pair.name,
             str(pair.status),
             length(pair.analytic_m),
-            *("" if bound is None else length(bound) for bound in (pair.lower_m, pair.upper_m)),
+            "" if pair.lower_m is None else length(at_least(pair.lower_m, 3)),
+            "" if pair.upper_m is None else length(at_most(pair.upper_m, 3)),
         ]
         for pair in (*wrong[:WRONG], *clear[:NEAREST])
     ]
@@ -105,9 +107,10 @@ def _findings(audit: Audit) -> tuple[str, ...]:
             f"modules; the deepest by {figures(overlaps.deepest_percent, 3)} % of the deepest possible."
         )
     if audit.sensitivity is not None and (asked := audit.sensitivity.tolerances) is not None:
+        least, attained = length(at_least(asked.lower_m, 3)), length(at_most(asked.attained_m, 3))
         found.append(
-            f"Within the task's tolerances, all at once: {asked.status}, least clearance {length(asked.lower_m)} "
-            f"or more ({length(asked.attained_m)} in an example), {asked.name}."
+            f"Within the task's tolerances, all at once: {asked.status}, least clearance {least} or more "
+            f"({attained} in an example), {asked.name}."
         )
     return tuple(found)
 
@@ -123,7 +126,12 @@ def _errors(audit: Audit) -> Table | None:
         ("airflow reaching farther by", found.envelope_m, length),
     )
     rows = [
-        [name, shown(limit.tolerated), "" if limit.violated_at is None else shown(limit.violated_at), limit.name]
+        [
+            name,
+            shown(at_least(limit.tolerated, 3)),
+            "" if limit.violated_at is None else shown(at_most(limit.violated_at, 3)),
+            limit.name,
+        ]
         for name, limit, shown in kinds
         if limit is not None
     ]

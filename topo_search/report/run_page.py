@@ -10,12 +10,13 @@ from typing import Any
 
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_toml, write_atomically
+from topo_search.model.proven import at_least, gap_percent
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, effort, task_part, verdict
 from topo_search.report.design_part import design_part
 from topo_search.report.front_part import front_part
 from topo_search.report.page import Chart, Page, Reproduction, RunPart, Table, json_in_script, render
-from topo_search.report.wording import counted, figures, modules, percent
+from topo_search.report.wording import counted, figures, modules
 from topo_search.study import Answer, Row, RunFolder, SizeAnswer, answer_of
 
 REPORT = "report.html"
@@ -74,7 +75,7 @@ def _page(folder: RunFolder, answer: Answer) -> Page:
         answer=_answer(answer, request.task.name, design, audit),
         notes=tuple(note for size in answer.sizes for note in _limits(size)),
         bound=bound(size.lower_bound, shown.gap if shown else None, n),
-        task=task_part(request.task.resolve(n)),
+        task=task_part(request.task.resolve(n), request.task),
         design=None if design is None else design_part(design, audit),
         run=_run_part(folder, answer),
         reproduction=_reproduction(folder),
@@ -149,10 +150,10 @@ def _sizes(answer: Answer) -> Table:
             f"{size.settled} of {size.candidates}",
             ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
             str(size.feasible),
-            figures(size.lower_bound, 5),
+            figures(at_least(size.lower_bound, 5), 5),
             size.best.key if size.best else "none",
             figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
-            percent(size.best.gap) if size.best and size.best.gap is not None else "",
+            gap_percent(size.best.gap) if size.best and size.best.gap is not None else "",
         ]
         for size in answer.sizes
     ]
@@ -177,7 +178,7 @@ def _cells(row: Row) -> list[Any]:
         row.modules,
         _rounded(J / least if J is not None and least else None, 5),
         _rounded(J, 6),
-        _rounded(None if row.gap is None else 100 * row.gap, 4),
+        None if row.gap is None else float(gap_percent(row.gap).removesuffix(" %")),
         row.audit or ("failed" if row.audit_failure else None),
         row.status,
         row.orbit,

@@ -29,8 +29,3 @@ def length(metres: float) -> str:
     if abs(metres) < 0.01:
         return f"{figures(1000 * metres, 3)} mm"
     return f"{figures(100 * metres, 3)} cm" if abs(metres) < 1 else f"{figures(metres, 3)} m"
-
-
-def percent(share: float) -> str:
-    """Return a share in percent."""
-    return f"{100 * share:.2f} %"

@@ -14,6 +14,7 @@ from topo_search.model import Audit, Design, Infeasible, ResolvedTask
 from topo_search.model.files import read_json
 from topo_search.model.goals import Level
 from topo_search.model.html import heading, paragraph, table
+from topo_search.model.proven import gap_percent
 from topo_search.study.front import Point
 from topo_search.study.row import Row
 from topo_search.study.statements import reason, remark, statement
@@ -67,7 +68,7 @@ class SizeAnswer:
         title = heading(f"modules: {self.modules}; candidates: {self.candidates} ({counts or 'none settled'})")
         names = ("key", "J [rad^4/s^4]", "gap", "stands for", "audit")
         rows = [
-            (row.key, row.objective, None if row.gap is None else f"{100 * row.gap:.2f} %", row.orbit, row.audit)
+            (row.key, row.objective, None if row.gap is None else gap_percent(row.gap), row.orbit, row.audit)
             for row in self.top
         ]
         remarks = (self.quotient, *self.remarks, *([self.reason] if self.reason else []))
@@ -126,6 +127,13 @@ class Answer:
             return None
         folder = self.folder / self.points[0].folder if self.points else self.folder
         return read_json(Audit, folder / "audits" / f"{self.best.key}.json")
+
+    @property
+    def note(self) -> str | None:
+        """What is to be said about the rod of the best design, as its audit says it."""
+        audited = self.audit
+        sheet = None if audited is None else audited.assembly.end_effector
+        return None if sheet is None else sheet.note
 
     @property
     def candidates(self) -> pd.DataFrame:

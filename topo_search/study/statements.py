@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 
 from topo_search.engine import may_beat
 from topo_search.model import Infeasible
+from topo_search.model.proven import gap_percent
 from topo_search.study.row import Row
 
 
@@ -16,8 +16,7 @@ def statement(best: Row, settled: int, candidates: int) -> str:
     found = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
     if best.gap is None or best.objective is None or best.lower_bound is None:
         return found
-    at_most = math.ceil(1e4 * best.gap) / 100  # rounded up: less would not be proven
-    limit = f"more than {at_most:.2f} % " if may_beat(best.objective, best.lower_bound) else ""
+    limit = f"more than {gap_percent(best.gap)} " if may_beat(best.objective, best.lower_bound) else ""
     return f"{found}; no topology of as many modules can be {limit}better, which is proven"
 
 

@@ -1,0 +1,47 @@
+"""How a proven number is rounded before a person reads it: to the side on which it is still proven.
+
+| symbol | meaning | unit |
+|---|---|---|
+| J | control effort of a design | rad^4/s^4 |
+| gap | 1 - lower bound / J: the share of J that another design can save at most | |
+"""
+
+from __future__ import annotations
+
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+
+SOLVER_PRECISION = 1.0e-6
+"""Relative error of an objective that the solver does not care about: efforts that differ by no more are equal."""
+CERTAIN = 10
+"""Decimals of a percentage that the arithmetic which led to it leaves certain."""
+SIGNIFICANT = 15
+"""Digits that any double has."""
+
+
+def at_least(value: float, digits: int) -> float:
+    """Return a number with so many significant digits that is not larger."""
+    return _rounded(value, digits, ROUND_FLOOR)
+
+
+def at_most(value: float, digits: int) -> float:
+    """Return a number with so many significant digits that is not smaller."""
+    return _rounded(value, digits, ROUND_CEILING)
+
+
+def gap_percent(gap: float, decimals: int = 2) -> str:
+    """Return in percent how much better another design can be at most; zero if by no more than rounding."""
+    return f"{_percent(gap, decimals)} %"
+
+
+def needed_percent(gap: float, decimals: int = 2) -> str:
+    """Return in percent how much of the effort any design needs at least: what `gap_percent` leaves."""
+    return f"{100 - _percent(gap, decimals)} %"
+
+
+def _percent(gap: float, decimals: int) -> Decimal:
+    percent = Decimal(f"{100 * gap if gap > SOLVER_PRECISION else 0.0:.{CERTAIN}f}")
+    return percent.quantize(Decimal(1).scaleb(-decimals), ROUND_CEILING)
+
+
+def _rounded(value: float, digits: int, rounding: str) -> float:
+    return float(Context(prec=digits, rounding=rounding).create_decimal(f"{value:.{SIGNIFICANT}g}"))
