@@ -153,7 +153,8 @@ def hull_clearance(envelope: Swept, corner: Array, hull: Hull) -> Array:
     """Return the clearance of n envelopes from a hull that stands at a place, with its exact sign [m].
 
     Outside the hull the nearest point is on an edge, or inside a face and then nearest to an end of the axis: the
-    distance from a plane is linear. Where the axis enters the hull the gap is minus the radius there.
+    distance from a plane is linear. Where the axis enters the hull the largest radius in there counts too; balls
+    that have left it may reach deeper into it.
 
     Args:
         envelope: the envelopes, `o` and `d` of shape (n, 3).
@@ -168,14 +169,15 @@ def hull_clearance(envelope: Swept, corner: Array, hull: Hull) -> Array:
         face = height.argmax(axis=1)
         gap = height.max(axis=1)
         foot = one.o[:, 0] + eta * envelope.d - gap[:, None] * hull.normals[face]
-        on_face = np.all(foot @ hull.normals.T <= hull.offsets + 1e-12, axis=1)
+        on_face = (gap > 0) & np.all(foot @ hull.normals.T <= hull.offsets + 1e-12, axis=1)
         least = np.where(on_face, np.minimum(least, gap - envelope.r_0 - eta * envelope.dr), least)
     slope = heights[1] - heights[0]
     crossing = -heights[0] / np.where(slope == 0, 1.0, slope)
     enters = np.max(np.where(slope < 0, crossing, 0.0), axis=1, initial=0.0)
     leaves = np.min(np.where(slope > 0, crossing, 1.0), axis=1, initial=1.0)
     pierced = (enters <= leaves) & ~np.any((slope == 0) & (heights[0] > 0), axis=1)
-    result: Array = np.where(pierced, -envelope.r_0 - leaves * envelope.dr, least)
+    deepest = np.where(pierced, -envelope.r_0 - leaves * envelope.dr, np.inf)
+    result: Array = np.minimum(least, deepest)
     return result
 
 

@@ -20,16 +20,19 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.optimize import linprog
 
 from topo_search.model import Status
 from verify.bodies import Array
 from verify.certificate import ROUNDING, Certificate, judge
 from verify.compounds import Compound, Proximity, proximities
-from verify.convex import Convex
+from verify.convex import Convex, Polyhedron
 from verify.fcl_queries import Shape
 
 LEVELS = 2
 """0: boxes around whole bodies; 1: every part, with meshes turned towards its witness."""
+LEAST_UNIT = 1e-9
+"""Least unit of length in which a deeper common point is looked for [l_arm]."""
 
 
 def certify_compounds(pairs: Sequence[tuple[Compound, Compound]], bolted: Sequence[bool]) -> list[Certificate]:
@@ -74,11 +77,11 @@ def _certify(A: Compound, B: Compound, found: Proximity) -> Certificate:
         proven = min(part_A.depth(found.x_A), part_B.depth(found.x_B)) > -ROUNDING
         proof = functools.partial(_apart, A, B, found)
     else:
-        x = (found.x_A + found.x_B) / 2
+        x = _common_point(part_A, part_B, (found.x_A + found.x_B) / 2)
         depths = part_A.depth(x), part_B.depth(x)
         upper = -sum(depths)
         proven = min(depths) > ROUNDING
-        proof = functools.partial(_overlap, A, B, found)
+        proof = functools.partial(_overlap, A, B, found, x)
     return judge(found.d, upper if proven else None, proof, LEVELS)
 
 
@@ -89,19 +92,55 @@ def _apart(A: Compound, B: Compound, found: Proximity, level: int) -> float | No
     if level == 0:
         apart = bool(found.relevant.all()) and not A.bounds.shape.overlaps(B.bounds.shape)
     else:
-        apart = all(_keep_off(A.parts[i], B.parts[j], found.normals[i, j]) for i, j in np.argwhere(found.relevant))
+        apart = all(
+            _keep_off(A.parts[i], B.parts[j], found.normals[i, j], _between(A, B, found, i, j))
+            for i, j in np.argwhere(found.relevant).tolist()
+        )
     return found.lower if apart else None
 
 
-def _keep_off(part_A: Convex, part_B: Convex, n: Array) -> bool:
-    """Whether FCL sees two parts apart; meshes turned towards n are made only where common ones do not do."""
+def _between(A: Compound, B: Compound, found: Proximity, i: int, j: int) -> Array:
+    """Return a point between two parts: of the nearest two it is where they are nearest."""
+    if (i, j) == (found.a, found.b):
+        return (found.x_A + found.x_B) / 2
+    return (A.parts[i].centre + B.parts[j].centre) / 2
+
+
+def _keep_off(part_A: Convex, part_B: Convex, n: Array, x: Array) -> bool:
+    """Whether FCL sees two parts apart; meshes turned towards n are made only where common ones do not do.
+
+    Those have their origin at x, between the parts: FCL needs the digits there, above all for sides that face each
+    other.
+    """
     if not part_A.shape.overlaps(part_B.shape):
         return True
-    return not Shape(part_A.outer(n)).overlaps(Shape(part_B.outer(-n)))
+    near_A, near_B = (part.placed(np.eye(3), -x) for part in (part_A, part_B))
+    return not Shape(near_A.outer(n)).overlaps(Shape(near_B.outer(-n)))
 
 
-def _overlap(A: Compound, B: Compound, found: Proximity, level: int) -> float | None:
-    """Return the (negative) gap of the deepest parts, if FCL sees meshes inside them overlap."""
-    x = (found.x_A + found.x_B) / 2
-    inner_A, inner_B = A.parts[found.a].inner(x), B.parts[found.b].inner(x)
+def _overlap(A: Compound, B: Compound, found: Proximity, x: Array, level: int) -> float | None:
+    """Return the (negative) gap of the deepest parts, if FCL sees meshes inside them overlap around x."""
+    near = [part.placed(np.eye(3), -x) for part in (A.parts[found.a], B.parts[found.b])]
+    inner_A, inner_B = (part.inner(np.zeros(3)) for part in near)
     return found.d if level > 0 and Shape(inner_A).overlaps(Shape(inner_B)) else None
+
+
+def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:
+    """Return x, or a point deeper in two parts where x is on the surface of one.
+
+    Of the polytopes inside them, turned towards x, it is the centre of the largest ball in both: a linear program.
+    """
+    if min(part_A.depth(x), part_B.depth(x)) > ROUNDING:
+        return x
+    planes = [_planes(part.placed(np.eye(3), -x)) for part in (part_A, part_B)]
+    normals, offsets = (np.concatenate(columns) for columns in zip(*planes, strict=True))
+    unit = max(float(np.abs(offsets).min()), LEAST_UNIT)
+    rows = np.column_stack([normals, np.ones(len(normals))])
+    found = linprog([0, 0, 0, -1], A_ub=rows, b_ub=offsets / unit, bounds=[(None, None)] * 4)
+    return x + unit * found.x[:3] if found.success else x
+
+
+def _planes(part: Convex) -> tuple[Array, Array]:
+    """Return outward unit normals and offsets of the faces of the polytope inside a part near the origin."""
+    inner = part.inner(np.zeros(3))
+    return Polyhedron(part.name, inner.vertices, inner.triangles).faces

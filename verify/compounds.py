@@ -32,7 +32,7 @@ import numpy as np
 from verify.bodies import Array
 from verify.convex import Convex
 from verify.fcl_queries import FARTHEST
-from verify.gjk import Cores, Flags, cores, nearest
+from verify.gjk import ACCURACY, Cores, Flags, cores, nearest
 from verify.meshes import Indices
 
 CHUNK = 2_000_000
@@ -43,6 +43,8 @@ ASCENT_STEPS = 6
 """Most steps from the normal at that factor towards the shortest way out."""
 LEAST_GAIN = 1e-9
 """Of a step towards the shortest way out [l_arm]."""
+ASIDE = (1e-4, 1e-2, 1.0)
+"""How far parts that nearly touch are moved apart to see which way they face, in sums of their radii."""
 TOUCHING = 1e-4
 """Copies scaled by s touch when they are this part of 1 - s apart: less than they were drawn in from the parts."""
 
@@ -138,6 +140,7 @@ class _Batch:
         self.frame = np.array([body.frame for body in bodies])
         self.centre = np.array([body.bounds.centre for body in bodies])
         self.middle = np.array([part.centre for part in flat])
+        self.radius = np.array([part.radius for part in flat])
         # Bodies with fewer parts than others repeat their first one.
         k = np.arange(most)
         self.part = self.first[:, None] + np.where(k < self.count[:, None], k, 0)
@@ -202,18 +205,39 @@ class _Batch:
         """Return how near N pairs of parts are; `n` stands in where nearest points have no direction."""
         found = nearest(self.cores.take(A), self.cores.take(B), n)
         size = np.linalg.norm(found.v, axis=1)
-        n = np.where(found.overlap[:, None], n, -found.v / np.where(size > 0, size, 1.0)[:, None])
+        # Cores as near as the search is exact may as well overlap: what v says of them is rounding.
+        lost = found.overlap | (size <= ACCURACY)
+        n = np.where(lost[:, None], n, -found.v / np.where(size > 0, size, 1.0)[:, None])
         r_A, r_B = self.ball[A], self.ball[B]
         d = size - r_A - r_B
         x_A, x_B = found.x_A + r_A[:, None] * n, found.x_B - r_B[:, None] * n
-        deep = np.flatnonzero(found.overlap)
+        deep = np.flatnonzero(lost)
         if len(deep) and self.measured:
             flat = [part for body in self.bodies for part in body.parts]
             n[deep], x_A[deep] = touching([(flat[A[k]], flat[B[k]]) for k in deep])
             n[deep], x_B[deep] = self.steepest(A[deep], B[deep], n[deep]), x_A[deep]
         g = self.gap(A, B, n)
+        open_ = np.flatnonzero(~lost & (g < d - LEAST_GAIN))
+        n[open_], g[open_] = self.sharper(A[open_], B[open_], n[open_], g[open_])
         d[deep] = g[deep]
         return _Apart(d, g, n, x_A, x_B)
+
+    def sharper(self, A: Indices, B: Indices, n: Array, g: Array) -> tuple[Array, Array]:
+        """Return directions across which N pairs of parts are farther apart than along n, if any, and how far.
+
+        Nearest points that all but coincide tell n with few digits: too few for sides that face each other. They
+        tell more when B is moved away along n.
+        """
+        n, g = n.copy(), g.copy()
+        size = (self.radius[A] + self.radius[B])[:, None]
+        for away in ASIDE if len(n) else ():
+            moved = self.cores.take(B)
+            moved = moved._replace(vertices=moved.vertices + (away * size * n)[:, None])
+            turned = _unit(-nearest(self.cores.take(A), moved, n).v)
+            found = self.gap(A, B, turned)
+            better = found > g
+            n[better], g[better] = turned[better], found[better]
+        return n, g
 
     def steepest(self, A: Indices, B: Indices, n: Array) -> Array:
         """Return directions in which N pairs of overlapping parts are less far in each other than along n, if any.

@@ -6,7 +6,7 @@
 | d | exact signed clearance, from the closed form of `verify.hulls` |
 | n | unit vector from K to Q where they are nearest |
 | lower | gap of a plane across n: least n.x over Q's corners, minus the most over K's outer mesh |
-| upper | distance of a point proven in K to one proven in Q, or minus the depth in K of a point x proven in both |
+| upper | distance of a point proven in K to one proven in Q, or minus the depth in K of a point x proven in Q |
 
 As for cone-spheres, `clear` needs the plane in NumPy, and FCL must find Q and the outer mesh apart; `violated`
 needs the point, and FCL must find Q and K's inner mesh overlapping. Q is a polytope itself, so that nothing is lost
@@ -26,9 +26,6 @@ from verify.fcl_queries import FARTHEST, Shape
 from verify.hulls import Hull, approach
 from verify.meshes import encloses, inner_mesh, lies_within, outer_mesh
 
-INTO = 0.25
-"""How far beyond Q's nearest point a common point is looked for, as a part of the depth."""
-
 
 def certify_outside(solid: Solid, region: Hull) -> Certificate:
     """Return the certificate that a cone-sphere keeps out of a region."""
@@ -43,17 +40,17 @@ def witness(body: ConeSphere, region: Hull) -> Witness:
     """Return where a cone-sphere and a region are nearest, or a point in both."""
     found = approach(body, region)
     P, r = body.centre(found.eta), body.radius(found.eta)
-    apart, into = float(np.linalg.norm(found.x - P)), region.centre - found.x
+    x = P if region.depth(P) > ROUNDING else region.nearest_of_surface(P)
+    apart, into = float(np.linalg.norm(x - P)), region.centre - P
     deep = float(np.linalg.norm(into))
     inwards = into / deep if deep > 0 else np.array([0.0, 0.0, 1.0])
-    n = (found.x - P) / apart if apart > 0 else inwards
+    n = (x - P) / apart if apart > 0 else inwards
     if found.d > 0:
         x_K = P + r * n
-        reached = min(float(body.depth(x_K)), region.depth(found.x)) > -ROUNDING
-        return Witness(found.d, n, (x_K + found.x) / 2, float(np.linalg.norm(found.x - x_K)) if reached else None)
-    x = found.x + min(-INTO * found.d, deep) * inwards
+        reached = body.depth(x_K) > -ROUNDING
+        return Witness(found.d, n, (x_K + x) / 2, float(np.linalg.norm(x - x_K)) if reached else None)
     depth = float(body.depth(x))
-    return Witness(found.d, n, x, -depth if min(depth, region.depth(x)) > ROUNDING else None)
+    return Witness(found.d, n, x, -depth if depth > ROUNDING else None)
 
 
 def outer_gap(body: ConeSphere, region: Hull, at: Witness, level: int) -> tuple[float, bool] | None:

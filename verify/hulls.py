@@ -9,8 +9,9 @@ r"""Convex target regions: the hull of points, and how near a cone-sphere is to 
 
 dist(., Q) is nothing inside Q. Outside, the nearest point of Q lies on an edge or inside a face. The nearest ball
 to an edge is that of two cone-spheres, one without radius. Over the inside of a face the distance is linear in eta,
-so that its least value is at an end of the axis or on an edge after all. Where the axis enters Q, d is minus the
-largest radius in there.
+so that its least value is at an end of the axis or on an edge after all. Where the axis enters Q, the largest
+radius in there counts too; but a ball that has left Q may be deeper in it still, if it grows faster than its centre
+moves away, as beside a wall at a small angle to the axis.
 """
 
 from __future__ import annotations
@@ -60,6 +61,29 @@ class Hull:
         """Return the distance of x, shape (3,), from the nearest face's plane; negative outside."""
         return float((self.offsets - self.normals @ x).min())
 
+    def nearest_of_surface(self, x: Array) -> Array:
+        """Return the surface's point nearest to x, shape (3,), by weights of corners: it is in the region for sure.
+
+        Every triangle's own nearest point is inside it or on a side.
+        """
+        a, b, c = self.mesh.vertices[self.mesh.triangles].transpose(1, 0, 2)
+        sides = []
+        for start, end in ((a, b), (b, c), (c, a)):
+            along = end - start
+            t = np.sum((x - start) * along, axis=1) / np.maximum(
+                np.sum(along * along, axis=1), np.finfo(float).tiny
+            )
+            t = np.clip(t, 0.0, 1.0)[:, None]
+            sides.append((1.0 - t) * start + t * end)
+        normal = np.cross(b - a, c - a)
+        area2 = np.sum(normal * normal, axis=1)
+        weights = np.stack([np.sum(normal * np.cross(p - x, q - x), axis=1) for p, q in ((b, c), (c, a), (a, b))])
+        weights = np.maximum(weights / np.where(area2 > 0, area2, 1.0), 0.0)
+        weights /= np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
+        inside = np.einsum("kf,kfx->fx", weights, np.stack([a, b, c]))[weights.sum(axis=0) > 0.5]
+        points = np.concatenate([*sides, inside])
+        return np.asarray(points[np.argmin(np.linalg.norm(points - x, axis=1))])
+
     def moved(self, shift: Array) -> Hull:
         """Return the same region elsewhere."""
         mesh = Polytope(self.mesh.vertices + shift, self.mesh.triangles)
@@ -96,15 +120,12 @@ class Approach(NamedTuple):
     d: float
     eta: float
     x: Array
-    """The nearest point of the region, shape (3,): that on the axis if the axis enters the region."""
+    """The point of the region nearest to the centre of the ball that comes nearest, shape (3,)."""
 
 
 def approach(body: ConeSphere, region: Hull) -> Approach:
     """Return the exact signed clearance of a cone-sphere from a region."""
     ends = np.array([body.o, body.o + body.d])
-    entered = _inside(ends, region)
-    if entered is not None:
-        return Approach(-body.radius(entered), entered, body.centre(entered))
     corners = region.mesh.vertices
     start, end = corners[region.edges[:, 0]], corners[region.edges[:, 1]]
     edges = [ConeSphere(a, b - a, 0.0, 0.0) for a, b in zip(start, end, strict=True)]
@@ -116,9 +137,12 @@ def approach(body: ConeSphere, region: Hull) -> Approach:
         face = int(np.argmax(heights))
         foot = x - heights[face] * region.normals[face]
         gap = float(heights[face]) - body.radius(float(at))
-        # The foot lies in the face, or the nearest point is on an edge.
-        if gap < best.d and region.depth(foot) > -1e-12 * (1.0 + region.size):
+        # The foot lies in the face, or the nearest point is on an edge, or x is inside.
+        if heights[face] > 0 and gap < best.d and region.depth(foot) > -1e-12 * (1.0 + region.size):
             best = Approach(gap, float(at), foot)
+    entered = _inside(ends, region)
+    if entered is not None and -body.radius(entered) < best.d:
+        best = Approach(-body.radius(entered), entered, body.centre(entered))
     return best
 
 

@@ -76,7 +76,7 @@ class Scene:
         if requirement.radius is not None:
             volume = Solid(ball(self.p_E, requirement.radius / self.l_arm))
         else:
-            volume = hull(self.p_E + requirement.corners / self.l_arm)
+            volume = hull(requirement.corners / self.l_arm).moved(self.p_E)  # far away corners lose their digits
         for a, envelope in enumerate(self.envelopes):
             yield Requirement("local", a, number, envelope, volume)
 

@@ -1,0 +1,47 @@
+"""Thin regions, walls along an axis and coplanar discs at all sizes: no wrong verdict, none missing."""
+
+import numpy as np
+import pytest
+from verify_families import JUDGED, SCALES_OF, brute_approach
+
+from nlp.geometry import Swept, hull_clearance
+from topo_search.model import Status
+from topo_search.model.hulls import convex_hull
+from verify.bodies import ConeSphere
+from verify.certificate import FLOOR, Solid
+from verify.hull_certificate import certify_outside
+from verify.hulls import approach, hull
+
+WALL = np.array([(x, y, z) for x in (-5.0, 5.0) for y in (-5.0, 5.0) for z in (-0.05, 0.05)])
+"""1 m by 1 m by 10 mm, in arms of 0.1 m."""
+
+
+@pytest.mark.parametrize(("family", "scale"), [(name, scale) for name in JUDGED for scale in SCALES_OF[name]])
+def test_no_verdict_is_wrong_or_missing(family: str, scale: float) -> None:
+    rng = np.random.default_rng(3)
+    seen = set()
+    for _ in range(4):
+        for judged in JUDGED[family](scale, rng):
+            status, d = judged.certificate.status, judged.d
+            right = Status.CLEAR if d > 0 else Status.VIOLATED
+            assert status in ((right, Status.UNDECIDED) if abs(d) <= FLOOR else (right,))
+            if judged.exact:
+                assert judged.certificate.analytic == pytest.approx(d, abs=1e-11 * (100 + scale))
+            seen.add(status)
+    assert {Status.CLEAR, Status.VIOLATED} <= seen
+
+
+@pytest.mark.parametrize("degrees", [1.0, 2.0, 4.0])
+def test_a_ball_that_has_left_a_wall_may_be_deeper_in_it(degrees: float) -> None:
+    """The default envelope along a wall: where its axis leaves the wall its balls are smaller than later on."""
+    angle = np.radians(degrees)
+    u = np.array([np.cos(angle), 0.0, np.sin(angle)])
+    body = ConeSphere(-4.0 * u, 12.0 * u, 1.0, 12.0 * np.tan(np.radians(5.0)))
+    d = brute_approach(body, WALL)
+    found = certify_outside(Solid(body), hull(WALL))
+    assert found.status == Status.VIOLATED
+    assert found.analytic == pytest.approx(d, abs=1e-9)
+    assert approach(body, hull(WALL)).eta > 4.0 / 12.0 + 0.05 / (12.0 * np.sin(angle))
+    swept = Swept(body.o[None], body.d[None], body.r, body.dr)
+    gap = hull_clearance(swept, np.zeros(3), convex_hull(WALL)).item()
+    assert d - 1e-12 <= gap < -(1.0 + np.tan(np.radians(5.0)) * (4.0 + 0.05 / np.sin(angle)))
