@@ -15,6 +15,7 @@ import numpy as np
 
 from nlp import names
 from nlp.geometry import Swept, clearance, cone_clearance, hull_clearance
+from nlp.hinges import beyond_folds
 from nlp.point import Point
 from topo_search.model import LEAST_OFFSET, Directional, Exterior, Local, Module, needs_offset
 from topo_search.model.arrays import Array
@@ -159,13 +160,12 @@ def _bounds(point: Point) -> Iterator[Violation]:
         for name, excess in zip((names.largest_input(k), names.smallest_input(k)), beyond, strict=True):
             yield Violation(name, excess, "rad^2/s^2", excess / u_max)
     right = math.pi / 2
-    alpha_max = task.largest_hinge_angle()
-    angles = [(names.hinge_angle(i), alpha, alpha_max) for i, alpha in enumerate(point.alpha.tolist(), start=1)]
+    for i, excess in enumerate(beyond_folds(task, point.topology, point.alpha).tolist(), start=1):
+        yield Violation(names.hinge_angle(i), excess, "rad", excess)
     if task.search.root == "paper":
         limits = zip(("psi", "alpha_0", "alpha_1"), point.root.tolist(), (0.0, right, right), strict=True)
-        angles += [(names.root_angle(name), angle, limit) for name, angle, limit in limits]
-    for name, angle, limit in angles:
-        yield Violation(name, abs(angle) - limit, "rad", abs(angle) - limit)
+        for name, angle, limit in limits:
+            yield Violation(names.root_angle(name), abs(angle) - limit, "rad", abs(angle) - limit)
     position = task.end_effector.fixed_position
     if position is not None:
         excess = float(np.linalg.norm(point.p_E - point.p_COM - position))

@@ -6,7 +6,7 @@ import casadi as ca
 
 from nlp.ipopt import BETA, OPTIONS, Answer, answer_of
 from nlp.point import Point
-from nlp.problem import problem
+from nlp.problem import problem, variable_bounds
 from topo_search.model import ResolvedTask, Topology
 
 HOPELESS = {"ipopt.max_resto_iter": 4}
@@ -23,8 +23,6 @@ class GraphProgram:
         stated = problem(task, topology)
         constraints = stated.constraints
         self._bounds = {
-            "lbx": ca.DM(stated.lower),
-            "ubx": ca.DM(stated.upper),
             "lbg": ca.vertcat(*(ca.DM.ones(c.expression.shape) * c.lower for c in constraints)),
             "ubg": ca.vertcat(*(ca.DM.ones(c.expression.shape) * c.upper for c in constraints)),
         }
@@ -34,5 +32,7 @@ class GraphProgram:
 
     def solve(self, start: Point) -> Answer:
         """Return the point that Ipopt reaches from a start, whatever it says of it."""
-        result = self._solver(x0=ca.DM(start.pack()), p=ca.DM(BETA), **self._bounds)
+        lower, upper = variable_bounds(self._task, self._topology, start.alpha)
+        x0 = ca.DM(start.pack())
+        result = self._solver(x0=x0, p=ca.DM(BETA), lbx=ca.DM(lower), ubx=ca.DM(upper), **self._bounds)
         return answer_of(self._solver, result, self._task, self._topology)

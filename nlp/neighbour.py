@@ -28,8 +28,8 @@ import numpy as np
 
 from nlp.evaluate import violations, worst
 from nlp.geometry import poses, root_rotation, rotation
+from nlp.hinges import within
 from nlp.point import Point, fixed_end_effector
-from nlp.problem import hinge_limit
 from nlp.starts import PLACED_FROM, root_of, splayed, with_inputs
 from topo_search.model import Design, ResolvedTask, Topology
 
@@ -66,12 +66,13 @@ def carried_over(task: ResolvedTask, topology: Topology, donor: Design, rng: np.
     place_of = {i: place for part in parts for i, place in part.items()}
     Q = {i: R_donor[j] @ rotation([0, 0, 1], t * np.pi / 2) for i, (j, t) in place_of.items()}
 
-    alpha, alpha_max = splayed(task, topology, rng), hinge_limit(task)
+    alpha = splayed(task, topology, rng)
     for (h, i, a, _), kappa in zip(topology.edges(), topology.kappas[1:], strict=True):
         if h in part_of and part_of[h] == part_of.get(i):
             H = Q[h].T @ Q[i] @ rotation([0, 0, 1], -kappa * np.pi / 2)
             sine = H[0, 2] if a % 2 == 0 else H[2, 1]
-            alpha[i - 1] = np.clip(np.arctan2(sine, H[2, 2]), -alpha_max, alpha_max)
+            alpha[i - 1] = np.arctan2(sine, H[2, 2])
+    alpha = within(task, topology, alpha)
     if len(parts[0]) < topology.n >= PLACED_FROM:
         from nlp.placing import place  # compiled code, which small platforms need not load
 

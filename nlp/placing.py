@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from nlp.geometry import PORTS, cone_reach, envelopes, poses
-from nlp.problem import hinge_limit
+from nlp.hinges import largest_turn, signs, within
 from nlp.turning import Platform, Rules, Tree, straighten, turn_free
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -91,6 +91,7 @@ def place_in_cone(
             break
         kicked = best.copy()
         kicked[rng.integers(topology.n - 1)] = rng.uniform(-rules.turn, rules.turn)
+        kicked = within(task, topology, kicked)
         if least == 0.0 and lever(task, topology, kicked, half_angle) >= shortest:
             continue
         overlap, kicked = repaired(kicked)
@@ -137,7 +138,7 @@ def _tree(topology: Topology, order: list[int]) -> Tree:
     end = np.arange(1, n + 1)
     for i in range(n - 1, 0, -1):
         end[parent[i]] = max(end[parent[i]], end[i])
-    return Tree(parent, end)
+    return Tree(parent, end, np.concatenate([[0.0], signs(topology)])[order])
 
 
 def _platform(topology: Topology, alpha: Array, l_c: float, order: list[int]) -> Platform:
@@ -162,5 +163,6 @@ def _rules(task: ResolvedTask, enough: float) -> Rules:
         start_radius=air.start_radius / unit,
         growth=air.growth / unit,
         apart=-math.inf if apart is None else apart / unit,
-        turn=hinge_limit(task),
+        turn=largest_turn(task),
+        folds=np.array(task.folds(task.search.margin) or ((0.0, 0.0),)),
     )

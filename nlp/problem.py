@@ -20,14 +20,15 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
     & \|p_i - p'_E\| \ge d_E                                                 \quad \forall i         & (6) \\
     & \tilde\phi_{i,\mathrm{sph}}(\beta),\ \tilde\phi_{i,\mathrm{cap}}(\beta) \ge 0,
       \text{ hulls and the cone}                                                   \quad \forall i         & (7) \\
-    & 0 \le u_k \le \rho u_{max}, \quad -\alpha_{max} \le \alpha \le \alpha_{max}                      & (8)
+    & 0 \le u_k \le \rho u_{max}, \quad \alpha_{min,i} \le \alpha_i \le \alpha_{max,i}                    & (8)
 
 (3) is the paper's torque balance about the origin of W instead of the COM: the same constraint, since it differs
 from it by p_COM x (2), and much sparser. (5) is this project's body clearance, with d so large that no rigid parts
-can touch; with it alpha_max is pi/2 or, if less, where a rotor could touch the module that its own is bolted to
-(`topo_search.model.room`). Without it alpha_max is pi/2, as in the paper. In the paper's ablation (5) holds for
-all pairs, with the separation as d, in place of (4). d_E is the paper's l_c, or the task's stand-off where that is
-larger; rho is the share of u_max that the task allows, in the paper 1. Every clearance of (4) to (7) keeps the
+can touch; with it the range of alpha_i is what the rotors leave of +-pi/2, which must not touch the module that
+their own is bolted to (`topo_search.model.folds`). Of several ranges a hinge keeps to the one that it starts in.
+Without (5) the range is +-pi/2, as in the paper. In the paper's ablation (5) holds for all pairs, with the
+separation as d, in place of (4). d_E is the paper's l_c, or the task's stand-off where that is larger; rho is the
+share of u_max that the task allows, in the paper 1. Every clearance of (4) to (7) keeps the
 margin.
 """
 
@@ -40,13 +41,14 @@ from itertools import combinations
 
 import casadi as ca
 
-from nlp import names
+from nlp import hinges, names
 from nlp.envelope import ConeSphere, clearance
 from nlp.exposure import exposure_clearances
 from nlp.kinematics import Pose, poses
 from nlp.units import Units
 from nlp.wrench import force_residual, scaled, torque_residual
 from topo_search.model import LEAST_OFFSET, ResolvedTask, Topology, needs_offset
+from topo_search.model.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Problem:
     constraints: list[Constraint]
     lower: list[float]
     upper: list[float]
-    """Bounds on the variables, in the order of `variables.vector()`."""
+    """Bounds on the variables, in the order of `variables.vector()`; hinges have closer ones from a start on."""
 
 
 def problem(task: ResolvedTask, topology: Topology) -> Problem:
@@ -140,20 +142,21 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     return Problem(variables, beta, objective, constraints, *variable_bounds(task, topology))
 
 
-def variable_bounds(task: ResolvedTask, topology: Topology) -> tuple[list[float], list[float]]:
-    """Return (8): lower and upper bounds on the variables, in the order of `Variables.vector()`."""
+def variable_bounds(
+    task: ResolvedTask, topology: Topology, alpha: Array | None = None
+) -> tuple[list[float], list[float]]:
+    """Return (8): lower and upper bounds on the variables, in the order of `Variables.vector()`.
+
+    Hinges keep to the ranges nearest to alpha (n-1,) [rad]; without, to what holds all of their ranges.
+    """
     n, K = topology.n, len(task.load_cases)
-    free, right, alpha_max = (-math.inf, math.inf), (-math.pi / 2, math.pi / 2), hinge_limit(task)
+    free, right = (-math.inf, math.inf), (-math.pi / 2, math.pi / 2)
     bounds = [free, free, free] if task.search.root == "free" else [(0.0, 0.0), right, right]
-    bounds += [(-alpha_max, alpha_max)] * (n - 1) + [free] * (3 if task.end_effector.fixed_position is None else 0)
+    bounds += zip(*hinges.ranges(task, topology, alpha), strict=True)
+    bounds += [free] * (3 if task.end_effector.fixed_position is None else 0)
     bounds += [(0.0, task.max_thrust_to_weight)] * (4 * n * K)
     lower, upper = (list(side) for side in zip(*bounds, strict=True))
     return lower, upper
-
-
-def hinge_limit(task: ResolvedTask) -> float:
-    """Return alpha_max [rad]; zero where there is no room for any angle, which the check of the answer finds."""
-    return max(0.0, task.largest_hinge_angle(task.search.margin))
 
 
 def _clearances(

@@ -18,13 +18,11 @@ import numpy as np
 
 from nlp.evaluate import asked_wrenches, wrench_matrix
 from nlp.geometry import cone_reach, poses, root_angles, rotation
+from nlp.hinges import largest_turn, signs, within
 from nlp.point import Point, fixed_end_effector
-from nlp.problem import hinge_limit
 from topo_search.model import Exterior, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
-SPLAY = np.array([-1.0, 1.0, 1.0, -1.0])
-"""Sign of the hinge angle that turns the airflow of a child on port +x, +y, -x, -y away from its parent's."""
 LARGEST_SPLAY = 0.8
 """Largest hinge angle of a start [rad]."""
 PLACED_FROM = 8
@@ -76,9 +74,8 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
 
 def splayed(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
     """Return random hinge angles at which airflows of neighbours lean away from each other, shape (n-1,)."""
-    ports = [a for _, _, a, _ in topology.edges()]
-    alpha: Array = SPLAY[ports] * rng.uniform(0.0, min(LARGEST_SPLAY, hinge_limit(task)), topology.n - 1)
-    return alpha
+    phi = rng.uniform(0.0, min(LARGEST_SPLAY, largest_turn(task)), topology.n - 1)
+    return within(task, topology, signs(topology) * phi)
 
 
 def root_of(task: ResolvedTask, R: Array) -> Array:

@@ -59,6 +59,8 @@ class Tree(NamedTuple):
     """-1 for the root."""
     end: Indices
     """The modules i..end[i]-1 are i and all that hangs on it."""
+    sign: Array
+    """Of the fold of the hinge that module i hangs on, at a positive angle."""
 
 
 class Platform(NamedTuple):
@@ -84,6 +86,8 @@ class Rules(NamedTuple):
     """Least distance of centres, with airflow only of modules that do not share a joint; -inf if there is none."""
     turn: float
     """Largest hinge angle [rad]."""
+    folds: Array
+    """Folds that a hinge may have, from and to, shape (m, 2) [rad]."""
 
 
 @njit(cache=True)
@@ -211,7 +215,7 @@ def _best_turn(
     least, best = to_beat, alpha
     for trial in range(ANGLES):
         angle = rng.uniform(-rules.turn, rules.turn) if 2 * trial < ANGLES else rng.normal(alpha, SPREAD)
-        angle = min(max(angle, -rules.turn), rules.turn)
+        angle = _allowed(rules.folds, tree.sign[hinge], angle)
         change = STRAIGHT * abs(angle) - before
         if change >= least:
             continue
@@ -225,6 +229,17 @@ def _best_turn(
         if change < least:
             least, best = change, angle
     return least, best
+
+
+@njit(cache=True)
+def _allowed(folds: Array, sign: float, angle: float) -> float:
+    """Return the nearest angle with an allowed fold."""
+    nearest = math.inf
+    for low, high in folds:
+        inside = sign * min(max(sign * angle, low), high)
+        if abs(inside - angle) < abs(nearest - angle):
+            nearest = inside
+    return nearest
 
 
 @njit(cache=True)

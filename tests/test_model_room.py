@@ -49,7 +49,7 @@ def test_the_default_module_needs_a_ball_of_its_farthest_rims_and_any_hinge_angl
     task = Task.model_validate({"name": "plain", "modules": 5, "load_cases": [HOVER]})
     assert body_radius(task.module) == pytest.approx(math.hypot(0.15, 0.01), rel=1e-15)
     assert task.centre_distance == pytest.approx(2 * math.hypot(0.15, 0.01), rel=1e-15)
-    assert task.largest_hinge_angle(1e-4) == math.pi / 2
+    assert task.folds(1e-4) == ((-math.pi / 2, math.pi / 2),)
 
 
 def test_what_a_user_asks_for_is_kept_where_it_is_more():
@@ -67,9 +67,9 @@ def test_what_a_user_asks_for_is_kept_where_it_is_more():
 
 def test_without_body_clearance_hinges_turn_as_in_the_paper():
     stated = {"name": "long", "modules": 5, "load_cases": [HOVER], "module": {"arm_length": 0.135}}
-    assert Task.model_validate(stated).largest_hinge_angle() < 0.9
+    assert Task.model_validate(stated).folds()[0][1] < 0.9
     airflow_alone = Task.model_validate({**stated, "search": {"body_clearance": False}})
-    assert airflow_alone.largest_hinge_angle() == math.pi / 2
+    assert airflow_alone.folds() == ((-math.pi / 2, math.pi / 2),)
 
 
 @pytest.mark.parametrize("own_frame", [False, True])

@@ -10,6 +10,7 @@ from nlp_cases import push, random_tree
 
 from nlp.geometry import Swept, poses
 from nlp.geometry import clearance as vectorised
+from nlp.hinges import largest_turn
 from nlp.placing import CLEAR, place
 from nlp.starts import draw, generator
 from nlp.turning import Rules, clearance
@@ -17,6 +18,9 @@ from topo_search.model import Topology
 from topo_search.topologies import sample
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
+
+FREE = np.array([[-1.0, 1.0]])
+"""Folds that hinges may have."""
 
 
 def least_clearance(task, topology, alpha):
@@ -75,7 +79,7 @@ def test_body_clearance_is_kept_between_modules_that_are_not_bolted():
 def test_no_hinge_is_turned_to_where_rotors_touch():
     """Rotors as high as these meet at 52 degrees; there some hinge of this tree ends, which would turn farther."""
     task = push(10, module={"body": {"rotor_height": 0.12}})
-    limit = task.largest_hinge_angle(1e-4)
+    limit = largest_turn(task)
     assert limit == pytest.approx(math.pi - 2 * math.atan2(0.0601, 0.15 - 0.1 / math.sqrt(2) - 0.0501))
     alpha = place(task, sample(10, 1, seed=1)[0], np.zeros(9), np.random.default_rng(0))
     assert np.abs(alpha).max() == limit
@@ -85,7 +89,7 @@ def test_no_start_has_rotors_that_touch():
     task, topology = push(5, module={"body": {"rotor_radius": 0.076}}), Topology.from_key("a11210")
     starts = [draw(task, topology, generator(task, topology, start, 0)) for start in range(10)]
     turned = max(np.abs(start.alpha).max() for start in starts)
-    assert 0.9 * task.largest_hinge_angle(1e-4) < turned <= task.largest_hinge_angle(1e-4)
+    assert 0.9 * largest_turn(task) < turned <= largest_turn(task)
 
 
 def test_in_the_ablation_only_centres_count():
@@ -116,7 +120,16 @@ def test_the_compiled_clearance_is_the_vectorised_one(axes, growth):
     w, z_i, z_j = 5.0 * rng.normal(size=(500, 3)), random_axes(500, rng), random_axes(500, rng)
     if axes != "any":
         z_j = z_i if axes == "parallel" else -z_i
-    rules = Rules(enough=1e3, airflow=True, length=12.0, start_radius=1.0, growth=growth, apart=-np.inf, turn=1.0)
+    rules = Rules(
+        enough=1e3,
+        airflow=True,
+        length=12.0,
+        start_radius=1.0,
+        growth=growth,
+        apart=-np.inf,
+        turn=1.0,
+        folds=np.array([[-1.0, 1.0]]),
+    )
     one, other = Swept(w, -12.0 * z_i, 1.0, growth), Swept(np.zeros(3), -12.0 * z_j, 1.0, growth)
     compiled = [clearance(rules, tuple(w[k].tolist()), z_i[k], z_j[k]) for k in range(500)]
     np.testing.assert_allclose(compiled, vectorised(one, other), atol=1e-9)

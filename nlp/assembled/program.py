@@ -107,7 +107,7 @@ class AssembledProgram:
     def _round(self, start: Point, limit: float, *, warm: bool) -> Answer:
         assembly = Assembly(self._task, self._topology, self._pairs[self.near(start)], BETA)
         solver, functions = _ipopt(assembly, {**STAY, **WARM} if warm else STAY)
-        lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology))
+        lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
         hinges = slice(3, 3 + len(start.alpha))
         lower[hinges] = np.maximum(lower[hinges], start.alpha - limit)
         upper[hinges] = np.minimum(upper[hinges], start.alpha + limit)

@@ -1,4 +1,4 @@
-"""Rotors that reach beyond their module's connectors: bolted together, two modules' rotors overlap."""
+"""Rotors across the hinge's axis: bolted together, two modules' rotors overlap."""
 
 from __future__ import annotations
 
@@ -7,17 +7,26 @@ import math
 from nlp.bounds.shortfall import Shortfall
 from topo_search.model import ResolvedTask
 
+ROUNDING = 1e-9
+"""Share of a rotor's reach by which it must be across the axis."""
+
 
 def rotors_overlap(task: ResolvedTask) -> Shortfall | None:
-    """Each of two bolted modules has a rotor that reaches across their hinge's axis, at one place, at any angle."""
+    """Each of two bolted modules has a rotor across their hinge's axis, at one place, at any angle.
+
+    The axis passes l_c from the centres of both, their rotors from l_arm / sqrt 2 - r to l_arm / sqrt 2 + r. Only a
+    rotor that ends before the axis, or begins beyond it, can be clear of the other one there.
+    """
     module = task.module
-    reach, l_c = module.arm_length / math.sqrt(2) + module.body.rotor_radius, module.connector_distance
-    if task.n == 1 or task.body_clearance is None or reach <= l_c:
+    middle, r, l_c = module.arm_length / math.sqrt(2), module.body.rotor_radius, module.connector_distance
+    across = r - abs(middle - l_c)
+    if task.n == 1 or task.body_clearance is None or across <= ROUNDING * (middle + r):
         return None
     return Shortfall(
         "rotors of bolted modules",
-        reach - l_c,
+        across,
         "m",
-        f"rotors of two modules that are bolted together overlap at any hinge angle: they reach {reach:.4g} m "
-        f"towards a connector, beyond module.connector_distance = {l_c:g} m",
+        "rotors of two modules that are bolted together overlap at any hinge angle: they reach from "
+        f"{middle - r:.4g} to {middle + r:.4g} m towards a connector, "
+        f"across the hinge at module.connector_distance = {l_c:g} m",
     )

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from topo_search.model.bad_input import shown
 from topo_search.model.exposure import Directional, Local
+from topo_search.model.folds import in_words
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Module
 from topo_search.model.room import LARGE, packed_width
@@ -175,14 +176,15 @@ def _search(task: Task) -> Iterator[Oddity]:
             "`end_effector.position`: the modules would have to surround the end-effector",
         )
     margin = task.search.margin
-    turn = task.largest_hinge_angle(margin)
-    if turn <= 0:
+    folds = task.folds(margin)
+    if not folds:
         yield Oddity(
             "module.body", "at no hinge angle is it sure that rotors keep off the module bolted to their own"
         )
-    elif turn < math.pi / 2:
-        angle = f"{math.degrees(turn):.3g} deg"
-        yield Oddity("module.body", f"hinges turn by {angle} at most: rotors reach the module bolted to their own")
+    elif folds != ((-math.pi / 2, math.pi / 2),):
+        yield Oddity(
+            "module.body", f"hinges turn by {in_words(folds, ' deg')}: rotors reach the module bolted to their own"
+        )
     if margin == 0:
         yield Oddity("search.margin", "with 0, clearances that touch can be too close for the audit to call clear")
     elif margin > LARGEST_MARGIN:

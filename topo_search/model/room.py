@@ -53,8 +53,8 @@ def body_radius(module: Module) -> float:
 def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
     """Return how far a hinge turns at most before a rotor of one module can meet the other one [rad].
 
-    One number for all ports, so that trees which are alike have the same designs. At most pi/2; negative where not
-    even modules that are bolted together flat have room.
+    One number for all ports, so that trees which are alike have the same designs. At most pi/2; negative where this
+    view of the parts shows no angle to be clear, though `topo_search.model.folds` may find some.
 
     Args:
         module: the module, at either side of the hinge.
@@ -87,20 +87,27 @@ def _elevation(module: Module, d: float) -> float:
     return largest
 
 
-def _frame_edges(module: Module) -> Array:
-    """Return both ends of all edges of hub and arms, or of the module's own frame, shape (m, 2, 3) [m].
-
-    A box has its diagonals as well: they lie inside it.
-    """
+def frame_pieces(module: Module) -> list[Array]:
+    """Return the corners of hub and arms, or of each convex piece of the module's own frame, shapes (k, 3) [m]."""
     body, l_arm, w = module.body, module.arm_length, module.body.arm_width
     if body.frame is not None:
-        sides = [np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame]
-        corners = np.concatenate(sides)
-        return np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+        return [np.array(piece.vertices) for piece in body.frame]
     boxes = [CUBE * body.hub]
     for x, y in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
         along, across = np.array([x, y, 0.0]) / math.sqrt(2), np.array([-y, x, 0.0]) / math.sqrt(2)
         axes = np.stack([l_arm * along, w * across, [0.0, 0.0, w]])
         boxes.append(l_arm / 2 * along + CUBE @ axes)
+    return boxes
+
+
+def _frame_edges(module: Module) -> Array:
+    """Return both ends of all edges of hub and arms, or of the module's own frame, shape (m, 2, 3) [m].
+
+    A box has its diagonals as well: they lie inside it.
+    """
+    if module.body.frame is not None:
+        sides = [np.array(piece.vertices)[np.array(piece.triangles)] for piece in module.body.frame]
+        corners = np.concatenate(sides)
+        return np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     pairs = list(combinations(range(len(CUBE)), 2))
-    return np.concatenate([box[pairs] for box in boxes])
+    return np.concatenate([box[pairs] for box in frame_pieces(module)])

@@ -20,10 +20,11 @@ from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validato
 from topo_search.model.bad_input import shown
 from topo_search.model.end_effector import EndEffector
 from topo_search.model.exposure import LEAST_OFFSET, Exposure, needs_offset
+from topo_search.model.folds import Folds, clear_folds
 from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import LoadCase, ten_wrenches
 from topo_search.model.module import Module
-from topo_search.model.room import body_radius, largest_hinge_angle
+from topo_search.model.room import body_radius
 from topo_search.model.search import Search
 from topo_search.model.value import (
     Count,
@@ -203,13 +204,13 @@ class Task(Value):
         asked = self.body_clearance
         return None if asked is None else max(asked, 2 * body_radius(self.module))
 
-    def largest_hinge_angle(self, margin: float = 0.0) -> float:
-        """Return how far the search turns hinges: pi/2, or with body clearance less if rotors are in the way [rad].
+    def folds(self, margin: float = 0.0) -> Folds:
+        """Return what the search folds hinges to: +-pi/2, or with body clearance what rotors leave of it [rad].
 
         Args:
             margin: what rotors keep clear of the neighbour's parts by at least [m].
         """
-        return math.pi / 2 if self.body_clearance is None else largest_hinge_angle(self.module, margin)
+        return ((-math.pi / 2, math.pi / 2),) if self.body_clearance is None else clear_folds(self.module, margin)
 
     def at(self, level: Level) -> Task:
         """Return the task with its goals held at a level: a task without goals."""

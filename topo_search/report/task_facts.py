@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from topo_search.model import Directional, Exterior, LoadCase, Local, ResolvedTask, Task
+from topo_search.model.folds import in_words
 from topo_search.model.task import Tolerances
 from topo_search.model.value import Vector, is_zero
 from topo_search.report.wording import counted, figures, length, modules
@@ -147,11 +148,10 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
     apart = "envelopes of airflow keep out of all modules' envelopes"
     if search.interference == "separation":
         apart = f"centres of modules at least {figures(task.separation)} m apart, in place of airflow (ablation)"
-    body, kept = task.body_clearance, task.centre_distance
+    body, kept, folds = task.body_clearance, task.centre_distance, task.folds(search.margin)
     centres = "any distance" if body is None else f"at least {figures(body)} m apart"
     if body is not None and kept is not None and kept > body:
         centres += f"; the search keeps {figures(kept)} m, at which no parts can touch"
-    turn = math.degrees(task.largest_hinge_angle(search.margin))
     return (
         (
             "root module",
@@ -162,7 +162,7 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         *([] if search.peak_input == 1 else [("rotor inputs", f"at most {figures(search.peak_input)} u_max")]),
         ("interference", apart),
         ("centres of modules not bolted together", centres),
-        ("hinge angles", f"at most {figures(turn)}°" if turn > 0 else "none, lest rotors touch"),
+        ("hinge angles", in_words(folds, "°") if folds else "none, lest rotors touch"),
     )
 
 
