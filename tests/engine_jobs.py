@@ -30,6 +30,17 @@ def misbehave(job):
     return x
 
 
+def raise_memory_error():
+    raise MemoryError
+
+
+class TooLarge:
+    """A job for which a worker has no memory, even before its function is called."""
+
+    def __reduce__(self):
+        return raise_memory_error, ()
+
+
 def crash_once(path):
     """Die the first time, and leave a mark."""
     if not Path(path).exists():

@@ -3,11 +3,21 @@
 import time
 
 import pytest
-from engine_jobs import LONG, count_attempts, crash_once, environment, misbehave, pause, report_pid, square
+from engine_jobs import (
+    LONG,
+    TooLarge,
+    count_attempts,
+    crash_once,
+    environment,
+    misbehave,
+    pause,
+    report_pid,
+    square,
+)
 from processes import eventually, gone
 
+from topo_search.child import ONE_THREAD
 from topo_search.engine import DaskWorkers, Failed, Workers
-from topo_search.engine.child import ONE_THREAD
 from topo_search.engine.dask_guard import BATCH
 
 
@@ -68,6 +78,13 @@ def test_one_bad_job_of_each_kind_leaves_the_others_alone(engine):
     assert "SIGSEGV" in by_kind["segfault"].reason
     assert "SIGKILL" in by_kind["kill"].reason
     assert by_kind["raise"].reason == "ValueError: `x > 0` must hold, but got x = 0"
+
+
+def test_a_job_that_does_not_fit_in_a_worker_fails_alone(engine):
+    found = list(engine.run(type, [TooLarge(), 1, TooLarge(), 2.0], deadline=lambda _: LONG))
+    assert {result for _, result in found if not isinstance(result, Failed)} == {int, float}
+    failed = [result for _, result in found if isinstance(result, Failed)]
+    assert failed == [Failed("memory", "out of memory")] * 2
 
 
 def test_a_single_job_that_hangs_is_stopped_too(engine):

@@ -6,8 +6,8 @@ import pytest
 from engine_jobs import LONG, environment, report_pid, square
 from processes import eventually, gone
 
+from topo_search.child import ONE_THREAD
 from topo_search.engine import Failed, Workers, WorkersLost
-from topo_search.engine.child import ONE_THREAD
 
 
 def test_killing_a_worker_from_outside_costs_one_retry(tmp_path):

@@ -1,6 +1,20 @@
-"""`python -m topo_search` is the command `topo-search`."""
+"""The command `topo-search`, which `python -m topo_search` is too."""
 
-from topo_search.cli import main
+from typing import NoReturn
+
+from topo_search.supervisor import supervised
+
+
+def main() -> NoReturn:
+    """Run the command line, from its first import on, such that it can be stopped at any moment."""
+    supervised(_command)
+
+
+def _command() -> None:
+    from topo_search.cli import main as command
+
+    command()
+
 
 if __name__ == "__main__":
     main()

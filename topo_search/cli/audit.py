@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import BAD_INPUT, explained
+from topo_search.cli.errors import BAD_INPUT, explained, note
 
 NOT_CLEAR = 1
 
@@ -41,7 +41,7 @@ def audit(
             if out is not None:
                 options.require_writable(out, option)
         files = design_files(designs)
-        reading = Reading(files, tell=lambda line: click.echo(line, err=True))
+        reading = Reading(files, tell=note)
         judged: list[Judged] = []
         failed: list[tuple[str, str]] = []
         results = audits(reading.designs(), workers=min(workers or available_cores(), len(files)))
@@ -49,7 +49,7 @@ def audit(
             name, design = reading.read[number]
             if isinstance(result, Failed):
                 failed.append((name, f"the audit failed: {result.reason}"))
-                click.echo(": ".join(failed[-1]), err=True)
+                note(": ".join(failed[-1]))
                 continue
             judged.append(Judged(name, design, result))
             if not as_json:

@@ -12,13 +12,11 @@ from typing import NoReturn
 
 import click
 
+from topo_search.supervisor import INTERRUPTED, OUT_OF_MEMORY, SOFTWARE, Stop, out_of_memory
+
 BAD_INPUT = 2
-SOFTWARE = 70
-"""EX_SOFTWARE of <sysexits.h>: there are no workers, here or at a Dask scheduler."""
 INPUT_OUTPUT = 74
 """EX_IOERR of <sysexits.h>: the disk is full, or fails."""
-INTERRUPTED = 130
-"""128 + SIGINT, as shells have it."""
 
 
 EXTRAS = {"distributed": "cluster", "matplotlib": "viz", "pyarrow": "viz"}
@@ -42,9 +40,10 @@ def needs_extras(option: str) -> Iterator[None]:
 
 @contextmanager
 def explained(*, resumes: bool = False) -> Iterator[None]:
-    """Turn what is wrong with the input, the disk or the user's patience into a message and an exit status.
+    """Turn what is wrong with the input, the machine or the user's patience into a message and an exit status.
 
-    Ctrl-C, and the SIGTERM with which a scheduler ends a job, are the user's patience.
+    Ctrl-C, and the SIGTERM with which a scheduler ends a job, are the user's patience: the first of them raises
+    KeyboardInterrupt here, and more of them change nothing.
 
     Args:
         resumes: whether the command keeps what it has finished, and goes on from there when it is typed again.
@@ -53,29 +52,49 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
     from topo_search.model import BadInput
 
     kept = "; what the run has finished is safe, and the same command resumes it" if resumes else ""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    current = signal.getsignal(signal.SIGTERM)
+    stop = current if isinstance(current, Stop) else Stop()
+    before = stop.handle()
+    stop.unwinds = True
     try:
         yield
-    except BadInput as error:
-        _end(str(error), BAD_INPUT)
     except KeyboardInterrupt:
-        _end("stopped; all results are kept, and the same command resumes" if resumes else "stopped", INTERRUPTED)
-    except WorkersLost as error:
-        _end(f"{error}{kept}", SOFTWARE)
-    except sqlite3.OperationalError as error:
-        _end(
-            f"the ledger cannot be written: {error}; what it holds is safe, and the same command resumes",
-            INPUT_OUTPUT,
-        )
-    except OSError as error:
-        if error.errno is None or error.errno == errno.EPIPE:  # no file's error; the reader of our output left
-            raise
-        where = f" ({error.filename})" if error.filename else ""
-        _end(f"{os.strerror(error.errno)}{where}{kept}", INPUT_OUTPUT)
+        _end(_stopped(resumes), INTERRUPTED)
+    except Exception as error:
+        if stop.asked:  # whoever was interrupted made another error of it
+            _end(_stopped(resumes), INTERRUPTED)
+        if isinstance(error, BadInput):
+            _end(str(error), BAD_INPUT)
+        if isinstance(error, WorkersLost):
+            _end(f"{error}{kept}", SOFTWARE)
+        if out_of_memory(error):
+            _end(f"out of memory{kept}", OUT_OF_MEMORY)
+        if isinstance(error, sqlite3.OperationalError):
+            text = f"the ledger cannot be written: {error}; what it holds is safe, and the same command resumes"
+            _end(text, INPUT_OUTPUT)
+        # an error without a number is no file's; with EPIPE the reader of our output left
+        if isinstance(error, OSError) and error.errno not in (None, errno.EPIPE):
+            where = f" ({error.filename})" if error.filename else ""
+            _end(f"{os.strerror(error.errno)}{where}{kept}", INPUT_OUTPUT)
+        raise
     finally:
-        signal.signal(signal.SIGTERM, before)
+        stop.unwinds = False
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _stopped(resumes: bool) -> str:
+    return "stopped; all results are kept, and the same command resumes" if resumes else "stopped"
+
+
+def note(text: str) -> None:
+    """Print a line on stderr beside the work, which goes on if nobody can be told."""
+    try:
+        click.echo(text, err=True)
+    except OSError:
+        return  # stderr is full, or its reader left
 
 
 def _end(text: str, status: int) -> NoReturn:
-    click.echo(text, err=True)
+    note(text)
     raise SystemExit(status)

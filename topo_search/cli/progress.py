@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Self
 
-import click
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -19,6 +18,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from topo_search.cli.errors import note
 from topo_search.model.proven import gap_percent
 from topo_search.report.wording import counted, modules
 from topo_search.study import Observer, Row
@@ -108,9 +108,7 @@ class Lines:
         """Say how many candidates there are, and of how many starts."""
         self._size, self._done, self._candidates = modules(n), 0, candidates
         self._began = time.monotonic()
-        click.echo(
-            f"{self._size}: {counted(candidates, 'candidate')}, at most {counted(starts, 'start')} each", err=True
-        )
+        note(f"{self._size}: {counted(candidates, 'candidate')}, at most {counted(starts, 'start')} each")
 
     def settled(self, incumbent: Row | None) -> None:
         """Say how far it is, unless that was said lately."""
@@ -122,8 +120,8 @@ class Lines:
         left = (now - self._began) / self._done * (self._candidates - self._done)
         best = self._words(incumbent)
         told = [f"{self._done} of {self._candidates}", *([best] if best else []), f"about {left:.0f} s left"]
-        click.echo(f"{self._size}: {', '.join(told)}", err=True)
+        note(f"{self._size}: {', '.join(told)}")
 
     def note(self, text: str) -> None:
         """Print a line."""
-        click.echo(text, err=True)
+        note(text)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained
+from topo_search.cli.errors import explained, note
 
 if TYPE_CHECKING:
     from topo_search.model import Task, Topology
@@ -67,7 +67,7 @@ def solve(
             starts=starts,
             seed=seed,
             time_limit=time_limit,
-            progress=lambda best: click.echo(standing(best), err=True),
+            progress=lambda best: note(standing(best)),
         )
         if out is not None and isinstance(solved.outcome, Design):
             text = to_json(solved.outcome)

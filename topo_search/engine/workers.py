@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import multiprocessing
 import os
+import pickle
 import signal
 import time
 from collections import deque
@@ -19,9 +20,10 @@ from typing import Any, Generic, Self
 
 from pebble import ProcessExpired, ProcessPool
 
-from topo_search.engine.child import ONE_THREAD, die_with_parent
+from topo_search.child import ONE_THREAD, call_pickled, die_with_parent
 from topo_search.engine.engine import Engine, J, R, WorkersLost
 from topo_search.engine.verbs import Failed
+from topo_search.supervisor import out_of_memory
 
 ATTEMPTS = 2
 """How often a job that crashes or hangs is tried."""
@@ -111,7 +113,9 @@ class Workers(Engine):
                         continue  # stays in `running`; the pool is no longer active and is replaced above
                     trial = running.pop(future)
                     self._breaks = 0
-                    result: R | Failed = future.result() if error is None else _failure(error, deadline(trial.job))
+                    result: R | Failed = (
+                        pickle.loads(future.result()) if error is None else _failure(error, deadline(trial.job))
+                    )
                     if isinstance(result, Failed) and result.may_pass and trial.attempt < ATTEMPTS:
                         waiting.appendleft(_Try(trial.job, trial.attempt + 1))
                     else:
@@ -132,7 +136,8 @@ class Workers(Engine):
             if not started:
                 raise WorkersLost("no worker process could be started")
         try:
-            future: Future[Any] = self._pool.schedule(function, args=(job,), timeout=deadline)
+            call = pickle.dumps((function, job))
+            future: Future[Any] = self._pool.schedule(call_pickled, args=(call,), timeout=deadline)
         except RuntimeError:
             if self._pool.active:
                 raise
@@ -176,6 +181,6 @@ def _failure(error: BaseException, deadline: float) -> Failed:
         return Failed("crash", f"the worker process was ended by {signal.Signals(-code).name}")
     if isinstance(error, TimeoutError):
         return Failed("timeout", f"still running at its deadline of {deadline:.0f} s")
-    if isinstance(error, MemoryError):
+    if out_of_memory(error):
         return Failed("memory", "out of memory")
     return Failed("error", " ".join(f"{type(error).__name__}: {error}".split()))

@@ -1,9 +1,13 @@
-"""What every worker process does first: it makes sure that it cannot outlive the process that started it."""
+"""What every child process does first: it makes sure that it cannot outlive the process that started it.
+
+It loads only Python's own library, so that a child that has too little memory for more can say so.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import os
+import pickle
 import signal
 import sys
 
@@ -28,3 +32,9 @@ def die_with_parent(parent: int) -> None:
             raise OSError(code, f"prctl(PR_SET_PDEATHSIG): {os.strerror(code)}")
     if os.getppid() != parent:  # it ended before the line above
         os._exit(1)
+
+
+def call_pickled(call: bytes) -> bytes:
+    """Call a function with its job: what that loads, and takes to do so, is part of the job that may fail."""
+    function, job = pickle.loads(call)
+    return pickle.dumps(function(job))

@@ -1,0 +1,208 @@
+"""Ctrl-C and SIGTERM end every command soon, at any moment, whatever becomes of stderr; nothing done is lost."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from processes import eventually, gone, recorded
+
+from topo_search.supervisor import INTERRUPTED
+
+HERE = Path(__file__).parent
+HANG = 10.0
+"""A command that takes longer to end hangs: generous beside the grace, for a machine that is busy [s]."""
+RUN = ("run", "push", "--modules", "4", "--starts", "6", "--workers", "2", "--out", "run")
+COMMANDS = (
+    RUN,
+    (
+        "run",
+        "push",
+        "--modules",
+        "8",
+        "--strategy",
+        "optuna",
+        "--trials",
+        "24",
+        "--workers",
+        "2",
+        "--out",
+        "optuna",
+    ),
+    ("solve", "push", "--modules", "20", "--sample-seed", "0"),
+    ("check", "push", "--modules", "3-100"),
+    ("topologies", "11"),
+    ("topologies", "3000", "--count"),
+    ("experiment", "scaling", "--small", "--out", "experiment"),
+    ("examples",),
+)
+
+
+class Command:
+    """A command of its own process group, in a folder of its own."""
+
+    def __init__(self, folder, *words, stderr=None, setup=None):
+        self.folder = folder
+        self.log = folder / "stderr"
+        with self.log.open("wb") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "topo_search", *words],
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=log if stderr is None else stderr,
+                start_new_session=True,
+                preexec_fn=setup,
+            )
+
+    def wait_until_it_listens(self):
+        """Wait until it handles SIGTERM: before, Python itself is still starting."""
+        mask = f"/proc/{self.process.pid}/status"
+
+        def listens():
+            for line in Path(mask).read_text().splitlines():
+                if line.startswith("SigCgt:"):
+                    return int(line.split()[1], 16) >> (signal.SIGTERM - 1) & 1
+            return True  # it has ended
+
+        eventually(listens)
+
+    def family(self):
+        """The processes of its group."""
+        found = []
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit():
+                try:
+                    stat = (entry / "stat").read_text().rsplit(")", 1)[1].split()
+                except (FileNotFoundError, ProcessLookupError):
+                    continue
+                if int(stat[2]) == self.process.pid and stat[0] not in "ZX":
+                    found.append(int(entry.name))
+        return found
+
+    def ends(self):
+        """Wait for its exit status, and see that nothing of it goes on."""
+        try:
+            status = self.process.wait(HANG)
+        finally:
+            family = self.family()
+            if self.process.poll() is None:
+                os.killpg(self.process.pid, signal.SIGKILL)
+                self.process.wait()
+        eventually(lambda: all(map(gone, family)), HANG)
+        return status
+
+    def told(self):
+        return self.log.read_text(errors="replace")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_a_signal_while_a_command_starts_ends_it(tmp_path, words, number):
+    command = Command(tmp_path, *words)
+    command.wait_until_it_listens()
+    command.process.send_signal(number)
+    assert command.ends() == INTERRUPTED
+    assert command.told() == "stopped\n"
+
+
+def test_a_signal_during_a_run_keeps_what_was_finished(tmp_path):
+    command = Command(tmp_path, *RUN)
+    eventually(lambda: len(recorded(tmp_path / "run")) >= 3)
+    for _ in range(20):  # a terminal, a shell and a scheduler at once, all to every process
+        os.killpg(command.process.pid, random.choice([signal.SIGINT, signal.SIGTERM]))
+    assert command.ends() == INTERRUPTED
+    assert command.told().splitlines()[-1] == "stopped; all results are kept, and the same command resumes"
+    assert command.told().count("stopped") == 1
+    assert "Traceback" not in command.told()
+    assert len(recorded(tmp_path / "run")) >= 3
+
+
+def test_native_code_that_does_not_return_is_ended_too(tmp_path):
+    """A big integer's power holds Python's lock for hours; no handler of Python runs meanwhile."""
+    code = "from topo_search.supervisor import supervised; supervised(lambda: print('on', 7 ** 10**9, flush=True))"
+    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
+    eventually(lambda: Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text())
+    time.sleep(0.5)
+    process.terminate()
+    _, told = process.communicate(timeout=HANG)
+    assert (process.returncode, told) == (INTERRUPTED, "stopped\n")
+
+
+@pytest.mark.parametrize("kind", ["full", "closed", "unread"])
+def test_what_becomes_of_stderr_keeps_no_run_from_being_stopped(tmp_path, kind):
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    try:
+        while kind == "unread":
+            os.write(writer, b"x" * 65536)
+    except BlockingIOError:
+        os.set_blocking(writer, True)
+    with open("/dev/full", "wb") as full:
+        given = {"full": full, "closed": subprocess.DEVNULL, "unread": writer}[kind]
+        command = Command(tmp_path, *RUN, stderr=given, setup=(lambda: os.close(2)) if kind == "closed" else None)
+    if kind == "unread":
+        eventually(lambda: len(command.family()) >= 2)
+        time.sleep(2.0)
+    else:
+        eventually(lambda: len(recorded(tmp_path / "run")) >= 3)
+    command.process.terminate()
+    assert command.ends() == INTERRUPTED
+    os.close(reader)
+    os.close(writer)
+
+
+@pytest.mark.parametrize("kind", ["full", "closed"])
+def test_a_run_that_can_tell_nobody_of_its_progress_finishes(tmp_path, kind):
+    words = ("run", "push", "--modules", "3", "--starts", "1", "--workers", "1", "--out", "run")
+    with open("/dev/full", "wb") as full:
+        closed = kind == "closed"
+        given = subprocess.DEVNULL if closed else full
+        command = Command(tmp_path, *words, stderr=given, setup=(lambda: os.close(2)) if closed else None)
+    assert command.process.wait(300) in (0, 3)
+    assert (tmp_path / "run" / "candidates.csv").exists()
+
+
+def test_a_killed_command_is_told_and_leaves_nothing_behind(tmp_path):
+    command = Command(tmp_path, *RUN)
+    eventually(lambda: len(recorded(tmp_path / "run")) >= 1)
+    child = Path(f"/proc/{command.process.pid}/task/{command.process.pid}/children").read_text()
+    os.kill(int(child), signal.SIGKILL)
+    assert command.ends() == 128 + signal.SIGKILL
+    assert command.told().splitlines()[-1] == "ended by SIGKILL, by hand or because memory ran out"
+
+
+@pytest.mark.slow
+def test_signals_at_random_moments(tmp_path):
+    """A hundred moments, over all commands, each with one signal or several."""
+    rng = random.Random(0)
+    counts = {}
+    for number in range(100):
+        words = COMMANDS[number % len(COMMANDS)]
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        command = Command(folder, *words)
+        command.wait_until_it_listens()
+        time.sleep(rng.choice([0.3, 2.0, 8.0]) * rng.random())
+        several = rng.random() < 0.3
+        for _ in range(5 if several else 1):
+            if command.process.poll() is None:
+                kind = rng.choice([signal.SIGINT, signal.SIGTERM])
+                if rng.random() < 0.5:
+                    os.killpg(command.process.pid, kind)
+                else:
+                    command.process.send_signal(kind)
+        status = command.ends()
+        done = status in (0, 1, 3)
+        counts[status] = counts.get(status, 0) + 1
+        assert done or status == INTERRUPTED, (words, status, command.told())
+        assert "Traceback" not in command.told(), (words, command.told())
+        assert "Error" not in command.told(), (words, command.told())
+        assert "Exception" not in command.told(), (words, command.told())
+        assert done or "stopped" in command.told().splitlines()[-1], (words, command.told())
+    print(f"\nexit statuses of 100 commands that were signalled: {dict(sorted(counts.items()))}")
+    assert counts[INTERRUPTED] >= 80

@@ -1,0 +1,233 @@
+"""A command runs in a child of the process that was started, which sees to it that it ends.
+
+Python's own handling of signals waits until native code returns, which may take minutes (Ipopt, FCL, SciPy,
+LLVM), and memory that runs out in native code ends a process without a word. So the process that was started loads
+nothing: it waits for its child, passes Ctrl-C and SIGTERM on to it, kills it if it does not end by itself, and says
+what it died of. That loses nothing: whatever was finished is in the ledger, which survives that at any moment.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import select
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from types import FrameType
+from typing import Any, NoReturn
+
+from topo_search.child import ONE_THREAD, die_with_parent
+
+SOFTWARE = 70
+"""EX_SOFTWARE of <sysexits.h>."""
+OUT_OF_MEMORY = 71
+"""EX_OSERR of <sysexits.h>: the system has no more memory, or no more processes."""
+INTERRUPTED = 130
+"""128 + SIGINT, as shells have it."""
+
+STOPS = (signal.SIGINT, signal.SIGTERM)
+"""What ends a command: Ctrl-C, and what a scheduler ends a job with."""
+GRACE = 2.0
+"""Time in which a command that is to stop can write what it has, before it is killed [s]."""
+MEMORY_FAULTS = (signal.SIGABRT, signal.SIGBUS, signal.SIGILL, signal.SIGSEGV, signal.SIGTRAP)
+"""How native code ends when an allocation fails: C++ and LLVM abort, others use a null pointer."""
+TELL = 0.2
+"""How long a reader of messages is waited for [s]."""
+
+
+class Stop:
+    """What Ctrl-C and SIGTERM do in a command: they unwind what there is to unwind, once, or end it at once."""
+
+    def __init__(self, end: int | None = None) -> None:
+        self._end = end
+        """Where the process that waits is told that it is the command that ends, no library of it."""
+        self.asked = False
+        """Whether one of them came."""
+        self.unwinds = False
+        """Whether KeyboardInterrupt is waited for: elsewhere, as while modules load, it may be lost or mistaken."""
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Handle a signal."""
+        first, self.asked = not self.asked, True
+        if self.unwinds:
+            if first:
+                raise KeyboardInterrupt
+            return
+        if first:
+            tell("stopped")
+        self.orderly()
+        os._exit(INTERRUPTED)
+
+    def orderly(self) -> None:
+        """Tell that the exit status which follows is the command's own."""
+        if self._end is not None:
+            os.write(self._end, b".")
+
+    def handle(self) -> dict[signal.Signals, Any]:
+        """Handle the signals from now on, but one that is ignored, and return what handled them before."""
+        before = {number: signal.getsignal(number) for number in STOPS}
+        return {
+            number: signal.signal(number, self)
+            for number, handler in before.items()
+            if handler is not signal.SIG_IGN
+        }
+
+
+def tell(text: str) -> None:
+    """Print a line on stderr if somebody takes it; a message that nobody takes keeps no command from ending."""
+    try:
+        poll = select.poll()
+        poll.register(2, select.POLLOUT)
+        if poll.poll(1000.0 * TELL):  # then a pipe has room for the line
+            os.write(2, f"{text}\n".encode(errors="backslashreplace"))
+    except OSError:
+        return  # stderr is full or gone: there is nobody left to tell
+
+
+def supervised(command: Callable[[], object]) -> NoReturn:
+    """Run a command in a child process, and end with its exit status."""
+    _open_standard_streams()
+    for name, number in ONE_THREAD.items():
+        os.environ.setdefault(name, number)  # each thread would take memory, and threads change sums
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
+    parent = os.getpid()
+    try:
+        orderly, end = os.pipe()
+        child = os.fork()
+    except OSError as error:
+        tell(f"no process can be started: {error.strerror}")
+        os._exit(OUT_OF_MEMORY)
+    if child == 0:
+        os.close(orderly)
+        stop = Stop(end)
+        stop.handle()
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
+        _run(command, parent, stop)
+    os.close(end)
+    os._exit(_wait(child, orderly))
+
+
+def _wait(child: int, orderly: int) -> int:
+    """Wait for the child, and return the exit status of the command."""
+    asked = killed = False
+
+    def kill(number: int, frame: FrameType | None) -> None:
+        nonlocal killed
+        killed = True
+        os.kill(child, signal.SIGKILL)
+
+    def pass_on(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        if not asked:
+            asked = True
+            signal.setitimer(signal.ITIMER_REAL, GRACE)
+        os.kill(child, number)
+
+    signal.signal(signal.SIGALRM, kill)
+    for number in STOPS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, pass_on)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if status >= 0 and os.read(orderly, 1):
+        return status
+    if asked:
+        if killed:
+            tell("stopped")
+        return INTERRUPTED
+    return _died(status)
+
+
+def _died(status: int) -> int:
+    """Say what a command died of, and return its exit status.
+
+    Args:
+        status: what a library ended the process with; -n: that it was ended by signal n.
+    """
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    number = None if status >= 0 else signal.Signals(-status)
+    by = f"a library, with status {status}" if number is None else number.name
+    if limit != resource.RLIM_INFINITY and (number is None or number in MEMORY_FAULTS):
+        tell(f"out of memory: ended by {by}, with a limit of {limit / 2**20:.0f} MB (`ulimit -v`)")
+        return OUT_OF_MEMORY
+    tell(f"ended by {by}{', by hand or because memory ran out' if number == signal.SIGKILL else ''}")
+    return SOFTWARE if number is None else 128 + number
+
+
+def _run(command: Callable[[], object], parent: int, stop: Stop) -> NoReturn:
+    """Run the command (in the child)."""
+    _silence(stop)
+    try:
+        die_with_parent(parent)
+        command()
+    except SystemExit:
+        stop.orderly()
+        raise
+    except BaseException as error:
+        stop.orderly()
+        if stop.asked:
+            tell("stopped")
+            raise SystemExit(INTERRUPTED) from None
+        if out_of_memory(error):
+            tell("out of memory")
+            raise SystemExit(OUT_OF_MEMORY) from None
+        raise
+    stop.orderly()
+    raise SystemExit(0)
+
+
+def _silence(stop: Stop) -> None:
+    """Print no traceback of what only follows from a stop; a thread that has no memory ends the command."""
+    unraisable, of_thread = sys.unraisablehook, threading.excepthook
+
+    def ignored(told: sys.UnraisableHookArgs) -> None:
+        if not stop.asked and not (told.exc_value and out_of_memory(told.exc_value)):
+            unraisable(told)
+
+    def ended(told: threading.ExceptHookArgs) -> None:
+        if stop.asked:
+            return
+        if told.exc_value and out_of_memory(told.exc_value):
+            tell("out of memory")
+            stop.orderly()
+            os._exit(OUT_OF_MEMORY)
+        of_thread(told)
+
+    sys.unraisablehook, threading.excepthook = ignored, ended
+    # of a command that was killed, the process that tidies up after it would say what it tidies
+    sys.warnoptions.append("ignore:resource_tracker:UserWarning")
+
+
+OUT_OF_MEMORY_WORDS = (
+    "bad_alloc",
+    "can't start new thread",
+    "cannot allocate memory",
+    "failed to map segment",
+    "out of memory",
+)
+"""What libraries say that cannot be mapped, threads that cannot be started, and C++."""
+
+
+def out_of_memory(error: BaseException) -> bool:
+    """Whether an error says that there is no more memory, or what it came from does."""
+    seen: BaseException | None = error
+    known: set[int] = set()
+    while seen is not None and id(seen) not in known:
+        known.add(id(seen))
+        if isinstance(seen, MemoryError) or any(word in str(seen).lower() for word in OUT_OF_MEMORY_WORDS):
+            return True
+        seen = seen.__cause__ or seen.__context__
+    return False
+
+
+def _open_standard_streams() -> None:
+    """Open streams that were closed, so that no file of ours takes their place and what is printed there."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "r" if number == 0 else "w", closefd=False))  # noqa: SIM115
