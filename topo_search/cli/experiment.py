@@ -56,7 +56,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 @click.option(
     "--distances", callback=_numbers(float), metavar="D,...", help="Connector distances in m (default: the task's)."
 )
-@options.starts
+@options.starts("Starts of each topology (default: those of the experiment).")
 @options.seed
 @options.workers
 @click.option(
@@ -96,7 +96,7 @@ def experiment(
     root       what the paper's root costs, against one that turns freely
     body       what it costs that frames keep clear of each other
 
-    Without options it has its full size, that of the paper's study if it is one, which takes hours. Typing the
+    Without options it has its full size, which takes hours. Typing the
     same command again goes on where it was stopped.
 
     Exit status: 0 done; 2 bad input.

@@ -26,9 +26,8 @@ set_field = click.option(
     metavar="FIELD=VALUE",
     help="Override a field of the task, e.g. search.margin=1e-3 (repeatable).",
 )
-seed = click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Draws the starts.")
-starts = click.option(
-    "--starts", type=click.IntRange(1, MOST), help="Random starts of each topology (default: the solver's)."
+seed = click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Draws all random numbers."
 )
 time_limit = click.option(
     "--time-limit",
@@ -48,6 +47,11 @@ paper = click.option(
     "--paper", is_flag=True, help="The paper's literal problem: its root, no margin, no body clearance."
 )
 as_json = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
+
+
+def starts(text: str) -> Callable[..., Any]:
+    """Return the option for the number of starts; its default is not the same everywhere."""
+    return click.option("--starts", type=click.IntRange(1, MOST), help=text)
 
 
 def out(option: str, name: str, text: str) -> Callable[..., Any]:

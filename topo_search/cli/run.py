@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     help="Skip candidates that are proven to be no better than the best so far: all that are left, once an audited "
     "design meets the lower bound.",
 )
-@options.starts
+@options.starts("Starts of each topology (default: the solver's).")
 @options.seed
 @options.workers
 @options.dask

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     "--sample-seed",
     type=click.IntRange(min=0),
     metavar="S",
-    help="The tree of `topologies N --sample 1 --seed S`.",
+    help="The tree of `topologies N --sample 1 --seed S`, with the root and the connectors of the task.",
 )
 @options.modules
 @options.set_field
 @options.paper
-@options.starts
+@options.starts("Number of starts (default: until more stop paying, or the time is over).")
 @options.seed
 @options.time_limit
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Where to write the design.")
@@ -45,7 +45,10 @@ def solve(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Solve TASK for one topology and audit the design; it ends when more starts stop paying.
+    """Solve TASK for one topology and audit the design.
+
+    Without --starts and --time-limit it ends when more starts stop paying. What is odd about the task, which
+    `check` warns about, is told first, on stderr.
 
     With --json the design (or why there is none) is printed, and so it is if --out fails after all.
     Exit status as of `run`.

@@ -30,7 +30,7 @@ class Experiment:
     name: str
     question: str
     full: Settings
-    """As large as the paper's, or as it takes."""
+    """What is measured without options."""
     small: Settings
     """Done in seconds."""
     cells: Callable[[Settings], list[Cell]]

@@ -120,7 +120,11 @@ class Module(Value):
 
     @property
     def reach(self) -> float:
-        """Distance from the module's centre to the far end of its envelope [m]."""
+        """Distance from the module's centre to the far end of its envelope [m].
+
+        The paper puts the far end at 20 l_arm / sqrt(2). Here that is the end of the volume, far ball included;
+        read as the end of the axis, it would be r_air + 20 l_arm / sqrt(2) (1 + tan(theta_air / 2)), 1.638 m.
+        """
         given = self.airflow.reach
         return 20 * self.arm_length / math.sqrt(2) if given is None else given
 
