@@ -101,7 +101,7 @@ def findings(rows: pd.DataFrame) -> list[str]:
     for (method, distance), series in rows.groupby(["method", "distance_m"], sort=False):
         of = table[(table["method"] == method) & (table["distance_m"] == distance)]
         told.append(_success(f"{method}, {distance:.2f} m", series))
-        told += _found_first(method, of)
+        told += _found_first(str(method), of)
         fits = growth(series)
         if len(fits):
             low, high = (f"n^{exponent:.1f}" for exponent in (fits["exponent"].min(), fits["exponent"].max()))
