@@ -101,7 +101,7 @@ def test_the_format_is_given_or_told_by_the_name(tmp_path: Path) -> None:
 
 
 def test_the_title_names_size_objective_and_gap() -> None:
-    assert title(design(CROSS)) == r"push   $n$ = 5   $J$ = 1.234$\times$10$^{13}$ rad$^4$/s$^4$   gap 9.3 %"
+    assert title(design(CROSS)) == r"push   $n$ = 5   $J$ = 1.234$\times$10$^{13}$ rad$^4$/s$^4$   gap 9.4 %"
     assert "gap" not in title(design(CROSS, gap=None))
 
 

@@ -10,6 +10,7 @@ from verify_cases import changed, fan
 from topo_search import figure
 from topo_search.export.picture import Picture
 from topo_search.model import Topology
+from topo_search.model.proven import gap_percent
 from topo_search.study import Solved, single, solve_single
 from verify import audit
 
@@ -38,7 +39,7 @@ def test_an_answer_shows_its_ranking_and_holds_its_best(tmp_path) -> None:
     head, *rows = cells(answer.sizes[1])
     assert head == ["key", "J [rad^4/s^4]", "gap", "stands for", "audit"]
     assert [row[0] for row in rows] == [row.key for row in answer.sizes[1].top]
-    assert [row[2] for row in rows] == [f"{100 * row.gap:.2f} %" for row in answer.sizes[1].top]
+    assert [row[2] for row in rows] == [gap_percent(row.gap) for row in answer.sizes[1].top]
     assert "modules: 2" in words(answer)
     assert "half turns" in words(answer)
     assert str(tmp_path / "run") in words(answer)
