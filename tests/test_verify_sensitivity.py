@@ -1,6 +1,7 @@
 """How much error a design tolerates: proven bounds, never optimistic, held against thousands of built platforms."""
 
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from topo_search.model.files import to_json
 from verify.design_audit import audit
 from verify.kinematics import platform
 from verify.requirements import Requirement, Scene
-from verify.sensitivity import clearance_of, deviated
+from verify.sensitivity import clearance_of, deviated, sensitivity
 from verify.tolerance import Errors, Tolerance
 
 CHAIN = Topology(((-1, -1, -1), (0, 0, 2), (1, 1, 3), (2, 0, 2), (3, 1, 3)))
@@ -236,6 +237,51 @@ def test_what_is_tolerated_is_clear_and_what_violates_is_violated() -> None:
         hinges = [a + math.radians(within) * s for a, s in zip(of.hinge_angles_rad, signs, strict=True)]
         turned = changed(of, hinge_angles_rad=hinges)
         assert all(pair.status == Status.CLEAR for pair in audit(turned).pairs)
+
+
+@pytest.mark.parametrize("seed", [28, 39, 83])
+def test_the_pair_that_is_named_breaks_first_of_all_that_hinges_can_break(seed: int) -> None:
+    """The pair with the weakest bound may be broken by larger errors than another one: all signs are tried."""
+    rng = np.random.default_rng(seed)
+    of = as_design(
+        random_point(push(5, module=SMALL_AIR, end_effector={"exclusion": False}), random_tree(5, rng), rng)
+    )
+    found = platform(of)
+    scene = Scene(of, found)
+    airflow = [r for r in scene.requirements() if r.kind == "airflow"]
+    result = sensitivity(of, found, scene, airflow, 0)
+    assert result is not None
+    assert result.hinge_angle_deg is not None
+    assert result.hinge_angle_deg.violated_at is not None
+    broken = []
+    for part, still in ((0.98, np.zeros((5, 3))), (1.0001, np.zeros((5, 3)))):
+        delta, least = part * math.radians(result.hinge_angle_deg.violated_at), math.inf
+        for signs in product((-1.0, 1.0), repeat=4):
+            turns = delta * np.array(signs)
+            moved = deviated(of, turns=turns, shifts=still, tip=still[0], envelope=0.0, holder=0)
+            least = min(least, *(clearance_of(r) for r in moved.requirements() if r.kind == "airflow"))
+        broken.append(least < 0)
+    assert broken == [False, True]
+
+
+def test_errors_that_turn_the_axis_towards_the_com_make_an_example() -> None:
+    """A cone about p_E and the COM: shifting every module across turns it, which one module alone hardly does."""
+    rng = np.random.default_rng(13)
+    asked = push(
+        5,
+        exposure=[{"kind": "exterior", "half_angle_deg": 89.0}],
+        module=SMALL_AIR,
+        end_effector={"exclusion": False},
+    )
+    of = as_design(random_point(asked, random_tree(5, rng), rng))
+    found = platform(of)
+    scene = Scene(of, found)
+    cones = [r for r in scene.requirements() if r.kind == "exterior"]
+    result = sensitivity(of, found, scene, cones, 0)
+    assert result is not None
+    assert result.position_m is not None
+    assert result.position_m.violated_at is not None
+    assert result.position_m.violated_at < 1.5 * result.position_m.tolerated
 
 
 def test_the_tolerances_of_a_task() -> None:

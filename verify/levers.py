@@ -110,7 +110,11 @@ class Levers:
                 total[rows] = np.stack([np.bincount(k, term, len(i)) for term in terms.T], axis=1)
         return Motion(L, S, C)
 
-    def turns(self, carrier: int, held: int, end: int, n: Array) -> Array:
-        """Return the signs of the hinge errors that move a point along n, and 0 off its path, shape (H,)."""
+    def arms_towards(self, carrier: int, held: int, end: int) -> Array:
+        """Return by how much a point moves as each hinge turns, and 0 off its path, shape (H, 3)."""
         on_path = self.moves[:, carrier] & ~self.moves[:, held]
-        return np.where(on_path, np.sign(self._arms[carrier][:, end] @ n), 0.0)
+        return np.where(on_path[:, None], self._arms[carrier][:, end], 0.0)
+
+    def drift(self, g: Array) -> Array:
+        """Return by how much the sum over all modules' centres moves along g as each hinge turns, shape (H,)."""
+        return np.asarray(np.einsum("hi,ihx,x->h", self.moves.astype(float), self._arms[:, :, 0], g))

@@ -66,6 +66,13 @@ class Scene:
         yield from self._exclusion()
         yield from self._separation()
 
+    def like(self, other: Requirement) -> Requirement:
+        """Return the same requirement as one of another platform of the same task and tree."""
+        if other.kind == "airflow":  # of a hundred modules there are thousands
+            return Requirement("airflow", other.a, other.b, self.envelopes[other.a], self.envelopes[other.b])
+        asked = other.kind, other.a, other.b, other.segment
+        return next(r for r in self.requirements() if (r.kind, r.a, r.b, r.segment) == asked)
+
     def _airflow(self) -> Iterator[Requirement]:
         counts = self.design.task.search.interference == "airflow"
         for a, b in combinations(range(len(self.envelopes)), 2):

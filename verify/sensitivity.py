@@ -6,10 +6,11 @@ r"""How much error the clearances of a design tolerate before the first violatio
 | bound(lambda) | proven lower bound of all clearances, `verify.tolerance` |
 | attained(lambda) | exact clearance of one pair with one example of such errors |
 
-Errors up to the lambda at which the bound vanishes violate nothing: proven. The pair whose bound vanishes first is
-tried out: every hinge on its path is turned, and both sides are shifted, the worst way to first order, and the
-kinematics and the closed-form clearance are evaluated again. The least lambda at which that violates the pair is
-`violated_at`. What is true lies in between, so that both together say how pessimistic the bound is.
+Errors up to the lambda at which the bound vanishes violate nothing: proven. Pairs are tried out: hinges are turned
+and modules are shifted the worst way for a pair to first order, and the kinematics and the closed-form clearance are
+evaluated again. The pair whose bound vanishes first is tried first, then every pair whose bound is gone by the
+least lambda that violates any so far. That least lambda is `violated_at`, and its pair is named: what is true lies
+in between, so that both together say how pessimistic the bound is.
 
 Masses are taken as stated. Rotor inputs are left out, for a controller adjusts them, and so are real parts.
 """
@@ -40,6 +41,8 @@ TRIALS = 10
 """Most sizes of errors that are tried for one that violates a pair."""
 OVERSHOOT = 1.05
 """How far beyond the expected size the next one is."""
+CROSSING = 1e-3
+"""The factor at which an example begins to violate is found to this part of itself."""
 LEAP = 1.5
 """Most by which the next one is larger: far beyond the first violation a pair may be clear again."""
 
@@ -93,10 +96,9 @@ class _Search:
             # quarter the range of sizes first, then halve what is left
             middle = 0.25 * high if low == 0.0 else (low + high) / 2
             low, high = (middle, high) if self._keeps(errors.times(middle)) else (low, middle)
-        weakest = self._tolerance.weakest(errors.times(high))
-        violating = self._violating(weakest, errors, high, largest)
+        first, violating = self._first_to_break(errors, high, largest)
         return Limit(
-            **_pair(weakest.requirement),
+            **_pair(first.requirement),
             tolerated=low * unit,
             violated_at=None if violating is None else violating * unit,
         )
@@ -117,13 +119,42 @@ class _Search:
     def _keeps(self, errors: Errors) -> bool:
         return self._tolerance.weakest(errors).bound > ROUNDING
 
+    def _first_to_break(self, errors: Errors, proven: float, largest: float) -> tuple[Weakest, float | None]:
+        """Return the pair with the least factor at which an example violates it, and that factor.
+
+        None, and the pair whose bound vanishes first, if no example violates any.
+        """
+        first = self._tolerance.weakest(errors.times(proven))
+        least = self._violating(first, errors, proven, largest)
+        tried = {id(first.requirement)}
+        reach = min(LEAP * LEAP * proven, largest) if least is None else least
+        for other in self._tolerance.not_above(errors.times(reach), 0.0):
+            if id(other.requirement) in tried:
+                continue
+            if least is None:
+                found = self._violating(other, errors, proven, largest)
+            elif self._attained(other, errors.times(least)) < 0:
+                found = self._crossing(other, errors, proven, least)
+            else:
+                continue
+            if found is not None:
+                first, least = other, found
+        return first, least
+
+    def _crossing(self, weakest: Weakest, errors: Errors, low: float, high: float) -> float:
+        """Return a factor at which an example violates the pair, and just below which none does."""
+        while high - low > CROSSING * high:
+            middle = (low + high) / 2
+            low, high = (low, middle) if self._attained(weakest, errors.times(middle)) < 0 else (middle, high)
+        return high
+
     def _violating(self, weakest: Weakest, errors: Errors, factor: float, largest: float) -> float | None:
         """Return a factor near the least at which an example violates the pair; None if none is found."""
         before, left_before = 0.0, self._attained(weakest, Errors())
         for _ in range(TRIALS):
             left = self._attained(weakest, errors.times(factor))
             if left < 0:
-                return factor
+                return self._crossing(weakest, errors, before, factor)
             slope = (left_before - left) / (factor - before)
             step = left / slope if slope > 0 else factor
             before, left_before = factor, left
@@ -134,17 +165,17 @@ class _Search:
 
     def _attained(self, weakest: Weakest, errors: Errors) -> float:
         """Return the least exact clearance that an example leaves its pair [l_arm]."""
-        pair, least = _pair(weakest.requirement), math.inf
-        for turns in weakest.turns:
+        least = math.inf
+        for example in weakest.examples:
             scene = deviated(
                 self._design,
-                turns=errors.delta * turns,
-                shifts=errors.delta_p * self._l_arm * weakest.shifts,
-                tip=errors.delta_p * self._l_arm * weakest.tip,
+                turns=errors.delta * example.turns,
+                shifts=errors.delta_p * self._l_arm * example.shifts,
+                tip=errors.delta_p * self._l_arm * example.tip,
                 envelope=errors.delta_e * self._l_arm,
                 holder=self._holder,
             )
-            least = min(least, clearance_of(next(r for r in scene.requirements() if _pair(r) == pair)))
+            least = min(least, clearance_of(scene.like(weakest.requirement)))
         return least
 
 

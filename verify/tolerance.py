@@ -62,18 +62,25 @@ class Errors(NamedTuple):
         return Errors(*(factor * error for error in self))
 
 
+class Example(NamedTuple):
+    """Errors of a platform, at most 1 each; errors of some size are these times their largest."""
+
+    turns: Array
+    """Of the hinges, shape (n-1,)."""
+    shifts: Array
+    """Of the modules' centres, shape (n, 3)."""
+    tip: Array
+    """Of p_E, shape (3,)."""
+
+
 class Weakest(NamedTuple):
-    """The pair with the least bound, and errors that bring its ends nearest to each other to first order."""
+    """A pair, its bound, and errors that bring its ends nearest to each other to first order."""
 
     bound: float
-    """Of all clearances [l_arm]."""
+    """Of its clearance [l_arm]."""
     requirement: Requirement
-    turns: Array
-    """Signs of the hinges' errors, an example for each two ends, shape (examples, n-1)."""
-    shifts: Array
-    """Directions of the errors of the modules' centres, shape (n, 3)."""
-    tip: Array
-    """Direction of the error of p_E, shape (3,)."""
+    examples: tuple[Example, ...]
+    """One or more for each two ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,25 +209,65 @@ class Tolerance:
         return min(2.0, 2 * e / (2 * self._offset - e)) if e < self._offset else 2.0
 
     def weakest(self, errors: Errors) -> Weakest:
-        """Return the least bound of all clearances, with the pair that has it."""
+        """Return the pair with the least bound of all."""
         kappa, least = self._kappa(errors), []
         for number, group in enumerate(self._groups):
-            bounds = group.bounds(errors, kappa).min(axis=2)
-            row, end_A = divmod(int(np.argmin(bounds)), 2)
-            least.append((float(bounds[row, end_A]), number, row, end_A))
-        bound, number, row, end_A = min(least)
-        group = self._groups[number]
-        requirement, n = group.requirements[row], group.n[row, end_A]
+            bounds = group.bounds(errors, kappa).min(axis=(1, 2))
+            row = int(np.argmin(bounds))
+            least.append((float(bounds[row]), number, row))
+        bound, number, row = min(least)
+        return self._example(self._groups[number], row, bound)
+
+    def not_above(self, errors: Errors, bound: float) -> list[Weakest]:
+        """Return all pairs whose bound is no more than that, the weakest first."""
+        kappa, found = self._kappa(errors), []
+        for number, group in enumerate(self._groups):
+            bounds = group.bounds(errors, kappa).min(axis=(1, 2))
+            found += [(float(bounds[row]), number, row) for row in np.flatnonzero(bounds <= bound).tolist()]
+        return [self._example(self._groups[number], row, least) for least, number, row in sorted(found)]
+
+    def _example(self, group: _Group, row: int, bound: float) -> Weakest:
+        requirement = group.requirements[row]
         a, b = requirement.a, requirement.b
-        shifts = np.zeros((len(self._scene.centres), 3))
-        shifts[a], tip = n, -n
         held = self._holder if group.of_B is None else b
-        turns = np.array([self._levers.turns(a, held, end, n) for end in group.ends])
-        if group.of_B is not None:
-            shifts[b], tip = -n, np.zeros(3)
-            against = np.array([self._levers.turns(b, a, end, n) for end in group.ends])
-            turns = (turns[:, None] - against).reshape(4, -1)
-        return Weakest(bound, requirement, np.unique(turns, axis=0), shifts, tip)
+        examples = []
+        for end_A, end in enumerate(group.ends):
+            n = group.n[row, end_A]
+            drift = self._drift(requirement, group.ends[end_A], n)
+            turns = np.sum(self._levers.arms_towards(a, held, end) * n, axis=-1)
+            turns -= self._levers.drift(self._share * drift)
+            shifts = np.tile(-self._share * drift, (len(self._scene.centres), 1))
+            shifts[a] += n
+            tip = np.zeros(3) if group.of_B is not None else len(shifts) * self._share * drift - n
+            if group.of_B is None:
+                examples.append(Example(np.sign(turns), _units(shifts), _units(tip)))
+                continue
+            shifts[b] -= n
+            for other in group.ends:
+                against = np.sum(self._levers.arms_towards(b, a, other) * n, axis=-1)
+                examples.append(Example(np.sign(turns - against), _units(shifts), tip))
+        different = {b"".join(errors.tobytes() for errors in example): example for example in examples}
+        return Weakest(bound, requirement, tuple(different.values()))
+
+    def _drift(self, requirement: Requirement, end: int, n: Array) -> Array:
+        """Return how much a clearance grows, to first order, with a shift of the COM alone, shape (3,).
+
+        That turns v, and with it an axis along v by minus the part of the shift across v, over |v|.
+        """
+        if not self._turns(requirement):
+            return np.zeros(3)
+        v = self._scene.offset
+        along = v / self._offset
+        if isinstance(requirement.against, Cone):
+            cone, body = requirement.against, requirement.body.body
+            sin, cos = cone.sin_cos
+            q = body.centre(float(end)) - cone.apex
+            w = q - (q @ cone.axis) * cone.axis
+            wide = float(np.linalg.norm(w))
+            grows = (sin + cos * float(q @ cone.axis) / wide if wide > 0 else sin) * w  # ds / d(axis), across it
+        elif isinstance(requirement.against, Solid):
+            grows = -float(np.linalg.norm(requirement.against.body.d)) * n  # the far end of the path
+        return np.asarray(grows - (grows @ along) * along) / self._offset
 
 
 def _starts(against: Sequence[Solid | Cone | Hull], n: Array) -> Array:
@@ -232,3 +279,9 @@ def _starts(against: Sequence[Solid | Cone | Hull], n: Array) -> Array:
         if isinstance(each, Hull):
             starts[row] = (each.mesh.vertices @ n[row]).min()
     return starts
+
+
+def _units(v: Array) -> Array:
+    """Return vectors, shape (..., 3), as unit vectors; zero stays zero."""
+    length = np.linalg.norm(v, axis=-1, keepdims=True)
+    return np.asarray(v / np.where(length > 0, length, 1.0))
