@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -47,6 +48,18 @@ def clearance(one: ConeSphere, other: ConeSphere | Ball, beta: ca.SX) -> ca.SX:
     """
     candidates = _against_ball(one, other) if isinstance(other, Ball) else _against_segment(one, other)
     return log_sum_exp(candidates, beta) / (2 * (one.end_radius + other.end_radius))
+
+
+def clearance_of_all(one: ConeSphere, balls: Sequence[Ball], beta: ca.SX) -> ca.SX:
+    """Return the smooth clearance of some balls together, in l_arm near contact.
+
+    Every ball's f counts as the length that it is near contact, times twice the sum of the first one's radii.
+    """
+    scale = one.end_radius + balls[0].end_radius
+    candidates = [
+        scale / (one.end_radius + ball.end_radius) * f for ball in balls for f in _against_ball(one, ball)
+    ]
+    return log_sum_exp(candidates, beta) / (2 * scale)
 
 
 def _against_ball(one: ConeSphere, ball: Ball) -> list[ca.SX]:

@@ -18,6 +18,7 @@ from nlp.geometry import Swept, clearance, cone_clearance, hull_clearance
 from nlp.hinges import beyond_folds
 from nlp.point import Point
 from topo_search.model import LEAST_OFFSET, Directional, Exterior, Local, Module, needs_offset
+from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
 from topo_search.model.hulls import convex_hull
 
@@ -123,9 +124,17 @@ def _gaps(point: Point) -> Iterator[tuple[str, float]]:
         for a, b, length in zip(i.tolist(), j.tolist(), np.linalg.norm(p[i] - p[j], axis=1), strict=True):
             if (a, b) not in bolted:
                 yield names.separation(a, b), length - distance
+    if task.body_clearance is not None:
+        unbolted = point.topology.unbolted
+        yield from zip(
+            (names.rotor_airflow(i, j) for i, j in unbolted), beside_airflow(point).tolist(), strict=True
+        )
     if task.exclusion_radius is not None:
         gaps = np.linalg.norm(p - point.p_E, axis=1) - task.exclusion_radius
         yield from ((names.exclusion(a), gap) for a, gap in enumerate(gaps))
+    if task.body_clearance is not None:
+        gaps = clearance(envelopes, Swept(point.p_E, np.zeros(3), task.end_effector.rod_radius))
+        yield from ((names.tip_airflow(a), gap) for a, gap in enumerate(gaps))
 
     offset = point.p_E - point.p_COM
     for number, requirement in enumerate(task.exposure):
@@ -150,6 +159,17 @@ def _gaps(point: Point) -> Iterator[tuple[str, float]]:
                 half_angle = math.radians(requirement.half_angle_deg)
                 gaps = cone_clearance(envelopes, point.p_E, axis / np.linalg.norm(axis), half_angle)
                 yield from ((names.exposure(number, requirement, a), gap) for a, gap in enumerate(gaps))
+
+
+def beside_airflow(point: Point) -> Array:
+    """Return how clear balls around module i's parts are of module j's envelope, for all unbolted (i, j) [m]."""
+    (R, p), air, balls = point.poses, point.envelopes, part_cover(point.task.module)
+    i, j = np.array(point.topology.unbolted, dtype=np.intp).reshape(-1, 2).T
+    envelope, still = replace(air, o=air.o[j], d=air.d[j]), np.zeros(3)
+    least = np.full(len(i), math.inf)
+    for place, radius in zip(balls.centres, balls.radii.tolist(), strict=True):
+        least = np.minimum(least, clearance(envelope, Swept((p + R @ place)[i], still, radius)))
+    return least
 
 
 def _bounds(point: Point) -> Iterator[Violation]:

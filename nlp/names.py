@@ -51,6 +51,16 @@ def separation(i: int, j: int) -> str:
     return f"separation of modules {i} and {j}"
 
 
+def rotor_airflow(i: int, j: int) -> str:
+    """Name the clearance of module i's rotors, and of other parts of it, from the airflow of module j."""
+    return f"rotors of module {i} and airflow of module {j}"
+
+
+def tip_airflow(i: int) -> str:
+    """Name the clearance of the end-effector, as thick as its rod, from the airflow of module i."""
+    return f"end-effector and airflow of module {i}"
+
+
 def exclusion(i: int) -> str:
     """Name the end-effector's exclusion ball of module i."""
     return f"end-effector exclusion of module {i}"

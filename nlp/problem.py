@@ -17,19 +17,24 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
       = \tau_E + p'_E \times f_E + \tau_C + p_{COM} \times f_C               \quad \forall k         & (3) \\
     & \tilde\phi_{ij}(\beta) \ge 0                                           \quad \forall i < j     & (4) \\
     & \|p_i - p_j\| \ge d                          \quad \forall i < j \text{ not bolted together}   & (5) \\
-    & \|p_i - p'_E\| \ge d_E                                                 \quad \forall i         & (6) \\
+    & \tilde\phi_{j,\mathrm{parts}(i)}(\beta) \ge 0  \quad \forall i \ne j \text{ not bolted together}   & (6) \\
+    & \|p_i - p'_E\| \ge d_E                                                 \quad \forall i         & (7) \\
+    & \tilde\phi_{i,\mathrm{tip}}(\beta) \ge 0                                 \quad \forall i         & (8) \\
     & \tilde\phi_{i,\mathrm{sph}}(\beta),\ \tilde\phi_{i,\mathrm{cap}}(\beta) \ge 0,
-      \text{ hulls and the cone}                                                   \quad \forall i         & (7) \\
-    & 0 \le u_k \le \rho u_{max}, \quad \alpha_{min,i} \le \alpha_i \le \alpha_{max,i}                    & (8)
+      \text{ hulls and the cone}                                                   \quad \forall i         & (9) \\
+    & 0 \le u_k \le \rho u_{max}, \quad \alpha_{min,i} \le \alpha_i \le \alpha_{max,i}                    & (10)
 
 (3) is the paper's torque balance about the origin of W instead of the COM: the same constraint, since it differs
-from it by p_COM x (2), and much sparser. (5) is this project's body clearance, with d so large that no rigid parts
-can touch; with it the range of alpha_i is what the rotors leave of +-pi/2, which must not touch the module that
-their own is bolted to (`topo_search.model.folds`). Of several ranges a hinge keeps to the one that it starts in.
-Without (5) the range is +-pi/2, as in the paper. In the paper's ablation (5) holds for all pairs, with the
-separation as d, in place of (4). d_E is the paper's l_c, or the task's stand-off where that is larger; rho is the
-share of u_max that the task allows, in the paper 1. Every clearance of (4) to (7) keeps the
-margin.
+from it by p_COM x (2), and much sparser. (5), (6) and (8) are this project's body clearance. In (5) d is so large
+that no rigid parts can touch. (6) keeps the parts of module i, as far as they are outside its own envelope, out
+of the airflow of module j: balls that cover them, first those around the rotors
+(`topo_search.model.airflow_room`). (8) keeps the end-effector, a ball as thick as its rod, out of all airflow. With
+body clearance the range of alpha_i is what is left of +-pi/2 by the rotors of bolted modules, which must not touch
+the other module (`topo_search.model.folds`), and by all their parts, which must keep out of the other's airflow. Of
+several ranges a hinge keeps to the one that it starts in. Without body clearance the range is +-pi/2, as in the
+paper. In the paper's ablation (5) holds for all pairs, with the separation as d, in place of (4), and (6) and (8)
+are left out. d_E is the paper's l_c, or the task's stand-off where that is larger; rho is the share of u_max that
+the task allows, in the paper 1. Every clearance of (4) to (9) keeps the margin.
 """
 
 from __future__ import annotations
@@ -42,12 +47,13 @@ from itertools import combinations
 import casadi as ca
 
 from nlp import hinges, names
-from nlp.envelope import ConeSphere, clearance
+from nlp.envelope import Ball, ConeSphere, clearance, clearance_of_all
 from nlp.exposure import exposure_clearances
 from nlp.kinematics import Pose, poses
 from nlp.units import Units
 from nlp.wrench import force_residual, scaled, torque_residual
 from topo_search.model import LEAST_OFFSET, ResolvedTask, Topology, needs_offset
+from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
 
 
@@ -90,8 +96,14 @@ class Problem:
     """Bounds on the variables, in the order of `variables.vector()`; hinges have closer ones from a start on."""
 
 
-def problem(task: ResolvedTask, topology: Topology) -> Problem:
-    """Return the nonlinear program of a task for one topology."""
+def problem(task: ResolvedTask, topology: Topology, *, beside_airflow: bool = True) -> Problem:
+    """Return the nonlinear program of a task for one topology.
+
+    Args:
+        task: the task.
+        topology: the tree.
+        beside_airflow: whether (6) and (8) are stated; most points that meet all others meet them.
+    """
     n, K = topology.n, len(task.load_cases)
     module, unit = task.module, Units.of(task)
     l_c = module.connector_distance / unit.length
@@ -130,22 +142,25 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
         constraints.append(Constraint(names.force(k), force / n, 0.0, 0.0))
         constraints.append(Constraint(names.torque(k), torque / n, 0.0, 0.0))
 
-    # (4)-(7) clearances
+    # (4)-(9) clearances
     margin = task.search.margin / unit.length
-    for name, gap in _clearances(task, topology, modules, p_E=p_E, p_EB=p_E - p_COM, beta=beta, unit=unit):
+    clear = _clearances(
+        task, topology, modules, p_E=p_E, p_EB=p_E - p_COM, beta=beta, unit=unit, beside=beside_airflow
+    )
+    for name, gap in clear:
         constraints.append(Constraint(name, gap, margin))
     if any(needs_offset(requirement) for requirement in task.exposure):
         gap = distance_gap(p_E - p_COM, LEAST_OFFSET)
         constraints.append(Constraint(names.OFFSET, gap, 0.0))
 
-    # (8) bounds
+    # (10) bounds
     return Problem(variables, beta, objective, constraints, *variable_bounds(task, topology))
 
 
 def variable_bounds(
     task: ResolvedTask, topology: Topology, alpha: Array | None = None
 ) -> tuple[list[float], list[float]]:
-    """Return (8): lower and upper bounds on the variables, in the order of `Variables.vector()`.
+    """Return (10): lower and upper bounds on the variables, in the order of `Variables.vector()`.
 
     Hinges keep to the ranges nearest to alpha (n-1,) [rad]; without, to what holds all of their ranges.
     """
@@ -168,8 +183,10 @@ def _clearances(
     p_EB: ca.SX,
     beta: ca.SX,
     unit: Units,
+    beside: bool,
 ) -> Iterator[tuple[str, ca.SX]]:
-    """Yield the name and the expression of every clearance, in l_arm near contact."""
+    """Yield the name and the expression of every clearance, in l_arm near contact; `beside`: see `problem`."""
+    beside = beside and task.body_clearance is not None
     air = task.module.envelope
     length, r_air, dr_air = (value / unit.length for value in (air.length, air.start_radius, air.growth))
     envelopes = [ConeSphere(pose.p, -length * pose.z, r_air, dr_air) for pose in modules]
@@ -185,11 +202,22 @@ def _clearances(
         for i, j in separated:
             gap = distance_gap(modules[i].p - modules[j].p, distance / unit.length)
             yield names.separation(i, j), gap
-    if task.exclusion_radius is not None:  # (6)
+    if beside:  # (6)
+        balls = part_cover(task.module)
+        places, radii = (values / unit.length for values in balls)
+        for i, j in topology.unbolted:
+            pose = modules[i]
+            parts = [Ball(pose.p + pose.R @ ca.DM(x), r) for x, r in zip(places, radii.tolist(), strict=True)]
+            yield names.rotor_airflow(i, j), clearance_of_all(envelopes[j], parts, beta)
+    if task.exclusion_radius is not None:  # (7)
         for i, pose in enumerate(modules):
             gap = distance_gap(pose.p - p_E, task.exclusion_radius / unit.length)
             yield names.exclusion(i), gap
-    for number, requirement in enumerate(task.exposure):  # (7)
+    if beside:  # (8)
+        tip = Ball(p_E, task.end_effector.rod_radius / unit.length)
+        for i, envelope in enumerate(envelopes):
+            yield names.tip_airflow(i), clearance(envelope, tip, beta)
+    for number, requirement in enumerate(task.exposure):  # (9)
         for i, envelope in enumerate(envelopes):
             gaps = exposure_clearances(requirement, envelope, p_E=p_E, p_EB=p_EB, beta=beta, unit=unit)
             for segment, gap in gaps:

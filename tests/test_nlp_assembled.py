@@ -40,7 +40,8 @@ def test_values_and_derivatives_are_those_of_the_page(name):
     task = push(topology.n, **fields)
     page = problem(task, topology)
     pairs = np.array(list(combinations(range(topology.n), 2)), dtype=int).reshape(-1, 2)
-    assembly = Assembly(task, topology, pairs, BETA)
+    unbolted = np.array(topology.unbolted, dtype=int).reshape(-1, 2)
+    assembly = Assembly(task, topology, pairs, unbolted, BETA)
     rng = np.random.default_rng(5)
     variables = page.variables.vector()
     rows = ca.vertcat(*(constraint.expression for constraint in page.constraints))
@@ -71,7 +72,7 @@ def test_values_and_derivatives_are_those_of_the_page(name):
 @pytest.mark.parametrize("name", ["push", "60 degree cone", "two paths", "paper root", "no body clearance"])
 def test_both_programs_reach_the_same_point(name, monkeypatch):
     """With every pair, one round without move limits and the same options, Ipopt takes the same steps on both."""
-    for name_, value in {"NEAR": np.inf, "BOLD_LIMIT": np.inf, "ROUNDS": 1, "STAY": {}}.items():
+    for name_, value in {"NEAR": np.inf, "BESIDE": np.inf, "BOLD_LIMIT": np.inf, "ROUNDS": 1, "STAY": {}}.items():
         monkeypatch.setattr(f"nlp.assembled.program.{name_}", value)
     topology = Topology.from_key("a11210")
     task = push(5, **FEATURES[name])
@@ -117,7 +118,7 @@ def test_a_random_tree_of_thirty_modules_has_exact_derivatives():
     topology = random_tree(30, rng)
     task = push(30, exposure=FEATURES["several requirements"]["exposure"], search={"connectors": "any"})
     pairs = np.array(list(combinations(range(30), 2)))[::7]
-    assembly = Assembly(task, topology, pairs, BETA)
+    assembly = Assembly(task, topology, pairs, np.array(topology.unbolted)[::7], BETA)
     x = draw(task, topology, rng).pack()
     weight = rng.normal(size=assembly.rows)
     jacobian = ca.DM(assembly.jacobian_pattern, assembly.jacobian(x))

@@ -22,7 +22,14 @@ from nlp.assembled.balance import add_bends, balances, by_inputs, by_point, roto
 from nlp.assembled.carried import Carried, Differences, Indices, Mask, Platform
 from nlp.assembled.chain import Chain
 from nlp.assembled.chain_rule import add_curvature, add_gradients, chain_rule
-from nlp.assembled.terms import Term, airflow_formula, distance_formula, exposure_formulas
+from nlp.assembled.terms import (
+    Term,
+    airflow_formula,
+    distance_formula,
+    exposure_formulas,
+    parts_formula,
+    tip_formula,
+)
 from nlp.units import Units
 from nlp.wrench import torque_map
 from topo_search.model import LEAST_OFFSET, ResolvedTask, Topology, needs_offset
@@ -46,13 +53,15 @@ class Clearances:
 class Assembly:
     """The program of one task and topology with some pairs of envelopes, as numbers."""
 
-    def __init__(self, task: ResolvedTask, topology: Topology, pairs: Indices, beta: float) -> None:
+    def __init__(self, task: ResolvedTask, topology: Topology, pairs: Indices, blown: Indices, beta: float) -> None:
         """Index the program; no symbol of the topology is built.
 
         Args:
             task: the task.
             topology: the tree.
             pairs: envelope pairs to keep apart, shape (m, 2); ignored in the ablation.
+            blown: of modules that share no joint, those (i, j) of which i's parts are to be kept out of j's
+                airflow, shape (m, 2); ignored without body clearance.
             beta: sharpness of the log-sum-exp.
         """
         module, unit = task.module, Units.of(task)
@@ -72,7 +81,7 @@ class Assembly:
         weights = np.array([case.weight for case in task.load_cases])
         self._weights = weights / (4 * self.n * weights.sum())
         moved = Carried(self.n).moved(self._chain.moves.astype(bool), free=self._fixed is None)
-        self._clearances = [Clearances(term, moved, self.n) for term in _terms(task, topology, pairs, beta)]
+        self._clearances = [Clearances(term, moved, self.n) for term in _terms(task, topology, pairs, blown, beta)]
         self._index()
         margin = task.search.margin / unit.length
         self.lower = np.concatenate([np.zeros(6 * self.K), np.full(self.rows - 6 * self.K, margin)])
@@ -129,14 +138,14 @@ class Assembly:
         return np.concatenate([np.zeros(self.g), (2 * self._weights[:, None] * u).ravel()])
 
     def constraints(self, variables: Array) -> Array:
-        """Return (2) to (7)."""
+        """Return (2) to (9)."""
         at, u = self._at(variables)
         balance = balances(self._A, u, at.p_E, at.p_COM, self._f_E, self._f_C, self._tau)
         values = [placed.formula(0, placed.vectors.values(at))[0] for placed in self._clearances]
         return np.concatenate([balance.ravel(), *values])
 
     def jacobian(self, variables: Array) -> Array:
-        """Return the Jacobian of (2) to (7), its entries in the order of `jacobian_pattern`."""
+        """Return the Jacobian of (2) to (9), its entries in the order of `jacobian_pattern`."""
         at, u = self._at(variables)
         links, dp_E, dp_COM = at.links, at.dV[self.n], at.dV[self.n + 1]
         by_geometry = slopes(
@@ -152,7 +161,7 @@ class Assembly:
         """Return the Hessian of the Lagrangian, its entries in the order of `hessian_pattern` (upper triangle)."""
         at, u = self._at(variables)
         n, K, A, chain = self.n, self.K, self._A, self._chain
-        omega, v, p, z = at.links.omega, at.links.v, at.links.p, at.links.z
+        omega, v, p = at.links.omega, at.links.v, at.links.p
         mu = multipliers[: 6 * K].reshape(K, 6)
         H = np.zeros((self.g, self.g))
         to = np.zeros_like(at.V)
@@ -164,15 +173,15 @@ class Assembly:
             row += placed.m
             add_gradients(weights, gradient, placed.plus, placed.minus, to)
             add_curvature(weights, hessian, placed.plus, placed.minus, at.dV, placed.starts, placed.moving, H)
-        g_p, g_z = at.pushed_to_modules(to), to[n + 2 : 2 * n + 2]
-        add_bends(A, u, mu, omega, v, chain.parents, p, z, g_p, g_z, H)
+        g_p, g_axes = at.pushed_to_modules(to), to[n + 2 : -1]
+        add_bends(A, u, mu, omega, v, chain.parents, p, at.axes, g_p, g_axes, H)
         diagonal = 2 * of_objective * self._weights
         inputs = by_inputs(A, mu, omega, v, self._starts, self._angles, diagonal)
         return np.concatenate([H[self._rows, self._columns], inputs])
 
 
-def _terms(task: ResolvedTask, topology: Topology, pairs: Indices, beta: float) -> list[Term]:
-    """Return the clearances of (4) to (7) in the order of the page."""
+def _terms(task: ResolvedTask, topology: Topology, pairs: Indices, blown: Indices, beta: float) -> list[Term]:
+    """Return the clearances of (4) to (9) in the order of the page."""
     n, unit, air = topology.n, Units.of(task), task.module.envelope
     carried, everyone = Carried(n), np.arange(n)
     axis, nothing, offset = carried.axis, carried.nothing, (carried.tip, carried.com)
@@ -190,9 +199,17 @@ def _terms(task: ResolvedTask, topology: Topology, pairs: Indices, beta: float) 
     if distance is not None:
         i, j = np.array(separated, dtype=np.intp).reshape(-1, 2).T
         terms.append(Term(distance_formula(distance / unit.length), Differences.of((i, j))))
+    if task.body_clearance is not None and len(blown):
+        i, j = blown.T
+        x, y = carried.across(i)
+        vectors = Differences.of((i, j), (x, nothing), (y, nothing), (axis(i), nothing), (axis(j), nothing))
+        terms.append(Term(parts_formula(task.module, unit, beta), vectors))
     if task.exclusion_radius is not None:
         d_E = task.exclusion_radius / unit.length
         terms.append(Term(distance_formula(d_E), Differences.of((everyone, carried.tip))))
+    if task.body_clearance is not None:
+        vectors = Differences.of((everyone, carried.tip), (axis(everyone), nothing))
+        terms.append(Term(tip_formula(air, task.end_effector.rod_radius, unit, beta), vectors))
     for requirement in task.exposure:
         seen = [(everyone, carried.tip), (axis(everyone), nothing)]
         vectors = Differences.of(*seen, *([offset] if needs_offset(requirement) else []))

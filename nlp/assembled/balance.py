@@ -128,12 +128,12 @@ def add_bends(
     v: Array,
     parents: Indices,
     p: Array,
-    z: Array,
+    axes: Array,
     g_p: Array,
-    g_z: Array,
+    g_axes: Array,
     H: Array,
 ) -> None:
-    """Add the second derivatives by the angles of mu . balances and of what p and z move to H, upper triangle.
+    """Add the second derivatives by the angles of mu . balances and of what p and axes move to H, upper triangle.
 
     With j inward of k or the same, the second derivative of what a module carries is that of the inner angle of
     the derivative by the outer one, and linear in the sums of x y^T over the module's vectors x, where y is the
@@ -147,9 +147,9 @@ def add_bends(
         v: see the notation.
         parents: of the modules.
         p: positions of the modules, shape (n, 3).
-        z: their thrust axes, shape (n, 3).
+        axes: their axes, all z, then all x, then all y, shape (3n, 3).
         g_p: gradient by the positions, shape (n, 3).
-        g_z: gradient by the thrust axes, shape (n, 3).
+        g_axes: gradient by the axes, shape (3n, 3).
         H: is added to, shape (g, g).
     """
     n, K = len(A), len(u)
@@ -167,7 +167,9 @@ def add_bends(
                     N[i, a, b] += A[i, q, a] * by_a[3 + b]
         for a in range(3):
             for b in range(3):
-                T[i, a, b] += p[i, a] * g_p[i, b] + z[i, a] * g_z[i, b]
+                T[i, a, b] += p[i, a] * g_p[i, b]
+                for k in (i, n + i, 2 * n + i):
+                    T[i, a, b] += axes[k, a] * g_axes[k, b]
     for i in range(n - 1, 0, -1):
         T[parents[i]] += T[i]
         N[parents[i]] += N[i]

@@ -3,8 +3,8 @@
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | x | geometric unknowns: theta, then p'_E unless the task fixes it from the COM | (g,) | rad, l_arm |
-| V | carried vectors: p_0..p_{n-1}, p'_E, p_COM, z_0..z_{n-1}, and zero | (2n+3, 3) | l_arm, - |
-| dV | their derivatives by x | (2n+3, g, 3) | |
+| V | carried vectors: p_0..p_{n-1}, p'_E, p_COM, the modules' axes z, x and y, and zero | (4n+3, 3) | l_arm, - |
+| dV | their derivatives by x | (4n+3, g, 3) | |
 | y | local vectors of a clearance, V[plus] - V[minus] each; s of them | (s, 3) | |
 """
 
@@ -43,22 +43,27 @@ class Carried:
     @property
     def nothing(self) -> int:
         """Zero."""
-        return 2 * self.n + 2
+        return 4 * self.n + 2
 
     def axis(self, i: Indices) -> Indices:
         """z_i."""
         return self.n + 2 + i
 
+    def across(self, i: Indices) -> tuple[Indices, Indices]:
+        """x_i and y_i."""
+        return 2 * self.n + 2 + i, 3 * self.n + 2 + i
+
     def moved(self, moves: Mask, *, free: bool) -> Mask:
-        """Return which of the unknowns move each carried vector, shape (2n+3, g).
+        """Return which of the unknowns move each carried vector, shape (4n+3, g).
 
         Args:
             moves: [j, i]: angle j moves module i.
             free: p'_E is an unknown; else it stands where the modules' centroid takes it.
         """
         n, angles = self.n, len(moves)
-        mask = np.zeros((2 * n + 3, angles + (3 if free else 0)), dtype=bool)
-        mask[:n, :angles] = mask[n + 2 : 2 * n + 2, :angles] = moves.T
+        mask = np.zeros((4 * n + 3, angles + (3 if free else 0)), dtype=bool)
+        mask[:n, :angles] = moves.T
+        mask[n + 2 : -1, :angles] = np.tile(moves.T, (3, 1))
         mask[self.tip, angles:] = True
         mask[self.tip, :angles] = not free
         mask[self.com] = True
@@ -117,7 +122,9 @@ class Platform:
             free: p'_E is an unknown; else the modules carry it along.
         """
         self.links, self._share, self._free = links, share, free
-        self.V = _carry(links.p, links.z, tip, share, free)
+        self.axes = np.ascontiguousarray(links.R.transpose(2, 0, 1)[[2, 0, 1]].reshape(-1, 3))
+        """z, x and y of all modules, shape (3n, 3)."""
+        self.V = _carry(links.p, self.axes, tip, share, free)
 
     @property
     def p_E(self) -> Array:
@@ -135,13 +142,13 @@ class Platform:
     def dV(self) -> Array:
         """Derivatives of V by x."""
         links = self.links
-        return _derivatives(links.p, links.z, links.omega, links.v, links.chain.moves, self._share, self._free)
+        return _derivatives(links.p, self.axes, links.omega, links.v, links.chain.moves, self._share, self._free)
 
     def pushed_to_modules(self, gradients: Array) -> Array:
         """Return the gradient by the modules' positions, p_COM's and a carried p'_E's shares included, (n, 3).
 
         Args:
-            gradients: by V, shape (2n+3, 3).
+            gradients: by V, shape (4n+3, 3).
         """
         n = len(self.links.p)
         by_tip, by_com = gradients[n], gradients[n + 1]
@@ -153,13 +160,13 @@ class Platform:
 
 
 @njit(cache=True)
-def _carry(p: Array, z: Array, tip: Array, share: float, free: bool) -> Array:
+def _carry(p: Array, axes: Array, tip: Array, share: float, free: bool) -> Array:
     """Return V; see `Platform`."""
     n = len(p)
-    V = np.zeros((2 * n + 3, 3))
+    V = np.zeros((4 * n + 3, 3))
+    V[n + 2 : -1] = axes
     for i in range(n):
         V[i] = p[i]
-        V[n + 2 + i] = z[i]
         V[n + 1] += p[i] / n  # the centroid, until the COM is known
     V[n] = tip if free else tip + V[n + 1]
     V[n + 1] = share * V[n] + (1 - share) * V[n + 1]
@@ -180,10 +187,10 @@ def _differences(V: Array, plus: Indices, minus: Indices) -> Array:
 
 
 @njit(cache=True)
-def _derivatives(p: Array, z: Array, omega: Array, v: Array, moves: Array, share: float, free: bool) -> Array:
+def _derivatives(p: Array, axes: Array, omega: Array, v: Array, moves: Array, share: float, free: bool) -> Array:
     """Return dV; `share` is that of the end-effector in the COM."""
     n, angles = len(p), len(omega)
-    dV = np.zeros((2 * n + 3, angles + (3 if free else 0), 3))
+    dV = np.zeros((4 * n + 3, angles + (3 if free else 0), 3))
     tip, com = n, n + 1
     for j in range(angles):
         a, b, c = omega[j]
@@ -193,10 +200,11 @@ def _derivatives(p: Array, z: Array, omega: Array, v: Array, moves: Array, share
                 dV[i, j, 0] = b * w - c * y + v[j, 0]
                 dV[i, j, 1] = c * x - a * w + v[j, 1]
                 dV[i, j, 2] = a * y - b * x + v[j, 2]
-                x, y, w = z[i]
-                dV[n + 2 + i, j, 0] = b * w - c * y
-                dV[n + 2 + i, j, 1] = c * x - a * w
-                dV[n + 2 + i, j, 2] = a * y - b * x
+                for k in (i, n + i, 2 * n + i):
+                    x, y, w = axes[k]
+                    dV[n + 2 + k, j, 0] = b * w - c * y
+                    dV[n + 2 + k, j, 1] = c * x - a * w
+                    dV[n + 2 + k, j, 2] = a * y - b * x
                 dV[com, j] += dV[i, j] / n
         if not free:
             dV[tip, j] = dV[com, j]

@@ -97,4 +97,3 @@ class Links:
 
     def __init__(self, chain: Chain, R: Array, p: Array, omega: Array, v: Array) -> None:
         self.chain, self.R, self.p, self.omega, self.v = chain, R, p, omega, v
-        self.z = np.ascontiguousarray(R[:, :, 2])

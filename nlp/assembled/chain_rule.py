@@ -85,7 +85,7 @@ def add_curvature(
 
 @njit(cache=True)
 def add_gradients(multipliers: Array, gradient: Array, plus: Indices, minus: Indices, to: Array) -> None:
-    """Add gradients by local vectors, shape (m, s, 3), times multipliers, to those by V, shape (2n+3, 3)."""
+    """Add gradients by local vectors, shape (m, s, 3), times multipliers, to those by V, shape (4n+3, 3)."""
     for r in range(len(plus)):
         for part in range(plus.shape[1]):
             for axis in range(3):

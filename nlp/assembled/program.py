@@ -11,8 +11,8 @@ import numpy as np
 
 from nlp.assembled.assembly import Assembly
 from nlp.assembled.callbacks import Evaluated, Function
-from nlp.assembled.carried import Mask
-from nlp.evaluate import violations, worst
+from nlp.assembled.carried import Indices, Mask
+from nlp.evaluate import beside_airflow, violations, worst
 from nlp.finish import finish
 from nlp.geometry import Swept, clearance
 from nlp.ipopt import BETA, OPTIONS, Answer, answer_of
@@ -35,6 +35,11 @@ LEAST_MOVE_LIMIT = 0.04
 """Move limit below which a lost design is not sought any more [rad]."""
 NEAR = 6.0
 """Pairs of envelopes closer than this are kept apart in a round [l_arm]."""
+BESIDE = 0.3
+"""Parts nearer than this to the airflow of a module that is not bolted to theirs are kept out in a round [l_arm].
+
+Few designs that meet all else have any in there, so that most rounds do well without the others.
+"""
 ROUNDS = 14
 """Most rounds; the evaluation judges what is reached by then."""
 GAIN = 1e-4
@@ -56,6 +61,7 @@ class AssembledProgram:
         """Keep what a solve needs; nothing expensive is built."""
         self._task, self._topology = task, topology
         self._pairs = np.array(list(combinations(range(topology.n), 2)), dtype=np.intp).reshape(-1, 2)
+        self._unbolted = np.array(topology.unbolted, dtype=np.intp).reshape(-1, 2)
 
     def solve(self, start: Point) -> Answer:
         """Return the best point of all rounds, with the iterations of all rounds.
@@ -104,8 +110,15 @@ class AssembledProgram:
         near: Mask = clearance(one, other) < NEAR * self._task.module.arm_length
         return near
 
+    def beside(self, point: Point) -> Indices:
+        """Return the pairs (i, j) of which a round from here keeps i's parts out of j's airflow, shape (m, 2)."""
+        if self._task.body_clearance is None:
+            return self._unbolted[:0]
+        return self._unbolted[beside_airflow(point) < BESIDE * self._task.module.arm_length]
+
     def _round(self, start: Point, limit: float, *, warm: bool) -> Answer:
-        assembly = Assembly(self._task, self._topology, self._pairs[self.near(start)], BETA)
+        pairs, blown = self._pairs[self.near(start)], self.beside(start)
+        assembly = Assembly(self._task, self._topology, pairs, blown, BETA)
         solver, functions = _ipopt(assembly, {**STAY, **WARM} if warm else STAY)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
         hinges = slice(3, 3 + len(start.alpha))

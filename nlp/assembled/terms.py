@@ -24,10 +24,11 @@ from numba import njit
 from nlp.assembled.candidates import smooth_least
 from nlp.assembled.carried import Differences
 from nlp.assembled.vectors import dot
-from nlp.envelope import ConeSphere
+from nlp.envelope import Ball, ConeSphere, clearance, clearance_of_all
 from nlp.exposure import exposure_clearances
 from nlp.units import Units
-from topo_search.model import AirflowEnvelope, Directional, Exterior, Local, needs_offset
+from topo_search.model import AirflowEnvelope, Directional, Exterior, Local, Module, needs_offset
+from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
 
 Jet = list[Array]
@@ -181,14 +182,37 @@ def distance_formula(distance: float) -> Formula:
 
 
 @cache
+def parts_formula(module: Module, unit: Units, beta: float) -> Formula:
+    """Return the smooth clearance of i's parts from j's airflow as a formula of p_i - p_j, x_i, y_i, z_i, z_j."""
+    w, x, y, z, z_j = (ca.SX.sym(name, 3) for name in ("w", "x", "y", "z", "z_j"))
+    balls, R = part_cover(module), ca.horzcat(x, y, z)
+    parts = [
+        Ball(w + R @ ca.DM(place), radius)
+        for place, radius in zip(balls.centres / unit.length, (balls.radii / unit.length).tolist(), strict=True)
+    ]
+    gap = clearance_of_all(_envelope(module.envelope, unit, ca.SX.zeros(3), z_j), parts, ca.SX(beta))
+    return _joined(Mapped(ca.vertcat(w, x, y, z, z_j), gap))
+
+
+@cache
+def tip_formula(air: AirflowEnvelope, rod_radius: float, unit: Units, beta: float) -> Formula:
+    """Return the smooth clearance of the end-effector from an airflow as a formula of p_i - p'_E, z_i."""
+    q, z = ca.SX.sym("q", 3), ca.SX.sym("z", 3)
+    tip = Ball(ca.SX.zeros(3), rod_radius / unit.length)
+    return _joined(Mapped(ca.vertcat(q, z), clearance(_envelope(air, unit, q, z), tip, ca.SX(beta))))
+
+
+def _envelope(air: AirflowEnvelope, unit: Units, o: ca.SX, z: ca.SX) -> ConeSphere:
+    return ConeSphere(o, -air.length / unit.length * z, air.start_radius / unit.length, air.growth / unit.length)
+
+
+@cache
 def exposure_formulas(
     requirement: Local | Directional | Exterior, air: AirflowEnvelope, unit: Units, beta: float
 ) -> tuple[Formula, ...]:
     """Return each row of an exposure requirement as a formula of p_i - p'_E, z_i and, if it needs it, p_E."""
     q, z, p_EB = ca.SX.sym("q", 3), ca.SX.sym("z", 3), ca.SX.sym("p_E", 3)
-    envelope = ConeSphere(
-        q, -air.length / unit.length * z, air.start_radius / unit.length, air.growth / unit.length
-    )
+    envelope = _envelope(air, unit, q, z)
     gaps = exposure_clearances(requirement, envelope, p_E=ca.SX.zeros(3), p_EB=p_EB, beta=ca.SX(beta), unit=unit)
     rows = [row for _, gap in gaps for row in ca.vertsplit(gap)]
     variables = ca.vertcat(q, z, p_EB) if needs_offset(requirement) else ca.vertcat(q, z)

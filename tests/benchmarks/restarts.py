@@ -22,9 +22,9 @@ import numpy as np
 from nlp.bounds import prove_impossible
 from nlp.evaluate import violations, worst
 from nlp.finish import finish
+from nlp.hinges import within
 from nlp.placing import place
 from nlp.point import Point, fixed_end_effector
-from nlp.problem import hinge_limit
 from nlp.program import Program, program
 from nlp.starts import PLACED_FROM, draw, generator, with_inputs
 from topo_search.model import ResolvedTask, Topology
@@ -101,9 +101,9 @@ def strategies(task: ResolvedTask, topology: Topology, starts: int, sizes: list[
 def displaced(point: Point, by: float, rng: np.random.Generator) -> Point:
     """Return a start near a point."""
     task, topology = point.task, point.topology
-    right, turn = np.pi / 2, hinge_limit(task)
+    right = np.pi / 2
     root = point.root + by * rng.normal(size=3)
-    alpha = np.clip(point.alpha + by * rng.normal(size=topology.n - 1), -turn, turn)
+    alpha = within(task, topology, point.alpha + by * rng.normal(size=topology.n - 1))
     if topology.n >= PLACED_FROM:
         alpha = place(task, topology, alpha, rng)
     p_E = point.p_E + by * task.module.connector_distance * rng.normal(size=3)

@@ -72,6 +72,12 @@ def nearest_fold(folds: Folds, phi: Array) -> Array:
     return result
 
 
+def common(some: Folds, others: Folds) -> Folds:
+    """Return the folds that two sets of intervals have in common."""
+    both = ((max(a, c), min(b, d)) for a, b in some for c, d in others)
+    return tuple(sorted((low, high) for low, high in both if low <= high))
+
+
 def in_words(folds: Folds, unit: str) -> str:
     """Return how far hinges turn, in degrees with a unit as it is to be written."""
     mirrored = tuple((-high, -low) for low, high in reversed(folds)) == folds
@@ -128,20 +134,20 @@ def _searched(module: Module, margin: float) -> Folds:
         open_ = phi[np.abs(slack) < 1.0]
         h /= 2
         phi = np.concatenate([open_ - h, open_ + h])
-    return _joined(clear + [(-high, -low) for low, high in clear] if even else clear)
+    return joined(clear + [(-high, -low) for low, high in clear] if even else clear)
 
 
-def _joined(intervals: list[tuple[float, float]]) -> Folds:
+def joined(intervals: list[tuple[float, float]]) -> Folds:
     """Return intervals with those that share an end put together."""
-    joined: list[tuple[float, float]] = []
+    found: list[tuple[float, float]] = []
     for low, high in sorted(intervals):
-        if joined and low - joined[-1][1] < ROUNDING:
-            low, _ = joined.pop()
-        joined.append((low, high))
+        if found and low - found[-1][1] < ROUNDING:
+            low, _ = found.pop()
+        found.append((low, high))
     right = math.pi / 2
     return tuple(
         (-right if right + low < ROUNDING else low, right if right - high < ROUNDING else high)
-        for low, high in joined
+        for low, high in found
     )
 
 

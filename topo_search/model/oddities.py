@@ -179,11 +179,13 @@ def _search(task: Task) -> Iterator[Oddity]:
     folds = task.folds(margin)
     if not folds:
         yield Oddity(
-            "module.body", "at no hinge angle is it sure that rotors keep off the module bolted to their own"
+            "module.body",
+            "at no hinge angle is it sure that rotors keep off a bolted neighbour and its airflow",
         )
     elif folds != ((-math.pi / 2, math.pi / 2),):
         yield Oddity(
-            "module.body", f"hinges turn by {in_words(folds, ' deg')}: rotors reach the module bolted to their own"
+            "module.body",
+            f"hinges turn by {in_words(folds, ' deg')}: rotors reach a bolted neighbour or its airflow",
         )
     if margin == 0:
         yield Oddity("search.margin", "with 0, clearances that touch can be too close for the audit to call clear")

@@ -17,10 +17,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
 
+from topo_search.model.airflow_room import airflow_folds
 from topo_search.model.bad_input import shown
 from topo_search.model.end_effector import EndEffector
 from topo_search.model.exposure import LEAST_OFFSET, Exposure, needs_offset
-from topo_search.model.folds import Folds, clear_folds
+from topo_search.model.folds import Folds, clear_folds, common
 from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import LoadCase, ten_wrenches
 from topo_search.model.module import Module
@@ -205,12 +206,16 @@ class Task(Value):
         return None if asked is None else max(asked, 2 * body_radius(self.module))
 
     def folds(self, margin: float = 0.0) -> Folds:
-        """Return what the search folds hinges to: +-pi/2, or with body clearance what rotors leave of it [rad].
+        """Return what the search folds hinges to: +-pi/2, or with body clearance what parts leave of it [rad].
+
+        Rotors keep off the neighbour's parts, and all parts out of its airflow.
 
         Args:
-            margin: what rotors keep clear of the neighbour's parts by at least [m].
+            margin: what they keep clear by at least [m].
         """
-        return ((-math.pi / 2, math.pi / 2),) if self.body_clearance is None else clear_folds(self.module, margin)
+        if self.body_clearance is None:
+            return ((-math.pi / 2, math.pi / 2),)
+        return common(clear_folds(self.module, margin), airflow_folds(self.module, margin))
 
     def at(self, level: Level) -> Task:
         """Return the task with its goals held at a level: a task without goals."""

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import permutations
 
 import networkx as nx
 
@@ -115,6 +116,11 @@ class Topology:
     def bolted(self) -> frozenset[tuple[int, int]]:
         """The pairs (h, i), h < i, of modules that share a joint."""
         return frozenset((h, i) for h, i, _, _ in self.edges())
+
+    @cached_property
+    def unbolted(self) -> tuple[tuple[int, int], ...]:
+        """The ordered pairs (i, j) of two modules that share no joint."""
+        return tuple((i, j) for i, j in permutations(range(self.n), 2) if (min(i, j), max(i, j)) not in self.bolted)
 
     @cached_property
     def free_connectors(self) -> tuple[tuple[int, int], ...]:

@@ -162,7 +162,7 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         *([] if search.peak_input == 1 else [("rotor inputs", f"at most {figures(search.peak_input)} u_max")]),
         ("interference", apart),
         ("centres of modules not bolted together", centres),
-        ("hinge angles", in_words(folds, "°") if folds else "none, lest rotors touch"),
+        ("hinge angles", in_words(folds, "°") if folds else "none, lest rotors touch or get into airflow"),
     )
 
 
