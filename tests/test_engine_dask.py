@@ -12,7 +12,7 @@ from dask_cluster import Cluster, free_port
 from engine_jobs import LONG, environment, misbehave, pause, report_pid, square
 from processes import eventually, gone
 
-from topo_search.engine import DaskWorkers, Failed, WorkersLost, dask_workers
+from topo_search.engine import DaskWorkers, Failed, WorkersLost, dask_connection
 from topo_search.engine.dask_guard import TRIM
 from topo_search.model import BadInput
 
@@ -75,7 +75,7 @@ def test_a_scheduler_that_ends_is_named(tmp_path):
 
 
 def test_no_scheduler_at_an_address(monkeypatch):
-    monkeypatch.setattr(dask_workers, "CONNECT", 1.0)
+    monkeypatch.setattr(dask_connection, "CONNECT", 1.0)
     address = f"tcp://127.0.0.1:{free_port()}"
     with DaskWorkers(address, {}) as workers:
         assert list(workers.run(square, [], deadline=lambda _: LONG)) == []  # nothing to do, nobody to ask

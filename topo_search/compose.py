@@ -17,12 +17,14 @@ import nlp
 import verify
 from topo_search.engine import (
     AuditDesign,
+    Certificates,
     DaskWorkers,
     Failed,
     Outcome,
     Verbs,
     Workers,
     audit_deadline,
+    computing_versions,
 )
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.files import read_json, read_task, write_atomically
@@ -76,6 +78,7 @@ def search(
     seed: int = 0,
     workers: int | None = None,
     dask: str | None = None,
+    dask_tls: Certificates | None = None,
     time_limit: float = math.inf,
     observer: Observer | None = None,
 ) -> Answer:
@@ -92,14 +95,18 @@ def search(
         starts: starts of each candidate, or of the best if not all are proposed; default: the solver's.
         seed: draws the starts and the proposals.
         workers: worker processes; default: the cores available. They change nothing but the time it takes.
-        dask: the address of a Dask scheduler, tcp://HOST:PORT, whose workers take the place of processes here.
+        dask: the address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT, whose workers take the place of
+            processes here; tcp trusts whoever answers there, for what comes back is unpickled.
+        dask_tls: certificates for tls; default: those of Dask's own configuration.
         time_limit: seconds after which no more is solved.
         observer: is told of the progress.
 
     Raises:
-        BadInput: the task, the folder or the address cannot be used, or there are too many candidates to solve all.
+        BadInput: the task, the folder, the address or a certificate cannot be used, or there are too many
+            candidates to solve all.
         ValueError: no starts or trials, or a strategy or sampler that there is not.
-        WorkersLost: workers do not start, or the Dask scheduler does not answer, or is gone; results are kept.
+        WorkersLost: workers do not start or do not come back, or the Dask scheduler does not answer, or is gone;
+            results are kept.
     """
     request = Request(
         _task(task),
@@ -114,7 +121,7 @@ def search(
     _refuse_endless(request)
     path = RUNS / request.folder_name if out is None else Path(out)
     observer = observer or Silent()
-    with _engine(workers, dask, request.versions, observer) as engine:
+    with _engine(workers, dask, dask_tls, request.versions, observer) as engine:
         return run(
             request, path, VERBS, engine=engine, time_limit=time_limit, observer=observer, report=_write_page
         )
@@ -134,14 +141,21 @@ def _refuse_endless(request: Request) -> None:
 
 
 def _engine(
-    workers: int | None, dask: str | None, versions: Mapping[str, str], observer: Observer
+    workers: int | None,
+    dask: str | None,
+    certificates: Certificates | None,
+    versions: Mapping[str, str],
+    observer: Observer,
 ) -> Workers | DaskWorkers:
     """Return where jobs run: in processes of this machine, or in the workers of a Dask scheduler."""
     if dask is None:
+        if certificates is not None:
+            raise BadInput("dask_tls", [Fault("", "certificates need the address of a Dask scheduler, in dask")])
         return Workers(workers or available_cores())
     if workers is not None:
         raise BadInput("workers", [Fault("", "cannot be chosen with dask: all workers of the scheduler are used")])
-    return DaskWorkers(dask, versions, note=observer.note)
+    same = {**computing_versions(), **versions}
+    return DaskWorkers(dask, same, note=observer.note, certificates=certificates)
 
 
 def write_report(source: str | Path, *, out: str | Path | None = None) -> Path:

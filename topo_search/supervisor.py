@@ -15,6 +15,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -113,17 +114,21 @@ def _wait(child: int, orderly: int) -> int:
     """Wait for the child, and return the exit status of the command."""
     asked = killed = False
 
+    def send(number: int) -> None:
+        with suppress(ProcessLookupError):  # it has just ended
+            os.kill(child, number)
+
     def kill(number: int, frame: FrameType | None) -> None:
         nonlocal killed
         killed = True
-        os.kill(child, signal.SIGKILL)
+        send(signal.SIGKILL)
 
     def pass_on(number: int, frame: FrameType | None) -> None:
         nonlocal asked
         if not asked:
             asked = True
             signal.setitimer(signal.ITIMER_REAL, GRACE)
-        os.kill(child, number)
+        send(number)
 
     signal.signal(signal.SIGALRM, kill)
     for number in STOPS:

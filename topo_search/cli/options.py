@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from topo_search.engine import Certificates
     from topo_search.model import Task
     from topo_search.model.oddities import Oddity
 
@@ -38,8 +39,20 @@ time_limit = click.option(
 workers = click.option(
     "--workers", type=click.IntRange(min=1), help="Worker processes (default: the cores available)."
 )
-dask = click.option(
-    "--dask", metavar="tcp://HOST:PORT", help="Address of a Dask scheduler, whose workers then solve."
+_dask = (
+    click.option(
+        "--dask", metavar="tcp|tls://HOST:PORT", help="Address of a Dask scheduler, whose workers then solve."
+    ),
+    *(
+        click.option(
+            f"--dask-{name}", type=click.Path(path_type=Path), metavar="FILE", help=f"With tls://: {text}."
+        )
+        for name, text in (
+            ("ca", "certificate (PEM) of the authority that signed all others"),
+            ("cert", "certificate of this end"),
+            ("key", "private key of this end"),
+        )
+    ),
 )
 connectors = click.option("--connectors", type=click.Choice(["aligned", "any"]), help="Ports that a child may use.")
 root = click.option("--root", type=click.Choice(["free", "paper"]), help="Orientations of the root module.")
@@ -72,6 +85,24 @@ def _sizes(context: click.Context, parameter: click.Parameter, value: str | None
 def modules(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the option for the number of modules."""
     return click.option("--modules", callback=_sizes, metavar="N|LO-HI", help="Number of modules.")(function)
+
+
+def dask(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options for a Dask cluster."""
+    for option in reversed(_dask):
+        function = option(function)
+    return function
+
+
+def certificates(ca: Path | None, cert: Path | None, key: Path | None) -> Certificates | None:
+    """Return the certificates that the options of `dask` name: all of them, or none."""
+    from topo_search.engine import Certificates
+
+    if ca is None and cert is None and key is None:
+        return None
+    if ca is None or cert is None or key is None:
+        raise click.UsageError("--dask-ca, --dask-cert and --dask-key go together")
+    return Certificates(ca, cert, key)
 
 
 def asked(task: str, settings: tuple[str, ...], *, paper: bool = False, **fields: str | None) -> Task:

@@ -75,6 +75,9 @@ def run(
     seed: int,
     workers: int | None,
     dask: str | None,
+    dask_ca: Path | None,
+    dask_cert: Path | None,
+    dask_key: Path | None,
     out: Path | None,
     root: str | None,
     connectors: str | None,
@@ -87,11 +90,13 @@ def run(
     What is odd about the task, which `check` warns about, is told first, on stderr.
 
     Exit status: 0 audited design found; 1 designs found, but none passed its audit;
-    2 bad input; 3 no design found, with the reasons; 70 no workers: they do not start, or the
-    Dask scheduler does not answer, or is gone (all results are kept, and the same command resumes).
+    2 bad input; 3 no design found, with the reasons; 70 no workers: they do not start or do not come
+    back, or the Dask scheduler does not answer, or is gone (all results are kept, and the same command resumes).
     """
     if strategy == "exhaustive" and (sampler or trials):
         raise click.UsageError("--sampler and --trials go with --strategy optuna")
+    if dask is None and (dask_ca or dask_cert or dask_key):
+        raise click.UsageError("--dask-ca, --dask-cert and --dask-key go with --dask")
     if strategy == "optuna" and prune:
         raise click.UsageError("--prune goes with --strategy exhaustive")
     with explained(resumes=True):
@@ -115,6 +120,7 @@ def run(
                 seed=seed,
                 workers=workers,
                 dask=dask,
+                dask_tls=options.certificates(dask_ca, dask_cert, dask_key),
                 time_limit=math.inf if time_limit is None else time_limit,
                 observer=observer,
             )

@@ -1,5 +1,7 @@
 """The search engine: solves candidates in worker processes and hands their outcomes on, storing nothing."""
 
+from topo_search.engine.dask_guard import computing_versions
+from topo_search.engine.dask_tls import Certificates
 from topo_search.engine.dask_workers import DaskWorkers
 from topo_search.engine.engine import Engine, WorkersLost
 from topo_search.engine.exhaustive import exhaustive, may_beat
@@ -14,6 +16,7 @@ from topo_search.engine.workers import Workers, audit_deadline, solve_deadline
 
 __all__ = [
     "AuditDesign",
+    "Certificates",
     "DaskWorkers",
     "Engine",
     "Failed",
@@ -30,6 +33,7 @@ __all__ = [
     "Workers",
     "WorkersLost",
     "audit_deadline",
+    "computing_versions",
     "exhaustive",
     "may_beat",
     "merge",

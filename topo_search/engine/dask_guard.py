@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import os
 import pickle
+import platform
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib import metadata
 from multiprocessing import current_process
 
 from topo_search.engine.engine import WorkersLost
@@ -20,6 +22,22 @@ from topo_search.engine.workers import Workers
 
 BATCH = 2.0
 """How long a batch of jobs should take [s]: long beside the moment in which a child waits for the next one."""
+
+COMPUTING = (
+    "topo-search",
+    "casadi",
+    "llvmlite",
+    "networkx",
+    "numba",
+    "numpy",
+    "pydantic",
+    "python-fcl",
+    "scipy",
+    "trimesh",
+)
+"""Distributions that a job computes with, from the task to the audit; Python counts with them."""
+PYTHON = "Python"
+"""The name of its version among theirs."""
 
 TRIM = "MALLOC_TRIM_THRESHOLD_"
 """Dask sets it for its workers, which may hold much data: the C library then gives memory back to the system as
@@ -100,16 +118,22 @@ def _call(call: tuple[int, bytes]) -> bytes | WorkersLost:
     return pickle.dumps(function(job))
 
 
+def computing_versions() -> dict[str, str]:
+    """Return the versions that every Dask worker must have: those of what computes here."""
+    return {PYTHON: platform.python_version(), **{name: metadata.version(name) for name in COMPUTING}}
+
+
 def find_fault(versions: Mapping[str, str]) -> Callable[[], str | None]:
     """Return a function that says what keeps a Dask worker from being used, if anything does.
 
     It is sent by value and needs only Python's own library, for the worker may lack this package.
 
     Args:
-        versions: that it must have, of the distributions that can change a result.
+        versions: that it must have, of the distributions that can change a result, and of Python.
     """
 
     def fault() -> str | None:
+        import platform
         from importlib import metadata
         from multiprocessing import current_process
 
@@ -120,7 +144,7 @@ def find_fault(versions: Mapping[str, str]) -> Callable[[], str | None]:
             )
         for name, version in versions.items():
             try:
-                found = metadata.version(name)
+                found = platform.python_version() if name == "Python" else metadata.version(name)
             except metadata.PackageNotFoundError:
                 return f"has no {name}: it needs {version}, as here"
             if found != version:

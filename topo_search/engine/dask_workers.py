@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import math
 import pickle
-import re
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import islice
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
+from topo_search.engine.dask_connection import Connection
 from topo_search.engine.dask_guard import BATCH, Batch, Ended, find_fault, run_guarded
+from topo_search.engine.dask_tls import Certificates
 from topo_search.engine.engine import Engine, J, R, WorkersLost
 from topo_search.engine.verbs import Failed
-from topo_search.model import BadInput, Fault
 
-if TYPE_CHECKING:
-    from distributed import Client
-
-CONNECT = 60.0
-"""How long the scheduler may take to answer: it may only just be starting [s]."""
+RETURN = 600.0
+"""How long Dask workers are waited for when all have left: a scheduler that was restarted may get none [s]."""
 LOOK = 1.0
 """How often it is asked for its workers [s]."""
 LARGEST_BATCH = 50
@@ -36,26 +33,31 @@ class DaskWorkers(Engine):
     """
 
     def __init__(
-        self, address: str, versions: Mapping[str, str], *, note: Callable[[str], None] = lambda _: None
+        self,
+        address: str,
+        versions: Mapping[str, str],
+        *,
+        note: Callable[[str], None] = lambda _: None,
+        certificates: Certificates | None = None,
     ) -> None:
         """Name the cluster.
 
         Args:
             address: the scheduler's, such as tcp://10.0.0.1:8786.
-            versions: of the distributions that can change a result; every worker must have the same.
+            versions: of what can change a result; every worker must have the same.
             note: is told what the user waits for.
+            certificates: of an address that begins with tls://; None: as Dask's own configuration has them.
 
         Raises:
-            BadInput: it is no address.
+            BadInput: it is no address, or its certificates are missing, or of no use.
         """
-        if re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", address) is None:
-            rule = f"must be the address of a Dask scheduler, tcp://HOST:PORT, but got {address!r}"
-            raise BadInput("dask", [Fault("", rule)])
+        self._connection = Connection(address, certificates)
         self.address = address
         self._versions = dict(versions)
         self._note = note
-        self._client: Client | None = None
         self._looked = -math.inf
+        self._left: float | None = None
+        """When the last Dask worker left."""
         self._known: set[str] = set()
         self._threads = 0
 
@@ -65,9 +67,7 @@ class DaskWorkers(Engine):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._client is not None:
-            self._client.close(timeout=LOOK)
-            self._client = None
+        self._connection.close()
 
     def run(
         self,
@@ -127,7 +127,7 @@ class DaskWorkers(Engine):
                     yield sent, ended
                 batch = batch or draw()
         finally:
-            if self._client is not None and self._client.status == "running":
+            if self._connection.stands:
                 for future in running:
                     future.cancel()
 
@@ -135,39 +135,30 @@ class DaskWorkers(Engine):
         """Find out how many jobs the Dask workers can run at a time, if that was not done just now.
 
         Raises:
-            WorkersLost: there is no scheduler, or a Dask worker that cannot be used.
+            WorkersLost: there is no scheduler, or a Dask worker that cannot be used, or none has come back.
         """
         if time.monotonic() - self._looked < LOOK:
             return
-        first = self._client is None
-        client = self._connected()
-        try:
-            threads: dict[str, int] = client.nthreads()
-            joined = [address for address in threads if address not in self._known]
-            faults = client.run(find_fault(self._versions), workers=joined, on_error="ignore") if joined else {}
-        except OSError:
-            raise self._gone() from None
-        for address, fault in faults.items():
+        first = not self._connection.made
+        threads = self._connection.threads()
+        joined = [address for address in threads if address not in self._known]
+        for address, fault in self._connection.run(find_fault(self._versions), joined).items():
             if fault is not None:
                 raise WorkersLost(f"the Dask worker {address} {fault}")
         self._known = set(threads)
-        if not threads and (first or self._threads):
-            self._note(f"the Dask scheduler at {self.address} has no workers; it waits for the first to join")
-        self._threads = sum(threads.values())
         self._looked = time.monotonic()
-
-    def _connected(self) -> Client:
-        """Return the connection to the scheduler; the first call makes it."""
-        from distributed import Client
-
-        if self._client is None:
-            try:
-                self._client = Client(self.address, timeout=CONNECT, set_as_default=False)
-            except OSError as error:
-                raise WorkersLost(f"no Dask scheduler answers at {self.address}: {error}") from None
-        if self._client.status != "running":
-            raise self._gone()
-        return self._client
+        if threads:
+            self._left = None
+        elif first:
+            self._note(f"the Dask scheduler at {self.address} has no workers; it waits for the first to join")
+        elif self._threads:
+            self._left = self._looked
+            self._note(
+                f"all workers have left the Dask scheduler at {self.address}; it waits {RETURN:.0f} s for one"
+            )
+        elif self._left is not None and self._looked - self._left > RETURN:
+            raise WorkersLost(f"no worker has come back to the Dask scheduler at {self.address} in {RETURN:.0f} s")
+        self._threads = sum(threads.values())
 
     def _send(
         self, function: Callable[[J], R], batch: list[J], deadline: Callable[[J], float], until: float
@@ -179,15 +170,14 @@ class DaskWorkers(Engine):
             seconds=until - time.monotonic(),
             versions=self._versions,
         )
-        future: Future[Ended] = self._connected().get_executor(pure=False).submit(run_guarded, sent)
-        return future
+        return self._connection.submit(run_guarded, sent)
 
     def _ended(self, future: Future[Ended]) -> Ended | Failed:
         """Return what came back of a batch."""
         from distributed import KilledWorker
 
         if future.cancelled():
-            raise self._gone()
+            raise self._connection.gone()
         error = future.exception()
         if isinstance(error, KilledWorker):
             return Failed(
@@ -199,9 +189,6 @@ class DaskWorkers(Engine):
             fault = f"{type(error).__name__}: {error}"
             raise WorkersLost(f"the Dask cluster at {self.address} cannot take jobs ({fault})")
         return future.result()
-
-    def _gone(self) -> WorkersLost:
-        return WorkersLost(f"the Dask scheduler at {self.address} is gone")
 
 
 def _results(batch: list[J], ended: Ended) -> Iterator[tuple[J, Any]]:

@@ -1,0 +1,129 @@
+"""The connection to a Dask scheduler, which answers in a time that is stated, or is lost."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from topo_search.engine.dask_tls import Certificates, security_of
+from topo_search.engine.engine import WorkersLost
+from topo_search.model import BadInput, Fault
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+T = TypeVar("T")
+
+CONNECT = 60.0
+"""How long the scheduler may take to answer: it may only just be starting [s]."""
+CLOSE = 1.0
+"""How long it is told that the connection ends [s]."""
+
+
+class Connection:
+    """A client of a Dask scheduler, made when it is first needed."""
+
+    def __init__(self, address: str, certificates: Certificates | None) -> None:
+        """Name the scheduler.
+
+        Raises:
+            BadInput: it is no address, or its certificates are missing, or of no use.
+        """
+        if re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", address) is None:
+            rule = f"must be the address of a Dask scheduler, tcp://HOST:PORT, but got {address!r}"
+            raise BadInput("dask", [Fault("", rule)])
+        self.address = address
+        self._security = security_of(address, certificates)
+        self._client: Client | None = None
+
+    @property
+    def made(self) -> bool:
+        """Whether it was made."""
+        return self._client is not None
+
+    @property
+    def stands(self) -> bool:
+        """Whether the scheduler can be spoken to."""
+        return self._client is not None and self._client.status == "running"
+
+    def client(self) -> Client:
+        """Return the client; the first call connects it.
+
+        Raises:
+            WorkersLost: nobody answers, or the scheduler is gone.
+        """
+        if self._client is None:
+            self._client = self._connected()
+        if not self.stands:
+            raise self.gone()
+        return self._client
+
+    def _connected(self) -> Client:
+        """Connect. Dask's own limit is none for a scheduler that accepts the connection and then says nothing."""
+        from distributed import Client
+
+        def connect() -> Client:
+            return Client(self.address, timeout=CONNECT, set_as_default=False, security=self._security)
+
+        try:
+            return _within(CONNECT, connect)
+        except TimeoutError as error:
+            why = str(error) or f"nobody did within {CONNECT:.0f} s"
+        except OSError as error:
+            why = str(error)
+        raise WorkersLost(f"no Dask scheduler answers at {self.address}: {why}")
+
+    def threads(self) -> dict[str, int]:
+        """Return how many jobs each Dask worker runs at a time."""
+        return self._answer(self.client().nthreads)
+
+    def run(self, function: Callable[[], T], workers: Iterable[str]) -> dict[str, T]:
+        """Return what a function returns in each of some Dask workers; those that are just leaving are left out."""
+        client, asked = self.client(), list(workers)
+        return self._answer(lambda: client.run(function, workers=asked, on_error="ignore")) if asked else {}
+
+    def submit(self, function: Callable[[Any], T], argument: Any) -> Future[T]:
+        """Hand a call to the scheduler."""
+        future: Future[T] = self.client().get_executor(pure=False).submit(function, argument)
+        return future
+
+    def close(self) -> None:
+        """End the connection, if there is one."""
+        if self._client is not None:
+            self._client.close(timeout=CLOSE)
+            self._client = None
+
+    def gone(self) -> WorkersLost:
+        """Return the error that says that there is no scheduler any more."""
+        return WorkersLost(f"the Dask scheduler at {self.address} is gone")
+
+    def _answer(self, ask: Callable[[], T]) -> T:
+        """Return what the scheduler answers."""
+        try:
+            return _within(CONNECT, ask)
+        except TimeoutError:
+            text = f"the Dask scheduler at {self.address} has not answered for {CONNECT:.0f} s"
+            raise WorkersLost(text) from None
+        except OSError:
+            raise self.gone() from None
+
+
+def _within(seconds: float, call: Callable[[], T]) -> T:
+    """Return what a call returns, which runs in a thread that is left to itself after a time.
+
+    Raises:
+        TimeoutError: the time is over.
+    """
+    ended: Future[T] = Future()
+
+    def run() -> None:
+        try:
+            ended.set_result(call())
+        except BaseException as error:  # noqa: BLE001 (whatever it is, it is raised where the result is waited for)
+            ended.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return ended.result(seconds)
