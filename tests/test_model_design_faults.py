@@ -245,7 +245,7 @@ NOT_JSON = "is not a JSON file, or only a part of one: "
         (json.dumps(DATA).encode()[:200], NOT_JSON),
         (b"[" * 100_000, NOT_JSON),
         (b'{"objective": ' + b"9" * 10_000 + b"}", NOT_JSON),
-        (b"\x89PNG\r\n\x1a\n", "must be UTF-8 text, but got the byte 0x89"),
+        (b"\x89PNG\r\n\x1a\n", "must be UTF-8 text, but got the byte 0x89 at offset 0"),
         (b"\x00\x01", NOT_JSON),
         (b"[]", "must be a table of named fields, but got []"),
         (json.dumps([DATA]).encode(), "must be a table of named fields, but got [{"),

@@ -194,7 +194,7 @@ def test_a_fault_gets_one_message(tmp_path: Path, more: str, expected: str | lis
     [
         ("0", "must be at least 1, but got 0"),
         ("-3", "must be at least 1, but got -3"),
-        ("10001", "must be at most 10000, but got 10001"),
+        ("10000", "must be at most 200, but got 10000"),
         ("2.0", "must be a whole number, but got 2.0"),
         ("true", "must be a whole number of modules or [fewest, most], but got true"),
         ("'5'", 'must be a whole number of modules or [fewest, most], but got "5"'),
@@ -275,20 +275,20 @@ def test_half_a_file_is_no_task(tmp_path: Path) -> None:
     (message,) = messages(tmp_path, TASK[: TASK.index("force") + 3])
     assert message.startswith("is not a TOML file, or only a part of one: ")
     (message,) = messages(tmp_path, "x = " + "[" * 100_000)
-    assert message.startswith("is not a TOML file, or only a part of one: ")
+    assert message == "must have fewer brackets within each other"
 
 
 def test_a_file_that_is_none(tmp_path: Path) -> None:
     path = tmp_path / "task.toml"
     for content, expected in (
-        (b"\x89PNG\r\n\x1a\n", "must be UTF-8 text, but got the byte 0x89"),
-        ("name = 'ü'".encode("latin-1"), "must be UTF-8 text, but got the byte 0xfc"),
+        (b"\x89PNG\r\n\x1a\n", "must be UTF-8 text, but got the byte 0x89 at offset 0"),
+        ("name = 'ü'".encode("latin-1"), "must be UTF-8 text, but got the byte 0xfc at offset 8"),
     ):
         path.write_bytes(content)
         with pytest.raises(BadInput) as caught:
             read_task(path)
         assert [str(fault) for fault in caught.value.faults] == [expected]
-    with pytest.raises(BadInput, match="cannot be read: Is a directory"):
+    with pytest.raises(BadInput, match="must be a regular file, but is a folder"):
         read_task(tmp_path)
     with pytest.raises(BadInput, match="psuh: no such file, nor a shipped example; did you mean `push`"):
         read_task("psuh")

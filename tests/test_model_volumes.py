@@ -96,7 +96,7 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(
         ('mesh = "empty.stl"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "flat.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "far.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
-        ('mesh = "ball.stl"', "exposure[0].vertices: must have at most 100 corners, but got 400"),
+        ('mesh = "ball.stl"', "exposure[0].mesh: must have at most 100 corners, but got 400"),
         ("box = [1.0, 1.0]", "exposure[0].box: must be a list of three numbers"),
         ("box = [1.0, 0.0, 1.0]", "exposure[0].box[1]: must be greater than 0"),
         ("box = [1.0, 1.0, 1.0]\nradius = 0.2", "exposure[0]: must have one of"),

@@ -26,6 +26,7 @@ from topo_search.engine import (
     audit_deadline,
     computing_versions,
 )
+from topo_search.limits import MODULES
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.files import read_json, read_task, write_atomically
 from topo_search.study import (
@@ -221,6 +222,8 @@ def solve(
     Raises:
         BadInput: the task cannot be used, or its connectors do not allow the topology.
     """
+    if topology.n > MODULES:
+        raise BadInput("topology", [Fault("", f"must have at most {MODULES} modules, but got {topology.n:,}")])
     resolved = _task(task).resolve(topology.n)
     if resolved.search.connectors == "aligned" and not topology.aligned:
         rule = f'{topology.key} needs search.connectors = "any", but the task has "aligned"'

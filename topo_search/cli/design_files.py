@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-import stat
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from topo_search.limits import DESIGN_BYTES
 from topo_search.model import BadInput, Design, Fault
+from topo_search.model.bad_input import printable
 from topo_search.model.files import load_json, stated_format, validate
 
-LARGEST_FILE = 8 * 2**20
-"""Bytes of a design's file; one of 500 modules and 100 load cases has half as many."""
 AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
 
@@ -30,8 +29,7 @@ class DesignFile:
     @property
     def name(self) -> str:
         """The path as it can be printed: Unicode without control characters."""
-        text = os.fsencode(self.path).decode("utf-8", "replace")
-        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+        return printable(self.path)
 
     def read(self) -> Design | None:
         """Return the design; None for an audit in a folder.
@@ -39,12 +37,9 @@ class DesignFile:
         Raises:
             BadInput: it is no design; names every fault.
         """
-        fault = self.fault
-        if fault is None and self.listed and not _regular(self.path):
-            fault = "must be a regular file"
-        if fault is not None:
-            raise BadInput(self.name, [Fault("", fault)])
-        data = load_json(self.path, most_bytes=LARGEST_FILE)
+        if self.fault is not None:
+            raise BadInput(self.name, [Fault("", self.fault)])
+        data = load_json(self.path, most_bytes=DESIGN_BYTES)
         if self.listed and stated_format(data) == AUDIT:
             return None
         return validate(Design, data, self.name)
@@ -100,11 +95,3 @@ def _below(folder: str) -> Iterator[DesignFile]:
         yield DesignFile(str(error.filename), fault=f"cannot be read: {error.strerror}")
     if empty and not unread:
         yield DesignFile(folder, fault="must hold designs, but no file below it ends in .json")
-
-
-def _regular(path: str) -> bool:
-    """Whether a path leads to a regular file, or to nothing, which reading it will tell."""
-    try:
-        return stat.S_ISREG(Path(path).stat().st_mode)
-    except OSError:
-        return True

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from topo_search.limits import LARGEST_INTEGER
 
 if TYPE_CHECKING:
     from topo_search.engine import Certificates
@@ -28,7 +30,11 @@ set_field = click.option(
     help="Override a field of the task, e.g. search.margin=1e-3 (repeatable).",
 )
 seed = click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Draws all random numbers."
+    "--seed",
+    type=click.IntRange(0, LARGEST_INTEGER),
+    default=0,
+    show_default=True,
+    help="Draws all random numbers.",
 )
 time_limit = click.option(
     "--time-limit",
@@ -155,6 +161,15 @@ def _meets(setting: str, others: tuple[str, ...]) -> bool:
 def echo_json(value: Any) -> None:
     """Print a value as JSON."""
     click.echo(json.dumps(value, indent=1, allow_nan=False))
+
+
+def echo_json_list(values: Iterable[Any]) -> None:
+    """Print values as a JSON list, each as soon as it is there."""
+    before = "[\n "
+    for value in values:
+        click.echo(f"{before}{json.dumps(value, allow_nan=False)}", nl=False)
+        before = ",\n "
+    click.echo("[]" if before.startswith("[") else "\n]")
 
 
 def require_writable(out: Path, option: str = "--out") -> None:

@@ -9,6 +9,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explained, note
+from topo_search.limits import LARGEST_INTEGER
 
 if TYPE_CHECKING:
     from topo_search.model import Task, Topology
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 @click.option("--topology", "key", metavar="KEY", help="A key, as `topo-search topologies` prints them.")
 @click.option(
     "--sample-seed",
-    type=click.IntRange(min=0),
+    type=click.IntRange(0, LARGEST_INTEGER),
     metavar="S",
     help="The tree of `topologies N --sample 1 --seed S`, with the root and the connectors of the task.",
 )

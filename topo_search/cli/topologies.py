@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import Any
 
 import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explained
+from topo_search.limits import DRAWN_TREES, LISTED_MODULES
 
 
 @click.command(epilog="Example: topo-search topologies 8 --count")
-@click.argument("n", type=click.IntRange(min=1), metavar="N")
+@click.argument("n", type=click.IntRange(1, LISTED_MODULES), metavar="N")
 @click.option("--count", "only_count", is_flag=True, help="Print their number alone.")
-@click.option("--sample", "size", type=click.IntRange(min=1), metavar="M", help="Print M drawn uniformly.")
+@click.option("--sample", "size", type=click.IntRange(1, DRAWN_TREES), metavar="M", help="Print M drawn uniformly.")
 @options.seed
 @click.option(
     "--symmetry",
@@ -37,7 +39,7 @@ def topologies(
 ) -> None:
     """Print the keys of all topologies of N modules, one a line."""
     with explained():
-        from topo_search.topologies import candidates, count, sample
+        from topo_search.topologies import candidates, count, draws
 
         family = {"symmetry": symmetry, "connectors": connectors or "aligned", "root": root or "free"}
         if only_count:
@@ -47,9 +49,9 @@ def topologies(
         if size is None:
             keys = (candidate.key for candidate in candidates(n, **family))
         else:
-            keys = (topology.key for topology in sample(n, size, seed, **family))
+            keys = (topology.key for topology in islice(draws(n, seed, **family), size))
         if as_json:
-            options.echo_json(list(keys))
+            options.echo_json_list(keys)
             return
         for key in keys:
             click.echo(key)

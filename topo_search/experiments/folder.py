@@ -15,8 +15,11 @@ from typing import Any, Self
 
 from topo_search.experiments.cell import IDENTITY, Cell
 from topo_search.experiments.measured import COLUMNS, Measured
+from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput, Fault
+from topo_search.model.csv_text import harmless
 from topo_search.model.files import load_json, write_atomically
+from topo_search.model.regular_file import NotReadable, read_regular
 from topo_search.study.identity import installed
 from topo_search.study.lock import locked
 
@@ -68,7 +71,7 @@ class Results:
     def add(self, row: Measured) -> None:
         """Append a row; it is on the disk when this returns."""
         with self._path.open("a", encoding="utf-8", newline="") as stream:
-            csv.writer(stream, lineterminator="\n").writerow(astuple(row))
+            csv.writer(stream, lineterminator="\n").writerow(map(harmless, astuple(row)))
             stream.flush()
             os.fsync(stream.fileno())
         self._done.add(_identity({name: getattr(row, name) for name in IDENTITY}))
@@ -118,7 +121,10 @@ def _mend(path: Path) -> set[Identity]:
     """Return whose rows a file holds; begin one where there is none, and cut off a row that a kill tore."""
     if not path.exists():
         write_atomically(path, ",".join(COLUMNS) + "\n")
-    content = path.read_bytes()
+    try:
+        content = read_regular(path, most_bytes=RESULT_BYTES)
+    except NotReadable as error:
+        raise BadInput(str(path), [Fault("", str(error))]) from None
     whole = content[: content.rfind(b"\n") + 1]
     lines = list(csv.reader(whole.decode("utf-8").splitlines()))
     if not lines or tuple(lines[0]) != COLUMNS:
@@ -131,7 +137,7 @@ def _mend(path: Path) -> set[Identity]:
 
 def _identity(values: dict[str, Any]) -> Identity:
     """Return values as the file has them."""
-    return tuple("" if values[name] is None else str(values[name]) for name in IDENTITY)
+    return tuple("" if values[name] is None else str(harmless(values[name])) for name in IDENTITY)
 
 
 def _refused(path: Path, what: str) -> BadInput:

@@ -42,7 +42,8 @@ def markdown(judged: Sequence[Judged], others: Sequence[tuple[str, str]]) -> str
 
 def escaped(text: str) -> str:
     """Return a text in which nothing is Markdown or HTML; it stays on one line."""
-    return re.sub(r"([\\`*_\[\]<>|&~])", r"\\\1", " ".join(text.split()))
+    line = re.sub(r"([\\`*_\[\]<>|&~])", r"\\\1", " ".join(text.split()))
+    return re.sub(r"^(\d*)([=+@#-]|(?<=\d)[.)](?= |$))", r"\1\\\2", line)  # no list, no heading, no formula
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -59,7 +60,7 @@ def _overview(judged: Sequence[Judged]) -> list[str]:
                 audit.verdict,
                 str(design.topology.n),
                 "" if nearest is None else f"{nearest.analytic_m:.6g}",
-                "" if nearest is None else nearest.name,
+                "" if nearest is None else escaped(nearest.name),
                 *_overlaps(audit),
             ]
         )
@@ -86,7 +87,7 @@ def _section(each: Judged) -> Iterator[str]:
         pairs = list(group)
         least = min(pairs, key=lambda pair: pair.analytic_m)
         counts = [str(sum(pair.status == status for pair in pairs)) for status in Status]
-        rows.append([kind, *counts, f"{least.analytic_m:.6g}", least.name])
+        rows.append([kind, *counts, f"{least.analytic_m:.6g}", escaped(least.name)])
     yield from _table(["kind", *Status, "least clearance [m]", "of"], rows)
     wrong = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
     if wrong:
@@ -114,7 +115,7 @@ def _section(each: Judged) -> Iterator[str]:
     for pair in wrong[:LISTED]:
         if pair.evidence:
             yield ""
-            yield f"Evidence on the {pair.name}:"
+            yield f"Evidence on the {escaped(pair.name)}:"
             yield ""
             yield from (f"    {finding}" for finding in pair.evidence)
 
@@ -141,7 +142,7 @@ def survived(found: Sensitivity) -> Iterator[str]:
 
 def _clearance_row(pair: Clearance) -> list[str]:
     share = "" if pair.percent is None else f"{pair.percent:.3g} %"
-    return [pair.name, pair.status, f"{pair.analytic_m:.6g}", *_bounds(pair), share]
+    return [escaped(pair.name), pair.status, f"{pair.analytic_m:.6g}", *_bounds(pair), share]
 
 
 def _bounds(pair: Clearance) -> list[str]:
@@ -151,7 +152,7 @@ def _bounds(pair: Clearance) -> list[str]:
 
 
 def _residual_row(row: Residual) -> list[str]:
-    return [row.name, row.status, f"{row.value:.6g}", row.unit, _number(row.stated), _number(row.derived)]
+    return [escaped(row.name), row.status, f"{row.value:.6g}", row.unit, _number(row.stated), _number(row.derived)]
 
 
 def _nearest(pairs: Sequence[Clearance]) -> Clearance | None:

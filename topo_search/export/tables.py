@@ -8,6 +8,7 @@ import pandas as pd
 from pydantic import BaseModel
 
 from topo_search.model import Audit, Clearance, Residual
+from topo_search.model.csv_text import harmless
 
 
 def clearances(audit: Audit) -> pd.DataFrame:
@@ -27,7 +28,9 @@ def residuals(audit: Audit) -> pd.DataFrame:
 
 
 def csv(frame: pd.DataFrame) -> str:
-    """Return a data frame as the text of a CSV file; what is not known is left empty."""
+    """Return a data frame as the text of a CSV file; what is not known is left empty, and no text is a formula."""
+    texts = frame.select_dtypes(exclude="number").columns
+    frame = frame.assign(**{name: frame[name].map(harmless) for name in texts})
     return frame.to_csv(index=False, lineterminator="\n")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
+from topo_search.model.csv_text import harmless
 from topo_search.model.design import Mount
 from topo_search.model.value import Index, Number, Value, Vector
 
@@ -103,9 +104,9 @@ class Assembly(Value):
         )
         for step, joint in enumerate(self.joints, start=1):
             row = (joint.module, joint.port, joint.child, joint.child_port, joint.angle_deg)
-            table.writerow([step, *row, "", "", "", ""])
+            table.writerow([*map(harmless, (step, *row)), "", "", "", ""])
         tip = self.end_effector
         if tip is not None and tip.mount is not None and tip.rod is not None:
             mount = (len(self.joints) + 1, tip.mount.module, tip.mount.port, "end-effector", "", "")
-            table.writerow([*mount, tip.rod.length_m, *tip.rod.direction_in_module])
+            table.writerow(map(harmless, [*mount, tip.rod.length_m, *tip.rod.direction_in_module]))
         return text.getvalue()

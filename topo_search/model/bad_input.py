@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 import re
 import reprlib
 from collections.abc import Iterator
@@ -57,7 +58,7 @@ class BadInput(Exception):
     def __init__(self, source: str, faults: list[Fault]) -> None:
         self.source = source
         self.faults = faults
-        super().__init__("\n".join(f"{source}: {fault}" for fault in faults))
+        super().__init__("\n".join(f"{printable(source)}: {fault}" for fault in faults))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BadInput, (self.source, self.faults)
@@ -80,7 +81,20 @@ def shown(value: Any) -> str:
         text = json.dumps(value, default=str)
     except RecursionError:
         text = reprlib.repr(value)
+    except ValueError:  # a whole number of thousands of digits
+        text = f"a whole number of {value.bit_length():,} bits" if isinstance(value, int) else "what has no text"
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+def of_file(rule: str, name: Any) -> str:
+    """Return a rule with the name of the file that was given; where the rule says what is in it, behind that."""
+    return f"{rule} (in {shown(name)})" if "but " in rule else f"{rule}, but got {shown(name)}"
+
+
+def printable(name: str | os.PathLike[str]) -> str:
+    """Return the name of a file as it can be printed: Unicode without control characters and broken bytes."""
+    text = re.sub("[\ud800-\udfff]", "\ufffd", os.fspath(name))
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def nearest(unknown: str, valid: list[str]) -> str:
@@ -152,6 +166,6 @@ def _path(parts: list[Any]) -> str:
         if isinstance(part, int):
             path += f"[{part}]"
         else:
-            name = part if re.fullmatch(r"[A-Za-z0-9_-]+", part) else json.dumps(part)
+            name = part if re.fullmatch(r"[A-Za-z0-9_-]{1,80}", part) else shown(part)
             path += f".{name}" if path else name
     return path

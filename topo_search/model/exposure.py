@@ -13,8 +13,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, Tag, ValidationInfo, model_validator
 
+from topo_search.limits import CORNERS, SEGMENTS
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import shown
+from topo_search.model.bad_input import of_file, printable, shown
 from topo_search.model.hulls import has_volume
 from topo_search.model.mesh_file import hull_corners
 from topo_search.model.value import (
@@ -23,6 +24,7 @@ from topo_search.model.value import (
     PositiveVector,
     Value,
     Vector,
+    at_most,
     is_zero,
     one_of,
     refuse,
@@ -49,13 +51,7 @@ Axis = Annotated[
 ]
 
 
-MOST_CORNERS = 100
-"""Most corners of a convex region: the solver looks at each of them for every module."""
-
-
 def _solid(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
-    if len(vertices) > MOST_CORNERS:
-        raise ValueError(f"must have at most {MOST_CORNERS} corners, but got {len(vertices)}; simplify the shape")
     if not has_volume(np.array(vertices).reshape(-1, 3)):
         raise ValueError(f"must span a volume, but got {shown(vertices)}")
     return vertices
@@ -78,7 +74,8 @@ class Local(Value):
     box: Annotated[PositiveVector | None, Field(exclude_if=_not_given)] = None
     """Edges of a box centred at p_E, along x, y and z [m]."""
     vertices: Annotated[
-        Annotated[tuple[Vector, ...], AfterValidator(_solid)] | None, Field(exclude_if=_not_given)
+        Annotated[tuple[Vector, ...], at_most(CORNERS, "corners"), AfterValidator(_solid)] | None,
+        Field(exclude_if=_not_given),
     ] = None
     """Points whose convex hull the region is, from p_E [m]."""
 
@@ -110,7 +107,7 @@ def _corners_of(name: Any, context: Any) -> Any:
     """Return the corners of a mesh file's hull; a file is only looked for beside a task file."""
 
     def wrong(text: str) -> None:
-        refuse("Local", (("mesh",), f"{text}, but got {shown(name)}"))
+        refuse("Local", (("mesh",), of_file(text, name)))
 
     if not isinstance(context, Folder):
         wrong("must be given by its `vertices` in anything but a task file")
@@ -121,7 +118,7 @@ def _corners_of(name: Any, context: Any) -> Any:
         try:
             return hull_corners(path).tolist()
         except OSError as error:
-            wrong(f"must be a file that can be read ({path}: {error.strerror})")
+            wrong(f"must be a file that can be read ({printable(path)}: {error.strerror})")
         except ValueError as error:
             wrong(str(error))
     return None
@@ -133,7 +130,7 @@ class Directional(Value):
     kind: Literal["directional"] = "directional"
     radius: Positive = 0.15
     """r_sph [m]."""
-    segments: Annotated[tuple[Direction, ...], NonEmpty] | None = None
+    segments: Annotated[tuple[Direction, ...], at_most(SEGMENTS), NonEmpty] | None = None
     """The end of each path, from p_E [m]."""
     along: Literal["end_effector"] | None = None
     """In place of segments: one path along p_E, away from the COM."""

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
-import tomllib
-from collections import Counter
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,9 +11,13 @@ from typing import Any, TypeVar
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest, shown
+from topo_search.limits import DESIGN_BYTES, RESULT_BYTES, TASK_BYTES
+from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
+from topo_search.model.design import Design
 from topo_search.model.exposure import Folder
 from topo_search.model.frame import read_frame
+from topo_search.model.parsing import NotParsed, json_data, toml_data
+from topo_search.model.regular_file import NotReadable, read_text
 from topo_search.model.settings import apply_settings
 from topo_search.model.task import Task
 
@@ -38,10 +39,14 @@ def validate(model: type[Model], data: Any, source: str, folder: Folder | None =
         raise BadInput(source, faults_of(error, model)) from None
 
 
-def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
+def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: bool = True) -> Task:
     """Return the task of a TOML file or of a shipped example, with `FIELD=VALUE` settings applied.
 
-    A mesh that it names is looked for in the file's folder; of a shipped example, in the current one.
+    Args:
+        path: the file, or the name of the example.
+        settings: laid over the file's fields, in order.
+        names_files: whether it may name meshes, which are looked for in the file's folder; of a shipped example, in
+            the current one. The tasks in folders of runs have their shapes written out and name none.
 
     Raises:
         BadInput: one fault for each thing that is wrong.
@@ -50,12 +55,15 @@ def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     if name in examples():
         text = (resources.files("topo_search") / "examples" / f"{name}.toml").read_text(encoding="utf-8")
     else:
-        text = _read_text(Path(path), hint=f"no such file, nor a shipped example; {nearest(name, examples())}")
+        hint = f"no such file, nor a shipped example; {nearest(name, examples())}"
+        text = _text(path, hint=hint, most_bytes=TASK_BYTES)
     try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise BadInput(name, [Fault("", f"is not a TOML file, or only a part of one: {error}")]) from None
+        data = toml_data(text)
+    except NotParsed as error:
+        raise BadInput(name, [Fault("", str(error))]) from None
     apply_settings(data, settings)
+    if not names_files:
+        return validate(Task, data, name)
     folder = Path() if name in examples() else Path(path).parent
     read_frame(data, folder, name)
     return validate(Task, data, name, Folder(folder))
@@ -69,7 +77,8 @@ def examples() -> list[str]:
 
 def read_json(model: type[Model], path: str | Path) -> Model:
     """Return the value that a JSON file holds; BadInput names every fault."""
-    return validate(model, load_json(path), str(path))
+    most_bytes = DESIGN_BYTES if issubclass(model, Design) else RESULT_BYTES
+    return validate(model, load_json(path, most_bytes=most_bytes), str(path))
 
 
 def format_of(path: str | Path) -> str | None:
@@ -83,35 +92,21 @@ def stated_format(data: Any) -> str | None:
     return stated if isinstance(stated, str) else None
 
 
-def load_json(path: str | Path, *, most_bytes: int | None = None) -> Any:
+def load_json(path: str | Path, *, most_bytes: int = RESULT_BYTES) -> Any:
     """Return the data of a JSON file, in which no name is given twice.
 
     Args:
         path: the file.
-        most_bytes: size from which it is refused; default: of any size.
+        most_bytes: size from which it is refused.
 
     Raises:
-        BadInput: it cannot be read, is too large, or no JSON.
+        BadInput: it cannot be read, is too large, no regular file or no JSON.
     """
-    text = _read_text(Path(path), hint="no such file", most_bytes=most_bytes)
+    text = _text(path, hint="no such file", most_bytes=most_bytes)
     try:
-        return json.loads(text, object_pairs_hook=_table)
-    except _Twice as twice:
-        raise BadInput(str(path), [Fault("", str(twice))]) from None
-    except (ValueError, RecursionError) as error:
-        raise BadInput(str(path), [Fault("", f"is not a JSON file, or only a part of one: {error}")]) from None
-
-
-class _Twice(ValueError):
-    """A name that an object gives twice: which of the two values counts is anyone's guess."""
-
-
-def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    table = dict(pairs)
-    if len(table) < len(pairs):
-        counts = Counter(name for name, _ in pairs)
-        raise _Twice(f"must give every name of an object once, but got {shown(counts.most_common(1)[0][0])} twice")
-    return table
+        return json_data(text)
+    except NotParsed as error:
+        raise BadInput(str(path), [Fault("", str(error))]) from None
 
 
 def to_toml(task: Task) -> str:
@@ -154,17 +149,14 @@ def write_atomically(path: Path, content: str | bytes, *, lasting: bool = True) 
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-def _read_text(path: Path, *, hint: str, most_bytes: int | None = None) -> str:
+def _text(path: str | Path, *, hint: str, most_bytes: int) -> str:
+    """Return the text of a file that anybody may have made; BadInput says what is wrong with it."""
     try:
-        with path.open("rb") as stream:
-            content = stream.read(-1 if most_bytes is None else most_bytes + 1)
-        if most_bytes is not None and len(content) > most_bytes:
-            raise BadInput(str(path), [Fault("", f"must have at most {most_bytes:,} bytes, but has more")])
-        return content.decode("utf-8-sig")
+        return read_text(path, most_bytes=most_bytes)
     except FileNotFoundError:
-        raise BadInput(str(path), [Fault("", hint)]) from None
-    except UnicodeDecodeError as error:
-        byte = error.object[error.start]
-        raise BadInput(str(path), [Fault("", f"must be UTF-8 text, but got the byte {byte:#04x}")]) from None
+        rule = hint
+    except NotReadable as error:
+        rule = str(error)
     except OSError as error:
-        raise BadInput(str(path), [Fault("", f"cannot be read: {error.strerror}")]) from None
+        rule = f"cannot be read: {error.strerror}"
+    raise BadInput(str(path), [Fault("", rule)])

@@ -9,10 +9,11 @@ import networkx as nx
 import numpy as np
 from pydantic import AfterValidator, model_validator
 
+from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import BadInput, Fault, shown
+from topo_search.model.bad_input import BadInput, Fault, of_file, printable
 from topo_search.model.mesh_file import surface
-from topo_search.model.value import Index, Value, Vector, refuse
+from topo_search.model.value import Index, Value, Vector, at_most, refuse
 
 FLAT = 1e-6
 """How far a corner of a convex surface may lie beyond a face, over the surface's size: single precision."""
@@ -33,9 +34,12 @@ def _corners(value: tuple[int, ...]) -> tuple[int, int, int]:
 class ConvexPiece(Value):
     """A convex body by its surface: triangles that turn counter-clockwise seen from outside."""
 
-    vertices: tuple[Vector, ...]
+    vertices: Annotated[tuple[Vector, ...], at_most(FRAME_TRIANGLES, "vertices")]
     """Corners, in the module's frame [m]."""
-    triangles: tuple[Annotated[tuple[Index, Index, Index], AfterValidator(_corners)], ...]
+    triangles: Annotated[
+        tuple[Annotated[tuple[Index, Index, Index], AfterValidator(_corners)], ...],
+        at_most(FRAME_TRIANGLES, "triangles"),
+    ]
     """Numbers of their corners."""
 
     @model_validator(mode="after")
@@ -86,16 +90,16 @@ def read_frame(data: dict[str, Any], folder: Path, source: str) -> None:
     name = body.pop("mesh")
 
     def wrong(rule: str) -> BadInput:
-        return BadInput(source, [Fault("module.body.mesh", f"{rule}, but got {shown(name)}")])
+        return BadInput(source, [Fault("module.body.mesh", of_file(rule, name))])
 
     if not isinstance(name, str):
         raise wrong("must be the name of an .stl or .obj file")
     if "frame" in body:
         raise wrong("must be left out where `frame` is given")
-    if not (folder / name).is_file():
-        raise wrong(f"must be a file in {folder.absolute()}")
     try:
         body["frame"] = pieces(*surface(folder / name))
+    except FileNotFoundError:
+        raise wrong(f"must be a file in {printable(folder.absolute())}") from None
     except OSError as error:
         raise wrong(f"must be a file that can be read ({error.strerror})") from None
     except ValueError as error:
@@ -108,15 +112,23 @@ def pieces(vertices: Array, faces: Any) -> list[dict[str, Any]]:
     Args:
         vertices: corners, shape (v, 3).
         faces: triangles, shape (f, 3).
+
+    Raises:
+        ValueError: there are too many.
     """
     unique, number = np.unique(vertices, axis=0, return_inverse=True)
     faces = number.reshape(-1)[faces]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    if len(faces) > FRAME_TRIANGLES:
+        raise ValueError(f"must have at most {FRAME_TRIANGLES:,} triangles, but has {len(faces):,}")
     graph: nx.Graph[int] = nx.Graph()
     graph.add_edges_from(faces[:, :2].tolist())
     graph.add_edges_from(faces[:, 1:].tolist())
     found = []
-    for connected in sorted(nx.connected_components(graph), key=min):
+    parts = sorted(nx.connected_components(graph), key=min)
+    if len(parts) > FRAME_PIECES:
+        raise ValueError(f"must have at most {FRAME_PIECES} pieces, but has {len(parts):,}")
+    for connected in parts:
         own = faces[np.isin(faces[:, 0], list(connected))]
         used, compact = np.unique(own, return_inverse=True)
         found.append({"vertices": unique[used].tolist(), "triangles": compact.reshape(-1, 3).tolist()})

@@ -6,13 +6,15 @@ and the trade is seen by solving the task once for each of its levels (the epsil
 
 from __future__ import annotations
 
+import math
 from itertools import product
-from typing import Annotated, NamedTuple, TypeVar
+from typing import Annotated, NamedTuple, Self, TypeVar
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
+from topo_search.limits import LEVELS
 from topo_search.model.bad_input import shown
-from topo_search.model.value import Flag, NonNegative, Positive, Value
+from topo_search.model.value import Flag, NonNegative, Positive, Value, at_most, refuse
 
 FIELDS = ("search.margin", "end_effector.stand_off", "search.peak_input")
 """What a level sets, in the order of `Level`."""
@@ -46,14 +48,22 @@ class Level(NamedTuple):
 class Goals(Value):
     """What is weighed against control effort: bounds; the task is solved at every combination of their levels."""
 
-    clearance: Annotated[tuple[NonNegative, ...], AfterValidator(_different)] = ()
+    clearance: Annotated[tuple[NonNegative, ...], at_most(LEVELS), AfterValidator(_different)] = ()
     """Levels of search.margin [m]."""
-    stand_off: Annotated[tuple[Positive, ...], AfterValidator(_different)] = ()
+    stand_off: Annotated[tuple[Positive, ...], at_most(LEVELS), AfterValidator(_different)] = ()
     """Levels of end_effector.stand_off [m]."""
-    peak_input: Annotated[tuple[Annotated[Positive, Field(le=1)], ...], AfterValidator(_different)] = ()
+    peak_input: Annotated[
+        tuple[Annotated[Positive, Field(le=1)], ...], at_most(LEVELS), AfterValidator(_different)
+    ] = ()
     """Levels of search.peak_input."""
     modules: Flag = False
     """Whether few modules are a goal, of a task with a range of sizes and wrenches in SI."""
+
+    @model_validator(mode="after")
+    def _few_levels(self) -> Self:
+        if (number := math.prod(len(axis) for axis in self._axes)) > LEVELS:
+            refuse("Goals", ((), f"must have at most {LEVELS:,} combinations of levels, but got {number:,}"))
+        return self
 
     @property
     def names(self) -> tuple[str, ...]:

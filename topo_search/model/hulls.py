@@ -34,11 +34,21 @@ class Hull(NamedTuple):
         return result
 
 
-def convex_hull(points: Array) -> Hull:
-    """Return the hull of points that span a volume, shape (m, 3)."""
-    from scipy.spatial import ConvexHull  # slow to import, and few tasks need it
+def convex_hull(points: Array, *, most_corners: int | None = None) -> Hull:
+    """Return the hull of points that span a volume, shape (m, 3).
 
-    found = ConvexHull(points)
+    Raises:
+        ValueError: the points are too nearly flat to tell the hull, or it has more corners than that.
+    """
+    from scipy.spatial import ConvexHull, QhullError  # slow to import, and few tasks need it
+
+    try:
+        found = ConvexHull(points)
+    except QhullError:
+        raise ValueError("must span a volume that can be told from a flat one") from None
+    if most_corners is not None and len(found.vertices) > most_corners:
+        rule = f"must have at most {most_corners} corners, but got {len(found.vertices):,}; simplify the shape"
+        raise ValueError(rule)
     kept, triangles = np.unique(found.simplices, return_inverse=True)
     triangles, corners = triangles.reshape(-1, 3), points[kept]
     normals = found.equations[:, :3] / np.linalg.norm(found.equations[:, :3], axis=1, keepdims=True)

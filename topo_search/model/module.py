@@ -22,8 +22,9 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.frame import ConvexPiece
-from topo_search.model.value import NonEmpty, Number, Positive, PositiveVector, Value, refuse
+from topo_search.model.value import NonEmpty, Number, Positive, PositiveVector, Value, at_most, refuse
 
 
 class Airflow(Value):
@@ -49,11 +50,19 @@ class Body(Value):
     hub: PositiveVector = (0.08, 0.08, 0.04)
     """Edges of the hub along x, y, z [m]."""
     frame: Annotated[
-        Annotated[tuple[ConvexPiece, ...], NonEmpty] | None, Field(exclude_if=lambda given: given is None)
+        Annotated[tuple[ConvexPiece, ...], at_most(FRAME_PIECES, "pieces"), NonEmpty] | None,
+        Field(exclude_if=lambda given: given is None),
     ] = None
     """In place of hub and arms: convex pieces; a task file may name the `mesh` that consists of them."""
     inertia: PositiveVector | None = None
     """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at one density."""
+
+    @model_validator(mode="after")
+    def _few_triangles(self) -> Self:
+        if (triangles := sum(len(piece.triangles) for piece in self.frame or ())) > FRAME_TRIANGLES:
+            text = f"must have at most {FRAME_TRIANGLES:,} triangles in all, but got {triangles:,}"
+            refuse("Body", (("frame",), text))
+        return self
 
     @model_validator(mode="after")
     def _inertia_of_a_frame(self) -> Self:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from typing import Any
 
+from topo_search.limits import KEY_PARTS
 from topo_search.model.bad_input import BadInput, Fault, shown
+from topo_search.model.parsing import NotParsed, toml_data
 
 SETTING = re.compile(r"\s*([A-Za-z_]\w*(?:\.\w+|\[\d+\])*)\s*=(.*)", re.DOTALL)
 """`search.margin=1e-3`, `load_cases.0.weight=2`, or the same with `load_cases[0]`."""
 
 PAPER = ("search.root=paper", "search.margin=0", "search.body_clearance=false")
 """The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames."""
+NAME = 64
+"""Most characters of a name in a field."""
 
 
 def apply_settings(data: dict[str, Any], settings: tuple[str, ...]) -> None:
@@ -36,7 +39,16 @@ def _apply(data: dict[str, Any], setting: str) -> Fault | None:
     match = SETTING.fullmatch(setting)
     if match is None:
         return Fault("", f"must be FIELD=VALUE, but got {shown(setting)}")
-    return _lay(data, [*field_of(setting)], _value(match[2]), above="")
+    names = [*field_of(setting)]
+    if len(names) > KEY_PARTS:
+        return Fault("", f"must have at most {KEY_PARTS} names in a field, but got {shown(match[1])}")
+    if max(map(len, names)) > NAME:
+        return Fault("", f"must have names of at most {NAME} characters in a field, but got {shown(match[1])}")
+    try:
+        value = _value(match[2])
+    except NotParsed as error:
+        return Fault(match[1], str(error))
+    return _lay(data, names, value, above="")
 
 
 def _lay(place: Any, names: list[str], value: Any, *, above: str) -> Fault | None:
@@ -45,7 +57,7 @@ def _lay(place: Any, names: list[str], value: Any, *, above: str) -> Fault | Non
     path = f"{above}.{name}" if above else name
     key: str | int = name
     if isinstance(place, list):
-        if not name.isdecimal() or int(name) >= len(place):
+        if not re.fullmatch("[0-9]+", name) or int(name) >= len(place):
             return Fault(path, f"must be an index under {len(place)}, but got {name}")
         key = int(name)
     elif not isinstance(place, dict):
@@ -59,9 +71,15 @@ def _lay(place: Any, names: list[str], value: Any, *, above: str) -> Fault | Non
 
 
 def _value(text: str) -> Any:
-    """Read a value as TOML writes it; what is none is a text."""
+    """Read a value as TOML writes it; what is none is a text.
+
+    Raises:
+        NotParsed: it has brackets within brackets, or a key, beyond all use.
+    """
     try:
-        read = tomllib.loads(f"value = {text}")
-    except ValueError:
+        read = toml_data(f"value = {text}")
+    except NotParsed as error:
+        if error.beyond:
+            raise
         return text.strip()
     return read["value"] if len(read) == 1 else text.strip()

@@ -17,10 +17,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
 
+from topo_search.limits import LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
 from topo_search.model.airflow_room import airflow_folds
 from topo_search.model.bad_input import shown
 from topo_search.model.end_effector import EndEffector
-from topo_search.model.exposure import LEAST_OFFSET, Exposure, needs_offset
+from topo_search.model.exposure import LEAST_OFFSET, Directional, Exposure, needs_offset
 from topo_search.model.folds import Folds, clear_folds, common
 from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import LoadCase, ten_wrenches
@@ -34,6 +35,7 @@ from topo_search.model.value import (
     NonNegative,
     Positive,
     Value,
+    at_most,
     one_of,
     refuse,
 )
@@ -58,7 +60,7 @@ Sizes = Annotated[
 ]
 LoadCases = Annotated[
     Annotated[Literal["ten-wrenches"], Tag("<ten-wrenches>")]
-    | Annotated[tuple[LoadCase, ...], NonEmpty, Tag("<list>")],
+    | Annotated[tuple[LoadCase, ...], at_most(LOAD_CASES), NonEmpty, Tag("<list>")],
     one_of('must be a list of load cases or "ten-wrenches"'),
 ]
 
@@ -91,7 +93,7 @@ class Task(Value):
     """The rigid end-effector."""
     load_cases: LoadCases
     """The wrenches that the rotors must produce."""
-    exposure: tuple[Exposure, ...] = ()
+    exposure: Annotated[tuple[Exposure, ...], at_most(REQUIREMENTS)] = ()
     """Regions that must stay out of the airflow."""
     search: Search = Search()
     """What the search may do."""
@@ -105,6 +107,10 @@ class Task(Value):
         broken: list[tuple[tuple[str | int, ...], str]] = []
         if not self.sizes:
             broken.append((("modules",), f"`fewest <= most` must hold, but got {shown(self.modules)}"))
+        if len(self.sizes) > SIZES:
+            broken.append((("modules",), f"must be at most {SIZES} sizes, but got {shown(self.modules)}"))
+        if (paths := sum(len(e.segments or ()) for e in self.exposure if isinstance(e, Directional))) > SEGMENTS:
+            broken.append((("exposure",), f"must have at most {SEGMENTS} segments in all, but got {paths:,}"))
         if self.load_cases != "ten-wrenches" and self.task_seed is not None:
             rule = 'must be left out unless load_cases = "ten-wrenches"'
             broken.append((("task_seed",), f"{rule}, but got {self.task_seed}"))
@@ -256,7 +262,7 @@ class ResolvedTask(Task):
     """A task for one number of modules that stands alone: no default is left open, load cases are in SI."""
 
     modules: Count
-    load_cases: Annotated[tuple[LoadCase, ...], NonEmpty]
+    load_cases: Annotated[tuple[LoadCase, ...], at_most(LOAD_CASES), NonEmpty]
 
     @model_validator(mode="after")
     def _in_si(self) -> Self:

@@ -7,6 +7,8 @@ from typing import Annotated, Any, TypeVar
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from topo_search.limits import LARGEST_INTEGER, MODULES
+
 
 class Value(BaseModel):
     """A frozen value: equal by content, picklable, read from and written to TOML and JSON."""
@@ -64,6 +66,17 @@ def _three(value: Any) -> Any:
     return value
 
 
+def at_most(limit: int, what: str = "entries") -> BeforeValidator:
+    """Refuse a list of more entries than that, before any of them is looked into."""
+
+    def few(value: Any) -> Any:
+        if isinstance(value, list | tuple) and len(value) > limit:
+            raise ValueError(f"must have at most {limit:,} {what}, but got {len(value):,}")
+        return value
+
+    return BeforeValidator(few)
+
+
 Entries = TypeVar("Entries", bound=tuple[Any, ...])
 
 
@@ -78,8 +91,8 @@ Number = Annotated[float, Field(strict=True)]
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=1e15)]
 Positive = Annotated[float, Field(strict=True, gt=0), AfterValidator(_not_extreme)]
 """A physical quantity; the range keeps every number derived from a few of them finite and not zero."""
-Index = Annotated[int, Field(strict=True, ge=0)]
-Count = Annotated[int, Field(strict=True, ge=1, le=10_000)]
+Index = Annotated[int, Field(strict=True, ge=0, le=LARGEST_INTEGER)]
+Count = Annotated[int, Field(strict=True, ge=1, le=MODULES)]
 Flag = Annotated[bool, Field(strict=True)]
 Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_three)]
 PositiveVector = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_three)]

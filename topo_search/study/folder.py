@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Self
 
 from topo_search.model import BadInput, Fault
+from topo_search.model.csv_text import harmless
 from topo_search.model.files import read_task, to_toml, write_atomically
 from topo_search.study.identity import Identity, Request, installed
 from topo_search.study.ledger import Ledger
@@ -69,7 +70,7 @@ class RunFolder:
         """
         if not (path / LEDGER).is_file():
             raise BadInput(str(path), [Fault("", f"is no run's folder: it has no {LEDGER}")])
-        task = read_task(path / "task.toml")
+        task = read_task(path / "task.toml", names_files=False)
         with Ledger.opened(path / LEDGER, read_only=True) as ledger:
             held = _held(path, ledger)
             starts, trials = ledger.asked()
@@ -116,7 +117,7 @@ class RunFolder:
         valid: set[Path] = set()
         for n in self.request.task.sizes:
             for row in self.ledger.ranked(n):
-                writer.writerow([getattr(row, name) for name in COLUMNS])
+                writer.writerow([harmless(getattr(row, name)) for name in COLUMNS])
             for key, design, audit in self.ledger.texts(n):
                 valid |= self._write_texts(key, designs=design, audits=audit)
         write_atomically(self.path / "candidates.csv", table.getvalue())

@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from topo_search.model import Audit, Design
+from topo_search.model.csv_text import harmless
 from topo_search.model.files import write_atomically
 from topo_search.model.goals import Level
 from topo_search.study.folder import RunFolder
@@ -134,7 +135,7 @@ def write_front(folder: RunFolder) -> None:
     table = io.StringIO()
     writer = csv.DictWriter(table, FRONT_COLUMNS, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(point.cells for point in points)
+    writer.writerows({name: harmless(cell) for name, cell in point.cells.items()} for point in points)
     write_atomically(folder.path / FRONT, table.getvalue())
     best = folder.path / "best.json"
     if points:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice, repeat
 from random import Random
 
 from topo_search.model import ResolvedTask, Topology
@@ -95,10 +96,24 @@ def sample(
         root: as `candidates`.
         task: as `candidates`.
     """
+    endless = draws(n, seed, symmetry=symmetry, connectors=connectors, root=root, task=task)
+    return list(islice(endless, m))
+
+
+def draws(
+    n: int,
+    seed: int,
+    *,
+    symmetry: Symmetry = "c2",
+    connectors: Connectors = "aligned",
+    root: Root = "free",
+    task: ResolvedTask | None = None,
+) -> Iterator[Topology]:
+    """Return the draws of `sample` one by one, without end; arguments and errors as there."""
     quotient = Quotient(_group(n, symmetry, connectors, root, task), root)
     random = Random(seed)
-    drawn = (draw_tree(random, n, quotient, connectors) for _ in range(m))
-    return [Topology.from_key(key_of(text_of(tree))) for tree in drawn]
+    trees = (draw_tree(random, n, quotient, connectors) for _ in repeat(None))
+    return (Topology.from_key(key_of(text_of(tree))) for tree in trees)
 
 
 def candidate_of(

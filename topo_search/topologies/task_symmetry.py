@@ -20,7 +20,7 @@ change nothing, and either half turn of a pair of perpendicular frames will do.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -73,6 +73,32 @@ class _Feature(NamedTuple):
         return bool(np.all(np.linalg.norm(self.vectors - other.vectors, axis=1) <= TOLERANCE))
 
 
+class _Kind(NamedTuple):
+    """Features that may be images of each other: of one kind and with as many vectors, in order."""
+
+    vectors: Array
+    """Of f features, polar ones first, shape (f, m + k, 3)."""
+    signs: Array
+    """-1 for polar vectors and 1 for axial ones, as O = -P maps them, shape (m + k, 1)."""
+    alike: NDArray[np.bool_]
+    """Whether two of them have the same scalars, shape (f, f)."""
+
+    @classmethod
+    def of(cls, features: list[_Feature]) -> _Kind:
+        """Return features of one kind as arrays."""
+        first = features[0]
+        scalars = np.array([feature.scalars for feature in features])
+        signs = np.repeat([-1.0, 1.0], [len(first.polar), len(first.axial)])[:, None]
+        alike = np.isclose(scalars[:, None], scalars, rtol=TOLERANCE, atol=0.0).all(axis=-1)
+        return cls(np.array([feature.vectors for feature in features]), signs, alike)
+
+    def maps_onto_itself(self, P: Array) -> bool:
+        """Whether the image of each of them under O = -P is one of them."""
+        images = self.signs * self.vectors @ P.T
+        apart = np.linalg.norm(images[:, None] - self.vectors, axis=-1).max(axis=-1)
+        return bool(np.all(np.any(self.alike & (apart <= TOLERANCE), axis=1)))
+
+
 @lru_cache(maxsize=16)
 def improper_isometry(task: ResolvedTask) -> Array | None:
     """Return an improper isometry that maps the task onto itself, shape (3, 3), or None if there is none.
@@ -83,18 +109,30 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
     reflection is returned.
     """
     features = _features(task)
+    regions = [feature for feature in features if feature.kind == REGION]
+    kinds = _kinds(feature for feature in features if feature.kind != REGION)
     found = None
     for P in _rotations(features):
         if found is not None and np.trace(P) >= np.trace(found) - TOLERANCE:
             continue
-        images = (feature.rotated(P) for feature in features)
-        if all(any(image.equals(feature) for feature in features) for image in images):
+        if not all(kind.maps_onto_itself(P) for kind in kinds):
+            continue
+        images = (region.rotated(P) for region in regions)
+        if all(any(image.equals(region) for region in regions) for image in images):
             found = P
     if found is None:
         return None
     O = -found
     O.flags.writeable = False
     return O
+
+
+def _kinds(features: Iterable[_Feature]) -> list[_Kind]:
+    """Return features that have their vectors in order, by what they are."""
+    alike: dict[tuple[str, int, int], list[_Feature]] = {}
+    for feature in features:
+        alike.setdefault((feature.kind, len(feature.polar), len(feature.axial)), []).append(feature)
+    return [_Kind.of(group) for group in alike.values()]
 
 
 def _features(task: ResolvedTask) -> list[_Feature]:
@@ -126,13 +164,17 @@ def _load_cases(task: ResolvedTask) -> list[_Feature]:
     cases = [(case, *_wrench(case, at_com)) for case in task.load_cases]
     l_arm = task.module.arm_length
     largest = max(max(np.linalg.norm(f, axis=1).max(), np.linalg.norm(tau) / l_arm) for _, f, tau in cases) or 1.0
-    for case, f, tau in cases:
-        feature = _Feature("load case", (), f / largest, tau[None] / (l_arm * largest))
-        equal = next((i for i, other in enumerate(features) if other._replace(scalars=()).equals(feature)), None)
-        if equal is None:
-            features.append(feature._replace(scalars=(case.weight,)))
+    vectors = np.array([np.vstack([f / largest, tau[None] / (l_arm * largest)]) for _, f, tau in cases])
+    kept: list[int] = []
+    for k, (case, f, tau) in enumerate(cases):
+        apart = np.linalg.norm(vectors[kept] - vectors[k], axis=-1).max(axis=-1)
+        equal = np.flatnonzero(apart <= TOLERANCE)
+        if equal.size == 0:
+            kept.append(k)
+            features.append(_Feature("load case", (case.weight,), f / largest, tau[None] / (l_arm * largest)))
         else:
-            features[equal] = features[equal]._replace(scalars=(features[equal].scalars[0] + case.weight,))
+            i = int(equal[0])
+            features[i] = features[i]._replace(scalars=(features[i].scalars[0] + case.weight,))
     return features
 
 
@@ -165,10 +207,9 @@ def _rotations(features: list[_Feature]) -> Iterator[Array]:
         return
     gram = vectors[first] @ vectors[second]
     frame = _frame(vectors[first], vectors[second])
-    for image in _images(features, *located[first]):
-        for other in _images(features, *located[second]):
-            if abs(image @ other - gram) <= 4 * TOLERANCE:
-                yield _frame(image, other) @ frame.T
+    images, others = (np.array(list(_images(features, *located[place]))) for place in (first, second))
+    for i, j in np.argwhere(np.abs(images @ others.T - gram) <= 4 * TOLERANCE):
+        yield _frame(images[i], others[j]) @ frame.T
 
 
 def _images(features: list[_Feature], feature: _Feature, slot: int) -> Iterator[Array]:

@@ -1,0 +1,277 @@
+"""Files of others: what is no regular file, too large or no text, and meshes that are none or name other files."""
+
+import os
+import signal
+import socket
+import struct
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from topo_search.experiments.folder import Results, about
+from topo_search.limits import DESIGN_BYTES, FACETS, FRAME_TRIANGLES, MESH_BYTES, RESULT_BYTES, TASK_BYTES
+from topo_search.model import BadInput, Design
+from topo_search.model.files import read_json, read_task
+from topo_search.model.mesh_file import hull_corners, surface
+
+TASK = """\
+name = "case"
+modules = 3
+[[load_cases]]
+com = { force = [0.0, 0.0, 1.0] }
+[[exposure]]
+kind = "local"
+mesh = "%s"
+"""
+FRAME = """\
+name = "case"
+modules = 3
+[[load_cases]]
+com = { force = [0.0, 0.0, 1.0] }
+[module.body]
+inertia = [1e-3, 1e-3, 1e-3]
+mesh = "%s"
+"""
+
+
+@pytest.fixture(autouse=True)
+def no_hang() -> Iterator[None]:
+    """End a test that waits for a pipe."""
+
+    def ended(*_: object) -> None:
+        raise TimeoutError("a reader waits")
+
+    before = signal.signal(signal.SIGALRM, ended)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def _task(path: Path) -> None:
+    read_task(path)
+
+
+def _design(path: Path) -> None:
+    read_json(Design, path)
+
+
+def _region(path: Path) -> None:
+    task = path.parent / "task of a region.toml"
+    task.write_text(TASK % path.name)
+    read_task(task)
+
+
+def _frame(path: Path) -> None:
+    task = path.parent / "task of a frame.toml"
+    task.write_text(FRAME % path.name)
+    read_task(task)
+
+
+def _experiment(path: Path) -> None:
+    folder = path.parent / "experiment"
+    folder.mkdir()
+    path.rename(folder / "about.json")
+    with Results.opened(folder, about("scaling", {}, "")):
+        pass
+
+
+READERS: dict[str, tuple[Callable[[Path], None], str, int]] = {
+    "task": (_task, "in.toml", TASK_BYTES),
+    "design": (_design, "in.json", DESIGN_BYTES),
+    "region": (_region, "in.obj", MESH_BYTES),
+    "frame": (_frame, "in.stl", MESH_BYTES),
+    "experiment": (_experiment, "in.json", RESULT_BYTES),
+}
+
+
+def refusal(read: Callable[[Path], None], path: Path) -> str:
+    with pytest.raises(BadInput) as refused:
+        read(path)
+    (fault,) = refused.value.faults
+    return fault.rule
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("kind", ["a pipe", "a folder", "a socket", "a character device"])
+def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path: Path, reader: str, kind: str) -> None:
+    read, name, _ = READERS[reader]
+    path = tmp_path / name
+    with socket.socket(socket.AF_UNIX) as listening:
+        match kind:
+            case "a pipe":
+                os.mkfifo(path)
+            case "a folder":
+                path.mkdir()
+            case "a socket":
+                listening.bind(str(path))
+            case _:
+                path.symlink_to("/dev/zero")
+        assert f"must be a regular file, but is {kind}" in refusal(read, path)
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_file_beyond_its_size_is_not_read(tmp_path: Path, reader: str) -> None:
+    read, name, most = READERS[reader]
+    with (tmp_path / name).open("wb") as stream:
+        stream.truncate(2**40)
+    assert f"must have at most {most:,} bytes, but has {2**40:,}" in refusal(read, tmp_path / name)
+
+
+@pytest.mark.parametrize("reader", ["task", "design", "experiment"])
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_the_first_byte_that_is_no_text_is_told(tmp_path: Path, reader: str, mark: bytes) -> None:
+    read, name, _ = READERS[reader]
+    content = mark + "# ü\n".encode() + b"\xfc"
+    (tmp_path / name).write_bytes(content)
+    told = f"must be UTF-8 text, but got the byte 0xfc at offset {len(content) - 1}"
+    assert refusal(read, tmp_path / name) == told
+
+
+def test_names_that_no_file_can_have_are_refused(tmp_path: Path) -> None:
+    task = tmp_path / "task.toml"
+    for form in (TASK, FRAME):
+        task.write_text(form % r"zero\u0000byte.stl")
+        assert "must have a name that a file can have" in refusal(_task, task)
+        task.write_text(form % ("n" * 5000 + ".obj"))
+        assert "must be a file that can be read" in refusal(_task, task)
+
+
+def test_a_message_cannot_write_to_the_terminal(tmp_path: Path) -> None:
+    with pytest.raises(BadInput) as refused:
+        read_task(tmp_path / "\x1b[31m\n.toml")
+    assert r"\x1b[31m\n.toml: no such file" in str(refused.value)
+    with pytest.raises(BadInput, match=r"^\ufffd.toml: no such file"):
+        read_task(os.fsdecode(b"\xff.toml"))
+
+
+def test_a_task_that_is_not_the_user_s_names_no_other_file(tmp_path: Path) -> None:
+    (tmp_path / "box.obj").write_bytes(BOX)
+    for form, field in ((TASK, "exposure[0].mesh"), (FRAME, "module.body.mesh")):
+        (tmp_path / "task.toml").write_text(form % "box.obj")
+        read_task(tmp_path / "task.toml")
+        with pytest.raises(BadInput) as refused:
+            read_task(tmp_path / "task.toml", names_files=False)
+        assert [fault.path for fault in refused.value.faults] == [field]
+
+
+# ---- meshes
+
+CORNERS = [(x, y, z) for x in (-1, 1) for y in (-2, 2) for z in (-3, 3)]
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+
+
+def obj(corner: Callable[[int], str], *before: str) -> bytes:
+    """A box as an OBJ, each facet after its vertices."""
+    lines = [*before, *(f"v {x} {y} {z}" for x, y, z in CORNERS)]
+    return "\n".join([*lines, *("f " + " ".join(map(corner, quad)) for quad in QUADS)]).encode()
+
+
+BOX = obj(lambda i: f"{i + 1}")
+TRIANGLES = [(a, b, c) for a, b, c, d in QUADS] + [(a, c, d) for a, b, c, d in QUADS]
+RECORDS = b"".join(struct.pack("<12fH", 0, 0, 0, *(x for i in facet for x in CORNERS[i]), 0) for facet in TRIANGLES)
+BINARY = b"solid in name only".ljust(80) + struct.pack("<I", len(TRIANGLES)) + RECORDS
+ASCII = "\n".join(
+    f"facet normal 0 0 0\n outer loop\n{corners}\n endloop\nendfacet"
+    for facet in TRIANGLES
+    for corners in ["\n".join("  vertex {} {} {}".format(*CORNERS[i]) for i in facet)]
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    {
+        "box.obj": BOX,
+        "backwards.obj": obj(lambda i: f"{i - 8}"),
+        "textured.obj": obj(lambda i: f"{i + 1}/7", "mtllib other.mtl", "usemtl red", "vt 0 0"),
+        "normal.obj": obj(lambda i: f"{i + 1}//9", "o thing", "g part", "s off", "vn 0 0 1"),
+        "both.obj": obj(lambda i: f"{i - 8}/-1/-2", "# v 9 9 9", "l 1 2"),
+        "coloured.obj": obj(lambda i: f"{i - 8}", "v 1 1 1e0 0.5 0.5 0.5", "v 1 1 1. 1.0"),
+        "continued.obj": BOX.replace(b" ", b" \\\n").replace(b"\n", b"\r\n"),
+        "unused.obj": b"v 9 9 9\n" + obj(lambda i: f"{i + 2}"),
+        "binary.stl": BINARY,
+        "ascii.STL": f"solid a facet\n{ASCII}\nendsolid a facet".encode(),
+        "upper.stl": f"SOLID\n{ASCII.upper()}\nENDSOLID".replace("\n", "\r\n").encode(),
+        "two.stl": f"solid\n{ASCII}\nendsolid\nsolid b\n{ASCII}\nendsolid b".encode(),
+    }.items(),
+)
+def test_a_box_reads_as_a_box_in_every_form(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    vertices, triangles = surface(tmp_path / name)
+    assert hull_corners(tmp_path / name).tolist() == [list(map(float, corner)) for corner in sorted(CORNERS)]
+    mesh = trimesh.Trimesh(vertices, triangles, process=False)
+    assert mesh.area / 2 == pytest.approx((8 + 12 + 24) * (2 if name == "two.stl" else 1))
+
+
+def test_a_mesh_opens_no_other_file(tmp_path: Path) -> None:
+    """Neither the library of materials, nor its textures, nor anything else that an OBJ may name."""
+    os.mkfifo(tmp_path / "pipe.mtl")
+    (tmp_path / "m.mtl").write_text("newmtl red\nmap_Kd huge.png\n")
+    (tmp_path / "huge.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    (tmp_path / "names.obj").write_bytes(
+        b"mtllib pipe.mtl m.mtl\nmaplib a.map\nshadow_obj pipe.mtl\nusemtl red\nvt 0 0\n" + BOX
+    )
+    opened: list[str] = []
+    seen = [True]
+    sys.addaudithook(lambda event, given: opened.append(str(given[0])) if event == "open" and seen[0] else None)
+    surface(tmp_path / "names.obj")
+    seen[0] = False
+    assert [name for name in opened if str(tmp_path) in name] == [str(tmp_path / "names.obj")]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "rule"),
+    [
+        ("a.obj", b"v 0 0\n", "must have three numbers a vertex, but got 2 (line 1)"),
+        ("a.obj", b"v 0 0 nan\n", 'must have numbers for coordinates, but got "nan" (line 1)'),
+        ("a.obj", b"v 0 0 1_0\n", 'must have numbers for coordinates, but got "1_0" (line 1)'),
+        ("a.obj", b"v 0 0 " + b"9" * 5000, "must have numbers for coordinates, but got"),
+        ("a.obj", BOX + b"\nf 1 2", "must have three corners a facet or more, but got 2 (line 15)"),
+        ("a.obj", BOX + b"\nf 1 2 9", "must have the number of a vertex before it, 1 to 8, but got 9 (line 15)"),
+        ("a.obj", BOX + b"\nf 0 1 2", "must have the number of a vertex before it, 1 to 8, but got 0 (line 15)"),
+        ("a.obj", BOX + b"\nf -9 1 2", "must have the number of a vertex before it, 1 to 8, but got -9 (line 15)"),
+        ("a.obj", BOX + b"\nf 1 2 x", 'must have the number of a vertex for a corner, but got "x" (line 15)'),
+        ("a.obj", BOX + b"\nf 1 2 1/2/3/4", "must have the number of a vertex for a corner"),
+        ("a.obj", BOX + b"\nf 1 2 " + b"1" * 20, "must have the number of a vertex for a corner"),
+        ("a.obj", b"curv 0 1 1 2\n", 'must be an OBJ of vertices and facets, but has "curv" (line 1)'),
+        ("a.obj", b"\x89PNG\r\n\x1a\n", "must be an OBJ of vertices and facets, but has"),
+        ("a.obj", b"\n" * (10 * FACETS + 1), "must have at most 1,000,000 lines, but has more"),
+        ("a.obj", b"v 0 0 0\nf" + b" 1" * 10**6, "must have at most 10,000 bytes a line"),
+        ("a.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\n" + b"f 1 2 3\n" * (FACETS + 1), "must have at most 100,000 facets"),
+        ("a.obj", b"", "must be the mesh of a body with a volume"),
+        (
+            "a.stl",
+            b"",
+            "must be a whole STL file: 84 bytes and 50 a facet; this one has too few bytes for a header",
+        ),
+        ("a.stl", BINARY[:-1], "must be"),
+        ("a.stl", BINARY + b"\0", "must be"),
+        ("a.stl", BINARY.replace(b"solid", b"salad")[:-1], "this one has 683 bytes for 12 facets"),
+        ("a.stl", bytes(80) + struct.pack("<I", 0), "must be the mesh of a body with a volume"),
+        ("a.stl", BINARY[:84] + np.full(150, np.nan, "<f4").tobytes(), "must be the mesh of a body with a volume"),
+        ("a.stl", bytes(80) + struct.pack("<I", 10**6) + bytes(50 * 10**6), "must have at most 16,777,216 bytes"),
+        ("a.stl", bytes(80) + struct.pack("<I", 200_000) + bytes(10**7), "must have at most 100,000 facets"),
+        ("a.stl", b"solid\n" + b"endfacet\n" * 10**6, "must have at most 100,000 facets"),
+        ("a.stl", f"solid\n{ASCII}\nfacet".encode(), "must be a whole ASCII STL, 21 words a facet, but has"),
+        ("a.stl", f"solid\n{ASCII.replace('loop', 'loup', 1)}".encode(), 'facet 0 has "loup" for `loop`'),
+        ("a.stl", f"solid\n{ASCII.replace('vertex -1', 'vertex inf', 1)}".encode(), 'but got "inf"'),
+    ],
+)
+def test_a_mesh_that_is_none_is_named(tmp_path: Path, name: str, content: bytes, rule: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    for read in (_region, _frame):
+        assert rule in refusal(read, tmp_path / name)
+
+
+def test_a_frame_has_few_triangles_and_pieces(tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    assert len(ball.faces) > FRAME_TRIANGLES
+    (tmp_path / "ball.stl").write_bytes(ball.export(file_type="stl"))
+    assert "must have at most 5,000 triangles, but has 20,480" in refusal(_frame, tmp_path / "ball.stl")
+    crumbs = "".join(f"v {3 * i} 0 0\nv {3 * i} 1 0\nv {3 * i} 0 1\nf -3 -2 -1\n" for i in range(101))
+    (tmp_path / "crumbs.obj").write_text(crumbs)
+    assert "must have at most 100 pieces, but has 101" in refusal(_frame, tmp_path / "crumbs.obj")

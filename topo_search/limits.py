@@ -1,0 +1,48 @@
+"""How large an input may be; the README has the same as a table.
+
+What is within these limits is worked on to its end, in time and memory that are known. What is beyond them is
+refused by name before any work is done for it.
+"""
+
+from __future__ import annotations
+
+MIB = 2**20
+
+TASK_BYTES = MIB
+"""Of a task's file; one at all the other limits at once is shorter."""
+DESIGN_BYTES = 8 * MIB
+"""Of a design's file; one of 200 modules and 200 load cases has about half as many."""
+RESULT_BYTES = 64 * MIB
+"""Of any other file that the program wrote: audits and the tables of experiments."""
+MESH_BYTES = 16 * MIB
+"""Of an STL or OBJ file."""
+
+MODULES = 200
+"""Of a platform."""
+SIZES = 20
+"""Numbers of modules that one task asks for."""
+LISTED_MODULES = 1_000
+"""Of trees that are only counted, drawn or listed."""
+DRAWN_TREES = 1_000_000
+"""Drawn at once."""
+LOAD_CASES = 200
+REQUIREMENTS = 20
+"""Exposure requirements of a task."""
+SEGMENTS = 200
+"""Motion paths of all directional requirements of a task together."""
+CORNERS = 100
+"""Of a convex region: the solver looks at each of them for every module."""
+LEVELS = 1_000
+"""Combinations of the levels of all goals: each takes as long as a run of its own."""
+
+FACETS = 100_000
+"""Triangles of a mesh file, polygons cut into triangles; of its vertices there may be three times as many."""
+FRAME_PIECES = 100
+"""Convex pieces of a module's own frame."""
+FRAME_TRIANGLES = 5_000
+"""Triangles of all pieces of a module's own frame."""
+
+KEY_PARTS = 30
+"""Parts of a dotted key in TOML, and of a field in a setting."""
+LARGEST_INTEGER = 2**63 - 1
+"""Seeds and other whole numbers without a range of their own: what TOML promises to every reader."""
