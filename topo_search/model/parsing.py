@@ -8,7 +8,7 @@ import tomllib
 from collections import Counter
 from typing import Any
 
-from topo_search.limits import KEY_PARTS
+from topo_search.limits import KEY_PARTS, LISTS
 from topo_search.model.bad_input import shown
 
 PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
@@ -29,8 +29,10 @@ def toml_data(text: str) -> dict[str, Any]:
     """Return the data of a TOML text.
 
     Raises:
-        NotParsed: it is none, or has a key of very many parts.
+        NotParsed: it is none, or has very many lists, brackets within each other or parts of a key.
     """
+    if (lists := text.count("[")) > LISTS:
+        raise NotParsed(f"must have at most {LISTS:,} lists, but has {lists:,}", beyond=True)
     if (dotted := DOTTED.search(text)) is not None:
         raise NotParsed(f"must have at most {KEY_PARTS} parts in a key, but got {shown(dotted[0])}", beyond=True)
     try:
