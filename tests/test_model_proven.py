@@ -1,5 +1,6 @@
 """Proven numbers are rounded to the side on which they are still proven, the same wherever they are shown."""
 
+import json
 import re
 from decimal import Decimal
 from fractions import Fraction
@@ -88,6 +89,8 @@ def test_bounds_of_clearances_and_errors_are_told_on_their_side() -> None:
     )
     part = design_part(made, changed)
     assert part.nearest.rows[0][3:] == ["1.23 mm", "1.24 mm"]
+    pointed = json.loads(part.clearances[0].data)["data"][0]["customdata"]
+    assert "proven: 1.23 mm to 1.24 mm" in str(pointed)
     assert part.errors.rows[0][1:3] == ["0.00409°", "0.00411°"]
     assert next(survived(changed.sensitivity)).startswith(
         "hinge angles may be off by 0.00409 deg (too much: 0.00411 deg)"

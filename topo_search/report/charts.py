@@ -14,6 +14,7 @@ from plotly.subplots import make_subplots
 
 from topo_search.export import palette
 from topo_search.model import Audit, Clearance, Design
+from topo_search.model.proven import at_least, at_most
 from topo_search.report.wording import figures, length
 from topo_search.study import Solve
 
@@ -117,7 +118,8 @@ def _colours() -> list[tuple[float, str]]:
 
 def _described(pair: Clearance) -> str:
     """Return one clearance in full, for the pointer."""
-    lower, upper = ("none" if bound is None else length(bound) for bound in (pair.lower_m, pair.upper_m))
+    lower = "none" if pair.lower_m is None else length(at_least(pair.lower_m, 3))
+    upper = "none" if pair.upper_m is None else length(at_most(pair.upper_m, 3))
     return f"{pair.name}<br>{pair.status}, {length(pair.analytic_m)}<br>proven: {lower} to {upper}"
 
 
