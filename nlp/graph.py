@@ -12,6 +12,7 @@ from nlp import names
 from nlp.evaluate import Violation, violations, worst
 from nlp.finish import finish
 from nlp.ipopt import BETA, OPTIONS, Answer, answer_of
+from nlp.memory import ipopt
 from nlp.point import Point
 from nlp.problem import Problem, problem, variable_bounds
 from topo_search.model import ResolvedTask, Topology
@@ -78,7 +79,7 @@ def _solver(stated: Problem) -> _Ready:
     }
     rows = ca.vertcat(*(constraint.expression for constraint in constraints))
     nlp = {"x": stated.variables.vector(), "p": stated.beta, "f": stated.objective, "g": rows}
-    return ca.nlpsol("topology", "ipopt", nlp, {**OPTIONS, **HOPELESS}), bounds
+    return ipopt("topology", nlp, {**OPTIONS, **HOPELESS}), bounds
 
 
 def _rank(reached: Violation) -> tuple[bool, float]:

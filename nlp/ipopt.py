@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from nlp.memory import require_room
 from nlp.point import Point
 from topo_search.model import ResolvedTask, Topology
 
@@ -21,8 +20,6 @@ OPTIONS: dict[str, int | float | str | bool] = {
     "ipopt.mu_strategy": "adaptive",
     "ipopt.bound_relax_factor": 0.0,  # inputs and angles end inside their bounds, not 1e-8 outside
 }
-
-require_room()
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,12 @@
-"""Room for linear algebra, which waits without end for memory that it cannot have."""
+"""Ipopt is not called without room for its BLAS, which waits without end for memory that it cannot have."""
 
 from __future__ import annotations
 
 import mmap
+from functools import cache
+from typing import Any
+
+import casadi as ca
 
 ROOM = 256 * 2**20
 """Address space that a process needs before its first call of Ipopt [bytes]: the plugin, and buffers of its BLAS.
@@ -12,8 +16,14 @@ it ends with an error, with 256 MB it solves.
 """
 
 
-def require_room() -> None:
-    """Raise MemoryError if Ipopt would not get the memory that it begins with."""
+def ipopt(name: str, problem: dict[str, Any], options: dict[str, Any]) -> ca.Function:
+    """Return Ipopt for a problem; MemoryError if it would not get the memory that it begins with."""
+    _require_room()
+    return ca.nlpsol(name, "ipopt", problem, options)
+
+
+@cache  # once it was called it has its buffers
+def _require_room() -> None:
     try:
         mmap.mmap(-1, ROOM).close()  # no page of it is touched
     except OSError as error:

@@ -11,6 +11,10 @@ def main() -> NoReturn:
 
 
 def _command() -> None:
+    import logging
+
+    logging.disable()  # whatever libraries would log, such as a lost connection's traceback, is told in our words
+
     from topo_search.cli import main as command
 
     command()

@@ -30,10 +30,14 @@ INTERRUPTED = 130
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
 """What ends a command: Ctrl-C, and what a scheduler ends a job with."""
-GRACE = 2.0
+GRACE = 2.5
 """Time in which a command that is to stop can write what it has, before it is killed [s]."""
 MEMORY_FAULTS = (signal.SIGABRT, signal.SIGBUS, signal.SIGILL, signal.SIGSEGV, signal.SIGTRAP)
 """How native code ends when an allocation fails: C++ and LLVM abort, others use a null pointer."""
+SWALLOWS = ("casadi",)
+"""Libraries that handle signals in native code, and return what they have when one raises there."""
+AGAIN = 0.05
+"""How much later KeyboardInterrupt is raised instead [s]."""
 TELL = 0.2
 """How long a reader of messages is waited for [s]."""
 
@@ -44,6 +48,7 @@ class Stop:
     def __init__(self, end: int | None = None) -> None:
         self._end = end
         """Where the process that waits is told that it is the command that ends, no library of it."""
+        self._raised = False
         self.asked = False
         """Whether one of them came."""
         self.unwinds = False
@@ -53,13 +58,23 @@ class Stop:
         """Handle a signal."""
         first, self.asked = not self.asked, True
         if self.unwinds:
-            if first:
-                raise KeyboardInterrupt
+            if not self._raised:
+                self._raise(frame)
             return
         if first:
             tell("stopped")
         self.orderly()
         os._exit(INTERRUPTED)
+
+    def _raise(self, frame: FrameType | None) -> None:
+        """Raise KeyboardInterrupt; a moment later where it would be swallowed, and half a result be taken for one."""
+        where = frame.f_globals.get("__name__", "") if frame else ""
+        if where.partition(".")[0] in SWALLOWS:
+            signal.signal(signal.SIGALRM, self)
+            signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        else:
+            self._raised = True
+            raise KeyboardInterrupt
 
     def orderly(self) -> None:
         """Tell that the exit status which follows is the command's own."""

@@ -16,6 +16,7 @@ from nlp.evaluate import beside_airflow, violations, worst
 from nlp.finish import finish
 from nlp.geometry import Swept, clearance
 from nlp.ipopt import BETA, OPTIONS, Answer, answer_of
+from nlp.memory import ipopt
 from nlp.point import Point
 from nlp.problem import variable_bounds
 from topo_search.model import ResolvedTask, Topology
@@ -168,5 +169,5 @@ def _ipopt(assembly: Assembly, options: Options) -> tuple[ca.Function, tuple[Eva
         [lambda x, _, lam_f, lam_g: assembly.hessian(x, lam_f[0], lam_g)],
     )
     derivatives: dict[str, Any] = {"grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess_lag, "no_nlp_grad": True}
-    solver = ca.nlpsol("assembled", "ipopt", nlp, {**OPTIONS, **options, **MUMPS, **derivatives})
+    solver = ipopt("assembled", nlp, {**OPTIONS, **options, **MUMPS, **derivatives})
     return solver, (nlp, grad_f, jac_g, hess_lag)

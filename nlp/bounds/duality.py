@@ -28,6 +28,7 @@ import casadi as ca
 import numpy as np
 
 from nlp.bounds.sphere import around, directions, greatest
+from nlp.memory import ipopt
 from topo_search.model.arrays import Array
 
 OPTIONS: dict[str, int | float | str | bool] = {
@@ -83,7 +84,7 @@ def _over(z: Array, f: Array, weights: Array, T: float, largest: float) -> Array
         "f": greatest_phi - ca.sum1(ca.sum2(nu * ca.DM(f))),
         "g": greatest_phi - ca.sum2(phi),
     }
-    solver = ca.nlpsol("dual", "ipopt", problem, OPTIONS)
+    solver = ipopt("dual", problem, OPTIONS)
     bounds = ca.vertcat(ca.DM.ones(nu.numel()) * largest, ca.inf)
     x = solver(x0=ca.vertcat(ca.vec(ca.DM(2 * weights[:, None] * f)), 1.0), lbx=-bounds, ubx=bounds, lbg=0.0)["x"]
     result: Array = np.asarray(x[:-1]).reshape(f.shape, order="F")

@@ -78,6 +78,7 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
             _end(f"{os.strerror(error.errno)}{where}{kept}", INPUT_OUTPUT)
         raise
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         stop.unwinds = False
         for number, handler in before.items():
             signal.signal(number, handler)

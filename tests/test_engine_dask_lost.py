@@ -1,0 +1,149 @@
+"""Dask schedulers that say nothing, workers that do not come back, and other versions: an error in stated time."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from importlib import metadata
+
+import pytest
+from dask_cluster import Cluster
+from engine_jobs import LONG, pause, square
+from processes import eventually
+
+from topo_search.engine import DaskWorkers, WorkersLost, computing_versions, dask_connection, dask_workers
+from topo_search.engine.dask_guard import COMPUTING, PYTHON
+
+
+@pytest.fixture
+def mute():
+    """The address of something that accepts connections and never answers."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        yield f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+
+
+def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(mute, monkeypatch):
+    monkeypatch.setattr(dask_connection, "CONNECT", 1.0)
+    with (
+        DaskWorkers(mute, {}) as workers,
+        pytest.raises(WorkersLost, match=f"no Dask scheduler answers at {mute}: "),
+    ):
+        workers.one(square, 3, deadline=LONG)
+
+
+def test_a_scheduler_that_falls_silent_is_given_up(tmp_path, monkeypatch):
+    with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}) as workers:
+        cluster.add_worker()
+        assert workers.one(square, 3, deadline=LONG) == 9
+        monkeypatch.setattr(dask_connection, "CONNECT", 1.0)
+        os.kill(cluster.scheduler.pid, signal.SIGSTOP)
+        with pytest.raises(WorkersLost, match="has not answered for 1 s"):
+            workers.one(square, 3, deadline=LONG)
+        os.kill(cluster.scheduler.pid, signal.SIGCONT)
+
+
+def test_workers_that_do_not_come_back_are_given_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_workers, "RETURN", 1.0)
+    noted = []
+    with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}, note=noted.append) as workers:
+        worker = cluster.add_worker()
+        results = workers.run(pause, [(x, 0.3) for x in range(100)], deadline=lambda _: LONG)
+        next(results)
+        os.killpg(worker.pid, signal.SIGKILL)
+        with pytest.raises(WorkersLost, match=r"no worker has come back to the Dask scheduler at .* in 1 s"):
+            list(results)
+    assert noted[-1] == f"all workers have left the Dask scheduler at {cluster.address}; it waits 1 s for one"
+
+
+def test_a_scheduler_that_is_restarted_without_workers_ends_the_run(tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_workers, "RETURN", 1.0)
+    with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}) as workers:
+        worker = cluster.add_worker()
+        assert workers.one(square, 3, deadline=LONG) == 9
+        os.killpg(worker.pid, signal.SIGKILL)
+        os.kill(cluster.scheduler.pid, signal.SIGKILL)
+        cluster.scheduler.wait()
+        cluster.start_scheduler()
+        eventually(lambda: workers._connection.stands, 60)
+        with pytest.raises(WorkersLost, match=r"is gone|no worker has come back"):
+            workers.one(square, 3, deadline=LONG)
+
+
+def run_command(folder, *words):
+    command = [
+        sys.executable,
+        "-m",
+        "topo_search",
+        "run",
+        "push",
+        "--modules",
+        "4",
+        "--starts",
+        "6",
+        "--out",
+        "run",
+    ]
+    return subprocess.Popen(
+        [*command, *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_command_that_waits_for_a_scheduler(tmp_path, mute, number):
+    process = run_command(tmp_path, "--dask", mute)
+    eventually((tmp_path / "run" / "ledger.sqlite").exists)
+    time.sleep(8.0)  # the lower bound first
+    process.send_signal(number)
+    _, told = process.communicate(timeout=10)
+    assert process.returncode == 130
+    assert told.splitlines()[-1] == "stopped; all results are kept, and the same command resumes"
+    assert "Traceback" not in told
+
+
+def test_a_scheduler_that_ends_is_a_line_and_a_status(tmp_path):
+    with Cluster(tmp_path) as cluster:
+        cluster.add_worker()
+        process = run_command(tmp_path, "--dask", cluster.address)
+        eventually(lambda: (tmp_path / "run" / "ledger.sqlite").exists())
+        time.sleep(6.0)
+        os.kill(cluster.scheduler.pid, signal.SIGKILL)
+        _, told = process.communicate(timeout=120)
+    assert process.returncode == 70, told
+    assert "is gone; what the run has finished is safe" in told.splitlines()[-1]
+    assert all("modules" in line or "the Dask scheduler" in line for line in told.splitlines()), told
+
+
+@pytest.mark.parametrize("name", [PYTHON, *COMPUTING])
+def test_another_version_of_anything_that_computes_is_refused(cluster, name):
+    versions = computing_versions()
+    here = versions[name]
+    assert here == (".".join(map(str, sys.version_info[:3])) if name == PYTHON else metadata.version(name))
+    differ = rf"the Dask worker tcp://\S+ has {name} {here}, where this process has 0\.1: results could differ"
+    with (
+        DaskWorkers(cluster.address, {**versions, name: "0.1"}) as workers,
+        pytest.raises(WorkersLost, match=differ),
+    ):
+        workers.one(square, 3, deadline=LONG)
+
+
+def test_whatever_a_worker_loads_to_solve_and_audit_must_be_the_same():
+    """What is loaded beside it is data, transport and what these load for themselves."""
+    code = "import sys, topo_search.compose; print(*{name.split('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    top = set(done.stdout.split())
+    modules = metadata.packages_distributions()
+    loaded = {name for module in top for name in modules.get(module, ())}
+    beside = {
+        "Cython",
+        "Pebble",
+        "annotated-types",
+        "pydantic_core",
+        "typing-inspection",
+        "typing_extensions",
+        "tomli_w",
+    }
+    assert loaded - set(COMPUTING) - beside == set()
