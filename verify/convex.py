@@ -151,13 +151,21 @@ class Polyhedron(Convex):
         return Polyhedron(self.name, self.centre + factor * (self.vertices - self.centre), self.triangles)
 
 
-def box(name: str, centre: Array, half: Array) -> Polyhedron:
+@dataclass(frozen=True, eq=False)
+class Box(Polyhedron):
+    """A box; copies of it are polyhedra."""
+
+    half: Array
+    """Rows: half its edges, right-handed and at right angles, shape (3, 3)."""
+
+
+def box(name: str, centre: Array, half: Array) -> Box:
     """Return a box whose rows of half edges are `half`, right-handed and at right angles, shape (3, 3)."""
     # Corner 4 i + 2 j + k has the signs i, j, k along the three edges.
     signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [half_side for a, b, c, d in sides for half_side in ((a, b, c), (a, c, d))]
-    return Polyhedron(name, centre + signs @ half, np.array(triangles, dtype=np.intp))
+    return Box(name, centre + signs @ half, np.array(triangles, dtype=np.intp), half)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ import numpy as np
 
 from topo_search.model import Audit, Clearance, Design, Module, Status
 from verify.assembly import assembly
+from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
 from verify.bodies import Cone
 from verify.certificate import Certificate, Solid, certify_pairs
 from verify.compound_certificate import certify_compounds, compound_evidence
@@ -26,13 +27,14 @@ from verify.hull_certificate import certify_outside
 from verify.hulls import Hull
 from verify.interference import interference, percent_of_deepest
 from verify.kinematics import platform
-from verify.parts import rigid_parts
+from verify.parts import RigidParts, rigid_parts
 from verify.requirements import Requirement, Scene
 from verify.residuals import finite, residuals
 from verify.sensitivity import sensitivity
 
+Asked = Requirement | RigidRequirement | BesideAirflow
 MOST_CLEARANCES = 1_000_000
-"""Rows of an audit: those of 700 modules and 50 paths; more would need gigabytes."""
+"""Rows of an audit, without those of rigid parts: those of 700 modules and 50 paths; more would need gigabytes."""
 
 
 def audit(design: Design) -> Audit:
@@ -58,16 +60,21 @@ def _audit(design: Design, started: float) -> Audit:
     parts = rigid_parts(design, found)
     sheet = assembly(design, found, parts)
     rigid = list(keep_apart(design, parts, sheet.mount))
-    asked: list[Requirement | RigidRequirement] = [*requirements, *rigid]
+    counts = design.task.body_clearance is not None
+    beside = beside_airflow(parts, scene.envelopes, counts=counts)
+    rods = list(scene.rod(parts, sheet.mount))
+    asked: list[Asked] = [*requirements, *rigid, *beside, *rods]
     certificates = [
         *_certificates(requirements),
         *certify_compounds([(r.body, r.against) for r in rigid], [r.bolted for r in rigid]),
+        *certify_beside(beside, parts),
+        *_certificates(rods),
     ]
     statuses = [row.status for row in rows]
     statuses += [c.status for requirement, c in zip(asked, certificates, strict=True) if requirement.counts]
     mount, module = sheet.mount, design.task.module
     holder = 0 if mount is None else mount.module
-    pairs = tuple(_clearance(*row, module) for row in zip(asked, certificates, strict=True))
+    pairs = tuple(_clearance(*row, module, parts) for row in zip(asked, certificates, strict=True))
     return Audit(
         verdict=Status.worst(statuses),
         pairs=pairs,
@@ -93,7 +100,7 @@ def _certificates(requirements: list[Requirement]) -> list[Certificate]:
     return [certificate(r.body, r.against) for r in requirements]
 
 
-def _clearance(requirement: Requirement | RigidRequirement, certificate: Certificate, module: Module) -> Clearance:
+def _clearance(requirement: Asked, certificate: Certificate, module: Module, parts: RigidParts) -> Clearance:
     l_arm, d = module.arm_length, finite(certificate.analytic * module.arm_length)
     inconsistent = certificate.status == Status.INCONSISTENT
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
@@ -108,11 +115,13 @@ def _clearance(requirement: Requirement | RigidRequirement, certificate: Certifi
         analytic_m=d,
         level=certificate.level,
         percent=finite(percent_of_deepest(d, module)) if requirement.kind == "airflow" else None,
-        evidence=_evidence(requirement) if inconsistent else (),
+        evidence=_evidence(requirement, parts) if inconsistent else (),
     )
 
 
-def _evidence(requirement: Requirement | RigidRequirement) -> tuple[str, ...]:
+def _evidence(requirement: Asked, parts: RigidParts) -> tuple[str, ...]:
+    if isinstance(requirement, BesideAirflow):
+        return beside_evidence(requirement, parts)
     if isinstance(requirement, RigidRequirement):
         return compound_evidence(requirement.body, requirement.against, requirement.bolted)
     return evidence(requirement.body, requirement.against)

@@ -58,6 +58,8 @@ class RigidParts:
     """Orientations of the modules, shape (n, 3, 3)."""
     p_E: Array
     """The end-effector, shape (3,)."""
+    own: tuple[Convex, ...]
+    """The parts of every module in its own frame, rotors last."""
     reach: float
     """Every module lies in the ball of this radius around its centre."""
 
@@ -80,4 +82,4 @@ def rigid_parts(design: Design, platform: Platform) -> RigidParts:
         for R, o in zip(platform.poses.R, centres, strict=True)
     )
     reach = max(part.reach for part in parts)
-    return RigidParts(modules, centres, platform.poses.R, (platform.p_e - middle) / l_arm, reach)
+    return RigidParts(modules, centres, platform.poses.R, (platform.p_e - middle) / l_arm, parts, reach)

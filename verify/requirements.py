@@ -13,12 +13,14 @@ from itertools import combinations
 
 import numpy as np
 
-from topo_search.model import Design, Directional, Exterior, Local
+from topo_search.model import Design, Directional, Exterior, Local, Mount
 from topo_search.model.audit import Kind
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import Solid
 from verify.hulls import Hull, hull
 from verify.kinematics import Platform
+from verify.parts import RigidParts
+from verify.rod import straight_rod
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +112,15 @@ class Scene:
             cone = Cone(self.p_E, axis, requirement.half_angle_deg)
             for a, envelope in enumerate(self.envelopes):
                 yield Requirement("exterior", a, number, envelope, cone)
+
+    def rod(self, parts: RigidParts, mount: Mount | None) -> Iterator[Requirement]:
+        """Yield the rod from a mount against every airflow, if there is a rod: measured, not counted."""
+        if mount is None or not parts.in_range:
+            return
+        straight = straight_rod(self.design, parts, mount)
+        body = Solid(ConeSphere(straight.start, straight.path, straight.radius, 0.0))
+        for b, envelope in enumerate(self.envelopes):
+            yield Requirement("rod-airflow", mount.module, b, body, envelope, counts=False)
 
     def _outwards(self) -> Array | None:
         """Return p_E / ||p_E||; None where it has no direction, which the residuals report as a violation."""

@@ -34,7 +34,18 @@ class Status(StrEnum):
         return max(statuses, key=order.index, default=cls.CLEAR)
 
 
-Kind = Literal["airflow", "local", "directional", "exterior", "exclusion", "separation", "body", "rod"]
+Kind = Literal[
+    "airflow",
+    "local",
+    "directional",
+    "exterior",
+    "exclusion",
+    "separation",
+    "body",
+    "rod",
+    "rotor-airflow",
+    "rod-airflow",
+]
 
 
 class Pair(Value):
@@ -44,9 +55,9 @@ class Pair(Value):
     a: Index
     """A module."""
     b: Annotated[int, Field(strict=True, ge=-1)]
-    """The other module, or the number of the exposure requirement; -1 for p_E, or for its rod."""
+    """The other module, or whose airflow it is, or the number of the requirement; -1 for p_E, or for its rod."""
     segment: Index | None = None
-    """Index of the capsule in a directional requirement."""
+    """Index of the capsule in a directional requirement; of a `rotor-airflow` the rotor, None for hub and arms."""
 
     @property
     def name(self) -> str:
@@ -58,6 +69,11 @@ class Pair(Value):
             return f"exposure {self.b} ({self.kind}{segment}) of module {self.a}"
         if self.kind == "rod":
             return f"the end-effector's rod and module {self.a}"
+        if self.kind == "rod-airflow":
+            return f"the end-effector's rod and airflow of module {self.b}"
+        if self.kind == "rotor-airflow":
+            part = "hub and arms" if self.segment is None else f"rotor {self.segment}"
+            return f"{part} of module {self.a} and airflow of module {self.b}"
         return f"{self.kind} of modules {self.a} and {self.b}"
 
 

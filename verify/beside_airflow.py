@@ -1,0 +1,307 @@
+r"""Proven verdicts on rotors, hubs and arms beside the airflow of other modules.
+
+All is seen from the module whose parts they are, where every module's parts stand alike: then one part and many
+envelopes are one question. Lengths are in l_arm.
+
+| symbol | meaning | shape |
+|---|---|---|
+| A | a convex part in its module's frame | |
+| K | envelope of the other module: balls B(P(eta), r(eta)), eta in [0, 1] | |
+| x(eta) | the point of A nearest to P(eta) | (3,) |
+| d | clearance, the least \|P - x\| - r | scalar |
+| n | unit vector from K to A where they are nearest | (3,) |
+| lower | gap of a plane across n: least n.y over A, minus K's support, so d >= lower | scalar |
+| upper | distance of x, proven in A, from a point proven in K; or minus the depth of x in K | scalar |
+
+\|P - x\| - r is convex in eta, and its slope is the change of P along -n, less that of r: bisection finds where it
+vanishes. Hub and arms count as one. Parts whose ball is farther away than the middle of another one are bounded by
+that ball. `clear` when NumPy finds the planes and FCL finds a box around the module, or else polytopes around its
+parts, apart from one around K; `violated` when NumPy finds the point and FCL polytopes inside both overlapping. So
+neither bisection nor FCL can make a verdict by itself.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from topo_search.model import Status
+from topo_search.model.audit import Kind
+from verify.bodies import Array, Rows, nearest_on_axis
+from verify.certificate import ROUNDING, TURNED_LEVELS, Certificate, Solid, judge
+from verify.compounds import Compound
+from verify.convex import Box, Convex, Cylinder, Polyhedron
+from verify.fcl_queries import Shape
+from verify.gjk import Cores, cores, nearest
+from verify.meshes import Indices, Polytope, encloses, inner_mesh, lies_within, outer_mesh
+from verify.parts import RigidParts
+
+BISECTIONS = 52
+"""Of the axis: to rounding."""
+ROTORS = 4
+LEVELS = 2 + len(TURNED_LEVELS)
+"""0: a box around the whole module; 1: common meshes of the parts; then meshes turned towards the witness."""
+
+
+@dataclass(frozen=True, eq=False)
+class BesideAirflow:
+    """Parts of one module that must keep out of the airflow of another one."""
+
+    a: int
+    """The module whose parts they are."""
+    b: int
+    """The module whose airflow it is."""
+    segment: int | None
+    """Its rotor, or None for hub and arms."""
+    counts: bool
+    """Whether it sets the verdict; what does not is measured all the same."""
+    body: Compound
+    """The module."""
+    against: Solid
+    """The envelope."""
+    kind: Kind = "rotor-airflow"
+
+    @property
+    def parts(self) -> range:
+        """Which of the module's parts they are."""
+        frame = self.body.frame
+        return range(frame) if self.segment is None else range(frame + self.segment, frame + self.segment + 1)
+
+
+class _Found(NamedTuple):
+    """How near parts of modules are to envelopes, in the frames of the modules; N rows."""
+
+    d: Array
+    lower: Array
+    upper: Array
+    """NaN where it is not proven."""
+    x: Array
+    """Shape (N, 3)."""
+    n: Array
+    """Shape (N, 3)."""
+    part: Indices
+    """The part that is nearest."""
+
+
+def beside_airflow(parts: RigidParts, envelopes: Sequence[Solid], *, counts: bool) -> list[BesideAirflow]:
+    """Return every rotor, then hub and arms, of every module against the airflow of every other one."""
+    modules = range(len(parts.modules))
+    return [
+        BesideAirflow(a, b, segment, counts, parts.modules[a], envelopes[b])
+        for a in modules
+        for b in modules
+        if a != b
+        for segment in (*range(ROTORS), None)
+    ]
+
+
+def certify_beside(asked: Sequence[BesideAirflow], parts: RigidParts) -> list[Certificate]:
+    """Return the certificates of what `beside_airflow` returns."""
+    if not asked:
+        return []
+    pairs = asked[:: ROTORS + 1]
+    found = _found(parts, pairs)
+    proven = [
+        (row.lower > ROUNDING) & (row.d > 0) & (row.lower - ROUNDING <= row.d) & (row.d <= row.upper + ROUNDING)
+        for row in found
+    ]
+    certificates = []
+    columns = [
+        (row.d.tolist(), row.lower.tolist(), row.upper.tolist(), ok.tolist())
+        for row, ok in zip(found, proven, strict=True)
+    ]
+    for k, pair in enumerate(pairs):
+        in_range, outer = pair.body.in_range and pair.against.in_range, pair.against.outer
+        apart = in_range and outer is not None and not pair.body.bounds.shape.overlaps(outer[1])
+        for side, (d, lower, upper, ok) in enumerate(columns):
+            if not in_range:
+                certificates.append(Certificate(Status.UNDECIDED, None, None, d[k], 0))
+            elif apart and ok[k]:
+                certificates.append(Certificate(Status.CLEAR, lower[k], upper[k], d[k], 0))
+            else:
+                certificates.append(_certify(asked[k * (ROTORS + 1) + side], parts, found[side], k))
+    return certificates
+
+
+def beside_evidence(asked: BesideAirflow, parts: RigidParts) -> tuple[str, ...]:
+    """Return what to look at when bisection, planes and FCL disagree; one finding a line [l_arm]."""
+    at = _row(_found(parts, [asked])[ROTORS if asked.segment is None else asked.segment], 0)
+    part = asked.body.parts[int(at.part)]
+    return (
+        f"A, {part.name}: {part!r}",
+        f"K: {asked.against.body!r}",
+        f"bisection: clearance {float(at.d)!r}, in A's frame normal to A {at.n.tolist()}, at {at.x.tolist()}",
+        f"gap across a plane {float(at.lower)!r}, upper bound {float(at.upper)!r}",
+        *(
+            f"level {level}: FCL proves {'it' if _proof(asked, parts, at, level) is not None else 'nothing'}"
+            for level in range(LEVELS)
+        ),
+    )
+
+
+def _certify(asked: BesideAirflow, parts: RigidParts, found: _Found, k: int) -> Certificate:
+    at = _row(found, k)
+    upper = None if np.isnan(at.upper) else float(at.upper)
+    return judge(float(at.d), upper, functools.partial(_proof, asked, parts, at), LEVELS)
+
+
+def _row(found: _Found, k: int) -> _Found:
+    return _Found(*(column[k] for column in found))
+
+
+def _proof(asked: BesideAirflow, parts: RigidParts, at: _Found, level: int) -> float | None:
+    """Return the gap across the plane, if FCL agrees with its sign at this level."""
+    R, centre = parts.R[asked.a], parts.centres[asked.a]
+    if at.d > 0:
+        clear = float(at.lower) > ROUNDING and _fcl_apart(asked, R @ at.n, R @ at.x + centre, level)
+        return float(at.lower) if clear else None
+    return float(at.lower) if level >= 2 and _fcl_overlap(asked, at, R @ at.n, R @ at.x + centre, level) else None
+
+
+def _fcl_apart(asked: BesideAirflow, n: Array, x: Array, level: int) -> bool:
+    outer = asked.against.outer
+    if level == 0:
+        return outer is not None and not asked.body.bounds.shape.overlaps(outer[1])
+    near = [asked.body.parts[k] for k in asked.parts]
+    if outer is not None:
+        near = [part for part in near if part.shape.overlaps(outer[1])]
+    if level == 1 or not near:
+        return not near
+    body = asked.against.body.moved(-x)
+    mesh = outer_mesh(body, TURNED_LEVELS[level - 2], n)
+    if not encloses(mesh, body):
+        return False
+    shape = Shape(mesh)
+    return not any(shape.overlaps(Shape(_moved(part.outer(-n), -x))) for part in near)
+
+
+def _fcl_overlap(asked: BesideAirflow, at: _Found, n: Array, x: Array, level: int) -> bool:
+    body = asked.against.body.moved(-x)
+    mesh, part = inner_mesh(body, TURNED_LEVELS[level - 2], n), asked.body.parts[int(at.part)]
+    return lies_within(mesh, body) and Shape(mesh).overlaps(Shape(_moved(part.inner(x), -x)))
+
+
+def _moved(mesh: Polytope, shift: Array) -> Polytope:
+    return Polytope(mesh.vertices + shift, mesh.triangles)
+
+
+def _found(parts: RigidParts, pairs: Sequence[BesideAirflow]) -> list[_Found]:
+    """Return how near rotors 0 to 3 and the frame are, for (a, b) of the pairs."""
+    a = np.array([pair.a for pair in pairs])
+    K = Rows.of([pair.against.body for pair in pairs])
+    to_frame = parts.R[a].transpose(0, 2, 1)
+    o = np.einsum("nij,nj->ni", to_frame, K.o - parts.centres[a])
+    K = Rows(o, np.einsum("nij,nj->ni", to_frame, K.d), K.r, K.dr)
+    own, frame = parts.own, parts.modules[0].frame
+    rotors = [_nearest(part, K, np.full(len(a), frame + k)) for k, part in enumerate(own[frame:])]
+    return [*rotors, _of_frame(own[:frame], K)]
+
+
+def _of_frame(frame: Sequence[Convex], K: Rows) -> _Found:
+    """Return how near the nearest of some parts is."""
+    N = len(K.r)
+    bounds = [_ball_bounds(part, K) for part in frame]
+    farthest = np.min([upper for _, upper in bounds], axis=0)
+    least = np.full(N, np.inf)
+    best = _Found(least.copy(), least, least.copy(), np.zeros((N, 3)), np.zeros((N, 3)), np.zeros(N, dtype=np.intp))
+    for k, (part, (lower, _)) in enumerate(zip(frame, bounds, strict=True)):
+        far = lower > farthest
+        least[far] = np.minimum(least[far], lower[far])
+        rows = np.flatnonzero(~far)
+        found = _nearest(part, Rows(*(column[rows] for column in K)), np.full(len(rows), k))
+        least[rows] = np.minimum(least[rows], found.lower)
+        nearer = ~(found.d >= best.d[rows])  # also what is not a number
+        for name in ("d", "upper", "x", "n", "part"):
+            getattr(best, name)[rows[nearer]] = getattr(found, name)[nearer]
+    return best
+
+
+def _ball_bounds(part: Convex, K: Rows) -> tuple[Array, Array]:
+    """Return bounds of the clearance: by a plane before a ball around the part, and by the part's middle."""
+    w = K.o - part.centre
+    eta = nearest_on_axis(w, K.d, K.dr)
+    v = w + eta[:, None] * K.d
+    apart = np.linalg.norm(v, axis=1)
+    n = -v / np.where(apart > 0, apart, 1.0)[:, None]
+    return n @ part.centre - part.radius - K.ends(n, 1).max(axis=1), apart - K.radius(eta)
+
+
+def _nearest(part: Convex, K: Rows, number: Indices) -> _Found:
+    """Return how near a part is to every envelope."""
+    eta = _where_least(part, K)
+    P = K.centre(eta)
+    x = _nearest_points(part, P)
+    v = x - P
+    apart = np.linalg.norm(v, axis=1)
+    n = np.where(apart[:, None] > 0, v / np.where(apart > 0, apart, 1.0)[:, None], np.array([0.0, 0.0, 1.0]))
+    d = apart - K.radius(eta)
+    lower = -_support(part, -n) - K.ends(n, 1).max(axis=1)
+    x_K = P + K.radius(eta)[:, None] * n
+    within = _depth(part, x) > -ROUNDING
+    deep = K.depth(x)
+    gap = np.where(within & (K.depth(x_K) > -ROUNDING), np.linalg.norm(x - x_K, axis=1), np.nan)
+    upper = np.where(d > 0, gap, np.where(within & (deep > 2 * ROUNDING), -deep, np.nan))
+    return _Found(d, lower, upper, x, n, number)
+
+
+def _where_least(part: Convex, K: Rows) -> Array:
+    """Return eta where the clearance is attained."""
+
+    def rises(eta: Array, rows: Indices) -> Array:
+        P = K.o[rows] + eta[:, None] * K.d[rows]
+        v = P - _nearest_points(part, P)
+        apart = np.linalg.norm(v, axis=1)
+        return np.asarray(np.sum(v * K.d[rows], axis=1) > K.dr[rows] * apart)
+
+    everyone = np.arange(len(K.r))
+    eta = np.where(rises(np.zeros(len(everyone)), everyone), 0.0, 1.0)
+    rows = np.flatnonzero((eta == 1.0) & rises(np.ones(len(everyone)), everyone))
+    low, high = np.zeros(len(rows)), np.ones(len(rows))
+    for _ in range(BISECTIONS if len(rows) else 0):
+        middle = (low + high) / 2
+        up = rises(middle, rows)
+        low, high = np.where(up, low, middle), np.where(up, middle, high)
+    eta[rows] = (low + high) / 2
+    return eta
+
+
+def _nearest_points(part: Convex, points: Array) -> Array:
+    """Return the points of a part nearest to some points, shape (N, 3); those inside stand for themselves."""
+    if isinstance(part, Cylinder):
+        q = points - part.centre
+        along = q @ part.axis
+        across = q - along[:, None] * part.axis
+        rho = np.linalg.norm(across, axis=1)
+        shrunk = np.minimum(1.0, part.disc / np.where(rho > 0, rho, part.disc))
+        height = np.clip(along, -part.half, part.half)
+        return np.asarray(part.centre + shrunk[:, None] * across + height[:, None] * part.axis)
+    if isinstance(part, Box):
+        size = np.linalg.norm(part.half, axis=1)
+        axes = part.half / size[:, None]
+        return np.asarray(part.centre + np.clip((points - part.centre) @ axes.T, -size, size) @ axes)
+    many = Cores(*(np.repeat(column, len(points), axis=0) for column in cores([part])))
+    alone = Cores(points[:, None], np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros(len(points)))
+    found = nearest(many, alone, points - part.centre)
+    return np.where(found.overlap[:, None], points, found.x_A)
+
+
+def _support(part: Convex, u: Array) -> Array:
+    """Return the support of a part along unit vectors, shape (N, 3) to (N,)."""
+    across = np.linalg.norm(u - (u @ part.axis)[:, None] * part.axis, axis=1)
+    return np.asarray((u @ part.vertices.T).max(axis=1) + part.disc * across + part.ball)
+
+
+def _depth(part: Convex, x: Array) -> Array:
+    """Return how deep points are in a part, shape (N, 3) to (N,); negative outside."""
+    if isinstance(part, Cylinder):
+        q = x - part.centre
+        along = q @ part.axis
+        rho = np.linalg.norm(q - along[:, None] * part.axis, axis=1)
+        return np.asarray(np.minimum(part.disc - rho, part.half - np.abs(along)))
+    assert isinstance(part, Polyhedron)
+    normals, offsets = part.faces
+    return np.asarray((offsets - x @ normals.T).min(axis=1))
