@@ -16,7 +16,8 @@ from topo_search.cli.progress import Bar, Lines
 from topo_search.model import Assembly, Audit, Clearance, Design, EndEffectorSheet, Infeasible
 from topo_search.model.files import examples, read_json, read_task
 from topo_search.model.search import Search
-from topo_search.study import folder, single
+from topo_search.study import single
+from topo_search.study.place import Place
 from topo_search.topologies import candidates, count, sample
 
 TOY = """
@@ -258,7 +259,7 @@ def test_a_full_disk_is_told_from_all_that_can_be_repaired_by_typing(command, mo
         raise error
 
     with monkeypatch.context() as patched:
-        patched.setattr(folder, "write_atomically", full)
+        patched.setattr(Place, "write", full)
         result = command("run", "toy.toml", "--out", "out")
         assert result.exit_code == 74
         assert said in result.stderr

@@ -2,6 +2,7 @@ import csv
 import sqlite3
 
 import toy_problem
+from ledger_edit import forged
 from toy_problem import toy_run
 
 from topo_search.model import Design
@@ -133,10 +134,7 @@ def test_after_the_time_limit_nothing_is_solved_again_but_audits_go_on(tmp_path,
     toy_run(tmp_path / "run", modules=4)
     keys = list(table(tmp_path / "run"))
     monkeypatch.setenv("TOY_VIOLATED", ",".join(keys[:10]))
-    database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
-    with database:
-        database.execute("UPDATE candidates SET audit = NULL, audit_checksum = NULL")
-    database.close()
+    forged(tmp_path / "run", "UPDATE candidates SET audit = NULL, audit_checksum = NULL")
     answer = toy_run(tmp_path / "run", modules=4, time_limit=1e-9)
     assert answer.best.key == keys[10]
     assert margins(tmp_path / "run", keys[0]) == [1e-4]

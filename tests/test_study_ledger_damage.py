@@ -1,9 +1,9 @@
 """Ledgers that something else has changed: each is named with what is wrong and what to do, and left as it is."""
 
-import sqlite3
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 
 import pytest
+from ledger_edit import damaged, forged
 from toy_problem import toy_run
 
 from topo_search.model import BadInput
@@ -17,13 +17,6 @@ def run(tmp_path):
     """The folder of a run that has ended."""
     toy_run(tmp_path / "run")
     return tmp_path / "run"
-
-
-def change(run, *statements):
-    """Change a ledger in SQL, as no part of this program does."""
-    with closing(sqlite3.connect(run / "ledger.sqlite", isolation_level=None)) as database:
-        for statement in statements:
-            database.execute(*statement if isinstance(statement, tuple) else (statement,))
 
 
 @contextmanager
@@ -45,14 +38,14 @@ def read(run):
 @pytest.mark.parametrize("use", [toy_run, read])
 @pytest.mark.parametrize("table", ["run", "contexts", "candidates", "texts", "solves"])
 def test_a_table_that_was_dropped(run, use, table):
-    change(run, f"DROP TABLE {table}")
+    damaged(run, f"DROP TABLE {table}")
     with named(run, f"it has no table {table}"):
         use(run)
 
 
 @pytest.mark.parametrize("use", [toy_run, read])
 def test_a_column_that_has_another_name(run, use):
-    change(run, "ALTER TABLE candidates RENAME COLUMN standing TO stands")
+    damaged(run, "ALTER TABLE candidates RENAME COLUMN standing TO stands")
     with named(run, "its table candidates has no column standing"):
         use(run)
 
@@ -76,7 +69,7 @@ def test_a_column_that_has_another_name(run, use):
     ],
 )
 def test_an_identity_that_is_none(run, use, harm, what):
-    change(run, harm)
+    forged(run, harm)
     with named(run, what if what.startswith("its") else f"its table run: {what}"):
         use(run)
 
@@ -84,29 +77,28 @@ def test_an_identity_that_is_none(run, use, harm, what):
 @pytest.mark.parametrize("use", [toy_run, read])
 @pytest.mark.parametrize("text", ["", '{"task": "x" seed', "\x00"])
 def test_an_identity_that_is_no_json(run, use, text):
-    change(run, ("UPDATE run SET identity = ?", (text,)))
+    forged(run, ("UPDATE run SET identity = ?", (text,)))
     with pytest.raises(BadInput, match=r"is damaged \(its table run: Invalid JSON: .*; it is left as it is"):
         use(run)
 
 
 @pytest.mark.parametrize("use", [toy_run, read])
 def test_an_identity_that_is_no_text(run, use):
-    change(run, "UPDATE run SET identity = CAST(x'ff00' AS TEXT)")
+    damaged(run, "UPDATE run SET identity = CAST(x'ff00' AS TEXT)")
     with pytest.raises(BadInput, match=r"ledger\.sqlite: is damaged .*identity.* choose another folder with --out"):
         use(run)
 
 
 def test_what_was_asked_for_last_is_no_number(run):
-    change(run, "UPDATE run SET starts = 'many'")
-    with named(run, "its table run has starts 'many' and trials None"):
-        read(run)
-    assert toy_run(run).exit_status == 0  # which asks anew
-    read(run)
+    forged(run, "UPDATE run SET starts = 'many'")
+    for use in (toy_run, read):
+        with named(run, "a row of its table run has a value of another kind"):
+            use(run)
 
 
-@pytest.mark.parametrize("harm", ["''", "'{'", "replace(fixed_by, 'numpy', 'numpi')", "x'ffff'"])
+@pytest.mark.parametrize("harm", ["''", "'{'", "'[]'", "'{\"x\": NaN}'", "replace(fixed_by, 'numpy', 'numpi')"])
 def test_a_context_that_is_not_what_was_written(run, harm):
-    change(run, f"UPDATE contexts SET fixed_by = {harm}")
+    forged(run, f"UPDATE contexts SET fixed_by = {harm}")
     with pytest.raises(
         BadInput, match=r"is damaged \(what it holds of context [0-9a-f]{16} is not what was written"
     ):
@@ -116,14 +108,14 @@ def test_a_context_that_is_not_what_was_written(run, harm):
 def test_a_proof_that_is_none(tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
     toy_run(tmp_path)
-    change(tmp_path, "UPDATE contexts SET proof = json_remove(proof, '$.status')")
+    forged(tmp_path, "UPDATE contexts SET proof = json_remove(proof, '$.status')")
     with pytest.raises(BadInput, match=r"is damaged \(its table contexts: status: is required, but missing"):
         toy_run(tmp_path)
 
 
 @pytest.mark.parametrize("mark", ["application_id = 1", "user_version = 1"])
 def test_a_file_that_another_program_has_begun(tmp_path, mark):
-    change(tmp_path, f"PRAGMA {mark}")
+    damaged(tmp_path, f"PRAGMA {mark}")
     path = tmp_path / "ledger.sqlite"
     before = path.read_bytes()
     with pytest.raises(BadInput) as caught:

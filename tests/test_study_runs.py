@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 import toy_problem
+from ledger_edit import forge
 from toy_problem import solved_keys, toy_run
 
 from topo_search.model import Audit, BadInput, Design
@@ -224,9 +225,8 @@ def protected():
 def test_a_finished_run_answers_from_a_read_only_folder(tmp_path, log, protected):
     answer = toy_run(tmp_path / "run")
     shutil.copytree(tmp_path / "run", tmp_path / "killed")
-    database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
-    with database:
-        database.execute("UPDATE candidates SET seconds = 7")
+    database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite", isolation_level=None)
+    forge(database, "UPDATE candidates SET seconds = 7")
     for name in ("ledger.sqlite", "ledger.sqlite-wal", "ledger.sqlite-shm"):  # as after kill -9
         shutil.copy(tmp_path / "run" / name, tmp_path / "killed" / name)
     database.close()
@@ -252,8 +252,12 @@ def test_a_ledger_that_cannot_be_written_to_is_read(tmp_path, monkeypatch):
     assert (ledger.stat().st_mtime_ns, ledger.read_bytes()) == (written, content)
 
 
-def test_a_folder_that_cannot_be_written_to_is_refused():
-    with pytest.raises(BadInput, match=r"^/proc/self: cannot be written to: No such file or directory; choose"):
+def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path, protected):
+    (tmp_path / "run").mkdir()
+    protected(tmp_path / "run")
+    with pytest.raises(BadInput, match=r"/run: cannot be written to: Permission denied; choose"):
+        toy_run(tmp_path / "run")
+    with pytest.raises(BadInput, match=r"^/proc/self: is no run's folder, and not empty: it has .*; choose"):
         toy_run("/proc/self")
     with pytest.raises(BadInput, match=r"^/proc/nowhere/deep: cannot be made: No such file or directory; choose"):
         toy_run("/proc/nowhere/deep")
@@ -293,7 +297,7 @@ def test_what_cannot_be_asked_is_refused_before_a_folder_is_made(tmp_path, asked
 
 def test_a_folder_of_something_else_is_refused_untouched(tmp_path):
     (tmp_path / "task.toml").write_text("mine")
-    with pytest.raises(BadInput, match=r"has a task\.toml but no ledger\.sqlite"):
+    with pytest.raises(BadInput, match=r"has task\.toml but no ledger\.sqlite: the ledger is gone"):
         toy_run(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["task.toml"]
     with pytest.raises(BadInput, match="is a file"):

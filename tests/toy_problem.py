@@ -106,6 +106,8 @@ def solve(
             ),
             record,
         )
+    objective = value(key, best, seed, margin)
+    input_ = math.sqrt(objective / (4 * topology.n * sum(case.weight for case in task.load_cases)))
     return Design(
         task=task,
         topology=topology,
@@ -113,8 +115,8 @@ def solve(
         root_orientation_rad=(0.0, 0.0, 0.0),
         hinge_angles_rad=(0.0,) * (topology.n - 1),
         end_effector_m=(0.0, 0.0, 1.0),
-        rotor_speeds_squared=((1.0,) * (4 * topology.n),) * len(task.load_cases),
-        objective=value(key, best, seed, margin),
+        rotor_speeds_squared=((input_,) * (4 * topology.n),) * len(task.load_cases),
+        objective=objective,
         lower_bound=BOUND,
         gap=None,
         solver=record.model_dump(mode="json"),

@@ -30,6 +30,7 @@ from topo_search.limits import MODULES
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.files import read_json, read_task, write_atomically
 from topo_search.study import (
+    REPORT,
     Answer,
     Observer,
     Request,
@@ -167,21 +168,26 @@ def write_report(source: str | Path, *, out: str | Path | None = None) -> Path:
         out: the page; default: `report.html` in the folder, or the design's name with `.html`.
 
     Raises:
-        BadInput: it is neither.
+        BadInput: it is neither; or the page is to go into a folder in which a run works, or in the place of a file
+            that the run did not write.
         RuntimeError: the audit failed, with the reason.
     """
     from topo_search.report.design_page import design_page
     from topo_search.report.page import render
-    from topo_search.report.run_page import REPORT, run_page
+    from topo_search.report.run_page import run_page, write_run_page
 
     source = Path(source)
+    if source.is_dir() and out is None:
+        with RunFolder.found(source, writes=True) as folder:
+            write_run_page(folder)
+        return source / REPORT
     if source.is_dir():
         with RunFolder.found(source) as folder:
             page = run_page(folder)
     else:
         design = read_json(Design, source)
         page = design_page(design, audit(design), source.name)
-    path = Path(out or (source / REPORT if source.is_dir() else source.with_suffix(".html")))
+    path = Path(out or source.with_suffix(".html"))
     write_atomically(path, render(page))
     return path
 

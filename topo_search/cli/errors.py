@@ -50,6 +50,7 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
     """
     from topo_search.engine import WorkersLost
     from topo_search.model import BadInput
+    from topo_search.study.lost import LedgerLost
 
     kept = "; what the run has finished is safe, and the same command resumes it" if resumes else ""
     current = signal.getsignal(signal.SIGTERM)
@@ -58,11 +59,13 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
     stop.unwinds = True
     try:
         yield
-    except KeyboardInterrupt:
-        _end(_stopped(resumes), INTERRUPTED)
+    except KeyboardInterrupt as error:
+        _end(_stopped(error), INTERRUPTED)
     except Exception as error:
+        if isinstance(error, LedgerLost):
+            _end(str(error), INPUT_OUTPUT)
         if stop.asked:  # whoever was interrupted made another error of it
-            _end(_stopped(resumes), INTERRUPTED)
+            _end(_stopped(error), INTERRUPTED)
         if isinstance(error, BadInput):
             _end(str(error), BAD_INPUT)
         if isinstance(error, WorkersLost):
@@ -84,8 +87,9 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _stopped(resumes: bool) -> str:
-    return "stopped; all results are kept, and the same command resumes" if resumes else "stopped"
+def _stopped(error: BaseException) -> str:
+    """Say that the user stopped it, and what whoever kept results noted on the way (PEP 678)."""
+    return "; ".join(("stopped", *getattr(error, "__notes__", ())))
 
 
 def note(text: str) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained, needs_extras
+from topo_search.cli.errors import INPUT_OUTPUT, explained, needs_extras
 
 if TYPE_CHECKING:
     from topo_search.model.oddities import Oddity
@@ -91,7 +94,8 @@ def run(
 
     Exit status: 0 audited design found; 1 designs found, but none passed its audit;
     2 bad input; 3 no design found, with the reasons; 70 no workers: they do not start or do not come
-    back, or the Dask scheduler does not answer, or is gone (all results are kept, and the same command resumes).
+    back, or the Dask scheduler does not answer, or is gone (all results are kept, and the same command resumes);
+    74 the disk is full or fails, or the folder is gone (the best design is then printed).
     """
     if strategy == "exhaustive" and (sampler or trials):
         raise click.UsageError("--sampler and --trials go with --strategy optuna")
@@ -107,7 +111,7 @@ def run(
             task, settings, paper=paper, modules=modules, search__root=root, search__connectors=connectors
         )
         odd = options.warn(asked)
-        with shown_progress() as observer, needs_extras("--dask"):
+        with _saved(odd, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
             answer = search(
                 asked,
                 out=out,
@@ -131,6 +135,28 @@ def run(
 
             print_answer(answer)
         raise SystemExit(answer.exit_status)
+
+
+@contextmanager
+def _saved(odd: tuple[Oddity, ...], *, as_json: bool) -> Iterator[None]:
+    """Print the best design and what else was found if the run's folder is gone, so that it is not lost."""
+    from topo_search.study import LedgerLost
+
+    try:
+        yield
+    except LedgerLost as lost:
+        if lost.answer is not None:
+            if as_json:
+                design = None if lost.design is None else json.loads(lost.design)
+                told = answer_as_json(lost.answer, odd)
+                options.echo_json({**told, "exit_status": INPUT_OUTPUT, "design": design})
+            else:
+                from topo_search.cli.tables import print_found
+
+                print_found(lost.answer)
+                if lost.design is not None:
+                    click.echo(lost.design, nl=False)
+        raise
 
 
 def answer_as_json(answer: Answer, odd: tuple[Oddity, ...]) -> dict[str, Any]:

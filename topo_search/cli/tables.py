@@ -23,6 +23,12 @@ NARROW = 100
 
 def print_answer(answer: Answer) -> None:
     """Print what a run found, and where it is."""
+    print_found(answer)
+    click.echo(f"everything is in {answer.folder}")
+
+
+def print_found(answer: Answer) -> None:
+    """Print what a run found."""
     if answer.levels:
         _print_front(answer)
     else:
@@ -39,7 +45,6 @@ def print_answer(answer: Answer) -> None:
         click.echo("designs were found, but none passed its audit")
     else:
         click.echo("no design was found")
-    click.echo(f"everything is in {answer.folder}")
 
 
 def _print_size(size: SizeAnswer) -> None:

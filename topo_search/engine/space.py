@@ -43,6 +43,13 @@ class Space:
         """Return the number of candidates, by closed form."""
         return count(self.n, **self._family)
 
+    @property
+    def classes(self) -> int:
+        """The number of classes of the exact quotient, which the orbits of all candidates add up to."""
+        search = self.task.search
+        exact: Symmetry = "none" if self.symmetry == "none" or search.root == "paper" else "c2"
+        return count(self.n, symmetry=exact, connectors=search.connectors, root=search.root)
+
     def candidate_of(self, topology: Topology) -> Candidate:
         """Return the candidate that stands for a topology."""
         return candidate_of(topology, **self._family)

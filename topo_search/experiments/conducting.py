@@ -17,6 +17,7 @@ from topo_search.experiments.folder import RESULTS, Results, about
 from topo_search.experiments.measured import failed, measure
 from topo_search.experiments.settings import Settings
 from topo_search.study import Observer, Silent
+from topo_search.study.lost import KEPT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +73,7 @@ def conduct(
 
     Raises:
         BadInput: settings or folder cannot be used.
-        KeyboardInterrupt: after Ctrl-C; all rows are kept.
+        KeyboardInterrupt: after Ctrl-C; all rows are kept, and a note (PEP 678) says so.
     """
     folder, told = Path(out), observer or Silent()
     cells = asked.cells(settings)
@@ -86,9 +87,13 @@ def conduct(
             if not todo:
                 continue
             told.size(n, len(todo), settings.starts)
-            for cell, row in pool.run(partial(measure, verbs), todo, deadline=_deadline):
-                rows.add(failed(cell, row) if isinstance(row, Failed) else row)
-                told.settled(None)
+            try:
+                for cell, row in pool.run(partial(measure, verbs), todo, deadline=_deadline):
+                    rows.add(failed(cell, row) if isinstance(row, Failed) else row)
+                    told.settled(None)
+            except KeyboardInterrupt as stop:
+                stop.add_note(KEPT)
+                raise
     return results(folder)
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from topo_search.model import Audit, Design, Infeasible
-from topo_search.model.files import to_toml, write_atomically
+from topo_search.model.files import to_toml
 from topo_search.model.proven import at_least, gap_percent
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, effort, task_part, verdict
@@ -17,9 +17,8 @@ from topo_search.report.design_part import design_part
 from topo_search.report.front_part import front_part
 from topo_search.report.page import Chart, Page, Reproduction, RunPart, Table, json_in_script, render
 from topo_search.report.wording import counted, figures, modules
-from topo_search.study import Answer, Row, RunFolder, SizeAnswer, answer_of
+from topo_search.study import REPORT, Answer, Row, RunFolder, SizeAnswer, answer_of
 
-REPORT = "report.html"
 COLUMNS = (
     ("tree", "text"),
     ("modules", "number"),
@@ -42,7 +41,7 @@ COLUMNS = (
 
 def write_run_page(folder: RunFolder) -> None:
     """Write `report.html` into a run's folder."""
-    write_atomically(folder.path / REPORT, render(run_page(folder)))
+    folder.keep(REPORT, render(run_page(folder)))
 
 
 def run_page(folder: RunFolder) -> Page:

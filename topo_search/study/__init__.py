@@ -2,10 +2,11 @@
 
 from topo_search.study.answer import Answer, SizeAnswer
 from topo_search.study.audits import AUDITED, audit_best
-from topo_search.study.folder import RunFolder
+from topo_search.study.folder import REPORT, RunFolder
 from topo_search.study.front import Point, front
 from topo_search.study.identity import LARGER_MARGINS, Request, Sampler, StrategyName, larger_margin
 from topo_search.study.ledger import Ledger
+from topo_search.study.lost import LedgerLost
 from topo_search.study.observer import Observer, Silent
 from topo_search.study.row import COLUMNS, Row, Solve
 from topo_search.study.runner import answer_of, run
@@ -15,8 +16,10 @@ __all__ = [
     "AUDITED",
     "COLUMNS",
     "LARGER_MARGINS",
+    "REPORT",
     "Answer",
     "Ledger",
+    "LedgerLost",
     "Observer",
     "Point",
     "Request",

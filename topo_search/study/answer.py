@@ -7,21 +7,26 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from topo_search.engine import scaled_violation
-from topo_search.model import Audit, Design, Infeasible, ResolvedTask
-from topo_search.model.files import read_json
+from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, ResolvedTask
+from topo_search.model.bad_input import faults_of
 from topo_search.model.goals import Level
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
 from topo_search.study.front import Point
+from topo_search.study.place import Place
 from topo_search.study.row import Row
 from topo_search.study.statements import reason, remark, statement
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Model = TypeVar("Model", bound=BaseModel)
 
 SHOWN = 10
 """Number of rows in the table of the best."""
@@ -118,15 +123,26 @@ class Answer:
     @property
     def design(self) -> Design | None:
         """The best audited design itself, read from the folder."""
-        return None if self.best is None else read_json(Design, self.folder / "best.json")
+        return None if self.best is None else self._read(Design, "best.json")
 
     @property
     def audit(self) -> Audit | None:
         """The audit of the best design, read from the folder."""
         if self.best is None:
             return None
-        folder = self.folder / self.points[0].folder if self.points else self.folder
-        return read_json(Audit, folder / "audits" / f"{self.best.key}.json")
+        folder = f"{self.points[0].folder}/" if self.points else ""
+        return self._read(Audit, f"{folder}audits/{self.best.key}.json")
+
+    def _read(self, model: type[Model], name: str) -> Model:
+        """Return the value of a file of the folder, through no symbolic link."""
+        with Place.opened(self.folder) as place:
+            content = place.read(name)
+        if content is None:
+            raise BadInput(str(self.folder / name), [Fault("", "no such file")])
+        try:
+            return model.model_validate_json(content)
+        except ValidationError as error:
+            raise BadInput(str(self.folder / name), faults_of(error, model)) from None
 
     @property
     def note(self) -> str | None:

@@ -1,33 +1,52 @@
-"""The run folder: the ledger, and files made from it for people and other programs."""
+"""The run folder: the ledger, and files made from it for people and other programs.
+
+A folder belongs to a run if it has its ledger. Any other must be empty, and in a run's folder only files that the
+run wrote itself are replaced or removed (`own_files`); whatever else is in it stays.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import os
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
-from topo_search.model import BadInput, Fault
+from topo_search.model import BadInput, Fault, Task
 from topo_search.model.csv_text import harmless
-from topo_search.model.files import read_task, to_toml, write_atomically
-from topo_search.study.identity import Identity, Request, installed
+from topo_search.model.files import to_toml, validate
+from topo_search.study.identity import Request, installed
 from topo_search.study.ledger import Ledger
-from topo_search.study.lock import ReadOnlyFolder, locked
+from topo_search.study.ledger_file import blank
+from topo_search.study.lock import HOLDER, LOCK, ReadOnlyFolder, locked
+from topo_search.study.own_files import contents
+from topo_search.study.place import PARTIAL, Place
 from topo_search.study.row import COLUMNS, Row
 
 LEDGER = "ledger.sqlite"
+TASK = "task.toml"
+REPORT = "report.html"
+FRONT = "front.csv"
+RESULTS = ("best.json", "candidates.csv", FRONT, REPORT, TASK)
+"""Files that tell of a run; with a range of sizes there is a `best-nN.json` of each besides."""
+LEFT = "it is left as it is"
+PARTS = ("designs", "audits")
+"""Folders with a file a candidate."""
 
 
 class RunFolder:
     """The folder of one request, held by this process alone."""
 
-    def __init__(self, path: Path, request: Request, ledger: Ledger) -> None:
+    def __init__(self, path: Path, request: Request, ledger: Ledger, place: Place, level: str = "") -> None:
+        """Take a folder whose ledger is open; `level` is its part for one level of the goals, `levels/0/`."""
         self.path = path
         self.request = request
         self.ledger = ledger
+        self._place = place
+        self._level = level
 
     @classmethod
     @contextmanager
@@ -38,65 +57,72 @@ class RunFolder:
             ReadOnlyFolder: it is there, but cannot be written to.
             BadInput: it holds another run or something else, or another process works in it; it is left as it is.
         """
+        if os.path.lexists(path) and not path.is_dir():
+            raise _refused(path, "is a file")
         try:
-            _check(path)
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _refused(path, f"cannot be made: {error.strerror}") from None
-        ledger_path = path / LEDGER
-        if ledger_path.exists() and not os.access(ledger_path, os.W_OK):
-            raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
-        with locked(path), Ledger.opened(ledger_path) as ledger:
-            ledger.claim(request.identity)
-            folder = cls._of_ledger(path, request, ledger)
-            ledger.ask(request.starts, request.trials)
-            _write(path / "task.toml", to_toml(request.task))
-            yield folder
+        with _place(path) as place:
+            begun = _begun(place)
+            if begun and not os.access(path / LEDGER, os.W_OK):
+                raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
+            with locked(path):
+                if not _begun(place):
+                    place.tidy()
+                    place.write(LEDGER, blank(request.identity.model_dump_json(exclude_none=True)))
+                with Ledger.opened(path / LEDGER) as ledger:
+                    folder = cls._of_ledger(path, request, ledger, place)
+                    place.tidy()
+                    sizes = [f"best-n{n}.json" for n in request.task.sizes]
+                    ledger.files.require(place, (*RESULTS, *sizes))
+                    ledger.ask(request.starts, request.trials)
+                    folder.keep(TASK, to_toml(request.task))
+                    yield folder
 
     @classmethod
     @contextmanager
     def read(cls, path: Path, request: Request) -> Iterator[Self]:
         """Open a folder that cannot be written to; errors as of `opened`."""
-        with Ledger.opened(path / LEDGER, read_only=True) as ledger:
-            yield cls._of_ledger(path, request, ledger)
+        with _place(path) as place, Ledger.opened(path / LEDGER, read_only=True) as ledger:
+            yield cls._of_ledger(path, request, ledger, place)
 
     @classmethod
     @contextmanager
-    def found(cls, path: Path) -> Iterator[Self]:
+    def found(cls, path: Path, *, writes: bool = False) -> Iterator[Self]:
         """Open the folder of any run to read it, with the request that it was last given.
 
+        Args:
+            path: the folder.
+            writes: whether a file is to be kept there; then no other process may work in it.
+
         Raises:
-            BadInput: it is no run's folder.
+            ReadOnlyFolder: it cannot be written to, but should be.
+            BadInput: it is no run's folder, or another process works in it.
         """
-        if not (path / LEDGER).is_file():
-            raise BadInput(str(path), [Fault("", f"is no run's folder: it has no {LEDGER}")])
-        task = read_task(path / "task.toml", names_files=False)
-        with Ledger.opened(path / LEDGER, read_only=True) as ledger:
-            held = _held(path, ledger)
-            starts, trials = ledger.asked()
-            request = Request(
-                task,
-                held.symmetry,
-                starts,
-                held.seed,
-                strategy=held.strategy,
-                sampler=held.sampler or "moves",
-                trials=trials,
-                prune=bool(held.prune),
-                versions=ledger.versions() or installed(),
-            )
-            yield cls._of_ledger(path, request, ledger)
+        with _place(path) as place:
+            if LEDGER not in place.names():
+                raise BadInput(str(path), [Fault("", f"is no run's folder: it has no {LEDGER}")])
+            if not writes:
+                with Ledger.opened(path / LEDGER, read_only=True) as ledger:
+                    yield cls._of_ledger(path, _last_request(path, place, ledger), ledger, place)
+                return
+            if not os.access(path / LEDGER, os.W_OK):
+                raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
+            with locked(path), Ledger.opened(path / LEDGER) as ledger:
+                place.tidy()
+                yield cls._of_ledger(path, _last_request(path, place, ledger), ledger, place)
 
     @classmethod
-    def _of_ledger(cls, path: Path, request: Request, ledger: Ledger) -> Self:
+    def _of_ledger(cls, path: Path, request: Request, ledger: Ledger, place: Place) -> Self:
         """Make sure that a ledger holds this request, and consider the rows that answer it."""
-        held = _held(path, ledger)
+        held = ledger.identity()
         for name, value in request.identity:
             if (other := getattr(held, name)) != value:
                 shown = "another task" if name == "task" else f"a run with {name} {other}, not {value}"
                 raise _refused(path, f"holds {shown}")
         ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
-        return cls(path, request, ledger)
+        return cls(path, request, ledger, place)
 
     def levels(self) -> Iterator[RunFolder]:
         """Yield the folder of each level of the goals in turn, while the ledger ranks its rows.
@@ -105,26 +131,66 @@ class RunFolder:
         """
         for number, request in enumerate(self.request.levels):
             self.ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
-            yield self if request.level is None else RunFolder(self.path / f"levels/{number}", request, self.ledger)
+            if request.level is None:
+                yield self
+            else:
+                level = f"levels/{number}/"
+                yield RunFolder(self.path / level, request, self.ledger, self._place, level)
+
+    def keep(self, name: str, content: str | bytes) -> None:
+        """Write a file of the run's own, unless it holds that already.
+
+        Raises:
+            BadInput: it is there, but the run did not write it.
+            OSError: it cannot be written.
+        """
+        data = content if isinstance(content, bytes) else content.encode()
+        self.ledger.files.keep(self._place, [(self._level + name, data)])
+
+    def drop(self, name: str) -> None:
+        """Remove a file of the run's own, if it is there."""
+        self.ledger.files.remove(self._place, [self._level + name])
+
+    def journal(self, name: str) -> Path:
+        """Return where a library may keep a journal, which it makes anew and locks.
+
+        Raises:
+            BadInput: a file is there that the run did not make.
+        """
+        if self._level:
+            self._place.make(self._level.rstrip("/"))
+        self.ledger.files.changing(self._place, self._level + name, f"{self._level}{name}.lock")
+        return self.path / name
 
     def write(self) -> None:
-        """Bring all files of the folder up to the ledger."""
-        for folder in ("designs", "audits"):
-            (self.path / folder).mkdir(parents=True, exist_ok=True)
+        """Bring all files of the folder up to the ledger.
+
+        Raises:
+            BadInput: files are in the way that the run did not write; all others are written.
+        """
         table = io.StringIO()
         writer = csv.writer(table, lineterminator="\n")
         writer.writerow(COLUMNS)
-        valid: set[Path] = set()
         for n in self.request.task.sizes:
             for row in self.ledger.ranked(n):
                 writer.writerow([harmless(getattr(row, name)) for name in COLUMNS])
-            for key, design, audit in self.ledger.texts(n):
-                valid |= self._write_texts(key, designs=design, audits=audit)
-        write_atomically(self.path / "candidates.csv", table.getvalue())
-        for path in (*self.path.glob("designs/*.json"), *self.path.glob("audits/*.json")):
-            if path not in valid:
-                path.unlink()
+        self.keep("candidates.csv", table.getvalue())
         self._write_best()
+        for part in PARTS:
+            self._place.make(self._level + part)
+        files, valid = self.ledger.files, set[str]()
+
+        def texts() -> Iterator[tuple[str, str]]:
+            for n in self.request.task.sizes:
+                for key, *found in self.ledger.texts(n):
+                    for part, text in zip(PARTS, found, strict=True):
+                        if text is not None:
+                            valid.add(name := f"{self._level}{part}/{key}.json")
+                            yield name, text
+
+        files.keep(self._place, contents(texts()), lasting=False)
+        for part in PARTS:
+            files.remove(self._place, [name for name in files.within(self._level + part) if name not in valid])
 
     def _write_best(self) -> None:
         """Write `best.json`, and `best-nN.json` of every size where there are several."""
@@ -134,42 +200,70 @@ class RunFolder:
         files["best.json"] = next((row for row in best.values() if row is not None), None)
         for name, row in files.items():
             if row is None:
-                (self.path / name).unlink(missing_ok=True)
-                continue
-            text = self.ledger.design(self.request.contexts(row.modules)[row.step], row.key)
-            _write(self.path / name, text or "")
+                self.drop(name)
+            else:
+                self.keep(name, self.text(row) or "")
 
-    def _write_texts(self, key: str, **texts: str | None) -> set[Path]:
-        """Write a candidate's file into each folder that there is a text for; return their paths."""
-        paths = {self.path / folder / f"{key}.json": text for folder, text in texts.items() if text is not None}
-        for path, text in paths.items():
-            _write(path, text, lasting=False)
-        return set(paths)
+    def text(self, row: Row) -> str | None:
+        """Return the design of a row as JSON text."""
+        return self.ledger.design(self.request.contexts(row.modules)[row.step], row.key)
 
 
-def _held(path: Path, ledger: Ledger) -> Identity:
-    """Return the identity of the run that a ledger holds."""
+@contextmanager
+def _place(path: Path) -> Iterator[Place]:
+    """Hold a run's folder."""
+    try:
+        with Place.opened(path) as place:
+            yield place
+    except NotADirectoryError:
+        raise _refused(path, "is a file") from None
+
+
+def _begun(place: Place) -> bool:
+    """Return whether a folder is that of a run; refuse one that has anything else in it, or lost its ledger."""
+    names = place.names()
+    if LEDGER in names:
+        return True
+    if LOCK in names and not HOLDER.fullmatch(place.read(LOCK) or b""):
+        raise _refused(place.path, f"has a {LOCK} of another program; {LEFT}")
+    others = [name for name in names if name not in (LOCK, PARTIAL)]
+    if not others:
+        return False
+    shown = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
+    if any(name in (*RESULTS, *PARTS) or name.startswith((LEDGER, "best-n")) for name in others):
+        raise _refused(place.path, f"has {shown} but no {LEDGER}: the ledger is gone, or they are no run's; {LEFT}")
+    raise _refused(place.path, f"is no run's folder, and not empty: it has {shown}; {LEFT}")
+
+
+def _last_request(path: Path, place: Place, ledger: Ledger) -> Request:
+    """Return the request that a ledger was last given."""
     held = ledger.identity()
-    if held is None:
+    starts, trials = ledger.asked()
+    if starts < 1 or (trials is not None and trials < 1):
         raise BadInput(str(path), [Fault("", "holds no run yet")])
-    return held
+    return Request(
+        _read_task(path, place),
+        held.symmetry,
+        starts,
+        held.seed,
+        strategy=held.strategy,
+        sampler=held.sampler or "moves",
+        trials=trials,
+        prune=bool(held.prune),
+        versions=ledger.versions() or installed(),
+    )
 
 
-def _write(path: Path, text: str, *, lasting: bool = True) -> None:
-    """Write a file unless it holds the text already; `lasting` as of `write_atomically`."""
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
-        write_atomically(path, text, lasting=lasting)
-
-
-def _check(path: Path) -> None:
-    """Refuse a place that is not for a run."""
-    if path.exists() and not path.is_dir():
-        raise _refused(path, "is a file")
-    if (path / LEDGER).exists():
-        return
-    for name in ("task.toml", "candidates.csv", "best.json"):
-        if (path / name).exists():
-            raise _refused(path, f"has a {name} but no {LEDGER}: it is no run's folder, and would be overwritten")
+def _read_task(path: Path, place: Place) -> Task:
+    """Return the task as the run wrote it: it names no other file."""
+    content, name = place.read(TASK), str(path / TASK)
+    if content is None:
+        raise BadInput(name, [Fault("", "no such file")])
+    try:
+        data = tomllib.loads(content.decode())
+    except (ValueError, RecursionError) as error:
+        raise BadInput(name, [Fault("", f"is not a TOML file, or only a part of one: {error}")]) from None
+    return validate(Task, data, name)
 
 
 def _refused(path: Path, what: str) -> BadInput:

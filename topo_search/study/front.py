@@ -22,12 +22,10 @@ from typing import Any
 
 from topo_search.model import Audit, Design
 from topo_search.model.csv_text import harmless
-from topo_search.model.files import write_atomically
 from topo_search.model.goals import Level
-from topo_search.study.folder import RunFolder
+from topo_search.study.folder import FRONT, RunFolder
 from topo_search.study.row import Row
 
-FRONT = "front.csv"
 EFFORT = 1.0e-6
 """Share of J that makes no difference: the audit's own tolerance of it."""
 CLEARANCE = 1.0e-5
@@ -136,12 +134,13 @@ def write_front(folder: RunFolder) -> None:
     writer = csv.DictWriter(table, FRONT_COLUMNS, lineterminator="\n")
     writer.writeheader()
     writer.writerows({name: harmless(cell) for name, cell in point.cells.items()} for point in points)
-    write_atomically(folder.path / FRONT, table.getvalue())
-    best = folder.path / "best.json"
+    folder.keep(FRONT, table.getvalue())
     if points:
-        write_atomically(best, (folder.path / points[0].cells["design"]).read_bytes())
+        point = points[0]
+        context = folder.request.levels[point.number].contexts(point.row.modules)[point.row.step]
+        folder.keep("best.json", folder.ledger.design(context, point.row.key) or "")
     else:
-        best.unlink(missing_ok=True)
+        folder.drop("best.json")
 
 
 def _audited(folder: RunFolder, number: int) -> Iterator[Point]:

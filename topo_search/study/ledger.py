@@ -1,7 +1,8 @@
 """The ledger: one row a candidate in an SQLite file, the truth about a run.
 
 A row's key is its context (a digest of the task with its margin, the seed and the library versions) and its
-topology's key. Each row is on the disk before the next job's result is taken up (WAL, synchronous = FULL).
+topology's key. Each row is on the disk before the next job's result is taken up (WAL, synchronous = FULL), with a
+checksum (`seals`); and whoever wrote it knows that the file is still there.
 """
 
 from __future__ import annotations
@@ -14,21 +15,24 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, fields
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from topo_search.engine import Scored
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_json
 from topo_search.study.identity import Context, Identity, digest
-from topo_search.study.ledger_file import damaged, opened, parsed, whole
+from topo_search.study.ledger_file import BESIDE, damaged, opened, parsed, whole
+from topo_search.study.lost import LedgerLost
+from topo_search.study.own_files import OwnFiles
 from topo_search.study.row import Row, Solve, score
+from topo_search.study.seals import changed
 
 _FIELDS = tuple(field.name for field in fields(Row))
 _SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
 _STANDING = "WHERE standing AND modules = ? AND context IN (SELECT context FROM current)"
-_WRITTEN = (*_FIELDS, "context", "standing", "result_checksum")
+_WRITTEN = (*_FIELDS, "context", "standing", "result_checksum", "checksum")
 _UPSERT = f"""
-INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * len(_WRITTEN))})
+INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * (len(_WRITTEN) - 1))}, 0)
 ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in _WRITTEN)},
 audit_checksum = CASE WHEN excluded.audit IS NULL THEN NULL ELSE audit_checksum END
 """
@@ -36,8 +40,11 @@ _WRITE_RESULT = """
 INSERT INTO texts (context, key, result) VALUES (?, ?, ?)
 ON CONFLICT (context, key) DO UPDATE SET result = excluded.result, audit = CASE WHEN ? THEN audit END
 """
-_LOG = "INSERT INTO solves (at, context, key, asked, status, objective, violation) VALUES (?, ?, ?, ?, ?, ?, ?)"
+_LOG = "INSERT INTO solves VALUES (?, ?, ?, ?, ?, ?, ?, ?, 0)"
+_LOGGED = "SELECT coalesce(max(number), 0) FROM solves"
 _LATEST = "SELECT context, fixed_by FROM contexts LEFT JOIN solves USING (context) ORDER BY number DESC LIMIT 1"
+_PLACE = "context = ? AND key = ?"
+_OF_A_KEY = "key = ? AND (context = ? OR context IN (SELECT context FROM current))"
 _STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (SELECT context FROM current)"
 
 
@@ -47,50 +54,88 @@ class Ledger:
     def __init__(self, database: sqlite3.Connection, path: Path) -> None:
         self._database = database
         self._path = path
+        self._names = [Path(f"{path.absolute()}{end}") for end in ("", BESIDE[0])]
+        self._made = self._identities()
+        self.files = OwnFiles(database, path)
 
     @classmethod
     @contextmanager
     def opened(cls, path: Path, *, read_only: bool = False) -> Iterator[Self]:
-        """Open a ledger, or begin one where there is none.
+        """Open a ledger.
 
         Args:
             path: its file.
-            read_only: whether nothing may be written beside it either; then it must be there.
+            read_only: whether nothing may be written beside it either.
 
         Raises:
-            BadInput: the file is damaged, or no ledger of this version; it is left as it is.
+            BadInput: the file is damaged, gone, or no ledger of this version; it is left as it is.
         """
         with opened(path, read_only=read_only) as database:
             yield cls(database, path)
 
-    def identity(self) -> Identity | None:
-        """Return the identity of the run that the ledger holds, if it was claimed.
+    @property
+    def path(self) -> Path:
+        """Its file."""
+        return self._path
+
+    @contextmanager
+    def _changed(self, table: str, where: str = "true", values: Sequence[Any] = ()) -> Iterator[None]:
+        """Make a transaction of a change to rows of one table, and be sure that it is in the file.
 
         Raises:
-            BadInput: it cannot be read, or is gone though the run was begun.
+            LedgerLost: it is not: the file is gone.
+        """
+        with self._transaction(), changed(self._database, table, where, values):
+            yield
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        with self._database:
+            self._database.execute("BEGIN IMMEDIATE")
+            yield
+        self.require()
+
+    def require(self) -> None:
+        """Make sure that what was written is in the file of this name, where the next process will look for it.
+
+        Raises:
+            LedgerLost: the file, or the folder, was removed, moved, replaced or emptied.
+        """
+        if self._identities() != self._made:
+            raise LedgerLost(self._path)
+
+    def _identities(self) -> list[tuple[int, int, bool] | None]:
+        """Return which files there are, and whether the first has a content."""
+        found: list[tuple[int, int, bool] | None] = []
+        for path in self._names:
+            try:
+                status = path.lstat()
+            except OSError:
+                found.append(None)
+            else:
+                found.append((status.st_dev, status.st_ino, bool(found) or status.st_size > 0))
+        return found
+
+    def identity(self) -> Identity:
+        """Return the identity of the run that the ledger holds.
+
+        Raises:
+            BadInput: it cannot be read, or is gone.
         """
         rows = self._database.execute("SELECT identity FROM run").fetchall()
-        if not rows and not self._database.execute("SELECT EXISTS (SELECT * FROM contexts)").fetchone()[0]:
-            return None
         if len(rows) != 1:
             raise damaged(self._path, f"its table run has {len(rows)} rows in place of one")
         return parsed(self._path, Identity, "run", rows[0][0])
 
-    def claim(self, identity: Identity) -> None:
-        """Give a new ledger the identity of its run; one that was claimed keeps its own."""
-        if self.identity() is None:
-            text = identity.model_dump_json(exclude_none=True)
-            self._database.execute("INSERT INTO run VALUES (?, 0, NULL)", (text,))
-
     def ask(self, starts: int, trials: int | None) -> None:
         """Record how many starts of each candidate, and how many proposals, were asked for last."""
-        self._database.execute("UPDATE run SET starts = ?, trials = ?", (starts, trials))
+        if self.asked() != (starts, trials):
+            with self._changed("run"):
+                self._database.execute("UPDATE run SET starts = ?, trials = ?", (starts, trials))
 
     def asked(self) -> tuple[int, int | None]:
         """Return how many starts of each candidate, and how many proposals, were asked for last."""
         starts, trials = self._database.execute("SELECT starts, trials FROM run").fetchone()
-        if not isinstance(starts, int) or not isinstance(trials, int | None):
-            raise damaged(self._path, f"its table run has starts {starts!r} and trials {trials!r}")
         return starts, trials
 
     def versions(self) -> dict[str, str] | None:
@@ -101,11 +146,12 @@ class Ledger:
         context, text = found
         try:
             fixed_by = json.loads(text)
-        except ValueError:
-            fixed_by = None
-        if digest(fixed_by) != context:
+            named = digest(fixed_by)
+        except (ValueError, RecursionError):
+            fixed_by, named = None, None
+        versions = fixed_by.get("versions") if isinstance(fixed_by, dict) and named == context else None
+        if not isinstance(versions, dict) or not all(isinstance(value, str) for value in versions.values()):
             raise damaged(self._path, f"what it holds of context {context} is not what was written")
-        versions: dict[str, str] = fixed_by["versions"]
         return versions
 
     def bound(self, context: Context) -> tuple[float, Infeasible | None] | None:
@@ -120,15 +166,17 @@ class Ledger:
     def begin(self, context: Context, lower_bound: float, proof: Infeasible | None) -> None:
         """Record a context."""
         values = (context.name, context.task.n, context.step, context.margin, json.dumps(context.fixed_by))
-        self._database.execute(
-            "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?, NULL, NULL)",
-            (*values, lower_bound, None if proof is None else to_json(proof)),
-        )
+        with self._changed("contexts", "context = ?", (context.name,)):
+            self._database.execute(
+                "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?, NULL, NULL, 0)",
+                (*values, lower_bound, None if proof is None else to_json(proof)),
+            )
 
     def end(self, context: Context, starts: int, trials: int | None) -> None:
         """Record that the strategy came to its end with so many starts and proposals."""
         query = "UPDATE contexts SET ended_starts = ?, ended_trials = ? WHERE context = ?"
-        self._database.execute(query, (starts, trials, context.name))
+        with self._changed("contexts", "context = ?", (context.name,)):
+            self._database.execute(query, (starts, trials, context.name))
 
     def ended(self, context: Context, starts: int, trials: int | None) -> bool:
         """Return whether the strategy came to its end with at least so many starts and proposals (None: all)."""
@@ -154,7 +202,7 @@ class Ledger:
         if text is None:
             return None
         model: type[Design] | type[Infeasible] = Design if '"topo-search/design"' in text[:60] else Infeasible
-        return model.model_validate_json(text)
+        return parsed(self._path, model, "texts", text, strict=False)
 
     def audit(self, context: Context, key: str) -> str | None:
         """Return the audit of a candidate's design as JSON text."""
@@ -180,35 +228,36 @@ class Ledger:
         The last row with a design speaks for its candidate; the first one does when there is none. An audit stays
         if `row` still has its verdict.
         """
-        with self._database:
-            self._database.execute("BEGIN IMMEDIATE")
+        with self._transaction():
             for row, result in rows:
                 standing = row.feasible or context.step == 0
-                if standing:
-                    self._database.execute(_STEP_DOWN, (row.key,))
                 values = [getattr(row, name) for name in _FIELDS]
                 text = None if result is None else to_json(result).encode()
-                self._database.execute(_UPSERT, (*values, context.name, standing, text and zlib.crc32(text)))
+                with changed(self._database, "candidates", _OF_A_KEY, (row.key, context.name)):
+                    if standing:
+                        self._database.execute(_STEP_DOWN, (row.key,))
+                    self._database.execute(_UPSERT, (*values, context.name, standing, text and zlib.crc32(text)))
                 self._database.execute(_WRITE_RESULT, (context.name, row.key, text, row.audit is not None))
                 if row.status != "pruned":  # for another design may rule it out, or none
                     reached = astuple(score(row, context.task))
-                    self._database.execute(_LOG, (time.time(), context.name, *reached))
+                    number = self._database.execute(_LOGGED).fetchone()[0] + 1
+                    with changed(self._database, "solves", "number = ?", (number,)):
+                        self._database.execute(_LOG, (number, time.time(), context.name, *reached))
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
         text = to_json(audit).encode()
         place = context.name, key
-        with self._database:
-            self._database.execute("BEGIN IMMEDIATE")
-            verdict = "UPDATE candidates SET audit = ?, audit_checksum = ? WHERE context = ? AND key = ?"
+        with self._changed("candidates", _PLACE, place):
+            verdict = f"UPDATE candidates SET audit = ?, audit_checksum = ? WHERE {_PLACE}"
             self._database.execute(verdict, (str(audit.verdict), zlib.crc32(text), *place))
-            self._database.execute("UPDATE texts SET audit = ? WHERE context = ? AND key = ?", (text, *place))
+            self._database.execute(f"UPDATE texts SET audit = ? WHERE {_PLACE}", (text, *place))
 
     def record_audit_failure(self, context: Context, key: str, reason: str) -> None:
         """Write why a candidate's design has no audit."""
-        self._database.execute(
-            "UPDATE candidates SET audit_failure = ? WHERE context = ? AND key = ?", (reason, context.name, key)
-        )
+        place = context.name, key
+        with self._changed("candidates", _PLACE, place):
+            self._database.execute(f"UPDATE candidates SET audit_failure = ? WHERE {_PLACE}", (reason, *place))
 
     def consider(self, contexts: Sequence[Context]) -> None:
         """Choose the contexts that rankings are made of: those of the present request and library versions."""

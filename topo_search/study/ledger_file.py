@@ -1,12 +1,17 @@
 """The ledger's file: its tables, and whether it is whole.
 
-A file is checked when it is opened, but for the texts of results and audits, which are nearly all of it: each has
-its checksum in the row of its candidate, and is compared with it whenever it is read.
+A file is checked when it is opened: its tables are those that this program makes, and their rows those that were
+written (`seals`). The texts of results and audits, which are nearly all of it, are checked whenever they are read:
+each has its checksum in the row of its candidate. So are the rows of `files`.
+
+A file comes into being whole, with the run that it belongs to: one that is empty was damaged.
 """
 
 from __future__ import annotations
 
+import os
 import sqlite3
+import stat
 import zlib
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -17,19 +22,21 @@ from pydantic import BaseModel, ValidationError
 
 from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import faults_of
+from topo_search.study.seals import PLACES, changed, fault
 
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
-VERSION = 4
+VERSION = 5
 
 SCHEMA = f"""
 BEGIN;
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {VERSION};
-CREATE TABLE run (identity TEXT NOT NULL, starts INTEGER NOT NULL, trials INTEGER);
+CREATE TABLE run (identity TEXT NOT NULL, starts INTEGER NOT NULL, trials INTEGER, checksum INTEGER NOT NULL);
 CREATE TABLE contexts (
     context TEXT PRIMARY KEY, modules INTEGER NOT NULL, step INTEGER NOT NULL, margin REAL NOT NULL,
-    fixed_by TEXT NOT NULL, lower_bound REAL NOT NULL, proof TEXT, ended_starts INTEGER, ended_trials INTEGER
+    fixed_by TEXT NOT NULL, lower_bound REAL NOT NULL, proof TEXT, ended_starts INTEGER, ended_trials INTEGER,
+    checksum INTEGER NOT NULL
 ) WITHOUT ROWID;
 CREATE TABLE candidates (
     context TEXT NOT NULL, key TEXT NOT NULL, modules INTEGER NOT NULL, orbit INTEGER NOT NULL,
@@ -39,38 +46,58 @@ CREATE TABLE candidates (
     seconds REAL NOT NULL,
     audit TEXT, asked INTEGER NOT NULL, audit_failure TEXT, margin REAL NOT NULL, step INTEGER NOT NULL,
     standing INTEGER NOT NULL, result_checksum INTEGER, audit_checksum INTEGER,
-    PRIMARY KEY (context, key)
+    checksum INTEGER NOT NULL, PRIMARY KEY (context, key)
 ) WITHOUT ROWID;
 CREATE TABLE texts (context TEXT NOT NULL, key TEXT NOT NULL, result BLOB, audit BLOB, PRIMARY KEY (context, key));
 CREATE TABLE solves (
     number INTEGER PRIMARY KEY, at REAL NOT NULL, context TEXT NOT NULL, key TEXT NOT NULL, asked INTEGER NOT NULL,
-    status TEXT NOT NULL, objective REAL, violation REAL
+    status TEXT NOT NULL, objective REAL, violation REAL, checksum INTEGER NOT NULL
 );
+CREATE TABLE tallies (name TEXT PRIMARY KEY, rows INTEGER NOT NULL, total INTEGER NOT NULL) WITHOUT ROWID;
+CREATE TABLE files (
+    name TEXT PRIMARY KEY, digest BLOB, before BLOB, changing INTEGER NOT NULL, checksum INTEGER NOT NULL
+) WITHOUT ROWID;
 CREATE INDEX ranking ON candidates (context, objective, key);
+INSERT INTO tallies VALUES ('run', 0, 0), ('contexts', 0, 0), ('candidates', 0, 0), ('solves', 0, 0);
 COMMIT;
 """
 """`starts`: asked for last. `standing`: this row speaks for its candidate, not one with another margin. `texts`: of
 results and audits, in JSON; `..._checksum` of a candidate is that of its text, null where there is none. `solves`:
 one row a solve, in the order of their ends, with what the candidate had reached after `asked` starts; a strategy is
-replayed from them. `ended_...`: what the strategy was asked for when it last came to its end."""
+replayed from them. `ended_...`: what the strategy was asked for when it last came to its end. `tallies`: of the
+tables with a `checksum` (`seals`). `files`: what the run itself wrote into its folder (`own_files`)."""
 
-CHECKED = ("sqlite_schema", "run", "contexts", "candidates", "solves")
-"""The tables that are checked when the file is opened; SQLite before 3.33 checks all."""
+CHECKED = ("sqlite_schema", "run", "contexts", "candidates", "solves", "tallies", "files")
+"""The tables whose pages are checked when the file is opened; SQLite before 3.33 checks all."""
+
+BESIDE = ("-wal", "-shm")
+"""Ends of the names of what SQLite keeps beside a ledger in use."""
+WAL_MODE = b"\x02\x02"
+"""Bytes 18 and 19 of a file in write-ahead mode (SQLite, Database File Format, sec. 1.3.3)."""
 
 ADVICE = "choose another folder with --out, or move it away"
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
+def blank(identity: str) -> bytes:
+    """Return the content of a new ledger's file, with the identity of its run."""
+    with closing(sqlite3.connect(":memory:", isolation_level=None)) as database:
+        database.executescript(SCHEMA)
+        with changed(database, "run", "true", ()):
+            database.execute("INSERT INTO run VALUES (?, 0, NULL, 0)", (identity,))
+        content = database.serialize()
+    return content[:18] + WAL_MODE + content[20:]
+
+
 @contextmanager
 def opened(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection]:
-    """Open a ledger's file, or begin one where there is none; arguments and errors as `Ledger.opened`.
+    """Open a ledger's file; arguments and errors as `Ledger.opened`.
 
     Damage that is found later is named as well.
     """
-    if path.exists() and not path.is_file():
-        raise refused(path, "is no file")
-    options = ""
+    _check_file(path)
+    options = "?mode=rw"
     if read_only:  # without a log that a killed process left there is nothing to share with other processes
         logged = path.with_name(f"{path.name}-wal").exists()
         options = "?mode=ro" if logged else "?mode=ro&immutable=1"
@@ -78,12 +105,42 @@ def opened(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection]:
         closing(sqlite3.connect(path.absolute().as_uri() + options, isolation_level=None, uri=True)) as database,
         _damage_named(path),
     ):
-        empty = _check(database, path)
-        if empty and read_only:
-            raise refused(path, "is empty")
+        database.execute("PRAGMA trusted_schema = OFF")
+        _check(database, path)
         if not read_only:
-            _begin(database, fill=empty)
+            _make_lasting(database, path)
         yield database
+
+
+def _make_lasting(database: sqlite3.Connection, path: Path) -> None:
+    """Make every transaction last once it has ended."""
+    try:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("BEGIN IMMEDIATE")
+        database.execute("ROLLBACK")
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode != sqlite3.SQLITE_READONLY or not os.access(path, os.W_OK):
+            raise
+        raise damaged(path, "its header says that it cannot be written to") from None
+    database.execute("PRAGMA synchronous = FULL")
+
+
+def _check_file(path: Path) -> None:
+    """Refuse what is no ledger's file before SQLite looks at it: it would follow links, play back journals."""
+    for each in (path, *(path.with_name(f"{path.name}{end}") for end in BESIDE)):
+        try:
+            mode = each.lstat().st_mode
+        except FileNotFoundError:
+            continue
+        if not stat.S_ISREG(mode):
+            raise refused(each, "is a symbolic link" if stat.S_ISLNK(mode) else "is no file")
+    journal = path.with_name(f"{path.name}-journal")
+    if os.path.lexists(journal):
+        raise refused(journal, "is not from this program, which keeps no such file")
+    if not path.exists():
+        raise refused(path, "is gone")
+    if not path.stat().st_size:  # its content is SQLite's alone to read: closing the file would drop its locks
+        raise refused(path, "is damaged (it is empty)")
 
 
 @contextmanager
@@ -110,39 +167,40 @@ def whole(path: Path, key: str, text: bytes | None, checksum: int) -> str:
     return text.decode()
 
 
-def parsed(path: Path, model: type[Model], table: str, text: str) -> Model:
+def parsed(path: Path, model: type[Model], table: str, text: str, *, strict: bool = True) -> Model:
     """Return what a table holds as JSON text.
 
     Raises:
         BadInput: it is no such thing.
     """
     try:
-        return model.model_validate_json(text, strict=True)
+        return model.model_validate_json(text, strict=strict)
     except ValidationError as error:
         raise damaged(path, f"its table {table}: {faults_of(error, model)[0]}") from None
 
 
-def _check(database: sqlite3.Connection, path: Path) -> bool:
-    """Return whether a file is empty; refuse what is no ledger before anything is written to it."""
+def _check(database: sqlite3.Connection, path: Path) -> None:
+    """Refuse what is no ledger, or not as it was written, before anything is written to it."""
     application: int = database.execute("PRAGMA application_id").fetchone()[0]
     version = database.execute("PRAGMA user_version").fetchone()[0]
-    tables: int = database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-    if tables == application == version == 0:
-        return True
     if application != APPLICATION_ID:
         raise refused(path, "is an SQLite file of another program")
     if version != VERSION:
         raise refused(path, f"has version {version}, but this program reads version {VERSION}")
+    database.execute("BEGIN")  # all is read as of one moment, also beside a run that works
     _check_tables(database, path)
     for table in CHECKED:
-        if (fault := database.execute(f"PRAGMA quick_check({table})").fetchone()[0]) != "ok":
-            raise damaged(path, fault)
-    return False
+        if (found := database.execute(f"PRAGMA integrity_check({table})").fetchone()[0]) != "ok":
+            raise damaged(path, found)
+    for table in PLACES:
+        if wrong := fault(database, table):
+            raise damaged(path, wrong)
+    database.execute("COMMIT")
 
 
 def _check_tables(database: sqlite3.Connection, path: Path) -> None:
-    """Refuse a ledger that has lost a table or a column."""
-    held = _columns(database)
+    """Refuse a ledger that has lost a table or a column, or has anything that this program does not make."""
+    held, schema = _columns(database), "SELECT type, name, tbl_name, sql FROM sqlite_schema ORDER BY name"
     with closing(sqlite3.connect(":memory:")) as pattern:
         pattern.executescript(SCHEMA)
         for table, columns in _columns(pattern).items():
@@ -150,25 +208,21 @@ def _check_tables(database: sqlite3.Connection, path: Path) -> None:
                 raise damaged(path, f"it has no table {table}")
             if lacking := columns - held[table]:
                 raise damaged(path, f"its table {table} has no column {min(lacking)}")
+        made, found = pattern.execute(schema).fetchall(), database.execute(schema).fetchall()
+        if odd := set(found) ^ set(made):
+            raise damaged(path, f"its {min(map(str, odd))[:200]} is not as this program makes it")
 
 
 def _columns(database: sqlite3.Connection) -> dict[str, set[str]]:
     """Return the columns of every table."""
     tables: dict[str, set[str]] = {}
     query = (
-        "SELECT tables.name, columns.name FROM sqlite_master AS tables, pragma_table_info(tables.name) AS columns"
+        "SELECT tables.name, columns.name FROM sqlite_schema AS tables, pragma_table_info(tables.name) AS columns "
+        "WHERE tables.type = 'table'"
     )
     for table, column in database.execute(query):
         tables.setdefault(table, set()).add(column)
     return tables
-
-
-def _begin(database: sqlite3.Connection, *, fill: bool) -> None:
-    """Make every transaction last once it has ended, and fill a new file."""
-    database.execute("PRAGMA journal_mode = WAL")
-    database.execute("PRAGMA synchronous = FULL")
-    if fill:
-        database.executescript(SCHEMA)
 
 
 def damaged(path: Path, what: str) -> BadInput:

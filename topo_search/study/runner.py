@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import math
 import os
+import sqlite3
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 
 from topo_search.engine import Engine, Verbs, WorkersLost, exhaustive
-from topo_search.model import Infeasible
+from topo_search.model import BadInput, Infeasible
 from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, quotient_remark, size_answer
 from topo_search.study.audits import audit_best, audits_left
+from topo_search.study.crosscheck import check_designs, checked
 from topo_search.study.folder import LEDGER, RunFolder
 from topo_search.study.following import Following
 from topo_search.study.front import front_of, write_front
 from topo_search.study.identity import Context, Request
 from topo_search.study.ledger import Ledger
 from topo_search.study.lock import ReadOnlyFolder
+from topo_search.study.lost import KEPT, LedgerLost
 from topo_search.study.observer import Observer
 from topo_search.study.pruning import record_pruned, rests_on_an_audited_design
 from topo_search.study.row import row_of
@@ -50,29 +54,57 @@ def run(
 
     Raises:
         BadInput: the folder cannot be used: it may be read-only if the run in it has ended.
-        KeyboardInterrupt: after Ctrl-C, with all results kept and all files written.
+        KeyboardInterrupt: after Ctrl-C, with all results kept and all files written; a note (PEP 678) says so.
         WorkersLost: the engine has no workers any more; likewise.
+        LedgerLost: the folder or its ledger vanished; it has what can still be read of the answer.
     """
     until = time.monotonic() + time_limit
     try:
-        with RunFolder.opened(path, request) as folder:
+        with RunFolder.opened(path, request) as folder, _not_lost(folder):
             try:
                 for number, level in enumerate(folder.levels()):
                     left = len(request.levels) - number
                     if level.request.level is not None:
                         observer.note(f"level {number} of {len(request.levels)}: {level.request.level.words}")
                     _search_level(level, verbs, engine, observer, _share(until, left))
-            except (KeyboardInterrupt, WorkersLost):
+            except (KeyboardInterrupt, WorkersLost) as stop:
                 _write(folder)
+                folder.ledger.require()
+                stop.add_note(KEPT)
                 raise
             _write(folder)
             report(folder)
+            folder.ledger.require()
             return answer_of(folder)
     except ReadOnlyFolder:
         answer = _finished(path, request)
         if answer is None:
             raise
         return answer
+
+
+@contextmanager
+def _not_lost(folder: RunFolder) -> Iterator[None]:
+    """Say that folder or ledger are gone, if that is what ended the run, and what can still be read of them."""
+    try:
+        yield
+    except (LedgerLost, OSError, sqlite3.Error, BadInput) as error:
+        try:
+            folder.ledger.require()
+        except LedgerLost as lost:
+            with suppress(OSError, sqlite3.Error, BadInput):  # the file is open, but may be empty
+                lost.answer = answer_of(folder)
+                lost.design = _best_text(folder, lost.answer)
+            raise lost from error
+        raise
+
+
+def _best_text(folder: RunFolder, answer: Answer) -> str | None:
+    """Return the best design as JSON text."""
+    if answer.best is None:
+        return None
+    number = answer.points[0].number if answer.points else 0
+    return next(islice(folder.levels(), number, None)).text(answer.best)
 
 
 def _share(until: float, parts: int) -> float:
@@ -83,7 +115,6 @@ def _share(until: float, parts: int) -> float:
 
 def _search_level(folder: RunFolder, verbs: Verbs, engine: Engine, observer: Observer, until: float) -> None:
     """Search all sizes of a task without goals."""
-    folder.path.mkdir(parents=True, exist_ok=True)
     sizes = folder.request.task.sizes
     for number, n in enumerate(sizes):
         _search_size(folder, n, verbs, engine, observer, _share(until, len(sizes) - number))
@@ -183,7 +214,7 @@ def _follow(
         trials=trials,
         starts=request.starts,
         seed=request.seed,
-        journal=folder.path / f"study-n{n}.journal",
+        journal=folder.journal(f"study-n{n}.journal"),
         timed=timed,
     )
     return following.follow(strategy, until, announced=True)
@@ -241,12 +272,12 @@ def _sizes(folder: RunFolder) -> tuple[SizeAnswer, ...]:
 
 def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
     """Read the answer of one size from the ledger."""
-    contexts = request.contexts(n)
+    contexts, space = request.contexts(n), request.space(n)
     lower_bound, proof = ledger.bound(contexts[0]) or (0.0, None)
-    return size_answer(
-        ledger.ranked(n),
+    answer = size_answer(
+        checked(ledger.ranked(n), space, lower_bound, ledger.path),
         contexts[0].task,
-        candidates=request.space(n).count(),
+        candidates=space.count(),
         starts=request.starts,
         ended=proof is not None or ledger.ended(contexts[0], request.starts, request.trials),
         audits_left=audits_left(ledger, contexts, request.starts),
@@ -254,3 +285,6 @@ def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
         proof=proof,
         quotient=request.quotient(n),
     )
+    best = [] if answer.best is None or answer.best in answer.top else [answer.best]
+    check_designs(ledger, contexts, space, [*answer.top, *best])
+    return answer

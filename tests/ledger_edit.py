@@ -1,0 +1,29 @@
+"""Changing a ledger behind its back: as damage does, or as one who knows its checksums can."""
+
+import sqlite3
+from contextlib import ExitStack, closing
+
+from topo_search.study.seals import PLACES, changed
+
+
+def damaged(folder, *statements):
+    """Change a ledger in SQL, as no part of this program does."""
+    with closing(sqlite3.connect(folder / "ledger.sqlite", isolation_level=None)) as database:
+        for statement in statements:
+            database.execute(*statement if isinstance(statement, tuple) else (statement,))
+
+
+def forged(folder, *statements):
+    """Change a ledger in SQL, with all checksums right again afterwards."""
+    with closing(sqlite3.connect(folder / "ledger.sqlite", isolation_level=None)) as database:
+        forge(database, *statements)
+
+
+def forge(database, *statements):
+    """Change an open ledger likewise."""
+    with database, ExitStack() as stack:
+        database.execute("BEGIN")
+        for table in PLACES:
+            stack.enter_context(changed(database, table, "true", ()))
+        for statement in statements:
+            database.execute(*statement if isinstance(statement, tuple) else (statement,))

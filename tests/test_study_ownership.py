@@ -1,0 +1,346 @@
+"""Whose files are whose: a run takes no folder of somebody else's, and in its own replaces only what it wrote."""
+
+import os
+import shutil
+import threading
+
+import pytest
+import toy_problem
+from click.testing import CliRunner
+from ledger_edit import forged
+from toy_problem import toy_run, toy_task
+
+from topo_search import compose
+from topo_search.cli import main
+from topo_search.model import BadInput
+from topo_search.model.files import to_toml
+from topo_search.study import LedgerLost, RunFolder, answer_of
+from topo_search.study.place import PARTIAL, Place
+
+MINE = {"designs/mine.json": "mine", "audits/x.json": "x", "report.html": "page"}
+
+
+def put(folder, files):
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+
+def texts(folder):
+    """Every regular file but ledger and lock, with its content."""
+    files = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
+    own = ("ledger.sqlite", ".lock")
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files if not path.name.startswith(own)}
+
+
+@pytest.mark.parametrize("name", [*MINE, "notes.txt", ".hidden", "designs/deep/er.txt", "best-n4.json"])
+def test_a_folder_with_anything_in_it_is_refused_untouched(tmp_path, name):
+    put(tmp_path, {name: "mine"})
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(BadInput, match=r"it is left as it is; choose another folder with --out"):
+        toy_run(tmp_path)
+    assert sorted(tmp_path.rglob("*")) == before
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_a_folder_that_a_killed_run_had_only_begun_is_taken_up(tmp_path):
+    put(tmp_path, {".lock": "123 on host\n", PARTIAL: "half a ledg"})
+    assert toy_run(tmp_path).exit_status == 0
+    assert not (tmp_path / PARTIAL).exists()
+
+
+def test_the_lock_of_another_program_is_left_alone(tmp_path):
+    put(tmp_path, {".lock": "my precious"})
+    with pytest.raises(BadInput, match=r"has a \.lock of another program"):
+        toy_run(tmp_path)
+    assert (tmp_path / ".lock").read_text() == "my precious"
+
+
+def test_notes_of_the_user_survive_in_a_run_s_folder(tmp_path):
+    toy_run(tmp_path)
+    notes = {"notes.txt": "mine", "designs/mine.json": "mine", "audits/mine.json": "mine", "own/page.html": "x"}
+    put(tmp_path, notes)
+    toy_run(tmp_path, starts=5)
+    for name, text in notes.items():
+        assert (tmp_path / name).read_text() == text
+
+
+@pytest.mark.parametrize("name", ["best.json", "candidates.csv", "task.toml", "report.html", "best-n3.json"])
+def test_what_the_user_changed_is_in_the_way_and_left_as_it_is(tmp_path, name):
+    toy_run(tmp_path)
+    put(tmp_path, {name: "changed by hand"})
+    before = texts(tmp_path)
+    with pytest.raises(BadInput, match=rf"{name}: is not what this run wrote, and is left as it is: move it away"):
+        toy_run(tmp_path, starts=5)
+    assert texts(tmp_path) == before
+    (tmp_path / name).unlink()
+    assert toy_run(tmp_path, starts=5).exit_status == 0
+
+
+def test_a_design_that_the_user_changed_is_named_and_all_others_are_written(tmp_path):
+    key = toy_run(tmp_path).best.key
+    put(tmp_path, {f"designs/{key}.json": "changed by hand"})
+    shutil.rmtree(tmp_path / "audits")
+    with pytest.raises(BadInput, match=rf"designs/{key}\.json: is not what this run wrote"):
+        toy_run(tmp_path)
+    assert (tmp_path / f"designs/{key}.json").read_text() == "changed by hand"
+    (tmp_path / f"designs/{key}.json").unlink()
+    assert toy_run(tmp_path).best.key == key
+
+
+def test_designs_that_are_no_more_are_removed_unless_the_user_changed_them(tmp_path, monkeypatch):
+    answer = toy_run(tmp_path)
+    first, second = (row.key for row in answer.sizes[0].top[:2])
+    put(tmp_path, {f"designs/{first}.json": "changed by hand"})
+    for key in (first, second):
+        forged(
+            tmp_path,
+            ("UPDATE candidates SET status = 'failed', objective = NULL, audit = NULL WHERE key = ?", (key,)),
+        )
+    toy_run(tmp_path)
+    assert (tmp_path / f"designs/{first}.json").read_text() == "changed by hand"
+    assert not (tmp_path / f"designs/{second}.json").exists()
+
+
+def test_an_empty_file_that_a_power_cut_left_is_written_again(tmp_path):
+    key = toy_run(tmp_path).best.key
+    (tmp_path / f"designs/{key}.json").write_text("")
+    toy_run(tmp_path)
+    assert (tmp_path / f"designs/{key}.json").stat().st_size
+
+
+def test_what_a_killed_run_left_half_written_is_removed_and_nothing_else(tmp_path):
+    toy_run(tmp_path)
+    put(tmp_path, {PARTIAL: "half", ".best.json.mine": "mine"})
+    toy_run(tmp_path)
+    assert not (tmp_path / PARTIAL).exists()
+    assert (tmp_path / ".best.json.mine").read_text() == "mine"
+
+
+@pytest.mark.parametrize("harm", ["emptied", "gone"])
+def test_results_without_their_ledger_are_damage_and_left_alone(tmp_path, harm):
+    toy_run(tmp_path)
+    before = texts(tmp_path)
+    if harm == "gone":
+        (tmp_path / "ledger.sqlite").unlink()
+    else:
+        (tmp_path / "ledger.sqlite").write_bytes(b"")
+    for use in (toy_run, lambda path: RunFolder.found(path).__enter__()):
+        with pytest.raises(BadInput, match=r"no ledger\.sqlite|is damaged \(it is empty\)"):
+            use(tmp_path)
+    assert texts(tmp_path) == before
+
+
+VANISH = {
+    "folder": shutil.rmtree,
+    "moved": lambda folder: folder.rename(folder.with_name("moved")),
+    "ledger": lambda folder: (folder / "ledger.sqlite").unlink(),
+    "all of the ledger": lambda folder: [path.unlink() for path in folder.glob("ledger.sqlite*")],
+    "log": lambda folder: (folder / "ledger.sqlite-wal").unlink(),
+    "replaced": lambda folder: (
+        shutil.copy(folder / "ledger.sqlite", folder / "x") and (folder / "x").replace(folder / "ledger.sqlite")
+    ),
+}
+
+
+@pytest.mark.parametrize("harm", VANISH)
+@pytest.mark.parametrize("at", [2, 9])
+def test_a_folder_that_vanishes_ends_the_run_with_what_it_had_found(tmp_path, monkeypatch, harm, at):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "toy.toml").write_text(to_toml(toy_task(4)))
+    calls, folder = [], tmp_path / "run"
+
+    def vanishing(task, topology, **options):
+        calls.append(topology.key)
+        if len(calls) == at:
+            VANISH[harm](folder)
+        return toy_problem.solve(task, topology, **options)
+
+    verbs = toy_problem.Verbs(vanishing, *list(vars(toy_problem.VERBS).values())[1:])
+    monkeypatch.setattr(compose, "VERBS", verbs)
+    monkeypatch.setattr(compose, "Workers", toy_problem.InProcess)
+    result = CliRunner().invoke(main, ["run", "toy.toml", "--symmetry", "c2", "--out", "run"])
+    assert result.exit_code == 74, result.output
+    assert "ledger.sqlite: is gone: removed, moved, replaced or emptied while the run worked" in result.stderr
+    assert "everything is in" not in result.output
+    assert "kept, and the same" not in result.output
+    assert f"{at} of" in result.stdout  # the solve during which it vanished is told too
+    assert len(calls) == at
+
+
+def test_a_folder_that_vanishes_during_audits_ends_with_the_best_design(tmp_path):
+    audited = []
+
+    def audit(design):
+        audited.append(design.topology.key)
+        if len(audited) == 3:
+            shutil.rmtree(tmp_path / "run")
+        return toy_problem.audit(design)
+
+    verbs = toy_problem.Verbs(toy_problem.solve, audit, *list(vars(toy_problem.VERBS).values())[2:])
+    with pytest.raises(LedgerLost) as caught:
+        toy_run(tmp_path / "run", verbs=verbs)
+    best = toy_run(tmp_path / "whole").best
+    assert caught.value.answer.best.key == best.key
+    assert caught.value.design == (tmp_path / "whole/best.json").read_text()
+
+
+def test_ctrl_c_before_anything_was_begun_promises_nothing(tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(compose, "search", interrupted)
+    result = CliRunner().invoke(main, ["run", "push", "--out", str(tmp_path / "run")])
+    assert (result.exit_code, result.stderr) == (130, "stopped\n")
+
+
+@pytest.mark.parametrize(
+    "name", ["designs", "audits", "task.toml", "best.json", "candidates.csv", "ledger.sqlite", ".lock", PARTIAL]
+)
+def test_no_symbolic_link_is_followed(tmp_path, name):
+    run, outside = tmp_path / "run", tmp_path / "outside"
+    toy_run(run)
+    outside.mkdir()
+    (outside / "file").write_text("theirs")
+    path = run / name
+    shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+    target = outside if name in ("designs", "audits") else outside / "file"
+    if name == "ledger.sqlite":
+        toy_run(outside / "other")
+        target = outside / "other" / name
+    path.symlink_to(target)
+    before = {each: each.read_bytes() for each in outside.rglob("*") if each.is_file()}
+    if name == PARTIAL:  # ours to remove, the link itself
+        assert toy_run(run, starts=5).exit_status == 0
+        assert not path.is_symlink()
+    else:
+        with pytest.raises(BadInput, match=r"symbolic link|not the file that locks"):
+            toy_run(run, starts=5)
+        assert path.is_symlink()
+    assert {each: each.read_bytes() for each in outside.rglob("*") if each.is_file()} == before
+
+
+@pytest.mark.parametrize("name", ["task.toml", "best.json", "ledger.sqlite", "ledger.sqlite-wal", ".lock"])
+def test_a_pipe_in_a_file_s_place_is_refused_at_once(tmp_path, name):
+    toy_run(tmp_path)
+    (tmp_path / name).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / name)
+    refused = []
+
+    def use():
+        try:
+            toy_run(tmp_path)
+        except BadInput as error:
+            refused.append(error)
+
+    thread = threading.Thread(target=use, daemon=True)
+    thread.start()
+    thread.join(10)
+    assert refused
+
+
+def test_a_journal_of_sqlite_s_own_is_not_played_back(tmp_path):
+    toy_run(tmp_path)
+    put(tmp_path, {"ledger.sqlite-journal": "\xd9\xd5\x05\xf9"})
+    with pytest.raises(BadInput, match=r"ledger\.sqlite-journal: is not from this program"):
+        toy_run(tmp_path)
+
+
+@pytest.mark.parametrize("key", ["../../evil", "a/../../b", "/etc/x", "a12\n", "b500", "a500.", ""])
+def test_the_key_of_a_crafted_ledger_names_no_file(tmp_path, key):
+    run = tmp_path / "deep" / "run"
+    best = toy_run(run).best.key
+    for table in ("candidates", "texts", "solves"):
+        forged(run, (f"UPDATE {table} SET key = ? WHERE key = ?", (key, best)))
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(BadInput, match=r"is damaged .its table candidates has the key"):
+        toy_run(run)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ["../evil", "designs/../../evil", "/evil", ""])
+def test_no_name_leads_out_of_the_folder(tmp_path, name):
+    (tmp_path / "run").mkdir()
+    with Place.opened(tmp_path / "run") as place:
+        for use in (place.read, place.remove, lambda name: place.write(name, b"x")):
+            with pytest.raises(ValueError, match="within the folder"):
+                use(name)
+
+
+def test_names_of_files_in_a_crafted_ledger_remove_nothing_outside(tmp_path):
+    run = tmp_path / "run"
+    toy_run(run)
+    (tmp_path / "theirs.json").write_text("")
+    row = ("designs/../../theirs.json", None, None, 1)
+    from topo_search.study.seals import checksum
+
+    forged(run, ("INSERT INTO files VALUES (?, ?, ?, ?, ?)", (*row, checksum(row))))
+    with pytest.raises(BadInput, match="is damaged"):
+        toy_run(run)
+    assert (tmp_path / "theirs.json").exists()
+
+
+@pytest.mark.parametrize(
+    "made", ["TRIGGER t AFTER UPDATE ON run BEGIN DELETE FROM solves; END", "VIEW v AS SELECT 1"]
+)
+def test_what_runs_within_a_crafted_ledger_is_refused(tmp_path, made):
+    toy_run(tmp_path)
+    forged(tmp_path, f"CREATE {made}")
+    with pytest.raises(BadInput, match="is not as this program makes it"):
+        toy_run(tmp_path)
+
+
+def test_a_task_in_a_run_s_folder_opens_no_other_file(tmp_path):
+    toy_run(tmp_path)
+    (tmp_path / "cube.stl").write_text("solid")
+    text = (tmp_path / "task.toml").read_text()
+    (tmp_path / "task.toml").write_text(text.replace("[module.body]", '[module.body]\nmesh = "cube.stl"'))
+    with pytest.raises(BadInput, match=r"task\.toml: module\.body\.mesh: "), RunFolder.found(tmp_path):
+        pass
+
+
+FALSE = {
+    "under its bound": ("objective = 0.87 * lower_bound", "under the bound of"),
+    "another objective": ("objective = objective * (1 + 1e-9)", "objective is not that of its design"),
+    "another gap": ("gap = gap / 2", "gap is not that of its design"),
+    "another margin": ("margin = 1.0", "margin is not"),
+    "another orbit": ("orbit = orbit + 1", r"stands? for"),
+    "no design": ("result_checksum = NULL", "its design is none"),
+    "another verdict": ("audit = 'violated'", "audit is not that of its design"),
+    "no audit": ("audit_checksum = NULL", "its audit is gone"),
+    "another status": ("status = 'proven'", "is 'proven'"),
+    "infinite": ("objective = 9e999", r"under the bound|is not that of its design"),
+}
+
+
+@pytest.mark.parametrize("lie", FALSE)
+def test_an_answer_that_contradicts_itself_is_not_given(tmp_path, lie):
+    key = toy_run(tmp_path).best.key
+    change, named = FALSE[lie]
+    forged(tmp_path, (f"UPDATE candidates SET {change} WHERE key = ?", (key,)))
+    with pytest.raises(BadInput, match=named), RunFolder.found(tmp_path) as folder:
+        answer_of(folder)
+
+
+def test_candidates_that_do_not_stand_for_all_trees_are_damage(tmp_path):
+    toy_run(tmp_path, modules=4, symmetry="d4")
+    forged(tmp_path, "UPDATE candidates SET orbit = 1 WHERE orbit = 2")
+    with pytest.raises(BadInput, match=r"stands? for"), RunFolder.found(tmp_path) as folder:
+        answer_of(folder)
+
+
+def test_a_page_is_not_put_in_the_place_of_the_user_s(tmp_path, monkeypatch):
+    toy_run(tmp_path / "run")
+    monkeypatch.chdir(tmp_path)
+    invoke = CliRunner().invoke
+    assert invoke(main, ["report", "run"]).exit_code == 0
+    assert invoke(main, ["report", "run"]).exit_code == 0
+    put(tmp_path / "run", {"report.html": "mine"})
+    result = invoke(main, ["report", "run"])
+    assert result.exit_code == 2
+    assert "report.html: is not what this run wrote" in result.stderr
+    assert (tmp_path / "run/report.html").read_text() == "mine"
+    assert invoke(main, ["report", "run", "--out", "run/page.html"]).exit_code == 0
+    (tmp_path / "run/report.html").unlink()
+    toy_run(tmp_path / "run", starts=3)
+    assert (tmp_path / "run/page.html").exists()

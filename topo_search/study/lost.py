@@ -1,0 +1,27 @@
+"""What a run says when its folder or ledger vanishes while it works."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from topo_search.study.answer import Answer
+
+
+KEPT = "all results are kept, and the same command resumes"
+"""Note (PEP 678) of what ends a run early, once it is so."""
+
+
+class LedgerLost(Exception):
+    """The ledger, or its folder, was removed, moved, replaced or emptied while a run worked in it."""
+
+    def __init__(self, path: Path) -> None:
+        self.answer: Answer | None = None
+        """What the run had found, as far as it can still be read."""
+        self.design: str | None = None
+        """The best design as JSON text: nothing else may hold it any more."""
+        super().__init__(
+            f"{path}: is gone: removed, moved, replaced or emptied while the run worked; the run has ended, and "
+            "what it found since is kept nowhere but in what is printed here"
+        )

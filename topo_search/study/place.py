@@ -1,0 +1,149 @@
+"""A run's folder by its descriptor: names are looked up within it, and no symbolic link is followed."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Self
+
+from topo_search.model import BadInput, Fault
+
+PARTIAL = ".topo-search-partial"
+"""A file that is being written. There is one at a time, so that the next run removes what a killed one left."""
+MOST_BYTES = 1 << 30
+"""Of a file that is read from a run's folder: a terabyte in place of a task is refused."""
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
+
+
+def within_folder(name: str) -> bool:
+    """Return whether a relative name leads nowhere else."""
+    return all(part not in ("", "..") for part in name.split("/"))
+
+
+class Place:
+    """A folder; the names of its files are relative, with `/` between folder and file."""
+
+    def __init__(self, path: Path, handle: int) -> None:
+        self.path = path
+        self._handle = handle
+
+    @classmethod
+    @contextmanager
+    def opened(cls, path: Path) -> Iterator[Self]:
+        """Hold a folder that is there; OSError says why it cannot be held. Its own path may have links in it."""
+        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            yield cls(path, handle)
+        finally:
+            os.close(handle)
+
+    def names(self) -> list[str]:
+        """Return the names of all that is in the folder itself."""
+        return sorted(os.listdir(self._handle))
+
+    def read(self, name: str) -> bytes | None:
+        """Return the content of a file; None if there is none of this name.
+
+        Raises:
+            BadInput: it is no regular file, or one of its folders is none; nothing is opened then.
+        """
+        try:
+            with self._within(name) as (folder, last):
+                handle = os.open(last, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise self._refused(name, error) from None
+        with os.fdopen(handle, "rb") as stream:
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode) or status.st_size > MOST_BYTES:
+                raise self._refused(name, None)
+            return stream.read(MOST_BYTES)
+
+    def write(self, name: str, content: bytes, *, lasting: bool = True) -> None:
+        """Write a file so that a reader sees the old one or the whole new one, whatever happens in between.
+
+        Args:
+            name: of the file; its folders are made.
+            content: of the file.
+            lasting: whether it is on the disk when this returns; else a power cut may leave it empty.
+
+        Raises:
+            BadInput: one of its folders is none.
+            OSError: it cannot be written; names it.
+        """
+        try:
+            with self._within(name, make=True) as (folder, last):
+                self.tidy()
+                handle = os.open(
+                    PARTIAL, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644, dir_fd=self._handle
+                )
+                try:
+                    with os.fdopen(handle, "wb", buffering=0) as stream:
+                        rest = memoryview(content)
+                        while rest:
+                            rest = rest[os.write(handle, rest) :]
+                        os.fchmod(handle, 0o644)
+                        if lasting:
+                            os.fsync(stream.fileno())
+                    os.rename(PARTIAL, last, src_dir_fd=self._handle, dst_dir_fd=folder)
+                except BaseException:
+                    with suppress(OSError):
+                        os.unlink(PARTIAL, dir_fd=self._handle)
+                    raise
+                if lasting:
+                    os.fsync(folder)
+        except NotADirectoryError as error:
+            raise self._refused(name, error) from None
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path / name)) from error
+
+    def remove(self, name: str) -> None:
+        """Remove a file, if it is there."""
+        try:
+            with self._within(name) as (folder, last):
+                os.unlink(last, dir_fd=folder)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path / name)) from error
+
+    def make(self, name: str) -> None:
+        """Make a folder, if it is not there."""
+        try:
+            with self._within(f"{name}/.", make=True):
+                return
+        except NotADirectoryError as error:
+            raise self._refused(name, error) from None
+
+    def tidy(self) -> None:
+        """Remove what a run that was killed left of a file that it was writing; only who holds the lock may."""
+        with suppress(FileNotFoundError):
+            os.unlink(PARTIAL, dir_fd=self._handle)
+
+    @contextmanager
+    def _within(self, name: str, *, make: bool = False) -> Iterator[tuple[int, str]]:
+        """Return the descriptor of the folder that a file is in, and its name there."""
+        *folders, last = name.split("/")
+        if not within_folder(name):
+            raise ValueError(f"a file's name must be within the folder, but got {name!r}")
+        handle = os.dup(self._handle)
+        try:
+            for folder in folders:
+                if make:
+                    with suppress(FileExistsError):
+                        os.mkdir(folder, 0o777, dir_fd=handle)
+                inner = os.open(folder, _FOLDER, dir_fd=handle)
+                os.close(handle)
+                handle = inner
+            yield handle, last
+        finally:
+            os.close(handle)
+
+    def _refused(self, name: str, error: OSError | None) -> BadInput:
+        why = "is no regular file" if error is None else f"cannot be used ({error.strerror})"
+        rule = f"{why}: a run reads and writes regular files, through no symbolic link; it is left as it is"
+        return BadInput(str(self.path / name), [Fault("", rule)])
