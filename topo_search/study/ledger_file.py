@@ -106,7 +106,10 @@ def opened(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection]:
         _damage_named(path),
     ):
         database.execute("PRAGMA trusted_schema = OFF")
-        _check(database, path)
+        try:
+            _check(database, path)
+        except UnicodeDecodeError:  # the name of a column
+            raise damaged(path, "its tables have names that are no text") from None
         if not read_only:
             _make_lasting(database, path)
         yield database
