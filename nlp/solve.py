@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from nlp.bounds import lower_bound, prove_impossible
+from nlp.bounds import bound_of, prove_impossible
 from nlp.evaluate import Violation, violations, worst
 from nlp.finish import finish
 from nlp.ipopt import Answer
@@ -59,6 +59,7 @@ def solve(
 
     Raises:
         ValueError: no starts, or a task of another size.
+        BoundBroken: a design undercuts the lower bound: a fault of the program, not of the task.
     """
     if task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
@@ -96,7 +97,7 @@ def _trial(program: Program, start: Point, index: int) -> _Trial:
 
 def _design(best: _Trial, record: SolverRecord) -> Design:
     point, J = best.point, best.objective
-    bound = min(lower_bound(point.task), J)  # equal up to rounding when the bound is attained
+    bound = bound_of(point.task, J)
     return Design(
         task=point.task,
         topology=point.topology,

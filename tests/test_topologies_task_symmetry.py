@@ -278,3 +278,47 @@ def test_what_is_lossy_says_so() -> None:
 def test_where_many_isometries_would_do_a_plain_reflection_is_named(wrench: tuple[Any, Any]) -> None:
     assert "the reflection along" in resolve_symmetry(task_of(wrench)).reason
     assert "turn of" not in resolve_symmetry(task_of(wrench)).reason
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-3])
+@pytest.mark.parametrize("far", [1.0, 1e7])
+def test_a_millimetre_off_the_mirror_plane_counts_however_far_another_path_leads(off, far):
+    paths = Directional(radius=0.15, segments=((far, 0.0, 0.0), (0.5, off, 0.8)))
+    task = task_of(([1, 0, 1], [0, 0.1, 0]), ([0.2, 0, 1], None), exposure=(paths,))
+    assert (improper_isometry(task) is not None) == (off == 0.0)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_each_quantity_is_compared_on_its_own_scale(seed):
+    """Mirror pairs of everything, sizes up to 1e12 apart: a thousandth off any one is not symmetric."""
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    O = turn @ np.diag([1.0, 1.0, -1.0]) @ turn.T
+
+    def vector():
+        return 10.0 ** rng.uniform(-6, 6) * rng.normal(size=3)
+
+    forces, torques, paths = ([vector() for _ in range(2)] for _ in range(3))
+    corners = [vector() for _ in range(4)]
+    given = [*forces, *(O @ f for f in forces), *torques, *(-O @ tau for tau in torques)]
+    given += [*paths, *(O @ end for end in paths), *corners, *(O @ corner for corner in corners)]
+
+    def symmetric(values):
+        cases = [
+            LoadCase(end_effector=Wrench(force=tuple(f), torque=tuple(tau)), units="SI")
+            for f, tau in zip(values[:4], values[4:8], strict=True)
+        ]
+        exposure = (
+            Directional(radius=0.1, segments=tuple(tuple(end) for end in values[8:12])),
+            Local(vertices=tuple(tuple(corner) for corner in values[12:])),
+        )
+        return (
+            improper_isometry(Task(name="mixed", modules=3, load_cases=tuple(cases), exposure=exposure).resolve(3))
+            is not None
+        )
+
+    assert symmetric(given)
+    for broken in range(12):  # a corner may lie inside the others' hull: those are left as they are
+        off = [np.array(value) for value in given]
+        off[broken] = off[broken] + 1e-3 * np.linalg.norm(off[broken]) * rng.normal(size=3)
+        assert not symmetric(off), broken

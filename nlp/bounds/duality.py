@@ -15,9 +15,10 @@ Whatever the multipliers are, s_ik z_i summing to n f_k means that
     sum_ik lambda_k s_ik^2 >= sum_ik (s_ik nu_k . z_i - phi_k(nu_k . z_i))
                            >= n (sum_k nu_k . f_k - max over unit z of sum_k phi_k(nu_k . z)).
 
-Each phi_k is convex, not negative and zero at 0, so `greatest` bounds the maximum by proof, and no step of the
-search for good multipliers has to be believed. The dual problem is concave; its constraints, one for every z, are
-added where they are violated.
+With s the best thrust for t, t / (2 lambda_k) within [0, T], phi_k(t) = s (t - lambda_k s): a form without
+cancellation for any weights, zero included. Each phi_k is convex, not negative and zero at 0, so `greatest` bounds
+the maximum by proof, and no step of the search for good multipliers has to be believed. The dual problem is
+concave; its constraints, one for every z, are added where they are violated.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ OPTIONS: dict[str, int | float | str | bool] = {
 }
 SPLITS = 2
 """Of the octahedron, for the first directions: 66 of them."""
+ROUNDING = 1e-14
+"""Share of the sum of all |nu_k| |f_k| that is left to rounding."""
 ROUNDS = 6
 """Most times that directions are added."""
 RING = 0.25
@@ -51,7 +54,8 @@ GOOD_ENOUGH = 2e-4
 
 def dual_value(nu: Array, f: Array, weights: Array, T: float) -> float:
     """Return a lower bound on the mean over the modules of sum_k lambda_k s_ik^2, for multipliers nu (K, 3)."""
-    return float(np.sum(nu * f)) - greatest(lambda z: np.sum(_phi(z @ nu.T, weights, T), axis=-1))
+    rounding = ROUNDING * float(np.sum(np.abs(nu) * np.abs(f)))
+    return float(np.sum(nu * f)) - rounding - greatest(lambda z: np.sum(_phi(z @ nu.T, weights, T), axis=-1))
 
 
 def multipliers(f: Array, weights: Array, T: float, *, largest: float, known: float = 0.0) -> Array:
@@ -77,8 +81,9 @@ def _over(z: Array, f: Array, weights: Array, T: float, largest: float) -> Array
     """Return the best multipliers when only the axes z, shape (m, 3), exist."""
     nu, greatest_phi = ca.MX.sym("nu", len(f), 3), ca.MX.sym("greatest_phi")
     t = ca.mtimes(ca.DM(z), nu.T)
-    knee = ca.repmat(ca.DM(2 * T * weights).T, len(z), 1)
-    phi = (ca.fmax(t, 0) ** 2 - ca.fmax(t - knee, 0) ** 2) / (2 * knee / T)
+    weight = ca.repmat(ca.DM(weights).T, len(z), 1)
+    s = ca.fmin(ca.fmax(t, 0) / (2 * weight), T)
+    phi = s * (t - weight * s)
     problem = {
         "x": ca.veccat(nu, greatest_phi),
         "f": greatest_phi - ca.sum1(ca.sum2(nu * ca.DM(f))),
@@ -96,7 +101,7 @@ def _peaks(nu: Array, weights: Array, T: float) -> Array:
     z = directions(SPLITS)
     for _ in range(ASCENTS):
         t = z @ nu.T
-        thrust = np.clip(t / (2 * weights), 0.0, T)  # phi_k'
+        thrust = _thrust(t, weights, T)  # phi_k'
         gradient = thrust @ nu
         length = np.linalg.norm(gradient, axis=1, keepdims=True)
         z = np.where(length > 0, gradient / np.where(length > 0, length, 1.0), z)
@@ -105,6 +110,14 @@ def _peaks(nu: Array, weights: Array, T: float) -> Array:
 
 def _phi(t: Array, weights: Array, T: float) -> Array:
     """Return phi_k(t) for t (..., K): t^2 / (4 lambda_k) between 0 and the knee 2 lambda_k T, linear beyond."""
-    positive, beyond = np.maximum(t, 0.0), np.maximum(t - 2 * weights * T, 0.0)
-    result: Array = (positive**2 - beyond**2) / (4 * weights)
+    s = _thrust(t, weights, T)
+    result: Array = s * (t - weights * s)
+    return result
+
+
+def _thrust(t: Array, weights: Array, T: float) -> Array:
+    """Return the thrust s for t (..., K)."""
+    half = np.maximum(2 * weights, np.finfo(float).tiny)
+    with np.errstate(over="ignore"):
+        result: Array = np.where(t >= 2 * weights * T, np.where(t > 0, T, 0.0), np.maximum(t, 0.0) / half)
     return result

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
 
 from nlp.bounds.duality import dual_value, multipliers
+from nlp.bounds.shortfall import TOLERANCE
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 
+UNEVEN = 1e-3
+"""Least weight, in the largest, of a search with the weights as they are."""
+RAISED = (1e-4, 1e-2)
+"""To what share of the largest weight lesser ones are raised in other searches."""
+ROUNDING = 1e-9
+"""Share of the bound by which J must be under it to be an error."""
 FARTHEST = 100.0
 """Largest multiplier of a dual search, in knees 2 lambda T of phi; only what cannot be done drives it there."""
+
+
+class BoundBroken(RuntimeError):
+    """A design undercuts what is proven of all designs: a fault of the program."""
 
 
 def total_forces(task: ResolvedTask) -> Array:
@@ -20,48 +32,105 @@ def total_forces(task: ResolvedTask) -> Array:
     return np.array([np.add(case.at_end_effector.force, case.at_com.force) for case in task.load_cases])
 
 
-def lower_bound(task: ResolvedTask) -> float:
+def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
     """Return a bound that no design of the task's size undercuts [rad^4/s^4].
 
     It is the larger of the closed form, which needs no sign of a thrust, and of a dual value, which knows that
-    rotors only pull, and no more than rho u_max. Torques and all geometry but that of axes are left out: a design
-    that produces its forces to within the audit's tolerances may be under the bound by as much.
+    rotors only pull, and no more than rho u_max. Torques and all geometry but that of axes are left out.
+
+    Args:
+        task: the task.
+        accuracy: what a design may miss every force by [m_t g], and the limits of every input [u_max]. With 0 the
+            bound is proven of designs that produce their wrenches exactly; with `TOLERANCE` of every design whose
+            audit is clear, which is lower by some 2e-6 of it where the forces are near m_t g.
     """
-    return max(closed_form(task), _dual_bound(task))
+    return max(closed_form(task, accuracy), _dual_bound(task, accuracy))
 
 
-def closed_form(task: ResolvedTask) -> float:
+def bound_of(task: ResolvedTask, J: float) -> float:
+    """Return the bound of a design of effort J: `lower_bound`, or J where the wrench's accuracy lets it be less.
+
+    Raises:
+        BoundBroken: J is under what is proven of every design within the audit's tolerances.
+    """
+    bound = lower_bound(task)
+    if bound <= J:
+        return bound
+    proven = lower_bound(task, accuracy=TOLERANCE)
+    if proven * (1 - ROUNDING) > J:
+        raise BoundBroken(
+            f"internal error: a design has the control effort {J!r} rad^4/s^4, which is under the bound "
+            f"{proven!r} rad^4/s^4 proven of all designs: one of the two is wrong"
+        )
+    return J
+
+
+def closed_form(task: ResolvedTask, accuracy: float = 0.0) -> float:
     """Return (trace Q^(1/2))^2 / (4 n k_f^2) <= J [rad^4/s^4].
 
     Drop torques, bounds and geometry. With s_ik the thrust of module i in load case k, its four rotors share it
     at best equally, ||u_ik||^2 >= s_ik^2 / (4 k_f^2), and F_k = Z s_k with Z = [z_1 .. z_n]. For fixed Z the least
     ||s_k||^2 is F_k^T M^+ F_k with M = Z Z^T, trace M = n. With Q = sum_k lambda_k F_k F_k^T, minimising
     trace(M^+ Q) over all positive semidefinite M of trace n gives (trace Q^(1/2))^2 / n, at M ~ Q^(1/2).
+
+    Trace Q^(1/2) is the sum of the singular values of the rows sqrt(lambda_k) F_k. Rows that are off by e each take
+    sqrt(3 sum_k lambda_k) e from it at most: three singular values, whose squares sum to no more than theirs.
     """
-    F = total_forces(task)
-    eigenvalues = np.linalg.eigvalsh((F.T * _weights(task)) @ F)
-    root_trace = np.sqrt(np.clip(eigenvalues, 0.0, None)).sum()
-    return float(root_trace**2 / (4 * task.n * task.module.thrust_coefficient**2))
+    F, weights = total_forces(task), _weights(task)
+    size, heaviest = float(np.abs(F).max()), float(weights.max())
+    if size == 0:
+        return 0.0
+    rows = np.sqrt(weights / heaviest)[:, None] * (F / size)
+    off = math.sqrt(3 * float(np.sum(weights / heaviest))) * accuracy * task.force_unit(task.n) / size
+    root_trace = max(0.0, float(np.linalg.svd(rows, compute_uv=False).sum()) - off)
+    thrust = root_trace * size / task.module.thrust_coefficient
+    return thrust * thrust / (4 * task.n) * heaviest
 
 
 @lru_cache(maxsize=32)
-def _dual_bound(task: ResolvedTask) -> float:
+def _dual_bound(task: ResolvedTask, accuracy: float) -> float:
     """Return the best dual value found, as a bound on J [rad^4/s^4].
 
     Four rotors share a thrust of s m g at best equally, ||u_ik||^2 >= 4 (s_ik u_hover)^2, and s_ik <= T because
-    none of them exceeds rho u_max; `nlp.bounds.duality` bounds the sum of the squares.
+    none of them exceeds rho u_max; `nlp.bounds.duality` bounds the sum of the squares. Where inputs may be beyond
+    their limits by `accuracy`, thrusts of a module are beyond [0, T] by d: phi_k is d |t| more at most, for t < 0.
+    """
+    found = _search(task)
+    if found is None:
+        return 0.0
+    nu, f, weights, T, in_si, size = found
+    d = accuracy * task.module.max_thrust_to_weight / size
+    lengths = np.linalg.norm(nu, axis=1)
+    missed = accuracy * task.force_unit(task.n) / (task.n * Units.of(task).force) / size
+    value = dual_value(nu, f, weights, T + d) - float(lengths.sum()) * (missed + d)
+    return in_si * value if value > 0 else 0.0
+
+
+@lru_cache(maxsize=32)
+def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, float] | None:
+    """Return good multipliers with the forces, weights and T that they are for, the effort's unit and the force's.
+
+    Load cases that weigh next to nothing have next to no curvature, on which the search stalls. It is repeated with
+    such weights raised: all multipliers are proof, and those that prove the most with the true weights are taken.
     """
     unit, T = Units.of(task), task.max_thrust_to_weight
     f, weights = total_forces(task) / (task.n * unit.force), _weights(task)
-    size, mean_weight = float(np.linalg.norm(f, axis=1).max()), float(weights.mean())
+    size, heaviest = float(np.linalg.norm(f, axis=1).max()), float(weights.max())
     if size == 0:
-        return 0.0
+        return None
     # any unit of force and of effort will do: Ipopt wants numbers near 1
-    f, weights, T = f / size, weights / mean_weight, T / size
-    in_si = 4 * task.n * (size * unit.input) ** 2 * mean_weight
+    mean = float(np.mean(weights / heaviest))
+    f, weights, T = f / size, weights / heaviest / mean, T / size
+    thrust = size * unit.input
+    in_si = 4 * task.n * thrust * thrust * mean * heaviest
     largest = FARTHEST * 2 * float(weights.max()) * T
-    nu = multipliers(f, weights, T, largest=largest, known=closed_form(task) / in_si)
-    return in_si * dual_value(nu, f, weights, T)
+    known = closed_form(task) / in_si if 0 < in_si < math.inf else 0.0
+    evenness = float(weights.min() / weights.max())
+    least = [evenness] if evenness >= UNEVEN else [share for share in RAISED if share > evenness]
+    raised = [np.maximum(weights, share * weights.max()) for share in least]
+    found = [multipliers(f, w, T, largest=largest, known=known) for w in raised]
+    best = max(found, key=lambda nu: dual_value(nu, f, weights, T))
+    return best, f, weights, T, in_si, size
 
 
 def _weights(task: ResolvedTask) -> Array:

@@ -20,11 +20,13 @@ import numpy as np
 from nlp import names
 from nlp.bounds.duality import multipliers
 from nlp.bounds.effort import total_forces
-from nlp.bounds.shortfall import TOLERANCE, Shortfall, largest_thrust, modules
+from nlp.bounds.shortfall import TOLERANCE, Shortfall, largest_thrust, modules, unseen_thrust
 from nlp.bounds.sphere import greatest
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 
+ROUNDING = 1e-12
+"""Share of the forces that is left to rounding."""
 SOFTENED = 0.01
 """Knee of phi in the search for a proof, in its largest multiplier: nearly that of a thrust without cost."""
 
@@ -33,7 +35,7 @@ def one_force(task: ResolvedTask) -> Shortfall | None:
     """All rotors together pull with 4 n k_f rho u_max at most, whatever the angles."""
     asked = np.linalg.norm(total_forces(task), axis=1)
     k, most = int(np.argmax(asked)), largest_thrust(task)
-    if asked[k] - TOLERANCE * task.force_unit(task.n) <= most:
+    if asked[k] * (1 - ROUNDING) - TOLERANCE * task.force_unit(task.n) <= most + unseen_thrust(task):
         return None
     return Shortfall(
         names.force(k),
@@ -58,7 +60,7 @@ def axes(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | No
         return None
     F = total_forces(task)
     missed = float(np.sqrt(np.sum(np.linalg.svd(F, compute_uv=False)[d:] ** 2) / len(F)))
-    if missed <= TOLERANCE * task.force_unit(task.n):
+    if missed <= TOLERANCE * task.force_unit(task.n) + ROUNDING * float(np.linalg.norm(F)):
         return None
     return Shortfall(
         "load cases, forces",
@@ -86,7 +88,11 @@ def all_forces(task: ResolvedTask) -> Shortfall | None:
     nu, lengths = nu / lengths.max(), lengths / lengths.max()
     asked = float(np.sum(nu * F))
     most = largest_thrust(task) * greatest(lambda z: np.sum(np.maximum(z @ nu.T, 0.0), axis=-1))
-    if asked - TOLERANCE * task.force_unit(task.n) * lengths.sum() <= most:
+    # inputs a little below zero pull the other way, along every nu_k at once
+    unseen = TOLERANCE * task.force_unit(task.n) * lengths.sum() + unseen_thrust(task) * (1 + lengths.sum()) * len(
+        F
+    )
+    if asked - unseen - ROUNDING * float(np.sum(np.abs(nu) * np.abs(F))) <= most:
         return None
     cases = ", ".join(str(k) for k in np.flatnonzero(lengths > SOFTENED))
     return Shortfall(

@@ -1,9 +1,9 @@
 """Paths of few modules that get into each other's way at every combination of their hinge angles.
 
-The angles of a path, a box of +-pi/2 each, are halved again and again. In a box with half widths h about its
-middle, with one module between i and j held still, every hinge t between it and j moves the points of j by h_t
-times their distance from the hinge at most, and so for i. Where i and j are too close by more than all of that at
-the middle, no angle of the box is any good. The path is impossible when no box is left.
+The angles of a path, a box of +-pi/2 each and what the audit lets pass beyond, are halved again and again. In a box
+with half widths h about its middle, with one module between i and j held still, every hinge t between it and j
+moves the points of j by h_t times their distance from the hinge at most, and so for i. Where i and j are too close
+by more than all of that at the middle, no angle of the box is any good. The path is impossible when no box is left.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -21,7 +21,7 @@ from itertools import combinations, pairwise
 import networkx as nx
 import numpy as np
 
-from nlp.bounds.shortfall import Shortfall
+from nlp.bounds.shortfall import TOLERANCE, Shortfall
 from nlp.geometry import Swept, clearance, rotation
 from topo_search.model import AirflowEnvelope, ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -79,7 +79,7 @@ def _paths(topology: Topology) -> set[Turns]:
 def _crowded(turns: Turns, air: AirflowEnvelope | None, apart: float, l_c: float, depth: float) -> bool:
     """Return whether it is proven that modules in a row miss some clearance by `depth` [m] at any hinge angles."""
     hinges = len(turns) + 1
-    alpha, h = np.zeros((1, hinges)), np.full(hinges, math.pi / 2)
+    alpha, h = np.zeros((1, hinges)), np.full(hinges, math.pi / 2 + TOLERANCE)
     while len(alpha) <= MOST_BOXES and h.max() > LEAST_WIDTH:
         R, p = _poses(turns, alpha, l_c)
         open_, clear = np.ones(len(alpha), dtype=bool), np.ones(len(alpha), dtype=bool)

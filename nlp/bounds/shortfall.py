@@ -1,4 +1,9 @@
-"""What a rule says when it shows that something cannot be done."""
+"""What a rule says when it shows that something cannot be done.
+
+A proof holds for every design that its audit calls clear, so it allows for what the audit lets pass: residuals of
+`TOLERANCE` of every force [m_t g], of every torque about the COM and about the end-effector [l_arm m_t g], inputs
+beyond their limits [u_max], hinge angles beyond pi/2 [rad] and a fixed end-effector off its place [l_arm].
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,7 @@ from dataclasses import dataclass
 from topo_search.model import ResolvedTask
 
 TOLERANCE = 1e-6
-"""Largest wrench residual of a design that passes its audit [m_t g, l_arm m_t g]."""
+"""Largest residual of a design that passes its audit, in units of its scale."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +29,11 @@ class Shortfall:
 def largest_thrust(task: ResolvedTask) -> float:
     """Return what all rotors at their limit pull with, 4 n k_f rho u_max [N]."""
     return 4 * task.n * task.module.thrust_coefficient * task.max_input
+
+
+def unseen_thrust(task: ResolvedTask) -> float:
+    """Return how much more the audit lets pass, and as much below zero [N]."""
+    return 4 * task.n * task.module.thrust_coefficient * TOLERANCE * task.module.max_input(task.gravity)
 
 
 def modules(task: ResolvedTask) -> str:

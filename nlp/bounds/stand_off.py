@@ -15,7 +15,7 @@ import math
 
 import networkx as nx
 
-from nlp.bounds.shortfall import Shortfall, modules
+from nlp.bounds.shortfall import TOLERANCE, Shortfall, modules
 from topo_search.model import ResolvedTask, Topology
 
 ROUNDING = 1e-9
@@ -31,9 +31,11 @@ def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Shortfall
     if position is None:
         return None
     squares = n**2 * (n**2 - 1) / 12 if topology is None else _squared_distances(topology)
-    q = task.total_mass(n) / (n * task.module.mass) * math.hypot(*position)
+    share = task.total_mass(n) / (n * task.module.mass)
+    q = share * math.hypot(*position)
     farthest = math.hypot(q, 2 * task.module.connector_distance / n * math.sqrt(squares))
-    if asked <= farthest * (1 + ROUNDING):
+    unseen = TOLERANCE * task.module.arm_length * (1 + share)  # of the distance, and of the place
+    if asked <= farthest * (1 + ROUNDING) + unseen:
         return None
     return Shortfall(
         "end-effector exclusion",

@@ -14,6 +14,13 @@ g_k is that of tau_k.
 
 The distance of module i from c is (2 l_c / n) sum_j d_ij at most, that of its rotors l_arm more. A rotor at o with
 thrust f has the torque f o x z about c, and its drag (k_tau / k_f) f along z.
+
+The reach is far from tight: no platform has all its modules at the longest levers, all thrusts across them and
+turning the same way. So a torque that is not refused here need not be possible.
+
+The residuals of a torque about the COM and about the end-effector, both at most e, differ by the force's residual
+with the lever from one to the other, (n m / m_t) q; c is (m_E / m_t) q beside the COM, on the same line. So about c
+the residual is e (1 + 2 m_E / (n m)) at most, wherever the end-effector is.
 """
 
 from __future__ import annotations
@@ -22,11 +29,13 @@ import networkx as nx
 import numpy as np
 
 from nlp import names
-from nlp.bounds.shortfall import TOLERANCE, Shortfall, largest_thrust, modules
+from nlp.bounds.shortfall import TOLERANCE, Shortfall, largest_thrust, modules, unseen_thrust
 from topo_search.model import LoadCase, ResolvedTask, Topology
 
-NO_FORCE = 1e-9
-"""Size of g_k under which its direction is not trusted [m_t g]."""
+ROUNDING = 1e-9
+"""Share of a torque that is left to rounding."""
+NO_FORCE = 1e-6
+"""Size of g_k under which its direction is not trusted, in m_t g and in the forces that it is the sum of."""
 
 
 def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
@@ -40,7 +49,8 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Shortf
     most = largest_thrust(task) * (lever + module.torque_coefficient / module.thrust_coefficient)
     asked = [_least_torque(task, case) for case in task.load_cases]
     k = int(np.argmax(asked))
-    if asked[k] - TOLERANCE * task.torque_unit(n) <= most:
+    share = 1 + unseen_thrust(task) / largest_thrust(task)
+    if asked[k] * (1 - ROUNDING) - _unseen(task, task.load_cases[k]) <= most * share:
         return None
     return Shortfall(
         names.torque(k),
@@ -49,6 +59,17 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Shortf
         f"load case {k} asks {modules(task)} for a torque of {asked[k]:.4g} N m at least about their centre: "
         f"all rotors at their limit and as far out as they can be give {most:.4g} N m",
     )
+
+
+def _unseen(task: ResolvedTask, case: LoadCase) -> float:
+    """Return by how much the torque about c may miss what is asked without the audit's saying so [N m]."""
+    n, own = task.n, task.n * task.module.mass
+    unseen = TOLERANCE * task.torque_unit(n) * (1 + 2 * task.end_effector.mass / own)
+    if task.end_effector.fixed_position is None:
+        return unseen
+    tip, com = np.array(case.at_end_effector.force), np.array(case.at_com.force)
+    g = float(np.linalg.norm(tip + task.end_effector.mass / task.total_mass(n) * com))
+    return unseen + TOLERANCE * task.module.arm_length * task.total_mass(n) / own * g
 
 
 def _least_torque(task: ResolvedTask, case: LoadCase) -> float:
@@ -62,4 +83,5 @@ def _least_torque(task: ResolvedTask, case: LoadCase) -> float:
         return float(np.linalg.norm(tau + np.cross(q, g)))
     if size == 0:
         return float(np.linalg.norm(tau))
-    return abs(float(tau @ g)) / size if size > NO_FORCE * task.force_unit(n) else 0.0
+    forces = float(np.linalg.norm(tip.force) + np.linalg.norm(com.force))
+    return abs(float(tau @ g)) / size if size > NO_FORCE * max(task.force_unit(n), forces) else 0.0

@@ -32,15 +32,18 @@ from topo_search.model import Directional, Exterior, LoadCase, Local, ResolvedTa
 Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9
-"""Largest difference of two things that count as equal, relative to the largest of their kind."""
+"""Largest difference of two vectors that count as equal, relative to the longer one: each on its own scale."""
+NOTHING = 1.0e-12
+"""Length of a vector that counts as zero: what rounding leaves of a sum [l_arm, m_t g, l_arm m_t g].
 
+Corners count as zero where they are as short in their region's farthest."""
 
 REGION = "region"
 """The kind of a feature whose vectors have no order: a convex target region."""
 
 
 class _Feature(NamedTuple):
-    """One requirement of the task in the form that an isometry acts on; lengths and wrenches without unit."""
+    """One requirement of the task in the form that an isometry acts on."""
 
     kind: str
     scalars: tuple[float, ...]
@@ -68,9 +71,9 @@ class _Feature(NamedTuple):
         ):
             return False
         if self.kind == REGION:
-            apart = np.linalg.norm(self.vectors[:, None] - other.vectors, axis=2)
-            return bool(np.all(apart.min(axis=0) <= TOLERANCE) and np.all(apart.min(axis=1) <= TOLERANCE))
-        return bool(np.all(np.linalg.norm(self.vectors - other.vectors, axis=1) <= TOLERANCE))
+            same = _same(self.vectors[:, None], other.vectors)
+            return bool(np.all(same.any(axis=0)) and np.all(same.any(axis=1)))
+        return bool(np.all(_same(self.vectors, other.vectors)))
 
 
 class _Kind(NamedTuple):
@@ -95,8 +98,8 @@ class _Kind(NamedTuple):
     def maps_onto_itself(self, P: Array) -> bool:
         """Whether the image of each of them under O = -P is one of them."""
         images = self.signs * self.vectors @ P.T
-        apart = np.linalg.norm(images[:, None] - self.vectors, axis=-1).max(axis=-1)
-        return bool(np.all(np.any(self.alike & (apart <= TOLERANCE), axis=1)))
+        same = _same(images[:, None], self.vectors).all(axis=-1)
+        return bool(np.all(np.any(self.alike & same, axis=1)))
 
 
 @lru_cache(maxsize=16)
@@ -142,36 +145,32 @@ def _features(task: ResolvedTask) -> list[_Feature]:
     points = [(np.array(end), e.radius) for e in paths for end in e.segments or ()]
     p_E = task.end_effector.fixed_position
     regions = [e.corners for e in task.exposure if isinstance(e, Local) and e.radius is None]
-    lengths = [float(np.linalg.norm(end)) for end, _ in points] + [float(np.linalg.norm(p_E or 0.0))]
-    lengths += [float(np.linalg.norm(V, axis=1).max()) for V in regions]
-    longest = max(lengths) or 1.0
-    none = np.zeros((0, 3))
-    wanted += [_Feature(REGION, (), V / longest, none) for V in regions]
-    wanted += [_Feature("segment", (radius,), end[None] / longest, none) for end, radius in points]
+    none, l_arm = np.zeros((0, 3)), task.module.arm_length
+    wanted += [_Feature(REGION, (), _cleaned(V, float(np.linalg.norm(V, axis=1).max())), none) for V in regions]
+    wanted += [_Feature("segment", (radius,), _cleaned(end[None], l_arm), none) for end, radius in points]
     for exposure in task.exposure:
         if isinstance(exposure, Exterior) and exposure.axis != "com":
             axis = np.array([exposure.axis]) / np.linalg.norm(exposure.axis)
             wanted.append(_Feature("axis", (exposure.half_angle_deg,), axis, none))
     if p_E is not None:
-        wanted.append(_Feature("p_E", (), np.array([p_E]) / longest, none))
+        wanted.append(_Feature("p_E", (), _cleaned(np.array([p_E]), l_arm), none))
     return wanted
 
 
 def _load_cases(task: ResolvedTask) -> list[_Feature]:
-    """Return the load cases, forces over the largest force and torques over that times l_arm (or the like)."""
+    """Return the load cases, those that are alike as one."""
     at_com = task.end_effector.fixed_position == (0.0, 0.0, 0.0)
     features: list[_Feature] = []
     cases = [(case, *_wrench(case, at_com)) for case in task.load_cases]
-    l_arm = task.module.arm_length
-    largest = max(max(np.linalg.norm(f, axis=1).max(), np.linalg.norm(tau) / l_arm) for _, f, tau in cases) or 1.0
-    vectors = np.array([np.vstack([f / largest, tau[None] / (l_arm * largest)]) for _, f, tau in cases])
+    force, torque = task.force_unit(task.n), task.torque_unit(task.n)
+    cleaned = [(case, _cleaned(f, force), _cleaned(tau[None], torque)) for case, f, tau in cases]
+    vectors = np.array([np.vstack([f, tau]) for _, f, tau in cleaned])
     kept: list[int] = []
-    for k, (case, f, tau) in enumerate(cases):
-        apart = np.linalg.norm(vectors[kept] - vectors[k], axis=-1).max(axis=-1)
-        equal = np.flatnonzero(apart <= TOLERANCE)
+    for k, (case, f, tau) in enumerate(cleaned):
+        equal = np.flatnonzero(_same(vectors[kept], vectors[k]).all(axis=-1))
         if equal.size == 0:
             kept.append(k)
-            features.append(_Feature("load case", (case.weight,), f / largest, tau[None] / (l_arm * largest)))
+            features.append(_Feature("load case", (case.weight,), f, tau))
         else:
             i = int(equal[0])
             features[i] = features[i]._replace(scalars=(features[i].scalars[0] + case.weight,))
@@ -185,43 +184,64 @@ def _wrench(case: LoadCase, at_com: bool) -> tuple[Array, Array]:
     return (forces.sum(axis=0, keepdims=True) if at_com else forces), torque
 
 
+def _same(one: Array, other: Array) -> NDArray[np.bool_]:
+    """Return whether vectors (..., 3) count as equal."""
+    lengths = np.maximum(np.linalg.norm(one, axis=-1), np.linalg.norm(other, axis=-1))
+    same: NDArray[np.bool_] = np.linalg.norm(one - other, axis=-1) <= TOLERANCE * lengths
+    return same
+
+
+def _cleaned(vectors: Array, unit: float) -> Array:
+    """Return vectors (m, 3) with zeros in place of those that count as zero."""
+    return np.where(np.linalg.norm(vectors, axis=1, keepdims=True) > NOTHING * unit, vectors, 0.0)
+
+
 def _rotations(features: list[_Feature]) -> Iterator[Array]:
     """Yield every rotation P that may map the task onto itself: those that map two vectors onto possible images.
 
-    The first vector is the longest, the second the one farthest from its line; then no error grows on the way.
+    The second is the one whose direction is farthest from the first one's line; then no error grows on the way. How
+    long vectors are does not count.
     """
-    located = [(feature, slot) for feature in features for slot in range(len(feature.vectors))]
-    vectors = np.array([feature.vectors[slot] for feature, slot in located]).reshape(-1, 3)
-    if not np.any(np.linalg.norm(vectors, axis=1) > TOLERANCE):
+    located = [
+        (feature, slot)
+        for feature in features
+        for slot, length in enumerate(np.linalg.norm(feature.vectors, axis=1))
+        if length > 0.0
+    ]
+    if not located:
         yield np.diag([-1.0, -1.0, 1.0])
         return
-    first = int(np.argmax(np.linalg.norm(vectors, axis=1)))
-    x = vectors[first] / np.linalg.norm(vectors[first])
-    across = vectors - np.outer(vectors @ x, x)
-    second = int(np.argmax(np.linalg.norm(across, axis=1)))
-    if np.linalg.norm(across[second]) <= TOLERANCE:
+    axes = np.array([_unit(feature.vectors[slot]) for feature, slot in located])
+    x = axes[0]
+    across = np.linalg.norm(np.cross(x, axes), axis=1)
+    second = int(np.argmax(across))
+    if across[second] <= TOLERANCE:
         y = np.eye(3)[np.argmin(np.abs(x))]
-        for image in _images(features, *located[first]):
+        for image in _images(features, *located[0]):
             for sign in (1.0, -1.0):
                 yield _frame(image, sign * y) @ _frame(x, y).T
         return
-    gram = vectors[first] @ vectors[second]
-    frame = _frame(vectors[first], vectors[second])
-    images, others = (np.array(list(_images(features, *located[place]))) for place in (first, second))
+    gram, frame = x @ axes[second], _frame(x, axes[second])
+    images, others = (np.array(list(_images(features, *located[place]))) for place in (0, second))
     for i, j in np.argwhere(np.abs(images @ others.T - gram) <= 4 * TOLERANCE):
         yield _frame(images[i], others[j]) @ frame.T
 
 
 def _images(features: list[_Feature], feature: _Feature, slot: int) -> Iterator[Array]:
-    """Yield what P v can be for the vector v in a slot of a feature: that of a like feature, reversed if polar."""
+    """Yield directions of P v for the vector v in a slot of a feature: of a like feature's, reversed if polar."""
     sign = -1.0 if slot < len(feature.polar) else 1.0
     length = np.linalg.norm(feature.vectors[slot])
     for other in features:
         if other.kind == feature.kind:
             candidates = other.vectors if feature.kind == REGION else other.vectors[slot : slot + 1]
             for vector in candidates:
-                if abs(np.linalg.norm(vector) - length) <= 2 * TOLERANCE:
-                    yield sign * vector
+                if abs(np.linalg.norm(vector) - length) <= 4 * TOLERANCE * length:
+                    yield sign * _unit(vector)
+
+
+def _unit(vector: Array) -> Array:
+    result: Array = vector / np.linalg.norm(vector)
+    return result
 
 
 def _frame(along: Array, beside: Array) -> Array:
