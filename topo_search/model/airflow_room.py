@@ -166,7 +166,7 @@ def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
         phi = np.concatenate([open_ - h, open_ + h])
         if not len(phi):
             break
-    return joined(found.tolist())
+    return joined([(low, high) for low, high in found.tolist()])
 
 
 def _spare(module: Module, phi: Array) -> Array:
