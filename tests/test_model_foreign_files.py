@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from click.testing import CliRunner
 
+from topo_search.cli import main
 from topo_search.experiments.folder import Results, about
 from topo_search.limits import DESIGN_BYTES, FACETS, FRAME_TRIANGLES, MESH_BYTES, RESULT_BYTES, TASK_BYTES
 from topo_search.model import BadInput, Design
-from topo_search.model.files import read_json, read_task
+from topo_search.model.files import read_json, read_task, write_atomically
 from topo_search.model.mesh_file import hull_corners, surface
 
 TASK = """\
@@ -275,3 +277,27 @@ def test_a_frame_has_few_triangles_and_pieces(tmp_path: Path) -> None:
     crumbs = "".join(f"v {3 * i} 0 0\nv {3 * i} 1 0\nv {3 * i} 0 1\nf -3 -2 -1\n" for i in range(101))
     (tmp_path / "crumbs.obj").write_text(crumbs)
     assert "must have at most 100 pieces, but has 101" in refusal(_frame, tmp_path / "crumbs.obj")
+
+
+# ---- what is written
+
+
+def test_a_device_is_not_replaced_by_a_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match="something else than a regular file"):
+        write_atomically(tmp_path / "pipe", "text")
+    for words in (
+        ["init", str(tmp_path / "pipe"), "--force"],
+        ["export", "none.json", "--format", "stl", "--out", str(tmp_path / "pipe")],
+    ):
+        result = CliRunner().invoke(main, words)
+        assert result.exit_code == 2
+        assert "must be a regular file where there is one" in result.stderr
+    assert (tmp_path / "pipe").is_fifo()
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "0", "-1", "1e10"])
+def test_a_time_limit_is_a_number_of_seconds(tmp_path: Path, value: str) -> None:
+    result = CliRunner().invoke(main, ["run", "push", "--time-limit", value, "--out", str(tmp_path / "run")])
+    assert (result.exit_code, list(tmp_path.iterdir())) == (2, [])
+    assert "--time-limit" in result.stderr

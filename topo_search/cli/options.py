@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import tempfile
 from collections.abc import Callable, Iterable
@@ -22,6 +23,14 @@ MOST = 1_000_000_000
 """Of whatever is counted."""
 SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
 
+
+def _number(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    """Refuse NaN, which lies in every range."""
+    if value is not None and math.isnan(value):
+        raise click.BadParameter("must be a number, but got nan", context, parameter)
+    return value
+
+
 set_field = click.option(
     "--set",
     "settings",
@@ -38,7 +47,8 @@ seed = click.option(
 )
 time_limit = click.option(
     "--time-limit",
-    type=click.FloatRange(min=0, min_open=True),
+    type=click.FloatRange(0, MOST, min_open=True),
+    callback=_number,
     metavar="SECONDS",
     help="End the work with the best design so far, audited; few starts of every tree come first.",
 )
@@ -178,6 +188,8 @@ def require_writable(out: Path, option: str = "--out") -> None:
 
     folder = out.parent
     try:
+        if out.exists() and not out.is_file():  # a device: its name would be taken by a file
+            raise BadInput(option, [Fault("", f"must be a regular file where there is one, but got {out}")])
         while not folder.exists():
             folder = folder.parent
         with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{out.name}."):  # as `write_atomically` names it

@@ -5,6 +5,7 @@ Points are in metres from the end-effector p_E, in the axes of the task frame.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -17,7 +18,7 @@ from topo_search.limits import CORNERS, SEGMENTS
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import of_file, printable, shown
 from topo_search.model.hulls import has_volume
-from topo_search.model.mesh_file import hull_corners
+from topo_search.model.mesh_file import FARTHEST, hull_corners
 from topo_search.model.value import (
     NonEmpty,
     Positive,
@@ -41,6 +42,8 @@ class Folder:
 def _has_direction(vector: Vector) -> Vector:
     if is_zero(vector):
         raise ValueError("must have a direction")
+    if not 1e-15 <= math.hypot(*vector) <= 1e15:
+        raise ValueError("must be between 1e-15 and 1e15 long")
     return vector
 
 
@@ -52,6 +55,8 @@ Axis = Annotated[
 
 
 def _solid(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
+    if max((abs(x) for vertex in vertices for x in vertex), default=0.0) > FARTHEST:
+        raise ValueError(f"must be at most {FARTHEST:g} m away")
     if not has_volume(np.array(vertices).reshape(-1, 3)):
         raise ValueError(f"must span a volume, but got {shown(vertices)}")
     return vertices

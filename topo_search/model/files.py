@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from importlib import resources
@@ -129,9 +130,11 @@ def write_atomically(path: Path, content: str | bytes, *, lasting: bool = True) 
             can be made again.
 
     Raises:
-        OSError: it cannot be written; names `path`.
+        OSError: it cannot be written; names `path`. What is there and no regular file is not replaced.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise OSError(errno.EEXIST, "there is something else than a regular file")
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:

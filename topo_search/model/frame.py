@@ -12,7 +12,7 @@ from pydantic import AfterValidator, model_validator
 from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault, of_file, printable
-from topo_search.model.mesh_file import surface
+from topo_search.model.mesh_file import FARTHEST, surface
 from topo_search.model.value import Index, Value, Vector, at_most, refuse
 
 FLAT = 1e-6
@@ -51,6 +51,8 @@ class ConvexPiece(Value):
         there = {(i, j) for i, j in edges}
         if len(there) < len(edges) or there != {(j, i) for i, j in there}:
             refuse("ConvexPiece", (("triangles",), CLOSED))
+        if np.abs(self.vertices).max() > FARTHEST:
+            refuse("ConvexPiece", (("vertices",), f"must be at most {FARTHEST:g} m away"))
         sticks_out = _beyond_faces(np.array(self.vertices), faces)
         if sticks_out > FLAT:
             text = f"must be convex, but a corner lies {100 * sticks_out:.3g} % of its size beyond a face"

@@ -40,6 +40,9 @@ from topo_search.model.value import (
     refuse,
 )
 
+MOST = 1e15
+"""Largest component of a load case [N], [N m]: what derives from it stays finite."""
+
 
 def _file_name(name: str) -> str:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", name):
@@ -125,11 +128,11 @@ class Task(Value):
             broken += [(("exposure", e), text) for e, asked in enumerate(self.exposure) if needs_offset(asked)]
         if self.sizes and self.load_cases != "ten-wrenches":
             unit = max(self.force_unit(self.sizes[-1]), self.torque_unit(self.sizes[-1]))
-            broken += [
-                (("load_cases", k), f"must stay finite in N and N m, but got {shown(case.largest)} weights")
-                for k, case in enumerate(self.load_cases)
-                if case.units == "weight" and not math.isfinite(case.largest * unit)
-            ]
+            for k, case in enumerate(self.load_cases):
+                factor, of = (unit, " weights") if case.units == "weight" else (1.0, "")
+                if not case.largest * factor <= MOST:
+                    text = f"must be at most {MOST:g} N and N m, but got {shown(case.largest)}{of}"
+                    broken.append((("load_cases", k), text))
         refuse("Task", *broken, *self._broken_goals())
         return self
 

@@ -1,0 +1,193 @@
+"""What is beyond a limit is refused by name; what is at one is worked on."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from topo_search.cli import main
+from topo_search.limits import (
+    CORNERS,
+    KEY_PARTS,
+    LARGEST_INTEGER,
+    LEVELS,
+    LOAD_CASES,
+    MODULES,
+    SEGMENTS,
+    TASK_BYTES,
+)
+from topo_search.model import BadInput, Task, Topology
+from topo_search.model.files import read_task, to_toml
+from topo_search.model.parsing import json_data, toml_data
+
+HEAD = 'name = "t"\nmodules = 5\n'
+HOVER = "[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n"
+
+
+def said(tmp_path, *words, task=HEAD + HOVER):
+    (tmp_path / "task.toml").write_text(task)
+    result = CliRunner().invoke(main, ["check", str(tmp_path / "task.toml"), *words])
+    assert result.exit_code == 2
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    return result.stderr.replace(str(tmp_path / "task.toml"), "task")
+
+
+def listed(values):
+    return "[" + ", ".join(values) + "]"
+
+
+BEYOND = {
+    "ten thousand load cases": (HEAD + HOVER * 10_000, "load_cases: must have at most 200 entries, but got 10,000"),
+    "a load case too many": (HEAD + HOVER * 201, "load_cases: must have at most 200 entries, but got 201"),
+    "ten thousand modules": (HEAD.replace("5", "10000") + HOVER, "modules: must be at most 200, but got 10000"),
+    "a wide range": (HEAD.replace("5", "[1, 21]") + HOVER, "modules: must be at most 20 sizes, but got [1, 21]"),
+    "a hundred thousand segments": (
+        HEAD + HOVER + '[[exposure]]\nkind = "directional"\nsegments = [' + "[1, 0, 0]," * 100_000 + "]",
+        "must have at most 50,000 lists, but has 100,006",
+    ),
+    "segments of several": (
+        HEAD + HOVER + ('[[exposure]]\nkind = "directional"\nsegments = [' + "[1, 0, 0]," * 101 + "]\n") * 2,
+        "exposure: must have at most 200 segments in all, but got 202",
+    ),
+    "requirements": (
+        HEAD + HOVER + '[[exposure]]\nkind = "local"\n' * 21,
+        "exposure: must have at most 20 entries, but got 21",
+    ),
+    "levels": (
+        HEAD + HOVER + "[goals]\n" + "".join(
+            f"{name} = {listed(f'0.{i:04}' for i in range(1, 1001))}\n"
+            for name in ("clearance", "stand_off", "peak_input")
+        ),
+        "goals: must have at most 1,000 combinations of levels, but got 1,000,000,000",
+    ),
+    "a dotted key": (HEAD + HOVER + "a" + ".a" * 100_000 + " = 1", "must have at most 30 parts in a key"),
+    "a spaced key": (HEAD + HOVER + "'a'" + ' . "a"' * 100_000 + " = 1", "must have at most 30 parts in a key"),
+    "a long name": (HEAD + HOVER + "a" * 100_000 + " = 1", "unknown field"),
+    "digits": (HEAD + HOVER + "gravity = " + "9" * 100_000, "is not a TOML file, or only a part of one"),
+    "hexadecimal digits": (
+        HEAD.replace("5", "0x" + "f" * 100_000) + HOVER,
+        "modules: must be at most 200, but got a whole number of 400,000 bits",
+    ),
+    "a seed": (
+        HEAD + 'load_cases = "ten-wrenches"\ntask_seed = 0x' + "f" * 100_000,
+        "task_seed: must be at most 9.22337e+18, but got a whole number of 400,000 bits",
+    ),
+    "brackets": (HEAD + HOVER + "x = " + "[" * 2000 + "]" * 2000, "must have fewer brackets within each other"),
+    "a long file": (HEAD + HOVER + "#" * TASK_BYTES, "must have at most 1,048,576 bytes, but has"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BEYOND)
+def test_a_task_beyond_a_limit_is_refused_by_name(tmp_path, case):
+    text, rule = BEYOND[case]
+    (line,) = said(tmp_path, task=text).splitlines()
+    assert line.startswith(f"task: {rule}") or rule == "unknown field" in line
+    assert len(line) < 400
+
+
+@pytest.mark.parametrize(
+    ("setting", "rule"),
+    [
+        ("search.margin=" + "[" * 2000 + "]" * 2000, "--set: search.margin: must have fewer brackets"),
+        ("a" + ".a" * 30_000 + "=1", "--set: must have at most 30 names in a field, but got"),
+        ("a" * 100_000 + "=1", "--set: must have names of at most 64 characters in a field, but got"),
+        ("search={a" + ".a" * 50_000 + "=1}", "--set: search: must have at most 30 parts in a key"),
+        ("task_seed=0x" + "f" * 100_000, "task: task_seed: must be at most"),
+        ("modules=" + "9" * 100_000, "task: modules: must be a whole number of modules"),
+        ("modules=10000", "task: modules: must be at most 200, but got 10000"),
+        ("load_cases." + "1" * 60 + ".weight=1", "must be an index under 1"),
+        ("load_cases.\u0663.weight=1", "must be an index under 1"),
+        ("gravity=1\nmodules=3", "task: gravity: must be a number"),
+        ("gravity", '--set: must be FIELD=VALUE, but got "gravity"'),
+    ],
+)
+def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
+    (line,) = said(tmp_path, "--set", setting).splitlines()
+    assert rule in line
+    assert len(line) < 400
+
+
+@pytest.mark.parametrize(
+    ("words", "rule"),
+    [
+        (["topologies", "1000000000"], "is not in the range 1<=x<=1000"),
+        (["topologies", "0"], "is not in the range"),
+        (["topologies", "5", "--sample", "1000000000"], "is not in the range 1<=x<=1000000"),
+        (["topologies", "5", "--sample", "1", "--seed", "9" * 30], "is not in the range"),
+        (["topologies", "9" * 5000], "is not"),
+        (
+            ["solve", "push", "--topology", "a" + "1" * 60_000 + "0"],
+            "must have at most 200 modules, but got 60,001",
+        ),
+        (["solve", "push", "--sample-seed", "9" * 30], "is not in the range"),
+        (["check", "push", "--modules", "9" * 5000], "must be a whole number of modules"),
+    ],
+)
+def test_a_number_beyond_a_limit_is_refused_by_name(words, rule):
+    result = CliRunner().invoke(main, words)
+    assert isinstance(result.exception, SystemExit)
+    assert result.exit_code == 2
+    assert rule in result.stderr
+
+
+def test_the_largest_listed_sizes_are_counted_drawn_and_listed_as_they_come():
+    counted = CliRunner().invoke(main, ["topologies", "1000", "--count", "--connectors", "any"])
+    assert counted.exit_code == 0
+    assert len(counted.stdout) > 1000
+    drawn = CliRunner().invoke(main, ["topologies", "1000", "--sample", "3", "--json"])
+    assert [Topology.from_key(key).n for key in json.loads(drawn.stdout)] == [1000] * 3
+    few = CliRunner().invoke(main, ["topologies", "3", "--json"])
+    assert json.loads(few.stdout) == CliRunner().invoke(main, ["topologies", "3"]).stdout.split()
+
+
+def test_a_task_at_its_limits_is_read_again_from_what_is_written(tmp_path):
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(9, CORNERS, 3))
+    segments = rng.normal(size=(SEGMENTS, 3)).tolist()
+    wrench = {"force": rng.normal(size=3).tolist(), "torque": rng.normal(size=3).tolist()}
+    task = Task.model_validate(
+        {
+            "name": "largest",
+            "modules": MODULES,
+            "load_cases": [{"end_effector": wrench, "com": wrench, "units": "SI"}] * LOAD_CASES,
+            "exposure": [
+                *({"kind": "local", "vertices": corners.tolist()} for corners in points),
+                {"kind": "directional", "segments": segments},
+                *({"kind": "local", "vertices": corners.tolist()} for corners in points),
+            ],
+            "goals": {"clearance": [i * 1e-5 for i in range(LEVELS)]},
+        }
+    )
+    text = to_toml(task)
+    assert len(text) < TASK_BYTES
+    (tmp_path / "task.toml").write_text(text)
+    assert read_task(tmp_path / "task.toml") == task
+
+
+def test_keys_of_as_many_parts_as_allowed_are_read():
+    assert toml_data(".".join(["a"] * KEY_PARTS) + " = 1")
+    # neither numbers in lists, nor texts and comments are keys
+    assert toml_data("v = [" + "0.1, " * 1000 + "]\n# " + "1.2, " * 1000 + '\nt = "' + ". " * 1000 + '"')
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"a":' * 100_000, "1" + "0" * 5000, '{"a": 1, "a": 2}', "", "nul"]
+)
+def test_json_that_cannot_be_read_is_named(text):
+    with pytest.raises(ValueError, match=r"is not a JSON file|must give every name"):
+        json_data(text)
+
+
+def test_seeds_are_what_toml_can_write():
+    family = {"name": "t", "modules": 5, "load_cases": "ten-wrenches"}
+    assert Task.model_validate({**family, "task_seed": LARGEST_INTEGER}).task_seed == LARGEST_INTEGER
+    with pytest.raises(ValueError, match="less than or equal"):
+        Task.model_validate({**family, "task_seed": LARGEST_INTEGER + 1})
+
+
+def test_no_message_is_longer_than_a_screen(tmp_path):
+    (tmp_path / "t.toml").write_text(HEAD + HOVER + f'"{"x" * 10_000}" = 1\n[module]\nmass = "{"y" * 10_000}"\n')
+    with pytest.raises(BadInput) as refused:
+        read_task(tmp_path / "t.toml")
+    assert all(len(str(fault)) < 400 for fault in refused.value.faults)
