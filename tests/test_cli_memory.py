@@ -79,7 +79,7 @@ def test_whatever_ends_a_command_is_told(fault, status, last):
 @pytest.mark.slow
 def test_every_amount_of_memory(tmp_path):
     counts = {}
-    for megabytes in range(40, 1000, 40):
+    for megabytes in range(40, 1600, 120):
         for words in COMMANDS:
             folder = tmp_path / f"{megabytes}-{words[0]}"
             folder.mkdir()

@@ -67,7 +67,7 @@ class Stop:
         os._exit(INTERRUPTED)
 
     def _raise(self, frame: FrameType | None) -> None:
-        """Raise KeyboardInterrupt; a moment later where it would be swallowed and half a result taken for one."""
+        """Raise KeyboardInterrupt; later where it would be swallowed, and half a result be taken for one."""
         where = frame.f_globals.get("__name__", "") if frame else ""
         if where.partition(".")[0] in SWALLOWS:
             signal.signal(signal.SIGALRM, self)
