@@ -47,7 +47,7 @@ class Stop:
 
     def __init__(self, end: int | None = None) -> None:
         self._end = end
-        """Where the process that waits is told that it is the command that ends, no library of it."""
+        """Where the process that waits is told that the command ends, and no library of it."""
         self._raised = False
         self.asked = False
         """Whether one of them came."""
@@ -63,7 +63,7 @@ class Stop:
             return
         if first:
             tell("stopped")
-        self.orderly()
+        self.ends(INTERRUPTED)
         os._exit(INTERRUPTED)
 
     def _raise(self, frame: FrameType | None) -> None:
@@ -76,10 +76,10 @@ class Stop:
             self._raised = True
             raise KeyboardInterrupt
 
-    def orderly(self) -> None:
-        """Tell that the exit status which follows is the command's own."""
+    def ends(self, status: int) -> None:
+        """Tell the process that waits which status the command ends with: it may die on the way out."""
         if self._end is not None:
-            os.write(self._end, b".")
+            os.write(self._end, bytes([status & 0xFF]))
 
     def handle(self) -> dict[signal.Signals, Any]:
         """Handle the signals from now on, but one that is ignored, and return what handled them before."""
@@ -110,32 +110,30 @@ def supervised(command: Callable[[], object]) -> NoReturn:
     signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
     parent = os.getpid()
     try:
-        orderly, end = os.pipe()
+        ends, end = os.pipe()
         child = os.fork()
     except OSError as error:
         tell(f"no process can be started: {error.strerror}")
         os._exit(OUT_OF_MEMORY)
     if child == 0:
-        os.close(orderly)
+        os.close(ends)
         stop = Stop(end)
         stop.handle()
         signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
         _run(command, parent, stop)
     os.close(end)
-    os._exit(_wait(child, orderly))
+    os._exit(_wait(child, ends))
 
 
-def _wait(child: int, orderly: int) -> int:
+def _wait(child: int, ends: int) -> int:
     """Wait for the child, and return the exit status of the command."""
-    asked = killed = False
+    asked = False
 
     def send(number: int) -> None:
         with suppress(ProcessLookupError):  # it has just ended
             os.kill(child, number)
 
     def kill(number: int, frame: FrameType | None) -> None:
-        nonlocal killed
-        killed = True
         send(signal.SIGKILL)
 
     def pass_on(number: int, frame: FrameType | None) -> None:
@@ -151,12 +149,13 @@ def _wait(child: int, orderly: int) -> int:
             signal.signal(number, pass_on)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if status >= 0 and os.read(orderly, 1):
+    told = os.read(ends, 2)
+    if told and status >= 0:
         return status
     if asked:
-        if killed:
+        if not told:
             tell("stopped")
-        return INTERRUPTED
+        return told[-1] if told else INTERRUPTED
     return _died(status)
 
 
@@ -182,19 +181,18 @@ def _run(command: Callable[[], object], parent: int, stop: Stop) -> NoReturn:
     try:
         die_with_parent(parent)
         command()
-    except SystemExit:
-        stop.orderly()
+    except SystemExit as end:
+        stop.ends(end.code if isinstance(end.code, int) else int(end.code is not None))
         raise
     except BaseException as error:
-        stop.orderly()
-        if stop.asked:
-            tell("stopped")
-            raise SystemExit(INTERRUPTED) from None
-        if out_of_memory(error):
-            tell("out of memory")
-            raise SystemExit(OUT_OF_MEMORY) from None
-        raise
-    stop.orderly()
+        if not stop.asked and not out_of_memory(error):
+            stop.ends(1)
+            raise
+        text, status = ("stopped", INTERRUPTED) if stop.asked else ("out of memory", OUT_OF_MEMORY)
+        tell(text)
+        stop.ends(status)
+        raise SystemExit(status) from None
+    stop.ends(0)
     raise SystemExit(0)
 
 
@@ -211,7 +209,7 @@ def _silence(stop: Stop) -> None:
             return
         if told.exc_value and out_of_memory(told.exc_value):
             tell("out of memory")
-            stop.orderly()
+            stop.ends(OUT_OF_MEMORY)
             os._exit(OUT_OF_MEMORY)
         of_thread(told)
 
