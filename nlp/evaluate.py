@@ -23,7 +23,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.hulls import convex_hull
 
 WRENCH_TOLERANCE = 1e-8
-"""Largest wrench residual of a design [m_t g, l_arm m_t g]; the audit allows 1e-6."""
+"""Largest wrench residual of a design [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,11 @@ def _wrenches(point: Point) -> Iterator[Violation]:
     residual = point.u.reshape(K, -1) @ wrench_matrix(point).T - asked_wrenches(point)
     # the residual is about W's origin; a force that is missing makes a torque there, so move it to the COM
     residual[:, 3:] -= np.cross(point.p_COM, residual[:, :3])
-    amounts = np.linalg.norm(residual.reshape(K, 2, 3), axis=2).tolist()
-    for k, (force, torque) in enumerate(amounts):
+    amounts = np.linalg.norm(residual.reshape(K, 2, 3), axis=2)
+    # about p_E too, where a missing force has another lever: whichever is more
+    at_tip = np.linalg.norm(residual[:, 3:] - np.cross(point.p_E - point.p_COM, residual[:, :3]), axis=1)
+    amounts[:, 1] = np.maximum(amounts[:, 1], at_tip)
+    for k, (force, torque) in enumerate(amounts.tolist()):
         yield Violation(names.force(k), force, "N", force / units[0], WRENCH_TOLERANCE)
         yield Violation(names.torque(k), torque, "N m", torque / units[1], WRENCH_TOLERANCE)
 
@@ -174,11 +177,10 @@ def beside_airflow(point: Point) -> Array:
 
 def _bounds(point: Point) -> Iterator[Violation]:
     task = point.task
-    u_max = task.module.max_input(task.gravity)
     above, below = (point.u.max(axis=(1, 2)) - task.max_input).tolist(), (-point.u.min(axis=(1, 2))).tolist()
     for k, beyond in enumerate(zip(above, below, strict=True)):
         for name, excess in zip((names.largest_input(k), names.smallest_input(k)), beyond, strict=True):
-            yield Violation(name, excess, "rad^2/s^2", excess / u_max)
+            yield Violation(name, excess, "rad^2/s^2", excess / task.max_input)
     right = math.pi / 2
     for i, excess in enumerate(beyond_folds(task, point.topology, point.alpha).tolist(), start=1):
         yield Violation(names.hinge_angle(i), excess, "rad", excess)
@@ -186,7 +188,10 @@ def _bounds(point: Point) -> Iterator[Violation]:
         limits = zip(("psi", "alpha_0", "alpha_1"), point.root.tolist(), (0.0, right, right), strict=True)
         for name, angle, limit in limits:
             yield Violation(names.root_angle(name), abs(angle) - limit, "rad", abs(angle) - limit)
+    l_arm = task.module.arm_length
+    beyond = float(np.linalg.norm(point.p_E - point.p_COM)) - task.farthest_end_effector(point.topology.n)
+    yield Violation(names.REACH, beyond, "m", beyond / l_arm)
     position = task.end_effector.fixed_position
     if position is not None:
         excess = float(np.linalg.norm(point.p_E - point.p_COM - position))
-        yield Violation(names.POSITION, excess, "m", excess / task.module.arm_length, 1e-9)
+        yield Violation(names.POSITION, excess, "m", excess / l_arm, 1e-9)

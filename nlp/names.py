@@ -9,6 +9,7 @@ from topo_search.model import Directional, Exterior, Local
 
 OFFSET = "end-effector's distance from the COM"
 POSITION = "end-effector position"
+REACH = "end-effector's reach"
 
 
 def force(k: int) -> str:

@@ -22,7 +22,7 @@ from verify.requirements import Scene
 from verify.residuals import residuals
 from verify.sensitivity import clearance_of
 
-BOUNDS = ("rotor input", "hinge angle", "root orientation", "end-effector position")
+BOUNDS = ("end-effector's reach", "rotor input", "hinge angle", "root orientation", "end-effector position")
 """Not constraints of the problem but bounds of its variables, or met by construction."""
 
 

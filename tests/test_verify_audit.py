@@ -7,12 +7,14 @@ import sys
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from verify_cases import FAN, FREE_ABOVE, HOVER, changed, design, failing, fan
 
 from topo_search.model import Audit, Design, Status, Topology
 from topo_search.model.files import read_json, to_json
 from verify import audit
 from verify.fcl_queries import Shape
+from verify.kinematics import platform
 from verify.wrench import objective
 
 ONE = Topology(((-1, -1, -1),))
@@ -121,9 +123,43 @@ def test_a_stand_off_is_the_distance_of_the_exclusion():
         assert (exclusion.status, result.verdict) == (verdict, verdict)
 
 
+@pytest.mark.parametrize(("away", "torque"), [(7e6, 3.0), (100.0, 5e-4)])
+def test_a_long_lever_hides_no_torque(away: float, torque: float):
+    """The end-effector takes the COM along: far from all rotors a force within the tolerance is a torque beyond it."""
+    asked = {"units": "SI", "end_effector": {"torque": [0.0, torque, 0.0]}}
+    given = fan({"load_cases": [asked]}, end_effector=(away, 0.0, 0.6))
+    found = platform(given)
+    force = torque / -float(found.o[0, 0])  # of the root, straight up, by its lever about the COM
+    u = np.zeros(12)
+    u[:4] = force / (4 * given.task.module.thrust_coefficient)
+    given = changed(given, rotor_speeds_squared=[u.tolist()])
+    given = changed(given, objective=objective(given))
+    rows = {row.name: row.status for row in audit(given).residuals}
+    assert rows["load case 0, force"] == rows["load case 0, torque"] == Status.CLEAR
+    assert rows["load case 0, torque about the end-effector"] == Status.VIOLATED
+    assert (rows["end-effector's reach"] == Status.VIOLATED) == (away > 1e6)
+
+
+@pytest.mark.parametrize("field", ["position", "stand_off"])
+def test_a_task_with_an_absurd_position_is_bad_input(field: str):
+    with pytest.raises(ValidationError, match=r"must hold, but got"):
+        fan({"end_effector": {field: [7e6, 0.0, 0.0] if field == "position" else 7e6}})
+
+
+def test_a_small_share_of_the_inputs_is_held_as_exactly_as_all():
+    """A thousandth of the largest input, exceeded by a thousandth of itself."""
+    hover = [{"units": "SI", "com": {"force": [0.0, 0.0, 0.0025 * 0.24 * 9.81]}}]
+    given = design(
+        ONE, {"search": {"peak_input": 0.001 / 1.001}, "load_cases": hover}, hinges=(), end_effector=BELOW
+    )
+    (row,) = (row for row in audit(given).residuals if row.name == "load case 0, largest rotor input")
+    assert row.scaled == pytest.approx(1e-3, rel=1e-6)
+    assert row.status == Status.VIOLATED
+
+
 def test_rotor_inputs_are_held_against_the_share_that_the_task_allows():
     """Hovering needs m_t / m of 1 / 2.5 of u_max, 0.48."""
-    for share, missed in ((0.49, 0.0), (0.48, 0.0), (0.47, 0.01)):
+    for share, missed in ((0.49, 0.0), (0.48, 0.0), (0.47, 0.01 / 0.47)):
         given = design(ONE, {"search": {"peak_input": share}}, hinges=(), end_effector=BELOW)
         result = audit(given)
         (row,) = (row for row in result.residuals if row.name == "load case 0, largest rotor input")

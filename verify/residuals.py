@@ -1,7 +1,9 @@
 """Every number of a design that must meet a limit, beside the clearances.
 
-Deviations are compared in units of their scale: forces in m_t g, torques in l_arm m_t g, inputs in u_max, lengths
-in l_arm, the objective relative to itself, angles in rad. More than 1e-6 of that is a violation.
+Deviations are compared in units of their scale: forces in m_t g, torques in l_arm m_t g, inputs in their largest
+allowed one, lengths in l_arm, the objective relative to itself, angles in rad. More than TOLERANCE of that is a
+violation. Wrenches are judged about the COM and about the end-effector: by a long lever, a force within the
+tolerance is a torque beyond it.
 """
 
 from __future__ import annotations
@@ -13,11 +15,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from topo_search.model import LEAST_OFFSET, Design, Residual, Status, needs_offset
+from topo_search.model.tolerances import TOLERANCE
 from verify.kinematics import Platform
 from verify.wrench import objective, wrench_errors
-
-TOLERANCE = 1e-6
-"""Largest deviation that passes, in units of its scale."""
 
 
 def residuals(design: Design, platform: Platform) -> tuple[Residual, ...]:
@@ -66,21 +66,23 @@ def _wrenches(design: Design, platform: Platform) -> Iterator[Residual]:
         force, torque = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
         yield _row(f"load case {k}, force", force, "N", design.task.force_unit(n))
         yield _row(f"load case {k}, torque", torque, "N m", design.task.torque_unit(n))
+        at_tip = float(np.linalg.norm(error[3:] - np.cross(platform.p_e, error[:3])))
+        yield _row(f"load case {k}, torque about the end-effector", at_tip, "N m", design.task.torque_unit(n))
 
 
 def _inputs(design: Design) -> Iterator[Residual]:
-    u_max, limit = design.task.module.max_input(design.task.gravity), design.task.max_input
+    limit = design.task.max_input
     for k, u in enumerate(design.inputs):
         most, least = float(u.max()), float(u.min())
         yield _row(
             f"load case {k}, largest rotor input",
             max(0.0, most - limit),
             "rad^2/s^2",
-            u_max,
+            limit,
             stated=most,
             derived=limit,
         )
-        yield _row(f"load case {k}, smallest rotor input", max(0.0, -least), "rad^2/s^2", u_max, stated=least)
+        yield _row(f"load case {k}, smallest rotor input", max(0.0, -least), "rad^2/s^2", limit, stated=least)
 
 
 def _angles(design: Design) -> Iterator[Residual]:
@@ -101,6 +103,8 @@ def _end_effector(design: Design, platform: Platform) -> Iterator[Residual]:
     fixed = design.task.end_effector.fixed_position
     if fixed is not None:
         yield _row("end-effector position", float(np.linalg.norm(platform.p_e - np.array(fixed))), "m", l_arm)
+    reach, farthest = float(np.linalg.norm(platform.p_e)), design.task.farthest_end_effector(design.topology.n)
+    yield _row("end-effector's reach", max(0.0, reach - farthest), "m", l_arm, derived=reach)
     if any(needs_offset(requirement) for requirement in design.task.exposure):
         offset, least = float(np.linalg.norm(platform.p_e)), LEAST_OFFSET * l_arm
         yield _row("end-effector's distance from the COM", max(0.0, least - offset), "m", l_arm, derived=offset)

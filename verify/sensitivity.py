@@ -7,10 +7,10 @@ r"""How much error the clearances of a design tolerate before the first violatio
 | attained(lambda) | exact clearance of one pair with one example of such errors |
 
 Errors up to the lambda at which the bound vanishes violate nothing: proven. Pairs are tried out: hinges are turned
-and modules are shifted the worst way for a pair to first order, and the kinematics and the closed-form clearance
-are evaluated again. The pair whose bound vanishes first is tried first, then every pair whose bound is gone by the
-least lambda that violates any so far. That least lambda is `violated_at`, and its pair is named: what is true lies
-in between, so that both together say how pessimistic the bound is.
+and modules are shifted the worst way for a pair to first order, and kinematics and closed-form clearance are
+evaluated again. The pair whose bound vanishes first is tried first, then every pair whose bound is gone by the
+least lambda that violates any so far. That least lambda is `violated_at`, and its pair is named: the truth lies
+between.
 
 Masses are taken as stated. Rotor inputs are left out, for a controller adjusts them, and so are real parts.
 """

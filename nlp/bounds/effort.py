@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 
 from nlp.bounds.duality import dual_value, multipliers
-from nlp.bounds.shortfall import TOLERANCE
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
+from topo_search.model.tolerances import TOLERANCE
 
 UNEVEN = 1e-3
 """Least weight, in the largest, of a search with the weights as they are."""

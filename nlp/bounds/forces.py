@@ -20,10 +20,11 @@ import numpy as np
 from nlp import names
 from nlp.bounds.duality import multipliers
 from nlp.bounds.effort import total_forces
-from nlp.bounds.shortfall import TOLERANCE, Shortfall, largest_thrust, modules, unseen_thrust
+from nlp.bounds.shortfall import Shortfall, largest_thrust, modules, unseen_thrust
 from nlp.bounds.sphere import greatest
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.tolerances import TOLERANCE
 
 ROUNDING = 1e-12
 """Share of the forces that is left to rounding."""

@@ -21,10 +21,11 @@ from itertools import combinations, pairwise
 import networkx as nx
 import numpy as np
 
-from nlp.bounds.shortfall import TOLERANCE, Shortfall
+from nlp.bounds.shortfall import Shortfall
 from nlp.geometry import Swept, clearance, rotation
 from topo_search.model import AirflowEnvelope, ResolvedTask, Topology
 from topo_search.model.arrays import Array
+from topo_search.model.tolerances import TOLERANCE
 
 LONGEST = 5
 """Modules of the longest path that is looked at."""

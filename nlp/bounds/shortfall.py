@@ -10,9 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from topo_search.model import ResolvedTask
-
-TOLERANCE = 1e-6
-"""Largest residual of a design that passes its audit, in units of its scale."""
+from topo_search.model.tolerances import TOLERANCE
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ import math
 
 import networkx as nx
 
-from nlp.bounds.shortfall import TOLERANCE, Shortfall, modules
+from nlp.bounds.shortfall import Shortfall, modules
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.tolerances import TOLERANCE
 
 ROUNDING = 1e-9
 """Share of a length by which it must be missed."""

@@ -29,8 +29,9 @@ import networkx as nx
 import numpy as np
 
 from nlp import names
-from nlp.bounds.shortfall import TOLERANCE, Shortfall, largest_thrust, modules, unseen_thrust
+from nlp.bounds.shortfall import Shortfall, largest_thrust, modules, unseen_thrust
 from topo_search.model import LoadCase, ResolvedTask, Topology
+from topo_search.model.tolerances import TOLERANCE
 
 ROUNDING = 1e-9
 """Share of a torque that is left to rounding."""

@@ -28,6 +28,7 @@ from topo_search.model.load_case import LoadCase, ten_wrenches
 from topo_search.model.module import Module
 from topo_search.model.room import body_radius
 from topo_search.model.search import Search
+from topo_search.model.tolerances import FARTHEST
 from topo_search.model.value import (
     Count,
     Index,
@@ -126,6 +127,13 @@ class Task(Value):
                 f"but got {shown(self.end_effector.position)}"
             )
             broken += [(("exposure", e), text) for e, asked in enumerate(self.exposure) if needs_offset(asked)]
+        farthest = self.farthest_end_effector(self.sizes[-1]) if self.sizes else math.inf
+        if fixed is not None and math.hypot(*fixed) > farthest:
+            text = f"`||position|| <= {farthest:g}` must hold, but got {shown(self.end_effector.position)}"
+            broken.append((("end_effector", "position"), text))
+        if self.end_effector.stand_off > farthest:
+            text = f"`stand_off <= {farthest:g}` must hold, but got {shown(self.end_effector.stand_off)}"
+            broken.append((("end_effector", "stand_off"), text))
         if self.sizes and self.load_cases != "ten-wrenches":
             unit = max(self.force_unit(self.sizes[-1]), self.torque_unit(self.sizes[-1]))
             for k, case in enumerate(self.load_cases):
@@ -173,6 +181,10 @@ class Task(Value):
     def torque_unit(self, n: int) -> float:
         """l_arm m_t g of a platform of n modules [N m]."""
         return self.module.arm_length * self.force_unit(n)
+
+    def farthest_end_effector(self, n: int) -> float:
+        """Return how far p_E may be from the COM of a platform of n modules [m]."""
+        return FARTHEST * 2 * n * (self.module.connector_distance + self.module.arm_length)
 
     @property
     def max_thrust_to_weight(self) -> float:
