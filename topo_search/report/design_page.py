@@ -75,8 +75,8 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
         f"It holds for every platform of {modules(n)} of this kind, whatever its tree, its hinge angles and the "
         "place of its end-effector: it is what the forces of the load cases cost rotors that pull within their "
         "limits, if thrust axes could point where they are needed. Torques and all geometry are left out, so that "
-        "a part of the gap may be the bound's, not the design's. It is proven of wrenches that are met exactly; the "
-        "audit lets 1e-6 of the weight pass."
+        "a part of the gap may be the bound's, not the design's. It is proven of wrenches that are met exactly; "
+        "the audit lets 1e-6 of the weight pass."
     )
     if gap is None:
         return told, meaning
