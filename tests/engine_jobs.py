@@ -75,3 +75,7 @@ def timed(function, job):
     wall, own = time.perf_counter(), time.process_time()
     result = function(job)
     return result, time.perf_counter() - wall, time.process_time() - own
+
+
+def raise_timeout(job):
+    raise TimeoutError("the job's own")

@@ -1,9 +1,10 @@
 import os
 import signal
 import threading
+import time
 
 import pytest
-from engine_jobs import LONG, environment, report_pid, square
+from engine_jobs import LONG, environment, raise_timeout, report_pid, square
 from processes import eventually, gone
 
 from topo_search.child import ONE_THREAD
@@ -62,3 +63,19 @@ def test_workers_that_cannot_start_end_the_run(monkeypatch):
 def test_at_least_one_worker():
     with pytest.raises(ValueError, match=r"`workers >= 1` must hold, but got 0"):
         Workers(0)
+
+
+def test_a_clock_that_jumps_ends_no_job(tmp_path, monkeypatch):
+    """The pool measures deadlines by the time of day, which here jumps forward in each of the first three tries."""
+    real = time.time
+    monkeypatch.setattr(time, "time", lambda: real() + 1000.0 * min(len(os.listdir(tmp_path)), 3))
+    with Workers(1) as workers:
+        ((_, result),) = workers.run(report_pid, [(tmp_path, 1.0)], deadline=lambda _: 500.0)
+    assert not isinstance(result, Failed)
+    assert len(os.listdir(tmp_path)) == 4
+
+
+def test_a_job_that_raises_a_timeout_of_its_own_fails():
+    with Workers(1) as workers:
+        ((_, result),) = workers.run(raise_timeout, [1], deadline=lambda _: LONG)
+    assert isinstance(result, Failed)

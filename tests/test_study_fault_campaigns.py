@@ -195,12 +195,17 @@ def test_a_ledger_of_which_an_end_is_lost_at_every_page(tmp_path):
 REPORT = "from topo_search.compose import write_report\nimport sys\nwrite_report(sys.argv[1])"
 
 
+def ended(coordinator):
+    """Whether a coordinator has come to its end."""
+    return coordinator.process.poll() is not None
+
+
 def kill_campaign(tmp_path, kills, seed):
     """Kill coordinators, workers and reports at random moments; return how many of each."""
     generator, counts = random.Random(seed), Counter()
     toy_run(tmp_path / "whole", modules=4)
     number = len(ranking(tmp_path / "whole"))
-    coordinator = Coordinator(tmp_path, "--modules", "4", TOY_SLEEP="0.02")
+    coordinator = Coordinator(tmp_path, "--modules", "4", TOY_SLEEP="0.1")
     while counts.total() < kills:
         known, logged = set(recorded(coordinator.folder)), len(solved_keys(coordinator.log))
         if known and generator.random() < 0.2:
@@ -216,7 +221,12 @@ def kill_campaign(tmp_path, kills, seed):
             counts["report"] += 1
             continue
         coordinator.start()
-        time.sleep(generator.uniform(0.2, 3.0))
+        if generator.random() < 0.3:  # while it starts
+            time.sleep(generator.uniform(0.1, 3.0))
+        else:  # while it solves, audits, and writes its files
+            fresh = min(len(known) + 1, number)
+            eventually(lambda fresh=fresh: len(recorded(coordinator.folder)) >= fresh or ended(coordinator))
+            time.sleep(generator.choice([0.0, 0.1, 0.5, 2.0]) * generator.random())
         worker = generator.random() < 0.3
         alive = [pid for pid in processes_with(str(coordinator.log)) if pid != coordinator.process.pid]
         if worker and alive:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from types import TracebackType
 from typing import Any, Generic, Self
@@ -45,6 +45,8 @@ def audit_deadline(n: int) -> float:
 class _Try(Generic[J]):
     job: J
     attempt: int = 1
+    since: float = 0.0
+    """time.monotonic() when it was handed to the pool."""
 
 
 class Workers(Engine):
@@ -100,10 +102,11 @@ class Workers(Engine):
                         waiting.extend(_Try(job) for job in islice(source, 1))
                     if not waiting:
                         break
+                    since = time.monotonic()
                     future = self._submit(function, waiting[0].job, deadline(waiting[0].job))
                     if future is None:
                         break
-                    running[future] = waiting.popleft()
+                    running[future] = replace(waiting.popleft(), since=since)
                 if not running and not waiting:
                     return
                 ended = wait(running, min(LOOK, max(0.0, until - time.monotonic())), FIRST_COMPLETED).done
@@ -113,6 +116,10 @@ class Workers(Engine):
                         continue  # stays in `running`; the pool is no longer active and is replaced above
                     trial = running.pop(future)
                     self._breaks = 0
+                    early = time.monotonic() - trial.since < deadline(trial.job)
+                    if early and isinstance(error, TimeoutError) and error.__cause__ is None:  # the pool's own
+                        waiting.appendleft(trial)  # it reads the time of day, and that jumped
+                        continue
                     result: R | Failed = (
                         pickle.loads(future.result()) if error is None else _failure(error, deadline(trial.job))
                     )
