@@ -36,7 +36,7 @@ COMMANDS = (
     ("solve", "push", "--modules", "20", "--sample-seed", "0"),
     ("check", "push", "--modules", "3-100"),
     ("topologies", "11"),
-    ("topologies", "3000", "--count"),
+    ("topologies", "1000", "--count"),
     ("experiment", "scaling", "--small", "--out", "experiment"),
     ("examples",),
 )

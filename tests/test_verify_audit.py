@@ -125,7 +125,7 @@ def test_a_stand_off_is_the_distance_of_the_exclusion():
 
 @pytest.mark.parametrize(("away", "torque"), [(7e6, 3.0), (100.0, 5e-4)])
 def test_a_long_lever_hides_no_torque(away: float, torque: float):
-    """The end-effector takes the COM along: far from all rotors a force within the tolerance is a torque beyond it."""
+    """The end-effector takes the COM along: far from rotors a force within the tolerance is a torque beyond it."""
     asked = {"units": "SI", "end_effector": {"torque": [0.0, torque, 0.0]}}
     given = fan({"load_cases": [asked]}, end_effector=(away, 0.0, 0.6))
     found = platform(given)

@@ -165,14 +165,20 @@ def _died(status: int) -> int:
     Args:
         status: what a library ended the process with; -n: that it was ended by signal n.
     """
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    limit = _limit()
     number = None if status >= 0 else signal.Signals(-status)
     by = f"a library, with status {status}" if number is None else number.name
-    if limit != resource.RLIM_INFINITY and (number is None or number in MEMORY_FAULTS):
-        tell(f"out of memory: ended by {by}, with a limit of {limit / 2**20:.0f} MB (`ulimit -v`)")
+    if limit is not None and (number is None or number in MEMORY_FAULTS):
+        tell(f"out of memory: ended by {by}, with a limit of {limit:.0f} MB (`ulimit -v`)")
         return OUT_OF_MEMORY
     tell(f"ended by {by}{', by hand or because memory ran out' if number == signal.SIGKILL else ''}")
     return SOFTWARE if number is None else 128 + number
+
+
+def _limit() -> float | None:
+    """Return the address space that a process may have [MB]; None: as much as there is."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return None if limit == resource.RLIM_INFINITY else limit / 2**20
 
 
 def _run(command: Callable[[], object], parent: int, stop: Stop) -> NoReturn:
@@ -235,6 +241,8 @@ def out_of_memory(error: BaseException) -> bool:
     while seen is not None and id(seen) not in known:
         known.add(id(seen))
         if isinstance(seen, MemoryError) or any(word in str(seen).lower() for word in OUT_OF_MEMORY_WORDS):
+            return True
+        if isinstance(seen, SystemError) and _limit() is not None:  # native code failed, and does not know why
             return True
         seen = seen.__cause__ or seen.__context__
     return False
