@@ -194,3 +194,11 @@ def test_colours_are_those_of_the_pictures() -> None:
     shown = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     np.testing.assert_allclose(shown[:3], [0xCC / 255, 0x79 / 255, 0xA7 / 255], atol=5e-3)
     assert linear[3] == pytest.approx(0.2, abs=3e-3)
+
+
+def test_solids_of_modules_of_two_millimetres_are_closed():
+    """Places within 1e-8 of each other must not become one where everything is small."""
+    end = np.array([0.0, 0.0, -2.6e-2])
+    for mesh in (cone_sphere(np.zeros(3), 2e-3, end, 4.3e-3), cone_sphere(np.zeros(3), 1e-6, end, 1e-6)):
+        assert mesh.is_watertight
+        assert mesh.volume > 0

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from verify_cases import FAN, design
 
-from topo_search.model import BadInput, Design, Local, Task
+from topo_search.model import BadInput, Design, Local, Module, Task
 from topo_search.model.files import read_task, to_json, to_toml
 from topo_search.model.hulls import convex_hull
 from topo_search.topologies.task_symmetry import improper_isometry
@@ -98,6 +98,7 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(
         ('mesh = "far.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "ball.stl"', "exposure[0].mesh: must have at most 100 corners, but got 400"),
         ("box = [1.0, 1.0]", "exposure[0].box: must be a list of three numbers"),
+        ("box = [1.0, 1e-7, 1.0]", "exposure[0].box: must not be thinner than a millionth"),
         ("box = [1.0, 0.0, 1.0]", "exposure[0].box[1]: must be greater than 0"),
         ("box = [1.0, 1.0, 1.0]\nradius = 0.2", "exposure[0]: must have one of"),
         ("vertices = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]", "exposure[0].vertices: must span a volume"),
@@ -164,3 +165,11 @@ def test_a_mirror_of_the_task_must_map_its_regions_onto_themselves(shape: dict[s
         {"name": "case", "modules": 5, "load_cases": PUSH, "exposure": [{"kind": "local", **shape}]}
     ).resolve(5)
     assert (improper_isometry(task) is not None) == mirrored
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("hub", [0.08, 1e-9, 0.04]), ("rotor_height", 5e-6), ("arm_width", 20.0)]
+)
+def test_a_part_of_an_absurd_size_is_bad_input(field: str, value: object) -> None:
+    with pytest.raises(ValueError, match=r"must be between 1e-05 and 10, 0\.0001 and 100 arm lengths"):
+        Module.model_validate({"body": {field: value}})

@@ -1,10 +1,11 @@
-"""Judge generated pairs of envelopes, nasty ones above all, and hold every verdict to an independent value.
+"""Judge generated pairs of bodies, nasty ones above all, and hold every verdict to an independent value.
 
     PYTHONPATH=tests python tests/benchmarks/pairs.py [--draws N] [--seed S]
 
 Every family at three sizes: pairs as drawn, and moved until they nearly touch or just overlap, from 0.1 down to
-1e-9 arm lengths. The independent value is a golden section inside a golden section. 31 draws are 20,553 pairs. The
-exit status is 1 if a verdict is wrong, inconsistent, or undecided above the floor.
+1e-9 arm lengths. The independent value of two envelopes is a golden section inside a golden section; thin hulls,
+walls along an axis and coplanar discs have theirs in `verify_families`. The exit status is 1 if a verdict is wrong,
+inconsistent, or undecided above the floor.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from verify_cases import FAMILIES, SCALES, brute_clearance, nearly_touching
+from verify_families import JUDGED, SCALES_OF, Judged
 
 from topo_search.model import Status
 from verify.bodies import ConeSphere
@@ -45,17 +47,23 @@ class Tally:
         certificates = certify_pairs([(Solid(A), Solid(B)) for A, B in pairs])
         self.seconds += time.perf_counter() - began
         for certificate, d in zip(certificates, brute_clearance(pairs).tolist(), strict=True):
-            status = certificate.status
-            self.pairs += 1
-            self.clear += status == Status.CLEAR
-            self.violated += status == Status.VIOLATED
-            self.undecided += status == Status.UNDECIDED
-            self.inconsistent += status == Status.INCONSISTENT
-            self.wrong += (status == Status.CLEAR and d <= 0) or (status == Status.VIOLATED and d >= 0)
-            if status == Status.UNDECIDED:
-                self.largest_undecided = max(self.largest_undecided, abs(d))
+            self.count(Judged(certificate, d))
+
+    def count(self, judged: Judged) -> None:
+        """Count a pair that was judged."""
+        certificate, d = judged.certificate, judged.d
+        status = certificate.status
+        self.pairs += 1
+        self.clear += status == Status.CLEAR
+        self.violated += status == Status.VIOLATED
+        self.undecided += status == Status.UNDECIDED
+        self.inconsistent += status == Status.INCONSISTENT
+        self.wrong += (status == Status.CLEAR and d <= 0) or (status == Status.VIOLATED and d >= 0)
+        if status == Status.UNDECIDED:
+            self.largest_undecided = max(self.largest_undecided, abs(d))
+        if judged.exact:
             self.largest_error = max(self.largest_error, abs(certificate.analytic - d))
-            self.deepest_level = max(self.deepest_level, certificate.level)
+        self.deepest_level = max(self.deepest_level, certificate.level)
 
     @property
     def faulty(self) -> bool:
@@ -75,11 +83,18 @@ def main() -> int:
         f"{'inconsistent':>13}{'largest undecided':>18}{'largest error':>14}{'level':>6}{'ms a pair':>10}"
     )
     total, faulty = 0, False
-    for family in FAMILIES:
-        for scale in SCALES:
+    sizes = {**dict.fromkeys(FAMILIES, SCALES), **SCALES_OF}
+    for family, scales in sizes.items():
+        for scale in scales:
             tally = Tally()
             for _ in range(arguments.draws):
-                tally.add(nearly_touching(family, scale, rng))
+                if family in FAMILIES:
+                    tally.add(nearly_touching(family, scale, rng))
+                    continue
+                began = time.perf_counter()
+                for judged in JUDGED[family](scale, rng):
+                    tally.count(judged)
+                tally.seconds += time.perf_counter() - began
             print(
                 f"{family:26}{scale:>6g}{tally.pairs:>7}{tally.clear:>7}{tally.violated:>9}{tally.undecided:>10}"
                 f"{tally.wrong:>6}{tally.inconsistent:>13}{tally.largest_undecided:>18.1e}"

@@ -59,8 +59,9 @@ def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = 
     theta_t = math.acos(max(-1.0, min(1.0, (r_0 - r_1) / L))) if L else math.pi
     profile = np.concatenate([_arc(0.0, theta_t, r_1, L, sides), _arc(theta_t, math.pi, r_0, 0.0, sides)])
     profile[[0, -1], 0] = 0.0  # the poles lie on the axis
-    mesh: Trimesh = trimesh.creation.revolve(profile[::-1], sections=sides)
-    return mesh.apply_transform(placed(rotation_to(a / L) if L else np.eye(3), P_0))
+    size = max(r_0, r_1)  # trimesh takes places within 1e-8 for one: small bodies are made large
+    mesh: Trimesh = trimesh.creation.revolve(profile[::-1] / size, sections=sides)
+    return mesh.apply_scale(size).apply_transform(placed(rotation_to(a / L) if L else np.eye(3), P_0))
 
 
 def placed(R: Array, p: Array) -> Array:

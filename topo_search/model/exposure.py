@@ -54,12 +54,22 @@ Axis = Annotated[
 ]
 
 
+FLAT_BOX = 1e-6
+"""Least edge of a box, over its longest."""
+
+
 def _solid(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
     if max((abs(x) for vertex in vertices for x in vertex), default=0.0) > FARTHEST:
         raise ValueError(f"must be at most {FARTHEST:g} m away")
     if not has_volume(np.array(vertices).reshape(-1, 3)):
         raise ValueError(f"must span a volume, but got {shown(vertices)}")
     return vertices
+
+
+def _thick(box: Vector) -> Vector:
+    if min(box) <= FLAT_BOX * max(box):
+        raise ValueError(f"must not be thinner than a millionth of its length, but got {shown(box)}")
+    return box
 
 
 def _not_given(value: object) -> bool:
@@ -76,7 +86,7 @@ class Local(Value):
     kind: Literal["local"] = "local"
     radius: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
     """r_sph of a ball centred at p_E [m]; 0.15 if nothing else is given."""
-    box: Annotated[PositiveVector | None, Field(exclude_if=_not_given)] = None
+    box: Annotated[Annotated[PositiveVector, AfterValidator(_thick)] | None, Field(exclude_if=_not_given)] = None
     """Edges of a box centred at p_E, along x, y and z [m]."""
     vertices: Annotated[
         Annotated[tuple[Vector, ...], at_most(CORNERS, "corners"), AfterValidator(_solid)] | None,

@@ -26,6 +26,9 @@ from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.frame import ConvexPiece
 from topo_search.model.value import NonEmpty, Number, Positive, PositiveVector, Value, at_most, refuse
 
+LEAST_PART, LARGEST_PART = 1e-4, 100.0
+"""Smallest and largest size of a rigid part [l_arm]."""
+
 
 class Airflow(Value):
     """The airflow envelope of a module as a user states it; lengths left out scale with the arm."""
@@ -119,6 +122,21 @@ class Module(Value):
         if self.reach <= self.start_radius:
             given = f"reach = {self.reach}, start_radius = {self.start_radius}"
             refuse("Module", (("airflow",), f"`reach > start_radius` must hold, but got {given}"))
+        return self
+
+    @model_validator(mode="after")
+    def _parts_of_a_size(self) -> Self:
+        """Refuse parts so small or so large that nobody could build them, nor the audit tell whether they touch."""
+        low, high = LEAST_PART * self.arm_length, LARGEST_PART * self.arm_length
+        body = self.body
+        sizes: list[tuple[tuple[str | int, ...], float]] = [
+            (("body", "rotor_radius"), body.rotor_radius),
+            (("body", "rotor_height"), body.rotor_height),
+            (("body", "arm_width"), body.arm_width),
+            *((("body", "hub", k), edge) for k, edge in enumerate(body.hub)),
+        ]
+        rule = f"must be between {low:g} and {high:g}, {LEAST_PART:g} and {LARGEST_PART:g} arm lengths"
+        refuse("Module", *((field, f"{rule}, but got {size}") for field, size in sizes if not low <= size <= high))
         return self
 
     @property
