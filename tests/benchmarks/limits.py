@@ -1,0 +1,97 @@
+"""Time and memory of commands on inputs at the limits of what is read, and just beyond them.
+
+    python tests/benchmarks/limits.py [PART ...]
+
+Each input is made in a temporary folder, and the command runs in a process of its own: CPU seconds and the largest
+resident memory are what the system says of it and of its children.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import struct
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from topo_search.limits import CORNERS, FACETS, LOAD_CASES, MODULES, SEGMENTS
+
+HEAD = 'name = "limit"\nmodules = 5\n'
+HOVER = "[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n"
+
+
+def cases(number: int) -> str:
+    """Return load cases about hovering."""
+    forces = np.random.default_rng(0).uniform(-0.2, 0.2, (number, 3)) + np.array([0, 0, 1])
+    return "".join(f"[[load_cases]]\ncom = {{ force = {force} }}\n" for force in forces.tolist())
+
+
+def mesh(number: int) -> bytes:
+    """Return a binary STL of facets all over the place."""
+    facets = np.zeros(number, [("normal", "<f4", 3), ("corners", "<f4", 9), ("attribute", "<u2")])
+    facets["corners"] = np.random.default_rng(0).normal(size=(number, 9))
+    return bytes(80) + struct.pack("<I", number) + facets.tobytes()
+
+
+def inputs(folder: Path) -> dict[str, list[str]]:
+    """Make the inputs; return the command of every part."""
+    turn = np.linspace(0, 2 * np.pi, SEGMENTS, endpoint=False)
+    around = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1).tolist()
+    sphere = np.random.default_rng(0).normal(size=(CORNERS, 3))
+    sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+    tasks = {
+        "load-cases": HEAD + cases(LOAD_CASES),
+        "load-cases-beyond": HEAD + cases(10_000),
+        "segments": HEAD + HOVER + f'[[exposure]]\nkind = "directional"\nsegments = {around}\n',
+        "segments-beyond": HEAD
+        + HOVER
+        + '[[exposure]]\nkind = "directional"\nsegments = ['
+        + "[1, 0, 0]," * 100_000
+        + "]",
+        "corners": HEAD + HOVER + f'[[exposure]]\nkind = "local"\nvertices = {(0.1 * sphere).tolist()}\n' * 20,
+        "facets": HEAD + HOVER + '[[exposure]]\nkind = "local"\nmesh = "facets.stl"\n',
+        "facets-beyond": HEAD + HOVER + '[[exposure]]\nkind = "local"\nmesh = "beyond.stl"\n',
+        "key-beyond": HEAD + HOVER + "a" + ".a" * 100_000 + " = 1\n",
+    }
+    for name, text in tasks.items():
+        (folder / f"{name}.toml").write_text(text)
+    (folder / "facets.stl").write_bytes(mesh(FACETS))
+    (folder / "beyond.stl").write_bytes(mesh(1_000_000))
+    commands = {name: ["check", f"{name}.toml"] for name in tasks}
+    far = ["--sample-seed", "0", "--starts", "1", "--set", "module.connector_distance=0.5"]
+    commands["modules"] = ["solve", "ten-wrenches", "--modules", str(MODULES), *far]
+    commands["modules-beyond"] = ["check", "push", "--modules", "10000"]
+    commands["solve-load-cases"] = ["solve", "load-cases.toml", "--topology", "a70010", "--starts", "1"]
+    return commands
+
+
+def main() -> None:
+    """Print a line a part."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*")
+    chosen = parser.parse_args().parts
+    with tempfile.TemporaryDirectory() as folder:
+        commands = inputs(Path(folder))
+        for name in chosen or commands:
+            child = os.fork()  # so that its children are those of this part alone
+            if child == 0:
+                command = [sys.executable, "-m", "topo_search", *commands[name]]
+                ended = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+                used = resource.getrusage(resource.RUSAGE_CHILDREN)
+                told = (ended.stderr or ended.stdout).strip().splitlines()[-1][:90]
+                seconds = used.ru_utime + used.ru_stime
+                print(
+                    f"{name:18} {seconds:6.1f} s {used.ru_maxrss / 1024:5.0f} MB  exit {ended.returncode}  {told}"
+                )
+                sys.stdout.flush()
+                os._exit(0)
+            os.waitpid(child, 0)
+
+
+if __name__ == "__main__":
+    main()
