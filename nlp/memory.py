@@ -16,7 +16,7 @@ it ends with an error, with 256 MB it solves.
 """
 
 
-def ipopt(name: str, problem: dict[str, Any], options: dict[str, Any]) -> ca.Function:
+def ipopt(name: str, problem: Any, options: dict[str, Any]) -> ca.Function:
     """Return Ipopt for a problem; MemoryError if it would not get the memory that it begins with."""
     _require_room()
     return ca.nlpsol(name, "ipopt", problem, options)
