@@ -34,7 +34,7 @@ COMMANDS = (
         "optuna",
     ),
     ("solve", "push", "--modules", "20", "--sample-seed", "0"),
-    ("check", "push", "--modules", "3-100"),
+    ("check", "push", "--modules", "81-100"),
     ("topologies", "11"),
     ("topologies", "1000", "--count"),
     ("experiment", "scaling", "--small", "--out", "experiment"),
