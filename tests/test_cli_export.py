@@ -87,7 +87,16 @@ def test_a_design_is_audited_for_the_table_of_its_clearances_and_an_audit_is_not
     result = command("design.json", "--out", "pairs.csv")
     assert (result.exit_code, result.stdout) == (0, "the table is in pairs.csv\n")
     pairs = pandas.read_csv(tmp_path / "pairs.csv")
-    assert list(pairs.kind) == ["airflow", "exclusion", "exclusion", "body", "rod", "rod"]
+    assert list(pairs.kind) == [
+        "airflow",
+        "exclusion",
+        "exclusion",
+        "body",
+        "rod",
+        "rod",
+        *["rotor-airflow"] * 10,
+        *["rod-airflow"] * 2,
+    ]
     audited = audit(read_json(Design, tmp_path / "design.json"))
     (tmp_path / "audit.json").write_text(to_json(audited))
     for name in ("again.csv", "pairs.parquet"):

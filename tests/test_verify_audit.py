@@ -33,7 +33,7 @@ def test_one_module_hovers_at_a_quarter_of_the_weight_a_rotor():
     result = audit(by_hand)
     assert result.verdict == Status.CLEAR
     exclusion, *rod = result.pairs
-    assert [(pair.kind, pair.a, pair.b) for pair in rod] == [("rod", 0, -1)]
+    assert [(pair.kind, pair.a, pair.b) for pair in rod] == [("rod", 0, -1), ("rod-airflow", 0, 0)]
     assert (exclusion.kind, exclusion.a, exclusion.b, exclusion.segment) == ("exclusion", 0, -1, None)
     assert exclusion.analytic_m == pytest.approx(0.15)
     assert 0 < exclusion.lower_m <= exclusion.analytic_m <= exclusion.upper_m + 1e-12
@@ -86,7 +86,7 @@ def test_every_kind_of_requirement_clear_at_once():
     result = audit(given)
     assert result.verdict == Status.CLEAR, failing(result)
     count = {kind: sum(pair.kind == kind for pair in result.pairs) for kind in {pair.kind for pair in result.pairs}}
-    parts = {"separation": 1, "body": 3, "rod": 3}
+    parts = {"separation": 1, "body": 3, "rod": 3, "rotor-airflow": 30, "rod-airflow": 3}
     assert count == {"airflow": 3, "local": 3, "directional": 9, "exterior": 6, "exclusion": 3, **parts}
     places = {(pair.kind, pair.b, pair.segment) for pair in result.pairs if pair.a == 2}
     assert {("directional", 1, 0), ("directional", 1, 1), ("directional", 2, 0), ("exterior", 3, None)} <= places

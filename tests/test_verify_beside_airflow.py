@@ -3,14 +3,18 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from verify_cases import design
 
-from topo_search.model import Status
+from topo_search.model import Status, Topology
+from verify import audit
 from verify.beside_airflow import beside_airflow, certify_beside
 from verify.bodies import ConeSphere
 from verify.certificate import FLOOR, Solid
 from verify.compounds import Compound
 from verify.convex import box, cylinder
-from verify.parts import RigidParts, bounding_box
+from verify.kinematics import platform
+from verify.parts import RigidParts, bounding_box, rigid_parts
+from verify.requirements import Scene
 
 
 def random_rotation(rng):
@@ -113,3 +117,35 @@ def test_verdicts_are_those_of_another_way(scale):
                 checked(certificate, min(oracle(own[part], envelope.body, R, moved) for part in row.parts))
                 seen.add(certificate.status)
     assert {Status.CLEAR, Status.VIOLATED} <= seen
+
+
+FOUND = (-0.833, 0.5528, -0.0028, 1.1369, 0.1293, -0.0235, -0.0235)
+"""Hinge angles of a design of eight modules for ten wrenches that was found when nothing kept rotors out."""
+
+
+def found_without(task):
+    """That design's shape, with inputs of no consequence."""
+    stated = {"module": {"connector_distance": 0.22}, **task}
+    return design(Topology.from_key("a74404100"), stated, hinges=FOUND, end_effector=(0.0, 0.0, 3.0))
+
+
+def test_a_rotor_deep_in_another_modules_airflow_is_found_and_counts():
+    """All that is compared otherwise is clear: airflow with airflow, centres, rigid parts."""
+    rows = audit(found_without({})).pairs
+    odd = [pair for pair in rows if pair.status != Status.CLEAR and pair.kind != "rod-airflow"]
+    assert {pair.kind for pair in odd} == {"rotor-airflow"}
+    assert {(pair.a, pair.b) for pair in odd} == {(3, 4)}
+    assert min(pair.analytic_m for pair in odd) < -0.04
+    deepest = min(odd, key=lambda pair: pair.analytic_m)
+    assert deepest.name == f"rotor {deepest.segment} of module 3 and airflow of module 4"
+    counted = {row.counts for row in requirements(found_without({}))}
+    assert counted == {True}
+    assert {row.counts for row in requirements(found_without({"search": {"body_clearance": False}}))} == {False}
+
+
+def requirements(given):
+    """What of rigid parts is compared with airflow."""
+    found = platform(given)
+    return beside_airflow(
+        rigid_parts(given, found), Scene(given, found).envelopes, counts=given.task.body_clearance is not None
+    )

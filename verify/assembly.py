@@ -14,6 +14,7 @@ from verify.residuals import finite
 from verify.rod import free_connectors, straight_rod
 
 NO_ROD = "no straight rod reaches the end-effector: every free connector is blocked"
+IN_AIRFLOW = "no straight rod that reaches the end-effector is clear of all airflow"
 LOST = "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"
 
 
@@ -39,13 +40,17 @@ def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:
 
 
 def nearest_available(connectors: tuple[FreeConnector, ...]) -> Mount | None:
-    """Return the first connector that nothing blocks, if any; they come shortest rod first."""
-    free = next((connector for connector in connectors if not connector.blocked_by), None)
+    """Return the first connector from which a rod is clear of parts and airflow, else of parts alone, if any.
+
+    They come shortest rod first.
+    """
+    unblocked = [connector for connector in connectors if not connector.blocked_by]
+    free = next((connector for connector in unblocked if not connector.in_airflow_of), next(iter(unblocked), None))
     return None if free is None else Mount(module=free.module, port=free.port)
 
 
 def choose_mount(design: Design) -> Mount | None:
-    """Return the connector from which the shortest straight rod reaches the end-effector, if any does."""
+    """Return the connector of the shortest straight rod to the end-effector: clear of airflow too, if any is."""
     return nearest_available(free_connectors(design, rigid_parts(design, platform(design))))
 
 
@@ -72,7 +77,14 @@ def _note(parts: RigidParts, mount: Mount | None, connectors: tuple[FreeConnecto
         return NO_ROD
     chosen = next(c for c in connectors if (c.module, c.port) == (mount.module, mount.port))
     obstacles = ", ".join(f"{obstacle.part} of module {obstacle.module}" for obstacle in chosen.blocked_by)
-    return f"the stated mount is blocked by {obstacles}" if obstacles else None
+    if obstacles:
+        return f"the stated mount is blocked by {obstacles}"
+    if not chosen.in_airflow_of:
+        return None
+    through = f"the rod is in the airflow of module{'s' * (len(chosen.in_airflow_of) > 1)} "
+    through += ", ".join(map(str, chosen.in_airflow_of))
+    clear = any(not connector.blocked_by and not connector.in_airflow_of for connector in connectors)
+    return through if clear else f"{through}: {IN_AIRFLOW}"
 
 
 def _long(design: Design, rod: Rod) -> str | None:

@@ -42,7 +42,13 @@ class Nearest(NamedTuple):
 
 def clearances(pairs: Sequence[tuple[ConeSphere, ConeSphere]]) -> Nearest:
     """Return the exact signed clearance of every pair: the least distance of two balls' surfaces."""
-    (o_A, d_A, r_A, dr_A), (o_B, d_B, r_B, dr_B) = (Rows.of([pair[side] for pair in pairs]) for side in (0, 1))
+    A, B = (Rows.of([pair[side] for pair in pairs]) for side in (0, 1))
+    return clearances_of(A, B)
+
+
+def clearances_of(A: Rows, B: Rows) -> Nearest:
+    """Return the exact signed clearance of every row of the one from that of the other."""
+    (o_A, d_A, r_A, dr_A), (o_B, d_B, r_B, dr_B) = A, B
     w = o_A - o_B
     candidates = [
         *((nearest_on_axis(w - gamma * d_B, d_A, dr_A), np.full_like(r_A, gamma)) for gamma in (0.0, 1.0)),

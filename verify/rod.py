@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from topo_search.model import Design, FreeConnector, Mount, Obstacle
-from verify.bodies import Array
+from verify.bodies import Array, Rows
 from verify.certificate import FLOOR
+from verify.clearance import clearances_of
 from verify.compounds import Compound, proximities
 from verify.convex import capsule
 from verify.kinematics import PORT_DIRECTIONS
@@ -89,9 +90,24 @@ def free_connectors(design: Design, parts: RigidParts) -> tuple[FreeConnector, .
             port=rod.mount.port,
             length_m=rod.length * l_arm,
             blocked_by=tuple(blocked.get(rod.mount, ())),
+            in_airflow_of=tuple(through),
         )
-        for rod in rods
+        for rod, through in zip(rods, _in_airflow(design, parts, rods), strict=True)
     )
+
+
+def _in_airflow(design: Design, parts: RigidParts, rods: list[StraightRod]) -> list[list[int]]:
+    """Return the modules whose airflow each rod passes through, or is too near to to tell; its own one's too."""
+    if not rods:
+        return []
+    envelope, l_arm, n = design.task.module.envelope, design.task.module.arm_length, len(parts.centres)
+    m, blown = len(rods), -envelope.length / l_arm * parts.R[:, :, 2]
+    start, path = (np.repeat([getattr(rod, name) for rod in rods], n, axis=0) for name in ("start", "path"))
+    thick = np.array([rod.radius for rod in rods for _ in range(n)])
+    r, dr = (np.full(m * n, x / l_arm) for x in (envelope.start_radius, envelope.growth))
+    airflow = Rows(np.tile(parts.centres, (m, 1)), np.tile(blown, (m, 1)), r, dr)
+    d = clearances_of(airflow, Rows(start, path, thick, np.zeros(m * n))).d.reshape(m, n)
+    return [np.flatnonzero(~(row > FLOOR)).tolist() for row in d]
 
 
 def _near(rod: StraightRod, parts: RigidParts) -> list[int]:

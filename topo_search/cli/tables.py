@@ -21,6 +21,10 @@ NARROW = 100
 """Width of tables that do not go to a terminal."""
 
 
+NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
+"""What follows a design whose end-effector no such rod carries."""
+
+
 def print_answer(answer: Answer) -> None:
     """Print what a run found, and where it is."""
     print_found(answer)
@@ -38,7 +42,8 @@ def print_found(answer: Answer) -> None:
     if best is not None:
         smallest = f", {answer.smallest}" if answer.smallest else ""
         found = f"best design: {best.key}, {modules(best.modules)}{smallest}"
-        click.echo(f"{found}, {_effort(best)}, audit {best.audit}")
+        rod = "" if answer.clear_rod else NO_CLEAR_ROD
+        click.echo(f"{found}, {_effort(best)}, audit {best.audit}{rod}")
         if (note := answer.note) is not None:
             click.echo(f"note: {note}")
     elif answer.exit_status == 1:
@@ -155,6 +160,9 @@ def print_solved(solved: Solved, out: Path | None) -> None:
     if isinstance(solved.outcome, Design):
         if isinstance(solved.audit, Audit):
             print_audit(solved.outcome.topology.key, solved.audit)
+            sheet = solved.audit.assembly.end_effector
+            if sheet is None or not sheet.clear_rod:
+                click.echo(f"{solved.outcome.topology.key}{NO_CLEAR_ROD}")
         if out is not None:
             click.echo(f"the design is in {out}")
 

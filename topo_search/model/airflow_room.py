@@ -30,6 +30,8 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterator
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -86,23 +88,21 @@ def part_cover(module: Module) -> Balls:
     """
     radius, rotors = math.hypot(module.body.rotor_radius, module.body.rotor_height / 2), module.arm_length * ROTORS
     pieces, finest = _pieces(module), FINEST * module.arm_length
-    while True:
-        cells = [cell for piece in pieces for cell in _uncovered(module, piece, rotors, radius, finest)]
-        if len(cells) <= max(MOST_BALLS, len(pieces)):
-            break
+    most = max(MOST_BALLS, len(pieces))
+    while len(cells := list(islice(_uncovered(module, pieces, rotors, radius, finest), most + 1))) > most:
         finest *= math.sqrt(2)
     centres = np.concatenate([rotors, *(cell.centre[None] for cell in cells)])
     radii = np.array([radius] * 4 + [float(np.linalg.norm(cell.half)) for cell in cells])
     return Balls(read_only(centres), read_only(radii))
 
 
-def _uncovered(module: Module, piece: _Box, rotors: Array, radius: float, finest: float) -> list[_Box]:
-    """Return boxes around all of a piece that is neither in the own envelope nor in a rotor's ball."""
-    air, found, left = module.envelope, [], [piece]
+def _uncovered(module: Module, pieces: list[_Box], rotors: Array, radius: float, finest: float) -> Iterator[_Box]:
+    """Yield boxes around all of some pieces that is neither in the own envelope nor in a rotor's ball."""
+    air, left = module.envelope, list(pieces)
     while left:
         box = left.pop()
         corners = box.centre + (CORNERS * box.half) @ box.axes
-        if np.any((corners @ piece.normals.T).min(axis=0) > piece.offsets):
+        if np.any((corners @ box.normals.T).min(axis=0) > box.offsets):
             continue  # beyond a face of the piece
         depth = -np.clip(corners[:, 2], -air.length, 0.0) / air.length  # a place on the axis near enough
         in_air = np.linalg.norm(corners + (depth * air.length)[:, None] * UP, axis=1)
@@ -111,12 +111,11 @@ def _uncovered(module: Module, piece: _Box, rotors: Array, radius: float, finest
         if np.any(np.all(np.linalg.norm(corners - rotors[:, None], axis=2) <= radius, axis=1)):
             continue
         if np.linalg.norm(box.half) <= finest:
-            found.append(box)
+            yield box
             continue
         k = int(np.argmax(box.half))
         half = box.half * np.where(np.arange(3) == k, 0.5, 1.0)
         left += [box._replace(centre=box.centre + side * half[k] * box.axes[k], half=half) for side in (-1, 1)]
-    return found
 
 
 def _pieces(module: Module) -> list[_Box]:

@@ -42,6 +42,8 @@ class FreeConnector(Value):
     """From the connector to the end-effector [m]."""
     blocked_by: tuple[Obstacle, ...]
     """What is in the way of a straight rod; nothing if it is available."""
+    in_airflow_of: tuple[Index, ...] = ()
+    """Modules whose airflow a straight rod would pass through."""
 
 
 class Rod(Value):
@@ -71,6 +73,15 @@ class EndEffectorSheet(Value):
     """What is to be said about the mount."""
     connectors: tuple[FreeConnector, ...] = ()
     """Every free connector, nearest to the end-effector first."""
+
+    @property
+    def clear_rod(self) -> bool:
+        """Whether the mount's straight rod is clear of all parts and of all airflow."""
+        return any(
+            (one.module, one.port) == (self.mount.module, self.mount.port)
+            for one in self.connectors
+            if self.mount is not None and not one.blocked_by and not one.in_airflow_of
+        )
 
 
 class Assembly(Value):

@@ -31,6 +31,7 @@ PAIRWISE = {
     "airflow": "airflow envelopes, clearance of each pair",
     "separation": "module centres, distance beyond the least one",
     "body": "bodies, clearance of each pair",
+    "rotor-airflow": "rotors, hubs and arms (rows) beside other modules' airflow (columns)",
 }
 
 
@@ -40,13 +41,16 @@ def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.F
     for kind, caption in PAIRWISE.items():
         pairs = [pair for pair in audit.pairs if pair.kind == kind]
         if pairs:
-            cells = {(pair.a, pair.b): pair for pair in pairs}
-            both = cells if n > IN_CELLS else cells | {(b, a): pair for (a, b), pair in cells.items()}
+            # the least last: of a module's rotors, hub and arms one cell shows the nearest
+            cells = {(p.a, p.b): p for p in sorted(pairs, key=lambda pair: pair.analytic_m, reverse=True)}
+            mirrored = n <= IN_CELLS and kind != "rotor-airflow"
+            both = cells | {(b, a): pair for (a, b), pair in cells.items()} if mirrored else cells
             yield caption, _matrix(both, n, [str(j) for j in range(n)], "module")
     rest = [pair for pair in audit.pairs if pair.kind not in PAIRWISE]
     if rest:
         columns = list(dict.fromkeys(_requirement(pair) for pair in rest))
-        cells = {(pair.a, columns.index(_requirement(pair))): pair for pair in rest}
+        modules = (pair.b if pair.kind == "rod-airflow" else pair.a for pair in rest)
+        cells = {(i, columns.index(_requirement(pair))): pair for i, pair in zip(modules, rest, strict=True)}
         yield "modules against requirements", _matrix(cells, n, columns, "")
 
 
@@ -56,6 +60,8 @@ def _requirement(pair: Clearance) -> str:
         return "p_E"
     if pair.kind == "rod":
         return "rod"
+    if pair.kind == "rod-airflow":
+        return "rod, airflow"
     return f"exposure {pair.b}" + ("" if pair.segment is None else f", path {pair.segment}")
 
 

@@ -44,7 +44,7 @@ class ConeSphere(NamedTuple):
 def closest_points(design: Design, at: Poses, pair: Clearance, mount: Array | None) -> tuple[Array, Array]:
     """Return the points, one on each side of a clearance, that are closest; (3,) each [m].
 
-    For rigid parts these are their modules' centres, and the point of the rod closest to one.
+    For rigid parts these are their modules' centres, those of rotors, and the point of the rod closest to one.
 
     Args:
         design: the design.
@@ -57,6 +57,12 @@ def closest_points(design: Design, at: Poses, pair: Clearance, mount: Array | No
     if pair.kind == "rod" and mount is not None:
         centre = ConeSphere(at.p[pair.a], at.p[pair.a], 0.0, 0.0)
         return between(centre, ConeSphere(mount, at.end_effector, 0.0, 0.0))
+    if pair.kind == "rod-airflow":
+        r, foot = design.task.end_effector.rod_radius, at.end_effector if mount is None else mount
+        return between(ConeSphere(foot, at.end_effector, r, r), _envelope(design, at, pair.b))
+    if pair.kind == "rotor-airflow":
+        part = at.p[pair.a] if pair.segment is None else at.p[pair.a] + at.R[pair.a] @ arms(design)[pair.segment]
+        return between(ConeSphere(part, part, 0.0, 0.0), _envelope(design, at, pair.b))
     if pair.kind in ("separation", "body"):
         return at.p[pair.a], at.p[pair.b]
     envelope = _envelope(design, at, pair.a)
@@ -128,6 +134,12 @@ def to_cone(body: ConeSphere, apex: Array, axis: Array, theta: float) -> tuple[A
         candidates.append((depth - float(r), P + r * n, P + depth * n))
     _, on_body, on_cone = min(candidates, key=lambda found: found[0])
     return on_body, on_cone
+
+
+def arms(design: Design) -> Array:
+    """Return where a module's rotors are in its frame, shape (4, 3) [m]."""
+    signs = np.array([[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    return design.task.module.arm_length / math.sqrt(2) * signs
 
 
 def _envelope(design: Design, at: Poses, i: int) -> ConeSphere:

@@ -152,6 +152,13 @@ class Answer:
         return None if sheet is None else sheet.note
 
     @property
+    def clear_rod(self) -> bool:
+        """Whether a straight rod carries the end-effector of the best design, clear of all parts and airflow."""
+        audited = self.audit
+        sheet = None if audited is None else audited.assembly.end_effector
+        return sheet is not None and sheet.clear_rod
+
+    @property
     def candidates(self) -> pd.DataFrame:
         """A row for every candidate, with the columns of `candidates.csv`, best first."""
         from topo_search.study.frame import candidates

@@ -160,7 +160,9 @@ def _audited(folder: RunFolder, number: int) -> Iterator[Point]:
 def _measured(row: Row, design: Design, audit: Audit, number: int, level: Level) -> Point:
     """Return what a design reaches."""
     task = design.task
-    left_out = {"exclusion", "body", "rod"}
+    left_out = {"exclusion", "body", "rod", "rod-airflow"}
+    if task.body_clearance is None:
+        left_out.add("rotor-airflow")
     if task.search.interference == "separation":
         left_out.add("airflow")
     clearance = min((pair.analytic_m for pair in audit.pairs if pair.kind not in left_out), default=None)
