@@ -189,8 +189,8 @@ def _bounds(point: Point) -> Iterator[Violation]:
         for name, angle, limit in limits:
             yield Violation(names.root_angle(name), abs(angle) - limit, "rad", abs(angle) - limit)
     l_arm = task.module.arm_length
-    beyond = float(np.linalg.norm(point.p_E - point.p_COM)) - task.farthest_end_effector(point.topology.n)
-    yield Violation(names.REACH, beyond, "m", beyond / l_arm)
+    too_far = float(np.linalg.norm(point.p_E - point.p_COM)) - task.farthest_end_effector(point.topology.n)
+    yield Violation(names.REACH, too_far, "m", too_far / l_arm)
     position = task.end_effector.fixed_position
     if position is not None:
         excess = float(np.linalg.norm(point.p_E - point.p_COM - position))
