@@ -35,4 +35,5 @@ def answer_of(solver: ca.Function, result: dict[str, ca.DM], task: ResolvedTask,
     """Return what a solver says after a solve."""
     stats = solver.stats()
     x = np.asarray(result["x"], dtype=float).ravel()
-    return Answer(Point.unpack(task, topology, x), str(stats["return_status"]), int(stats["iter_count"]))
+    iterations = max(0, int(stats["iter_count"]))  # -1 where Ipopt does not begin, for there are too few unknowns
+    return Answer(Point.unpack(task, topology, x), str(stats["return_status"]), iterations)

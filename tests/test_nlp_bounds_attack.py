@@ -130,6 +130,12 @@ def test_no_design_of_a_few_random_tasks_contradicts_a_proof():
     assert counts["proven impossible"] >= 1
 
 
+@pytest.mark.usefixtures("no_proofs")
+def test_a_task_with_more_equations_than_unknowns_is_solved_like_any_other():
+    """Ipopt does not begin then, and counts -1 iterations."""
+    assert attack([206])["tasks"] == 1
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_proofs")
 def test_no_design_of_random_tasks_contradicts_a_proof():
