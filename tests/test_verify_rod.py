@@ -83,7 +83,12 @@ def test_clear_rods_are_clear_by_their_rows_and_blocked_ones_are_violated():
             assert violated == {obstacle.module for obstacle in connector.blocked_by}
             sheet = result.assembly.end_effector
             assert sheet.mount == mount
-            assert (sheet.note is None) == (not violated)
+            blown = [pair for pair in result.pairs if pair.kind == "rod-airflow"]
+            through = {pair.b for pair in blown if pair.status != Status.CLEAR}
+            assert (sheet.note is None) == (not violated and not through)
+            chosen = next(one for one in sheet.connectors if (one.module, one.port) == (mount.module, mount.port))
+            assert set(chosen.in_airflow_of) == through
+            assert sheet.clear_rod == (not violated and not through)
             seen[not violated] += 1
     assert min(seen.values()) >= 4
 
