@@ -45,7 +45,8 @@ class GraphProgram:
         if not np.all(np.isfinite(answer.point.pack())):
             return answer
         checks = violations(finish(answer.point))
-        if worst(checks).met or not worst([check for check in checks if check.name not in self._left_out]).met:
+        stated = [check for check in checks if check.name not in self._left_out]
+        if not worst(stated).met or self._keep_their_margin(checks):
             return answer
         iterations, best = answer.iterations, (_rank(worst(checks)), answer)
         for origin in (answer.point, start):
@@ -54,10 +55,14 @@ class GraphProgram:
             if not np.all(np.isfinite(again.point.pack())):
                 continue
             reached = worst(violations(finish(again.point)))
-            best = min(best, (_rank(reached), again), key=lambda one: one[0])
             if reached.met:
-                break
+                return Answer(again.point, again.status, iterations)
+            best = min(best, (_rank(reached), again), key=lambda one: one[0])
         return Answer(best[1].point, best[1].status, iterations)
+
+    def _keep_their_margin(self, checks: list[Violation]) -> bool:
+        margin = self._task.search.margin / self._task.module.arm_length
+        return all(check.scaled <= -margin for check in checks if check.name in self._left_out)
 
     @cached_property
     def _whole(self) -> _Ready:
