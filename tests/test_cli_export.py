@@ -119,7 +119,7 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
         (["none.json", "--out", "new.png"], "none.json: no such file"),
         (["none.json", "--out", "new.csv"], "none.json: no such file"),
         ([".", "--out", "new.csv"], ".: is no run's folder"),
-        ([".", "--out", "new.png"], ".: cannot be read: Is a directory"),
+        ([".", "--out", "new.png"], ".: must be a regular file, but is a folder"),
         (
             ["design.json", "--out", "new.pdf"],
             "--out: must end in .csv, .glb, .mjcf, .xml, .parquet, .png, .stl, .svg, .urdf, or --format be given, "

@@ -31,7 +31,9 @@ def test_a_row_for_every_clearance(audited: Audit) -> None:
     assert len(frame) == len(audited.pairs)
     paths = frame[frame.kind == "directional"]
     assert sorted(zip(paths.a, paths.segment, strict=True)) == [(a, k) for a in range(3) for k in range(2)]
-    assert frame[frame.kind != "directional"].segment.isna().all()
+    rotors = frame[frame.kind == "rotor-airflow"]
+    assert set(rotors.segment.dropna()) == {0, 1, 2, 3}
+    assert frame[~frame.kind.isin(["directional", "rotor-airflow"])].segment.isna().all()
     assert frame.analytic_m.min() == min(pair.analytic_m for pair in audited.pairs)
     assert (frame.lower_m <= frame.analytic_m).all()
     assert (frame.analytic_m <= frame.upper_m + 1e-12).all()

@@ -23,7 +23,7 @@ def assert_audited(design, task, topology):
     assert [pair for pair in counting if pair.status is not Status.CLEAR] == []
     assert found.verdict is Status.CLEAR
     wrenches = [row for row in found.residuals if row.name.startswith("load case") and row.unit in ("N", "N m")]
-    assert len(wrenches) == 2 * len(task.load_cases)
+    assert len(wrenches) == 3 * len(task.load_cases)  # force, torque about the COM and about the end-effector
     assert max(row.scaled for row in wrenches) < 1e-7  # a tenth of what the audit allows
 
     u_max = task.module.max_input(task.gravity)

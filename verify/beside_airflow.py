@@ -239,7 +239,7 @@ def _nearest(part: Convex, K: Rows, number: Indices) -> _Found:
     apart = np.linalg.norm(v, axis=1)
     n = np.where(apart[:, None] > 0, v / np.where(apart > 0, apart, 1.0)[:, None], np.array([0.0, 0.0, 1.0]))
     d = apart - K.radius(eta)
-    lower = -_support(part, -n) - K.ends(n, 1).max(axis=1)
+    lower = np.minimum(d, -_support(part, -n) - K.ends(n, 1).max(axis=1))  # equal up to rounding where n is right
     x_K = P + K.radius(eta)[:, None] * n
     within = _depth(part, x) > -ROUNDING
     deep = K.depth(x)
