@@ -395,7 +395,7 @@ def test_a_failure_word_alone_is_not_believed(monkeypatch):
         return Answer(answer.point, "Maximum_Iterations_Exceeded", answer.iterations)
 
     monkeypatch.setattr(GraphProgram, "solve", pessimist)
-    result = solve(hover(1), Topology.from_key("a0"), starts=range(1), seed=0)
+    result = solve(hover(1), Topology.from_key("a0"), starts=range(4), seed=0)
     assert isinstance(result, Design)
     assert result.solver is not None
     assert result.solver["status"] == "Maximum_Iterations_Exceeded"
