@@ -76,13 +76,13 @@ def test_a_task_in_which_nothing_hovers() -> None:
         ({"module": {"body": {"rotor_radius": 0.08}}}, "module.body.rotor_radius", "reach into each other"),
         ({"module": {"connector_distance": 0.12}}, "module.connector_distance", "rotors reach 0.121 m out"),
         ({"search": {"peak_input": 0.4}}, "search.peak_input", "pull with 7.063 N at most"),
-        ({"end_effector": {"stand_off": 300.0}}, "end_effector.stand_off", "lengths are in metres"),
+        ({"end_effector": {"stand_off": 100.0}}, "end_effector.stand_off", "lengths are in metres"),
         (
             {"end_effector": {"position": [0.2, 0.0, 0.1], "stand_off": 0.3}},
             "end_effector.stand_off",
             "0.3 m is more than the 0.2236 m from the centre of mass",
         ),
-        ({"end_effector": {"position": [400.0, 0.0, 0.0]}}, "end_effector.position", "lengths are in metres"),
+        ({"end_effector": {"position": [100.0, 0.0, 0.0]}}, "end_effector.position", "lengths are in metres"),
         (
             {"exposure": [{"kind": "local", "radius": 150.0}]},
             "exposure[0].radius",

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from topo_search.limits import SIZES
 from topo_search.model import (
     Audit,
     Design,
@@ -46,9 +47,12 @@ def optional(**fields: st.SearchStrategy[Any]) -> st.SearchStrategy[dict[str, An
 
 coordinate = st.floats(-1e6, 1e6)
 vector = st.lists(coordinate, min_size=3, max_size=3)
-offset = vector.filter(lambda v: np.linalg.norm(v) > 1)
+near = st.floats(-5, 5)
+offset = st.lists(near, min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 1)
+"""Within a hundred lengths of any platform below."""
 positive = st.floats(1e-3, 1e3)
-positives = st.lists(positive, min_size=3, max_size=3)
+size = st.floats(1e-3, 2)
+sizes = st.lists(size, min_size=3, max_size=3)
 wrench = optional(force=vector, torque=vector)
 load_case = st.one_of(
     optional(units=st.sampled_from(["weight", "SI"]), weight=positive, com=wrench).flatmap(
@@ -71,12 +75,12 @@ exposure = st.one_of(
 )
 module = optional(
     mass=positive,
-    connector_distance=positive,
+    connector_distance=st.floats(0.1, 1e3),
     arm_length=st.floats(0.02, 1.0),
     thrust_coefficient=st.floats(1e-9, 1e-3),
     max_thrust_to_weight=positive,
     airflow=optional(start_radius=st.floats(0.01, 0.2), spread_angle_deg=st.floats(0, 90)),
-    body=optional(rotor_radius=positive, hub=positives, inertia=st.builds(lambda x: [x, 1.5 * x, 2 * x], positive)),
+    body=optional(rotor_radius=size, hub=sizes, inertia=st.builds(lambda x: [x, 1.5 * x, 2 * x], positive)),
 )
 search = st.one_of(
     optional(
@@ -98,7 +102,7 @@ tasks = st.one_of(
     lambda cases: st.fixed_dictionaries(
         {
             "name": st.from_regex(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", fullmatch=True),
-            "modules": count | st.lists(count, min_size=2, max_size=2).map(sorted),
+            "modules": count | st.tuples(count, st.integers(0, SIZES - 1)).map(lambda size: [size[0], sum(size)]),
             **{name: st.just(value) for name, value in cases.items()},
         },
         optional={

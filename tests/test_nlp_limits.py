@@ -96,7 +96,8 @@ def test_exclusion_is_a_stand_off_of_the_connector_distance(seed):
         everything = ca.vertcat(*(constraint.expression for constraint in stated.constraints))
         f = ca.Function("g", [stated.variables.vector(), stated.beta], [everything])
         page.append(np.array(f(point.pack(), BETA)))
-        assembled.append(Assembly(task, tree, np.array([[0, 1]]), BETA).constraints(point.pack()))
+        numbers = Assembly(task, tree, np.array([[0, 1]]), np.array(tree.unbolted), BETA)
+        assembled.append(numbers.constraints(point.pack()))
     np.testing.assert_array_equal(*page)
     np.testing.assert_array_equal(*assembled)
 

@@ -61,7 +61,9 @@ def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = 
     profile[[0, -1], 0] = 0.0  # the poles lie on the axis
     size = max(r_0, r_1)  # trimesh takes places within 1e-8 for one: small bodies are made large
     mesh: Trimesh = trimesh.creation.revolve(profile[::-1] / size, sections=sides)
-    return mesh.apply_scale(size).apply_transform(placed(rotation_to(a / L) if L else np.eye(3), P_0))
+    mesh.apply_scale(size)
+    mesh.apply_transform(placed(rotation_to(a / L) if L else np.eye(3), P_0))
+    return mesh
 
 
 def placed(R: Array, p: Array) -> Array:

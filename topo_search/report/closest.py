@@ -58,8 +58,8 @@ def closest_points(design: Design, at: Poses, pair: Clearance, mount: Array | No
         centre = ConeSphere(at.p[pair.a], at.p[pair.a], 0.0, 0.0)
         return between(centre, ConeSphere(mount, at.end_effector, 0.0, 0.0))
     if pair.kind == "rod-airflow":
-        r, foot = design.task.end_effector.rod_radius, at.end_effector if mount is None else mount
-        return between(ConeSphere(foot, at.end_effector, r, r), _envelope(design, at, pair.b))
+        rod, foot = design.task.end_effector.rod_radius, at.end_effector if mount is None else mount
+        return between(ConeSphere(foot, at.end_effector, rod, rod), _envelope(design, at, pair.b))
     if pair.kind == "rotor-airflow":
         part = at.p[pair.a] if pair.segment is None else at.p[pair.a] + at.R[pair.a] @ arms(design)[pair.segment]
         return between(ConeSphere(part, part, 0.0, 0.0), _envelope(design, at, pair.b))
