@@ -119,6 +119,31 @@ def test_verdicts_are_those_of_another_way(scale):
     assert {Status.CLEAR, Status.VIOLATED} <= seen
 
 
+@pytest.mark.parametrize("hub", [False, True])
+def test_beside_slivers_nothing_is_proven(hub):
+    """No face of so thin a needle has a direction: what is beside it stays undecided, far away as well as inside."""
+    rng = np.random.default_rng(3)
+    own = list(module(rng, 1.0))
+    own[0 if hub else 2] = box("needle", np.zeros(3), np.diag([1.0, 1e-10, 1e-10]))
+    for away in (0.3, 30.0):
+        envelope = Solid(ConeSphere(np.array([0.0, 0.0, away]), np.array([0.0, 0.0, 10.0]), 0.5, 0.5))
+        parts, envelopes = two_modules(tuple(own), envelope, np.eye(3), np.zeros(3))
+        certificates = certify_beside(beside_airflow(parts, envelopes, counts=True), parts)
+        assert {certificate.status for certificate in certificates} == {Status.UNDECIDED}
+
+
+def test_beyond_the_range_of_proofs_nothing_is_proven():
+    rng = np.random.default_rng(4)
+    for centre in ([1e7, 0.0, 0.0], [1e200, 0.0, 0.0], [np.inf, 0.0, 0.0], [np.nan, 0.0, 0.0]):
+        far = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -10.0]), 1.0, 0.5)).placed(
+            np.eye(3), np.array(centre)
+        )
+        parts, envelopes = two_modules(module(rng, 1.0), far, np.eye(3), np.zeros(3))
+        with np.errstate(over="ignore", invalid="ignore"):
+            certificates = certify_beside(beside_airflow(parts, envelopes, counts=True), parts)
+        assert {certificate.status for certificate in certificates} == {Status.UNDECIDED}
+
+
 FOUND = (-0.833, 0.5528, -0.0028, 1.1369, 0.1293, -0.0235, -0.0235)
 """Hinge angles of a design of eight modules for ten wrenches that was found when nothing kept rotors out."""
 

@@ -5,10 +5,12 @@ import json
 import numpy as np
 import pytest
 import trimesh
+from pydantic import ValidationError
 from verify_cases import changed, fan
 
 from topo_search.model import BadInput, Design, Module, Status
 from topo_search.model.files import read_json, read_task, to_json
+from topo_search.model.frame import ConvexPiece
 from verify import audit
 from verify.parts import module_parts
 
@@ -108,6 +110,19 @@ def test_a_surface_that_is_inside_out_is_refused(tmp_path):
     ball.invert()
     with pytest.raises(BadInput, match="must be convex"):
         task_with(tmp_path, ball)
+
+
+def test_a_needle_whose_faces_are_all_slivers_is_refused_by_the_rule():
+    sections, thin, turns = 830, 4e-8, np.arange(3) * (2 * np.pi / 3)
+    ring = np.stack([0 * turns, thin * np.cos(turns), thin * np.sin(turns)], axis=1)
+    vertices = np.concatenate([ring + np.array([x, 0.0, 0.0]) for x in np.linspace(0.0, 0.1, sections + 1)])
+    sides = [(3 * k + i, 3 * k + (i + 1) % 3, 3) for k in range(sections) for i in range(3)]
+    triangles = [half for a, b, on in sides for half in ((a, b, a + on), (b, b + on, a + on))]
+    triangles += [(2, 1, 0), (3 * sections, 3 * sections + 1, 3 * sections + 2)]
+    with pytest.raises(ValidationError) as refused:
+        ConvexPiece(vertices=vertices.tolist(), triangles=triangles)
+    (fault,) = refused.value.errors()
+    assert fault["msg"].startswith("must be convex")
 
 
 @pytest.mark.parametrize(

@@ -115,8 +115,9 @@ def certify_beside(asked: Sequence[BesideAirflow], parts: RigidParts) -> list[Ce
         for row, ok in zip(found, proven, strict=True)
     ]
     for k, pair in enumerate(pairs):
-        in_range, outer = pair.body.in_range and pair.against.in_range, pair.against.outer
-        apart = in_range and outer is not None and not pair.body.bounds.shape.overlaps(outer[1])
+        in_range = pair.body.in_range and pair.against.in_range
+        outer = pair.against.outer if in_range else None
+        apart = outer is not None and not pair.body.bounds.shape.overlaps(outer[1])
         for side, (d, lower, upper, ok) in enumerate(columns):
             if not in_range:
                 certificates.append(Certificate(Status.UNDECIDED, None, None, d[k], 0))
@@ -304,4 +305,6 @@ def _depth(part: Convex, x: Array) -> Array:
         return np.asarray(np.minimum(part.disc - rho, part.half - np.abs(along)))
     assert isinstance(part, Polyhedron)
     normals, offsets = part.faces
+    if not len(offsets):  # slivers alone: nothing is proven to lie inside
+        return np.full(len(x), -np.inf)
     return np.asarray((offsets - x @ normals.T).min(axis=1))

@@ -130,9 +130,9 @@ class Polyhedron(Convex):
         return len(self.faces[0]) > 0 if self.copied is None else self.copied[0].thick
 
     def depth(self, x: Array) -> float:
-        """Return the distance to the nearest face's plane."""
+        """Return the distance to the nearest face's plane; minus infinity if all faces are slivers."""
         normals, offsets = self.faces
-        return float((offsets - normals @ x).min())
+        return float((offsets - normals @ x).min()) if len(offsets) else -math.inf
 
     def outer(self, n: Array) -> Polytope:
         """Return the polyhedron itself, larger by the allowance for rounding."""

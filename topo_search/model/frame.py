@@ -61,7 +61,10 @@ class ConvexPiece(Value):
 
 
 def _beyond_faces(vertices: Array, faces: Any) -> float:
-    """Return how far the farthest corner lies beyond a face, over the size; 1 of a surface that is inside out."""
+    """Return how far the farthest corner lies beyond a face, over the size.
+
+    It is 1 of a surface that is inside out, and of one of slivers alone.
+    """
     corners = vertices[faces]
     size = float(np.ptp(vertices, axis=0).max())
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -69,6 +72,8 @@ def _beyond_faces(vertices: Array, faces: Any) -> float:
     if float(np.einsum("fx,fx->", normals, corners[:, 0] - vertices.mean(axis=0))) <= 1e-12 * size**3:
         return 1.0
     told = area > 1e-9 * size * size  # of slivers the direction is lost
+    if not np.any(told):
+        return 1.0
     unit = normals[told] / area[told, None]
     beyond = vertices @ unit.T - np.einsum("fx,fx->f", unit, corners[told, 0])
     return float(beyond.max()) / size
