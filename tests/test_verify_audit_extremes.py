@@ -101,3 +101,15 @@ def test_absurd_numbers_are_judged_and_written(field, huge):
     result = audit(changed(given, **{field: value}))
     assert result.verdict in {Status.VIOLATED, Status.UNDECIDED}
     assert json.loads(to_json(result))["verdict"] == result.verdict
+
+
+def test_rows_of_every_kind_count_towards_the_most(monkeypatch):
+    given = fan({"exposure": FREE_ABOVE})
+    rows = audit(given).pairs
+    assert {row.kind for row in rows} >= {"airflow", "separation", "body", "rod", "rotor-airflow", "rod-airflow"}
+    monkeypatch.setattr("verify.design_audit.MOST_CLEARANCES", len(rows))
+    assert audit(given).pairs == rows
+    for most in range(len(rows)):  # each kind is the one too many for some
+        monkeypatch.setattr("verify.design_audit.MOST_CLEARANCES", most)
+        with pytest.raises(ValueError, match=f"at most {most} clearances, but got one with more"):
+            audit(given)

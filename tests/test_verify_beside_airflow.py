@@ -112,7 +112,7 @@ def test_verdicts_are_those_of_another_way(scale):
                     low, high = (middle, high) if less else (low, middle)
                 moved = centre + high * away
             parts, envelopes = two_modules(own, envelope, R, moved)
-            asked = beside_airflow(parts, envelopes, counts=True)
+            asked = list(beside_airflow(parts, envelopes, counts=True))
             for row, certificate in zip(asked[:5], certify_beside(asked, parts), strict=False):
                 checked(certificate, min(oracle(own[part], envelope.body, R, moved) for part in row.parts))
                 seen.add(certificate.status)
@@ -121,14 +121,14 @@ def test_verdicts_are_those_of_another_way(scale):
 
 @pytest.mark.parametrize("hub", [False, True])
 def test_beside_slivers_nothing_is_proven(hub):
-    """No face of so thin a needle has a direction: what is beside it stays undecided, far away as well as inside."""
+    """No face of so thin a needle has a direction: beside airflow it is undecided, near as well as far."""
     rng = np.random.default_rng(3)
     own = list(module(rng, 1.0))
     own[0 if hub else 2] = box("needle", np.zeros(3), np.diag([1.0, 1e-10, 1e-10]))
     for away in (0.3, 30.0):
         envelope = Solid(ConeSphere(np.array([0.0, 0.0, away]), np.array([0.0, 0.0, 10.0]), 0.5, 0.5))
         parts, envelopes = two_modules(tuple(own), envelope, np.eye(3), np.zeros(3))
-        certificates = certify_beside(beside_airflow(parts, envelopes, counts=True), parts)
+        certificates = certify_beside(list(beside_airflow(parts, envelopes, counts=True)), parts)
         assert {certificate.status for certificate in certificates} == {Status.UNDECIDED}
 
 
@@ -140,7 +140,7 @@ def test_beyond_the_range_of_proofs_nothing_is_proven():
         )
         parts, envelopes = two_modules(module(rng, 1.0), far, np.eye(3), np.zeros(3))
         with np.errstate(over="ignore", invalid="ignore"):
-            certificates = certify_beside(beside_airflow(parts, envelopes, counts=True), parts)
+            certificates = certify_beside(list(beside_airflow(parts, envelopes, counts=True)), parts)
         assert {certificate.status for certificate in certificates} == {Status.UNDECIDED}
 
 

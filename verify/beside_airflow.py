@@ -23,7 +23,7 @@ neither bisection nor FCL can make a verdict by itself.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -87,20 +87,20 @@ class _Found(NamedTuple):
     """The part that is nearest."""
 
 
-def beside_airflow(parts: RigidParts, envelopes: Sequence[Solid], *, counts: bool) -> list[BesideAirflow]:
-    """Return every rotor, then hub and arms, of every module against the airflow of every other one."""
+def beside_airflow(parts: RigidParts, envelopes: Sequence[Solid], *, counts: bool) -> Iterator[BesideAirflow]:
+    """Yield every rotor, then hub and arms, of every module against the airflow of every other one."""
     modules = range(len(parts.modules))
-    return [
+    return (
         BesideAirflow(a, b, segment, counts, parts.modules[a], envelopes[b])
         for a in modules
         for b in modules
         if a != b
         for segment in (*range(ROTORS), None)
-    ]
+    )
 
 
 def certify_beside(asked: Sequence[BesideAirflow], parts: RigidParts) -> list[Certificate]:
-    """Return the certificates of what `beside_airflow` returns."""
+    """Return the certificates of what `beside_airflow` yields."""
     if not asked:
         return []
     pairs = asked[:: ROTORS + 1]

@@ -10,7 +10,9 @@ import functools
 import itertools
 import platform as python_platform
 import time
+from collections.abc import Iterable
 from importlib import metadata
+from typing import TypeVar
 
 import numpy as np
 
@@ -34,7 +36,8 @@ from verify.sensitivity import sensitivity
 
 Asked = Requirement | RigidRequirement | BesideAirflow
 MOST_CLEARANCES = 1_000_000
-"""Rows of an audit, without those of rigid parts: those of 700 modules and 50 paths; more would need gigabytes."""
+"""Rows of an audit, of every kind: those of 380 modules and 50 paths; more would need gigabytes."""
+Row = TypeVar("Row", bound=Asked)
 
 
 def audit(design: Design) -> Audit:
@@ -54,15 +57,14 @@ def _audit(design: Design, started: float) -> Audit:
     found = platform(design)
     rows = residuals(design, found)
     scene = Scene(design, found)
-    requirements = list(itertools.islice(scene.requirements(), MOST_CLEARANCES + 1))
-    if len(requirements) > MOST_CLEARANCES:
-        raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
+    requirements = _within_most(scene.requirements(), 0)
     parts = rigid_parts(design, found)
-    sheet = assembly(design, found, parts)
-    rigid = list(keep_apart(design, parts, sheet.mount))
     counts = design.task.body_clearance is not None
-    beside = beside_airflow(parts, scene.envelopes, counts=counts)
-    rods = list(scene.rod(parts, sheet.mount))
+    beside = _within_most(beside_airflow(parts, scene.envelopes, counts=counts), len(requirements))
+    sheet = assembly(design, found, parts)
+    rigid = _within_most(keep_apart(design, parts, sheet.mount), len(requirements) + len(beside))
+    others = len(requirements) + len(rigid) + len(beside)
+    rods = _within_most(scene.rod(parts, sheet.mount), others)
     asked: list[Asked] = [*requirements, *rigid, *beside, *rods]
     certificates = [
         *_certificates(requirements),
@@ -86,6 +88,14 @@ def _audit(design: Design, started: float) -> Audit:
         versions=dict(_versions()),
         seconds=time.perf_counter() - started,
     )
+
+
+def _within_most(rows: Iterable[Row], others: int) -> list[Row]:
+    """Return the rows of one kind, besides so many others; a ValueError if they are too many together."""
+    found = list(itertools.islice(rows, MOST_CLEARANCES - others + 1))
+    if others + len(found) > MOST_CLEARANCES:
+        raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
+    return found
 
 
 def _certificates(requirements: list[Requirement]) -> list[Certificate]:
