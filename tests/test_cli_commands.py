@@ -85,10 +85,11 @@ def test_the_answer_tells_what_its_audit_notes_about_the_rod(command, monkeypatc
         sheet = EndEffectorSheet(position_m=(0.0, 0.0, 20.0), from_com_m=(0.0, 0.0, 20.0), note=note)
         return toy_problem.audit(design).model_copy(update={"assembly": Assembly(end_effector=sheet)})
 
-    assert "note:" not in command("run", "toy.toml").stdout
+    assert "note on " not in command("run", "toy.toml").stdout
     monkeypatch.setattr(compose, "VERBS", replace(toy_problem.VERBS, audit=noted))
-    result = command("run", "toy.toml", "--out", "noted")
-    assert result.stdout.splitlines()[-2] == "note: the rod is 20 m long"
+    note, best, _ = command("run", "toy.toml", "--out", "noted").stdout.splitlines()[-3:]
+    assert note.endswith(": the rod is 20 m long")
+    assert best.startswith(f"best design: {note.removeprefix('note on ').partition(':')[0]}, ")
     assert (
         json.loads(command("run", "toy.toml", "--out", "noted", "--json").stdout)["note"] == "the rod is 20 m long"
     )

@@ -43,9 +43,9 @@ def print_found(answer: Answer) -> None:
         smallest = f", {answer.smallest}" if answer.smallest else ""
         found = f"best design: {best.key}, {modules(best.modules)}{smallest}"
         rod = "" if answer.clear_rod else NO_CLEAR_ROD
-        click.echo(f"{found}, {_effort(best)}, audit {best.audit}{rod}")
         if (note := answer.note) is not None:
-            click.echo(f"note: {note}")
+            click.echo(f"note on {best.key}: {note}")
+        click.echo(f"{found}, {_effort(best)}, audit {best.audit}{rod}")
     elif answer.exit_status == 1:
         click.echo("designs were found, but none passed its audit")
     else:
