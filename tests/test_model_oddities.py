@@ -146,3 +146,12 @@ def test_lengths_of_the_platforms_size_are_not_odd(n: int) -> None:
         {"kind": "directional", "along": "end_effector", "length": 4.0},
     ]
     assert found(exposure=exposure, end_effector={"stand_off": 1.0}, modules=n) == {}
+
+
+@pytest.mark.parametrize(("edge", "odd"), [(0.3, False), (0.314, False), (0.316, True), (0.42, True)])
+def test_frames_that_reach_past_their_connectors(edge: float, odd: bool) -> None:
+    """The audit lets them touch up to 7.5 mm past."""
+    start = f"hub and arms reach {edge / 2:.3g} m out, past the connector at 0.15 m"
+    for hub in ([edge, 0.02, 0.02], [0.02, edge, 0.02]):
+        given = {"name": "odd", "modules": 3, "load_cases": [HOVER], "module": {"body": {"hub": hub}}}
+        assert any(one.words.startswith(start) for one in oddities(Task.model_validate(given))) is odd

@@ -40,7 +40,7 @@ def certify_compounds(pairs: Sequence[tuple[Compound, Compound]], bolted: Sequen
 
     Args:
         pairs: the bodies, in l_arm.
-        bolted: whether the frames of a pair may touch.
+        bolted: whether the frames of a pair may touch where they are bolted together.
     """
     near = [A.in_range and B.in_range for A, B in pairs]
     asked = [k for k, in_range in enumerate(near) if in_range]

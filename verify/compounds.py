@@ -57,7 +57,9 @@ class Compound:
     bounds: Convex
     """A solid around all of them."""
     frame: int = 0
-    """The first so many parts may touch the frame of a body that is bolted to this one."""
+    """The first so many parts may touch those of a body that is bolted to this one, where the connector is."""
+    beyond: int = 0
+    """The last so many are pieces of these, too far from the connector: they may not touch them."""
 
     @functools.cached_property
     def in_range(self) -> bool:
@@ -99,7 +101,7 @@ def proximities(
 
     Args:
         pairs: the bodies.
-        bolted: whether their frames may touch.
+        bolted: whether their frames may touch where they are bolted together.
         measured: whether it matters how far they are in each other if they are; else d is only a lower bound then.
     """
     if not pairs:
@@ -138,6 +140,7 @@ class _Batch:
         self.first = np.cumsum([0] + [len(body.parts) for body in bodies[:-1]])
         self.count = np.array([len(body.parts) for body in bodies])
         self.frame = np.array([body.frame for body in bodies])
+        self.beyond = np.array([body.beyond for body in bodies])
         self.centre = np.array([body.bounds.centre for body in bodies])
         self.middle = np.array([part.centre for part in flat])
         self.radius = np.array([part.radius for part in flat])
@@ -157,14 +160,28 @@ class _Batch:
         """Return g_ij(n) of the parts of pairs, shape (N, m, m)."""
         return -self.reach(A, n)[:, :, None] - self.reach(B, -n)[:, None, :]
 
+    def relevant(self, index: Indices, bolted: Flags, k: Indices) -> Flags:
+        """Return which parts must not touch each other, shape (N, m, m).
+
+        Pieces beyond the connector's neighbourhood are asked about frames alone: of what else may not touch them
+        the whole part, which they are pieces of, is asked.
+        """
+        whole = k < (self.count - self.beyond)[index][..., None]
+        beyond = ~whole & (k < self.count[index][..., None])
+        frame = k < self.frame[index][..., None]
+
+        def pairs(a: Flags, b: Flags) -> Flags:
+            return a[:, 0, :, None] & b[:, 1, None, :]
+
+        together = bolted[:, None, None] & pairs(frame, frame)
+        return pairs(whole, whole) & ~together | pairs(beyond, frame) | pairs(frame, beyond)
+
     def proximities(self, index: Indices, bolted: Flags) -> list[Proximity]:
         """Return how near the bodies `index`, shape (N, 2), are."""
         rows = np.arange(len(index))
         A, B = self.part[index[:, 0]], self.part[index[:, 1]]
         k = np.arange(self.part.shape[1])
-        in_frame = k < self.frame[index][..., None]
-        relevant = ~(bolted[:, None, None] & in_frame[:, 0, :, None] & in_frame[:, 1, None, :])
-        relevant &= (k < self.count[index[:, 0], None])[:, :, None] & (k < self.count[index[:, 1], None])[:, None]
+        relevant = self.relevant(index, bolted, k)
         along = _unit(self.centre[index[:, 1]] - self.centre[index[:, 0]])
         guess = np.where(relevant, self.gaps(A, B, along), np.inf).reshape(len(index), -1).argmin(axis=1)
         a, b = np.divmod(guess, k.size)

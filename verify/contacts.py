@@ -1,7 +1,17 @@
-"""Which rigid parts must keep apart, and which may touch because they are bolted together.
+r"""Which rigid parts must keep apart, and which may touch because they are bolted together.
 
-Two modules that share a joint may touch with hub and arms, where the joint is, but a rotor must turn freely: it may
-touch nothing. The rod may touch the module that carries it with its fitting alone.
+Two modules that share a joint may touch with hub and arms, but only near the connector. A rotor must turn freely:
+it may touch nothing. The rod may touch the module that carries it with its fitting alone.
+
+| symbol | meaning | unit |
+|---|---|---|
+| l_c, e_a | distance of the connectors from the module's centre, direction of port a | l_arm, - |
+| u | l_c - e_a.x: how far inside the plane of connector a, which the hinge's axis lies in, a point x is | l_arm |
+
+A point of a frame is near the connector if -OUTWARDS l_c < u < INWARDS l_c. Two frames may have a common point only
+where it is near the connector of both; so what each has beyond, cut off by planes, keeps clear of the other one.
+Frames that end at their connectors, no more than INWARDS l_c above and below the hinge's axis, do so at all hinge
+angles: folded by 90 degrees, one reaches as far into the other as it is high over the axis.
 """
 
 from __future__ import annotations
@@ -12,7 +22,11 @@ from itertools import combinations
 
 from topo_search.model import AllowedContact, Design, Mount
 from topo_search.model.audit import Kind
+from topo_search.model.room import INWARDS, OUTWARDS
+from verify.clipping import SLICE, clipped
 from verify.compounds import Compound
+from verify.convex import Convex, Polyhedron
+from verify.kinematics import PORT_DIRECTIONS
 from verify.parts import RigidParts
 from verify.rod import FITTING, straight_rod
 
@@ -31,7 +45,7 @@ class RigidRequirement:
     counts: bool
     """Whether it sets the verdict; what does not is measured all the same."""
     bolted: bool = False
-    """Whether the frames may touch."""
+    """Whether the frames may touch near the connector."""
     segment: None = None
 
 
@@ -41,9 +55,13 @@ def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterat
     Both set the verdict unless the task gives body clearance up.
     """
     counts = design.task.body_clearance is not None
-    modules, bolted = parts.modules, design.topology.bolted
+    modules, joints = parts.modules, {(h, i): ports for h, i, *ports in design.topology.edges()}
+    ends = {port: _end(design, parts, port) for port in {port for ports in joints.values() for port in ports}}
     for a, b in combinations(range(len(modules)), 2):
-        yield RigidRequirement("body", a, b, modules[a], modules[b], counts, bolted=(a, b) in bolted)
+        body, against = modules[a], modules[b]
+        if (a, b) in joints:
+            body, against = (_bolted(parts, i, ends[k]) for i, k in zip((a, b), joints[a, b], strict=True))
+        yield RigidRequirement("body", a, b, body, against, counts, bolted=(a, b) in joints)
     if mount is None:
         return
     rod = straight_rod(design, parts, mount)
@@ -53,10 +71,46 @@ def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterat
             yield RigidRequirement("rod", a, -1, module, beside, counts)
 
 
+@dataclass(frozen=True, eq=False)
+class _End:
+    """The parts of a module as its neighbour at one port meets them, in the module's own frame."""
+
+    near: tuple[Convex, ...]
+    """Those of the frame that are near the connector, if only with a piece."""
+    others: tuple[Convex, ...]
+    """The others, and the rotors."""
+    beyond: tuple[Convex, ...]
+    """Pieces of the first that are not near it."""
+
+
+def _end(design: Design, parts: RigidParts, port: int) -> _End:
+    module, frame = design.task.module, parts.modules[0].frame
+    l_c, outwards = module.connector_distance / module.arm_length, PORT_DIRECTIONS[port]
+    inner, outer = (1 - INWARDS) * l_c, (1 + OUTWARDS) * l_c
+    near, others, beyond = list[Convex](), list[Convex](), list[Convex]()
+    for part in parts.own[:frame]:
+        assert isinstance(part, Polyhedron)
+        if part.support(outwards) <= inner + SLICE or -part.support(-outwards) >= outer - SLICE:
+            others.append(part)
+            continue
+        near.append(part)
+        pieces = clipped(part, outwards, inner), clipped(part, -outwards, -outer)
+        beyond += [piece for piece in pieces if piece is not None]
+    return _End(tuple(near), (*others, *parts.own[frame:]), tuple(beyond))
+
+
+def _bolted(parts: RigidParts, i: int, end: _End) -> Compound:
+    """Return module i as the neighbour at one of its ports meets it."""
+    solids = (part.placed(parts.R[i], parts.centres[i]) for part in (*end.near, *end.others, *end.beyond))
+    return Compound(tuple(solids), parts.modules[i].bounds, len(end.near), len(end.beyond))
+
+
 def allowed_contacts(design: Design, mount: Mount | None) -> tuple[AllowedContact, ...]:
     """Return the pairs that may touch, and with which parts."""
+    l_c = 1e3 * design.task.module.connector_distance
+    near = f"from {INWARDS * l_c:g} mm inside the connector's plane to {OUTWARDS * l_c:g} mm past it"
     joints = [
-        AllowedContact(kind="body", a=h, b=i, parts=f"hub and arms, by ports {a} and {b}")
+        AllowedContact(kind="body", a=h, b=i, parts=f"hub and arms, by ports {a} and {b}, {near}")
         for h, i, a, b in design.topology.edges()
     ]
     if mount is None:

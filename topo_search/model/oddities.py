@@ -18,7 +18,7 @@ from topo_search.model.exposure import Directional, Local
 from topo_search.model.folds import in_words
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Module
-from topo_search.model.room import LARGE, packed_width
+from topo_search.model.room import LARGE, OUTWARDS, frame_reach, packed_width
 from topo_search.model.task import Task
 
 EARTH = (9.76, 9.84)
@@ -95,6 +95,12 @@ def _module(module: Module, u_max: float) -> Iterator[Oddity]:
             "module.connector_distance",
             f"rotors reach {least:.3g} m out, beyond the connector at {module.connector_distance:g} m: those of "
             "two modules that are bolted together flat overlap",
+        )
+    if (reach := frame_reach(module)) > (1 + OUTWARDS) * module.connector_distance:
+        yield Oddity(
+            "module.body",
+            f"hub and arms reach {reach:.3g} m out, past the connector at {module.connector_distance:g} m: those "
+            "of two modules that are bolted together may overlap, and the search does not keep from that",
         )
 
 

@@ -34,6 +34,13 @@ ROUNDING = 1e-9
 """Share of d by which a point on the circle around the axis may seem to be inside it."""
 LARGE = 4.0
 """Lengths that keep modules off the end-effector, and its rod, are seldom meant to be longer, in packed widths."""
+INWARDS = 0.2
+"""How far inside its connector's plane a frame may touch a bolted neighbour's [l_c]: 30 mm of the default module.
+
+A frame that is as high as the default hub at its connector needs 20 mm when it is folded by 90 degrees.
+"""
+OUTWARDS = 0.05
+"""How far past that plane [l_c]: room for a fitting, 7.5 mm of the default module."""
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of a box with edges of 1."""
 
@@ -48,6 +55,11 @@ def body_radius(module: Module) -> float:
     body = module.body
     rim = math.hypot(module.arm_length + body.rotor_radius, body.rotor_height / 2)
     return max(rim, float(np.linalg.norm(_frame_edges(module), axis=-1).max()))
+
+
+def frame_reach(module: Module) -> float:
+    """Return how far hub and arms, or the module's own frame, reach towards any of the four ports [m]."""
+    return float(np.abs(_frame_edges(module)[..., :2]).max())
 
 
 def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
