@@ -54,13 +54,13 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
             alpha = place_in_cone(task, topology, alpha, math.radians(cone.half_angle_deg), rng)
 
     R, _ = poses(topology, np.eye(3), alpha, task.module.connector_distance)
-    upright, turn = _towards(R[:, :, 2].sum(axis=0), _mean_force(task)), 0.0
+    upright, turn = _towards(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0
     if task.search.root == "free":
         turn = rng.uniform(-np.pi, np.pi)
     nowhere, nothing = np.zeros(3), np.empty((len(task.load_cases), topology.n, 4))
 
     def turned(angle: float) -> Point:
-        root = root_of(task, rotation(_unit(_mean_force(task)), angle) @ upright)
+        root = root_of(task, rotation(_unit(mean_force(task)), angle) @ upright)
         return Point(task, topology, root, alpha, nowhere, nothing)
 
     if cone is None:
@@ -91,10 +91,8 @@ def _end_effector(start: Point, rng: np.random.Generator) -> Array:
     distance += task.end_effector.stand_off
     if task.end_effector.fixed_position is not None:
         return fixed_end_effector(task, start.topology, start.root, start.alpha)
-    cones = _cones(task)
-    fixed = [cone for cone in cones if cone.axis != "com"]
-    upstream = _upstream(task, fixed[-1] if fixed else None)
-    if cones:
+    upstream = upstream_of(task)
+    if _cones(task):
         direction = upstream + CONE_SPREAD * direction
     elif task.exposure and direction @ upstream < 0:
         direction = -direction
@@ -124,10 +122,16 @@ def _narrowest_cone(task: ResolvedTask) -> Exterior | None:
     return min(_cones(task), key=lambda cone: cone.half_angle_deg, default=None)
 
 
+def upstream_of(task: ResolvedTask) -> Array:
+    """Return where no airflow goes: out of the last cone whose axis is fixed, else along the mean force."""
+    fixed = [cone for cone in _cones(task) if cone.axis != "com"]
+    return _upstream(task, fixed[-1] if fixed else None)
+
+
 def _upstream(task: ResolvedTask, cone: Exterior | None) -> Array:
     """Return where no airflow goes: out of a cone whose axis is fixed, else along the mean force."""
     if cone is None or cone.axis == "com":
-        return _unit(_mean_force(task))
+        return _unit(mean_force(task))
     return -_unit(np.asarray(cone.axis))
 
 
@@ -148,7 +152,7 @@ def _bounded(point: Point) -> Point:
     return replace(point, u=np.clip(point.u, LEAST_INPUT * u_max, LARGEST_INPUT * u_max))
 
 
-def _mean_force(task: ResolvedTask) -> Array:
+def mean_force(task: ResolvedTask) -> Array:
     """Return the weighted sum of the load cases' forces; upwards if they cancel."""
     force = sum(
         (case.weight * np.add(case.at_end_effector.force, case.at_com.force) for case in task.load_cases),

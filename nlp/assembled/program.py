@@ -30,6 +30,8 @@ BOLD_LIMIT, BOLD_UP_TO = 1.0, 15
 
 With 10 and 15 modules as many starts then end in designs, in a tenth less time; with 20 no time is won.
 """
+POLISH_LIMIT = 1.0
+"""Most that a hinge turns in a polish [rad]."""
 GROWTH = 2.0
 """Of the move limit after a round that ended in a design; its inverse twice over after one that lost it."""
 LEAST_MOVE_LIMIT = 0.04
@@ -102,6 +104,10 @@ class AssembledProgram:
                     break
                 patience, limit = patience - 1, limit / GROWTH
         return Answer(point, status, iterations)
+
+    def polish(self, start: Point) -> Answer:
+        """Return where one round from a point next to a minimum ends: all envelopes are kept apart."""
+        return self._round(start, POLISH_LIMIT, warm=True)
 
     def near(self, point: Point) -> Mask:
         """Return which of all pairs (i, j), i < j, a round from here keeps apart, shape (n (n-1) / 2,)."""

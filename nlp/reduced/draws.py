@@ -1,0 +1,124 @@
+"""Random starts of the reduced search: hinges splayed, thrust along the mean force, the end-effector outside.
+
+As `nlp.starts` draws small platforms, without inputs, and compiled. A start is a function of (task, topology, start
+index, seed) alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from nlp.problem import hinge_limit
+from nlp.reduced.platform import platform
+from nlp.reduced.stated import Stated
+from nlp.starts import CONE_SPREAD, LARGEST_SPLAY, SPLAY, mean_force, upstream_of
+from topo_search.model import Exterior, ResolvedTask, Topology
+from topo_search.model.arrays import Array
+
+NEAREST, FARTHEST = 1.0, 10.0
+"""Range of the end-effector's distance from the modules' centroid, beyond its stand-off [l_arm]."""
+ANYWHERE, UPSTREAM, CONE = range(3)
+"""Where the end-effector begins: in any direction, in one not downstream, or upstream with some scatter."""
+
+
+class Drawing(NamedTuple):
+    """What starts of a task and a topology are drawn with."""
+
+    splay: Array
+    """Hinge angles at most, with sign, shape (n-1,) [rad]."""
+    force: Array
+    """Direction of the mean force."""
+    upstream: Array
+    """Direction in which no airflow goes."""
+    where: int
+    stand_off: float
+    """[l_arm]."""
+    paper: bool
+    """Whether psi is zero and both root angles are within their bounds."""
+
+
+def drawing(task: ResolvedTask, topology: Topology) -> Drawing:
+    """Return what starts are drawn with."""
+    ports = [a for _, _, a, _ in topology.edges()]
+    cones = [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
+    force = mean_force(task)
+    return Drawing(
+        SPLAY[ports] * min(LARGEST_SPLAY, hinge_limit(task)),
+        force / np.linalg.norm(force),
+        upstream_of(task),
+        CONE if cones else UPSTREAM if task.exposure else ANYWHERE,
+        task.end_effector.stand_off / task.module.arm_length,
+        task.search.root == "paper",
+    )
+
+
+def draws(task: ResolvedTask, topology: Topology, stated: Stated, starts: Iterable[int], seed: int) -> Array:
+    """Return the unknowns of some starts, shape (starts, N)."""
+    text = f"{task.model_dump_json()}\n{topology.key}\n{seed}"
+    key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
+    drawn, shape = drawing(task, topology), (len(stated.lower),)
+    found = [
+        _start(stated, drawn, rng.random(topology.n), rng.normal(size=3), rng.uniform(NEAREST, FARTHEST))
+        for rng in (np.random.default_rng((key, start)) for start in starts)
+    ]
+    return np.array(found).reshape(-1, *shape)
+
+
+@njit(cache=True)
+def _start(stated: Stated, drawn: Drawing, uniform: Array, direction: Array, distance: float) -> Array:
+    """Return the unknowns of a start, given random numbers for the turn and the hinges, and for the end-effector."""
+    n, x = len(stated.tree.parent), np.zeros(len(stated.lower))
+    for i in range(1, n):
+        x[i + 2] = drawn.splay[i - 1] * uniform[i]
+    at = platform(stated, x)
+    lift, force = np.zeros(3), drawn.force
+    for i in range(n):
+        lift += at.z[i]
+    R = _turn(force, 0.0 if drawn.paper else 2 * math.pi * uniform[0] - math.pi) @ _towards(lift, force)
+    x[0] = math.atan2(-R[0, 1], R[1, 1])
+    x[1] = math.atan2(R[2, 1], math.hypot(R[0, 1], R[1, 1]))
+    c, s = math.cos(x[0]), math.sin(x[0])
+    x[2] = math.atan2(c * R[0, 2] + s * R[1, 2], c * R[0, 0] + s * R[1, 0])
+    for l in range(3):
+        x[l] = min(max(x[l], stated.lower[l]), stated.upper[l])
+    if len(stated.fixed):
+        return x
+    at, d = platform(stated, x), direction.copy()
+    if drawn.where == CONE:
+        d = drawn.upstream + CONE_SPREAD * direction
+    elif drawn.where == UPSTREAM and np.sum(direction * drawn.upstream) < 0:
+        d = -direction
+    d *= (distance + drawn.stand_off) / math.sqrt(np.sum(d * d))
+    for k in range(3):
+        x[n + 2 + k] = np.mean(at.p[:, k]) + d[k]
+    return x
+
+
+@njit(cache=True)
+def _turn(axis: Array, angle: float) -> Array:
+    """Return the rotation about a unit axis."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * (K @ K)
+
+
+@njit(cache=True)
+def _towards(a: Array, b: Array) -> Array:
+    """Return the least rotation that turns the direction of a into that of the unit vector b."""
+    length = math.sqrt(np.sum(a * a))
+    if length < 1e-9:
+        return np.eye(3)
+    axis, cosine = np.cross(a, b) / length, np.sum(a * b) / length
+    sine = math.sqrt(np.sum(axis * axis))
+    if sine < 1e-12:
+        if cosine > 0.0:
+            return np.eye(3)
+        across = np.cross(b, np.eye(3)[np.argmin(np.abs(b))])
+        return _turn(across / math.sqrt(np.sum(across * across)), math.pi)
+    return _turn(axis / sine, math.atan2(sine, cosine))

@@ -1,0 +1,240 @@
+r"""Rotor inputs by their dual: for a fixed platform each load case is a small convex problem.
+
+.. math::
+
+    \phi = \min_{0 \le u \le u_{max}} \tfrac{c}{2} \|u\|^2 + \rho \|A u - w\|^2
+         = c \max_\mu \; \mu \cdot w - \frac{\|\mu\|^2}{2 \rho'} - \sum_j h(a_j \cdot \mu),
+    \qquad \rho' = 2 \rho / c, \quad u = \mathrm{clip}(A^T \mu, 0, u_{max}), \quad h(v) = v u - u^2 / 2
+
+| symbol | meaning | shape |
+|---|---|---|
+| A; a_j | wrench of the rotors about the COM over the platform's weight; its column of rotor j | (6, 4n); (6,) |
+| w | the asked wrench over the platform's weight | (6,) |
+| mu | dual unknowns, rho' (w - A u) at the maximum | (6,) |
+| rho | price of a squared residual | |
+
+phi is once differentiable in A and w, and by the envelope theorem d phi = c mu . (dw - dA u) without any derivative of
+u. Wrenches out of reach leave a residual and a finite phi. The concave dual is piecewise quadratic: Newton's method
+with an exact line search ends in finitely many steps.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from nlp.reduced.platform import Moved, Platform
+from nlp.reduced.stated import Stated
+from topo_search.model.arrays import Array
+
+STEPS = 60
+"""Most Newton steps; a warm start takes one to four."""
+ACCURACY = 1e-11
+"""Largest gradient of the dual at its maximum, relative to 1 + |w|."""
+
+
+@njit(cache=True)
+def effort(stated: Stated, at: Platform, moved: Moved, rho: float, mu: Array, u: Array, gradient: Array) -> float:
+    """Return the sum of phi over the load cases; its gradient by x is added to `gradient`, and mu and u are found.
+
+    Args:
+        stated: the task and topology.
+        at: the platform.
+        moved: its derivatives.
+        rho: price of a squared residual.
+        mu: where each case's search begins; then where it ended, shape (K, 6).
+        u: the inputs that are found, shape (K, 4n).
+        gradient: is added to, shape (N,).
+    """
+    n, K = len(at.p), len(stated.cases.effort)
+    m = n + stated.rotors.m_E
+    A = columns(stated, at)
+    w, total = np.empty(6), 0.0
+    bx, by, bz = at.p_E[0] - at.p_COM[0], at.p_E[1] - at.p_COM[1], at.p_E[2] - at.p_COM[2]
+    F, T, E = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(3)  # gradients by o_i, by turns of module i, by p_E
+    for k in range(K):
+        fx, fy, fz = stated.cases.f_E[k]
+        for a in range(3):
+            w[a], w[3 + a] = stated.cases.f[k, a] / m, stated.cases.t[k, a] / m
+        w[3] += (by * fz - bz * fy) / m
+        w[4] += (bz * fx - bx * fz) / m
+        w[5] += (bx * fy - by * fx) / m
+        c = stated.cases.effort[k]
+        total += c * dual(A, w, 2 * rho / c, stated.rotors.u_max, mu[k], u[k])
+        _add_gradient(stated, at, c / m, mu[k], u[k], F, T)
+        tx, ty, tz = mu[k, 3], mu[k, 4], mu[k, 5]
+        E[0] += c / m * (fy * tz - fz * ty)
+        E[1] += c / m * (fz * tx - fx * tz)
+        E[2] += c / m * (fx * ty - fy * tx)
+    S = np.zeros(3)  # o_i = p_i - p_COM, and p_COM = p'_E - p_E
+    for i in range(n):
+        S += F[i]
+    for l in range(len(gradient)):
+        slope = 0.0
+        for a in range(3):
+            slope += E[a] * moved.dB[l, a] - S[a] * (moved.dE[l, a] - moved.dB[l, a])
+        if l < n + 2:
+            for i in range(n):
+                if stated.tree.moves[l, i]:
+                    for a in range(3):
+                        slope += F[i, a] * moved.dp[l, i, a] + T[i, a] * at.omega[l, a]
+        gradient[l] += slope
+    return total
+
+
+@njit(cache=True)
+def columns(stated: Stated, at: Platform) -> Array:
+    """Return A transposed, shape (4n, 6)."""
+    n, own = len(at.p), stated.rotors.own
+    m = n + stated.rotors.m_E
+    A = np.empty((4 * n, 6))
+    for i in range(n):
+        x, y, z = at.z[i]
+        a, b, c = at.p[i, 0] - at.p_COM[0], at.p[i, 1] - at.p_COM[1], at.p[i, 2] - at.p_COM[2]
+        lever = ((b * z - c * y) / 4, (c * x - a * z) / 4, (a * y - b * x) / 4)
+        for q in range(4):
+            for k in range(3):
+                A[4 * i + q, k] = at.z[i, k] / 4 / m
+                turned = at.R[i, k, 0] * own[q, 0] + at.R[i, k, 1] * own[q, 1] + at.R[i, k, 2] * own[q, 2]
+                A[4 * i + q, 3 + k] = (lever[k] + turned) / m
+    return A
+
+
+@njit(cache=True)
+def _add_gradient(stated: Stated, at: Platform, scale: float, mu: Array, u: Array, F: Array, T: Array) -> None:
+    """Add what -c mu . dA u is by the places o_i and by turns of the modules."""
+    own = stated.rotors.own
+    fx, fy, fz, tx, ty, tz = mu
+    for i in range(len(at.p)):
+        s, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0
+        for q in range(4):
+            v = u[4 * i + q]
+            s += v / 4
+            m0 += v * own[q, 0]
+            m1 += v * own[q, 1]
+            m2 += v * own[q, 2]
+        x, y, z = at.z[i]
+        F[i, 0] -= scale * s * (y * tz - z * ty)
+        F[i, 1] -= scale * s * (z * tx - x * tz)
+        F[i, 2] -= scale * s * (x * ty - y * tx)
+        a, b, c = at.p[i, 0] - at.p_COM[0], at.p[i, 1] - at.p_COM[1], at.p[i, 2] - at.p_COM[2]
+        gx, gy, gz = fx + ty * c - tz * b, fy + tz * a - tx * c, fz + tx * b - ty * a
+        vx = at.R[i, 0, 0] * m0 + at.R[i, 0, 1] * m1 + at.R[i, 0, 2] * m2
+        vy = at.R[i, 1, 0] * m0 + at.R[i, 1, 1] * m1 + at.R[i, 1, 2] * m2
+        vz = at.R[i, 2, 0] * m0 + at.R[i, 2, 1] * m1 + at.R[i, 2, 2] * m2
+        T[i, 0] -= scale * (s * (y * gz - z * gy) + vy * tz - vz * ty)
+        T[i, 1] -= scale * (s * (z * gx - x * gz) + vz * tx - vx * tz)
+        T[i, 2] -= scale * (s * (x * gy - y * gx) + vx * ty - vy * tx)
+
+
+@njit(cache=True)
+def dual(A: Array, w: Array, rho: float, u_max: float, mu: Array, u: Array) -> float:
+    """Return phi / c, with rho' for rho; mu is moved to the maximum of the dual, and u are the inputs there."""
+    rotors = len(A)
+    v, slope = np.empty(rotors), np.empty(rotors)
+    H, g, d = np.empty((6, 6)), np.empty(6), np.empty(6)
+    scale = 1.0
+    for a in range(6):
+        scale += abs(w[a])
+    for _ in range(STEPS):
+        for a in range(6):
+            g[a] = w[a] - mu[a] / rho
+            for b in range(a):
+                H[a, b] = 0.0
+            H[a, a] = 1.0 / rho
+        for r in range(rotors):
+            s = 0.0
+            for a in range(6):
+                s += A[r, a] * mu[a]
+            v[r] = s
+            u[r] = min(max(s, 0.0), u_max)
+            if u[r] > 0.0:
+                for a in range(6):
+                    g[a] -= A[r, a] * u[r]
+            if 0.0 < s < u_max:
+                for a in range(6):
+                    for b in range(a + 1):
+                        H[a, b] += A[r, a] * A[r, b]
+        worst = 0.0
+        for a in range(6):
+            worst = max(worst, abs(g[a]))
+        if worst <= ACCURACY * scale:
+            break
+        for a in range(6):
+            d[a] = g[a]
+        _solve(H, d)
+        t = _longest(A, w, rho, u_max, mu, d, v, slope)
+        for a in range(6):
+            mu[a] += t * d[a]
+    value = 0.0
+    for a in range(6):
+        value += mu[a] * w[a] - mu[a] * mu[a] / (2 * rho)
+    for r in range(rotors):
+        value -= v[r] * u[r] - u[r] * u[r] / 2
+    return value
+
+
+@njit(cache=True)
+def _longest(A: Array, w: Array, rho: float, u_max: float, mu: Array, d: Array, v: Array, slope: Array) -> float:
+    """Return the step along d at which the concave dual is largest: the root of its falling, piecewise linear slope.
+
+    Newton's method between the ends of what is known to hold the root; it ends when a piece holds its own root.
+    """
+    first = second = 0.0
+    for a in range(6):
+        first += d[a] * (w[a] - mu[a] / rho)
+        second += d[a] * d[a] / rho
+    for r in range(len(A)):
+        s = 0.0
+        for a in range(6):
+            s += A[r, a] * d[a]
+        slope[r] = s
+    low, high, t = 0.0, math.inf, 1.0
+    for _ in range(100):
+        value, change = first - t * second, second
+        for r in range(len(A)):
+            at = v[r] + t * slope[r]
+            if at >= u_max:
+                value -= slope[r] * u_max
+            elif at > 0.0:
+                value -= slope[r] * at
+                change += slope[r] * slope[r]
+        step = value / change
+        if abs(step) <= 1e-13 * (1.0 + t):
+            return t
+        if value > 0.0:
+            low = t
+        else:
+            high = t
+        t += step
+        if not low < t < high:
+            t = (low + high) / 2 if high < math.inf else 2 * low
+        if high - low <= 1e-15 * high:
+            return t
+    return t
+
+
+@njit(cache=True)
+def _solve(H: Array, d: Array) -> None:
+    """Solve H x = d in place by Cholesky's factors of the lower half of H, which it overwrites."""
+    n = len(d)
+    for a in range(n):
+        for b in range(a):
+            s = H[a, b]
+            for c in range(b):
+                s -= H[a, c] * H[b, c]
+            H[a, b] = s / H[b, b]
+        s = H[a, a]
+        for c in range(a):
+            s -= H[a, c] * H[a, c]
+        H[a, a] = math.sqrt(max(s, 1e-30))
+    for a in range(n):
+        for c in range(a):
+            d[a] -= H[a, c] * d[c]
+        d[a] /= H[a, a]
+    for a in range(n - 1, -1, -1):
+        for c in range(a + 1, n):
+            d[a] -= H[c, a] * d[c]
+        d[a] /= H[a, a]

@@ -1,0 +1,153 @@
+"""The compiled reduced problem against the page: every kind of row, the inputs, and all derivatives."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from nlp_cases import FEATURES, push, random_point, random_tree
+from scipy.optimize import lsq_linear
+
+from nlp.evaluate import asked_wrenches, wrench_matrix
+from nlp.point import Point
+from nlp.problem import problem
+from nlp.reduced import stated as s
+from nlp.reduced.merit import evaluate
+from nlp.reduced.stated import rows, state
+from nlp.units import Units
+from topo_search.model import LoadCase
+
+SHARP = 1e8
+"""Sharpness at which the page's smooth minimum is the least of its candidates."""
+RHO = 300.0
+COMPILED = {name: fields for name, fields in FEATURES.items() if name not in ("box", "convex region")}
+
+
+def unknowns(task, topology, point):
+    """The point's reduced unknowns."""
+    count = len(state(task, topology).lower)
+    return point.pack()[:count]
+
+
+def evaluated(task, topology, x, rho=RHO):
+    return evaluate(state(task, topology), x, np.zeros((len(task.load_cases), 6)), rho)
+
+
+def page_gaps(task, topology, x):
+    """Values of the page's clearances by name, dimensionless, at nearly infinite sharpness."""
+    page = problem(task, topology)
+    u = np.zeros(4 * topology.n * len(task.load_cases))
+    stated = [c for c in page.constraints if "load case" not in c.name]
+    rows_of = ca.Function("rows", [page.variables.vector(), page.beta], [c.expression for c in stated])
+    values = rows_of.call([np.concatenate([x, u]), SHARP])
+    return {c.name: np.asarray(value).ravel() for c, value in zip(stated, values, strict=True)}
+
+
+def length_of(row, stated):
+    """R: the length in which the page divides the square."""
+    _, start, growth = stated.air
+    end, size = start + growth, row.data[3]
+    return {s.AIR: 2 * end, s.BALL: end + size, s.CAPSULE: end + size, s.ALONG: end + size}.get(row.kind, size)
+
+
+def awkward_points(task, topology, rng):
+    """Random points, and hinges at zero or a right angle: parallel axes, folded modules, deep overlap."""
+    yield random_point(task, topology, rng)
+    for angles in (
+        np.zeros,
+        lambda m: np.full(m, math.pi / 2),
+        lambda m: rng.choice([-1.0, 0.0, 1.0], m) * math.pi / 2,
+    ):
+        point = random_point(task, topology, rng)
+        yield Point(task, topology, point.root, angles(topology.n - 1), 0.2 * point.p_E, point.u)
+
+
+@pytest.mark.parametrize("name", COMPILED)
+def test_clearances_are_those_of_the_page(name):
+    rng = np.random.default_rng(1)
+    task = push(4, **COMPILED[name])
+    for _ in range(3):
+        topology = random_tree(4, rng, aligned=True)
+        stated, listed = state(task, topology), list(rows(task, topology))
+        for point in awkward_points(task, topology, rng):
+            x = unknowns(task, topology, point)
+            found = evaluated(task, topology, x).g
+            page = page_gaps(task, topology, x)
+            assert {row.name for row in listed} == set(page)
+            for row, g in zip(listed, found, strict=True):
+                values = page[row.name]
+                if row.kind in (s.CONE, s.CONE_COM):
+                    assert g == pytest.approx(values[row.j], abs=1e-4)
+                    continue
+                R = length_of(row, stated)
+                expected = math.sqrt(max(0.0, 2 * R * values[0] + R * R)) - R
+                if math.isinf(g):
+                    assert expected > 8.0
+                else:
+                    assert g == pytest.approx(expected, abs=3e-5)
+
+
+@pytest.mark.parametrize("name", COMPILED)
+def test_derivatives_are_those_of_the_values(name):
+    rng = np.random.default_rng(2)
+    task, h = push(4, **COMPILED[name]), 1e-6
+    for _ in range(3):
+        topology = random_tree(4, rng, aligned=True)
+        x = unknowns(task, topology, random_point(task, topology, rng))
+        here = evaluated(task, topology, x)
+        for l in range(len(x)):
+            step = h * np.eye(len(x))[l]
+            up, down = evaluated(task, topology, x + step), evaluated(task, topology, x - step)
+            assert here.dV[l] == pytest.approx((up.V - down.V) / (2 * h), rel=1e-5, abs=1e-5)
+            slopes = (up.g[here.near] - down.g[here.near]) / (2 * h)
+            np.testing.assert_allclose(here.J[here.near, l], slopes, atol=2e-5)
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.5, 1.0, 5.0, 100.0])
+def test_inputs_are_the_least_ones_in_reach_and_out_of_reach(factor):
+    rng = np.random.default_rng(3)
+    cases = [
+        {
+            "end_effector": {"force": (factor * rng.normal(size=3)).tolist(), "torque": [0.0, factor, 0.0]},
+            "com": {"force": [0.0, 0.0, 1.0], "torque": (factor * rng.normal(size=3)).tolist()},
+            "weight": weight,
+        }
+        for weight in (1.0, 0.01)
+    ]
+    task = push(3, load_cases=cases)
+    topology = random_tree(3, rng)
+    for _ in range(5):
+        point = random_point(task, topology, rng)
+        found = evaluated(task, topology, unknowns(task, topology, point)).V
+        assert found == pytest.approx(by_least_squares(point), rel=1e-6)
+
+
+def by_least_squares(point):
+    """The least effort and price of residuals, of the exact evaluation's wrenches moved to the COM."""
+    task, n = point.task, point.topology.n
+    unit = Units.of(task)
+    A, b = wrench_matrix(point) * unit.input, asked_wrenches(point)
+    shift = np.eye(6)
+    x, y, z = point.p_COM
+    shift[3:, :3] = -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    scale = np.repeat([1 / task.force_unit(n), 1 / task.torque_unit(n)], 3)
+    weights = np.array([case.weight for case in task.load_cases])
+    total = 0.0
+    for b_k, weight in zip(b, weights, strict=True):
+        c = 2 * weight / (4 * n * weights.sum())
+        rows_of = np.vstack([math.sqrt(c / 2) * np.eye(4 * n), math.sqrt(RHO) * (scale[:, None] * (shift @ A))])
+        asked = np.concatenate([np.zeros(4 * n), math.sqrt(RHO) * scale * (shift @ b_k)])
+        least = lsq_linear(rows_of, asked, (0.0, task.max_thrust_to_weight), tol=1e-14, method="bvls")
+        total += 2 * least.cost
+    return total
+
+
+def test_a_case_of_next_to_no_weight_still_has_inputs():
+    cases = [LoadCase(com={"force": (0.0, 0.0, 1.0)}), LoadCase(com={"force": (0.1, 0.0, 1.0)}, weight=1e-15)]
+    task = push(2, load_cases=[case.model_dump() for case in cases])
+    topology = random_tree(2, np.random.default_rng(0))
+    here = evaluated(task, topology, np.array([0.1, 0.2, 0.0, 0.3, 5.0, 0.0, 0.0]), rho=1e4)
+    assert np.isfinite(here.V)
+    assert np.all(np.isfinite(here.mu))
