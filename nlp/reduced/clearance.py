@@ -9,20 +9,19 @@ r"""Exact clearances of the page, closed form by cases, with what they change by
 |---|---|---|
 | P(eta) = o + eta d, r(eta) = r_0 + eta dr | axis and radius of a swept ball | l_arm |
 | R | sum of both end radii | l_arm |
-| g | slope-preserving clearance: zero with f, the exact distance for balls of one size, and steep in deep overlap | l_arm |
+| g | clearance: zero with f, exact for balls of one size, and as steep in deep overlap | l_arm |
 
-A row depends on five vectors: p_i, z_i, p_j, z_j, and the end-effector, as p'_E and as p_E.
+A row depends on six vectors: p_i, z_i, p_j, z_j, and the end-effector's p'_E and p_E.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 from nlp.reduced.platform import Platform
-from nlp.reduced.stated import AIR, ALONG, APART, BALL, CAPSULE, CONE, CONE_COM, EXCLUSION, OFFSET, Stated
+from nlp.reduced.stated import AIR, ALONG, APART, BALL, CAPSULE, CONE_COM, EXCLUSION, OFFSET, Stated
 from topo_search.model.arrays import Array
 
 FLAT = 1e-9
@@ -69,7 +68,7 @@ def row(stated: Stated, at: Platform, number: int, local: Array) -> float:
         _to(local, Z_J, length * gamma, x, y, z)
         return g
     w = (px - ex, py - ey, pz - ez)
-    if kind == BALL or kind == CAPSULE or kind == ALONG:
+    if kind in (BALL, CAPSULE, ALONG):
         d_j = (data[0], data[1], data[2])
         offset, path = max(LEAST_DISTANCE, math.sqrt(bx * bx + by * by + bz * bz)), data[0]
         if kind == ALONG:
@@ -142,7 +141,8 @@ def swept(
 ) -> tuple[float, float, float, float, float, float]:
     """Return g, eta and gamma of two swept balls, and the gradient of g by P_i (x, y, z).
 
-    f is least at its stationary point, if that is a minimum inside the square, or else on an edge; f may be concave.
+    f is least at its stationary point, if that is a minimum inside the square, or else on an edge; f may be
+    concave.
 
     Args:
         w: o_i - o_j.
@@ -171,13 +171,13 @@ def swept(
             end = float(k)
             for trial in range(2):
                 between = float(trial)
-                if A > FLAT * largest:
+                if FLAT * largest < A:
                     between = min(max(-(C * end + D) / (2 * A), 0.0), 1.0)
                 f = (A * between + C * end + D) * between + (B * end + E) * end
                 if f < least:
                     least, eta, gamma = f, between, end
                 between = float(trial)
-                if B > FLAT * largest:
+                if FLAT * largest < B:
                     between = min(max(-(C * end + E) / (2 * B), 0.0), 1.0)
                 f = (A * end + C * between + D) * end + (B * between + E) * between
                 if f < least:

@@ -19,13 +19,11 @@ ends to count.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from nlp.reduced.inputs import _solve as solve_in_place
+from nlp.reduced.cholesky import solve_in_place
 from nlp.reduced.merit import Evaluated, estimates, evaluate, merit
 from nlp.reduced.stated import Indices, Stated
 from topo_search.model.arrays import Array
@@ -56,8 +54,8 @@ def descend(
     sigma: float,
     steps: int,
     enough: float,
-) -> tuple[Evaluated, int]:
-    """Return where M is small, and after how many steps.
+) -> Evaluated:
+    """Return where M is small.
 
     Args:
         stated: the task and topology.
@@ -73,14 +71,14 @@ def descend(
     value = merit(stated, at, multipliers, sigma)
     n = len(stated.tree.parent)
     low, high = np.empty(N), np.empty(N)
-    for step in range(steps):
+    for _ in range(steps):
         for l in range(N):
             most = LARGEST_TURN if l < n + 2 else LARGEST_MOVE
             low[l] = max(-most, stated.lower[l] - at.x[l])
             high[l] = min(most, stated.upper[l] - at.x[l])
         d, predicted = _model_step(stated, at, multipliers, B, sigma, low, high)
         if predicted <= 1e-2 * enough * (1.0 + abs(value)):
-            return at, step
+            return at
         t, found = 1.0, False
         for _ in range(HALVINGS):
             x = np.minimum(np.maximum(at.x + t * d, stated.lower), stated.upper)
@@ -91,12 +89,12 @@ def descend(
                 break
             t *= 0.5 if t > 0.3 else 0.25
         if not found:
-            return at, step
+            return at
         _learn(B, at, there, estimates(stated, there, multipliers, sigma))
         gain, at, value = value - reached, there, reached
         if gain <= enough * (1.0 + abs(value)):
-            return at, step + 1
-    return at, steps
+            return at
+    return at
 
 
 @njit(cache=True)

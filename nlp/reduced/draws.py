@@ -58,7 +58,7 @@ def drawing(task: ResolvedTask, topology: Topology) -> Drawing:
     )
 
 
-def draws(task: ResolvedTask, topology: Topology, stated: Stated, starts: Iterable[int], seed: int) -> Array:
+def draws(task: ResolvedTask, topology: Topology, stated: Stated, starts: Iterable[int], seed: str) -> Array:
     """Return the unknowns of some starts, shape (starts, N)."""
     text = f"{task.model_dump_json()}\n{topology.key}\n{seed}"
     key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
@@ -72,7 +72,7 @@ def draws(task: ResolvedTask, topology: Topology, stated: Stated, starts: Iterab
 
 @njit(cache=True)
 def _start(stated: Stated, drawn: Drawing, uniform: Array, direction: Array, distance: float) -> Array:
-    """Return the unknowns of a start, given random numbers for the turn and the hinges, and for the end-effector."""
+    """Return the unknowns of a start, of random numbers for turn and hinges, and for the end-effector."""
     n, x = len(stated.tree.parent), np.zeros(len(stated.lower))
     for i in range(1, n):
         x[i + 2] = drawn.splay[i - 1] * uniform[i]

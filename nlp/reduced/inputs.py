@@ -13,9 +13,9 @@ r"""Rotor inputs by their dual: for a fixed platform each load case is a small c
 | mu | dual unknowns, rho' (w - A u) at the maximum | (6,) |
 | rho | price of a squared residual | |
 
-phi is once differentiable in A and w, and by the envelope theorem d phi = c mu . (dw - dA u) without any derivative of
-u. Wrenches out of reach leave a residual and a finite phi. The concave dual is piecewise quadratic: Newton's method
-with an exact line search ends in finitely many steps.
+phi is once differentiable in A and w, and by the envelope theorem d phi = c mu . (dw - dA u), without any
+derivative of u. Wrenches out of reach leave a residual and a finite phi. The concave dual is piecewise quadratic:
+Newton's method with an exact line search ends in finitely many steps.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import math
 import numpy as np
 from numba import njit
 
+from nlp.reduced.cholesky import solve_in_place
 from nlp.reduced.platform import Moved, Platform
 from nlp.reduced.stated import Stated
 from topo_search.model.arrays import Array
@@ -164,7 +165,7 @@ def dual(A: Array, w: Array, rho: float, u_max: float, mu: Array, u: Array) -> f
             break
         for a in range(6):
             d[a] = g[a]
-        _solve(H, d)
+        solve_in_place(H, d)
         t = _longest(A, w, rho, u_max, mu, d, v, slope)
         for a in range(6):
             mu[a] += t * d[a]
@@ -178,7 +179,7 @@ def dual(A: Array, w: Array, rho: float, u_max: float, mu: Array, u: Array) -> f
 
 @njit(cache=True)
 def _longest(A: Array, w: Array, rho: float, u_max: float, mu: Array, d: Array, v: Array, slope: Array) -> float:
-    """Return the step along d at which the concave dual is largest: the root of its falling, piecewise linear slope.
+    """Return the step along d at which the concave dual is largest: where its piecewise linear slope is zero.
 
     Newton's method between the ends of what is known to hold the root; it ends when a piece holds its own root.
     """
@@ -214,27 +215,3 @@ def _longest(A: Array, w: Array, rho: float, u_max: float, mu: Array, d: Array, 
         if high - low <= 1e-15 * high:
             return t
     return t
-
-
-@njit(cache=True)
-def _solve(H: Array, d: Array) -> None:
-    """Solve H x = d in place by Cholesky's factors of the lower half of H, which it overwrites."""
-    n = len(d)
-    for a in range(n):
-        for b in range(a):
-            s = H[a, b]
-            for c in range(b):
-                s -= H[a, c] * H[b, c]
-            H[a, b] = s / H[b, b]
-        s = H[a, a]
-        for c in range(a):
-            s -= H[a, c] * H[a, c]
-        H[a, a] = math.sqrt(max(s, 1e-30))
-    for a in range(n):
-        for c in range(a):
-            d[a] -= H[a, c] * d[c]
-        d[a] /= H[a, a]
-    for a in range(n - 1, -1, -1):
-        for c in range(a + 1, n):
-            d[a] -= H[c, a] * d[c]
-        d[a] /= H[a, a]

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, Z_I, Z_J, row
 from nlp.reduced.inputs import effort
 from nlp.reduced.platform import moved, platform
-from nlp.reduced.stated import AIR, APART, CONE, OFFSET, Stated
+from nlp.reduced.stated import AIR, APART, OFFSET, Stated
 from topo_search.model.arrays import Array
 
 NEAR = 4.0
@@ -64,7 +64,7 @@ def evaluate(stated: Stated, x: Array, mu: Array, rho: float) -> Evaluated:
             if kind != OFFSET:
                 for k in range(3):
                     slope += local[P_I, k] * by.dp[l, i, k] + local[Z_I, k] * by.dz[l, i, k]
-            if kind == AIR or kind == APART:
+            if kind in (AIR, APART):
                 for k in range(3):
                     slope += local[P_J, k] * by.dp[l, j, k] + local[Z_J, k] * by.dz[l, j, k]
             else:

@@ -1,13 +1,12 @@
-"""Many cheap starts of one topology, and the few distinct ends of theirs that are worth a polish.
+"""Many cheap starts of one topology, and where they end.
 
-All starts descend at low prices of residuals and missing clearance. Ends of one merit are one; only the best of them
-descend on at high prices, with multipliers. What they reach is next to a minimum of the page, which the polish finds.
+All starts descend at low prices of residuals and of missing clearance. Ends of one merit are one; only the best of
+them descend on at high prices, with multipliers: what they reach is next to a minimum of the page.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -46,7 +45,9 @@ class Phase(NamedTuple):
 FIRST = Phase(rho=300.0, sigma=30.0, rounds=1, steps=40, enough=1e-5)
 SECOND = Phase(rho=1e4, sigma=100.0, rounds=4, steps=15, enough=1e-7)
 SAME = 1e-5
-"""Ends whose merits agree so far, relatively, are one."""
+"""Ends of the first phase whose merits agree so far, relatively, are one."""
+SAME_AFTER = 1e-4
+"""Those of the second."""
 KEPT = 0.1
 """Share of the starts whose ends go on, the best ones first."""
 LEAST_KEPT = 4
@@ -57,37 +58,41 @@ LEAST_KEPT = 4
 class End:
     """Where some starts ended."""
 
-    point: Point
+    x: Array
+    """The unknowns."""
     merit: float
     """Effort, as in the page's objective, and the prices of what is missing."""
     missing: float
-    """Largest missing clearance [l_arm] or residual [m_t g, l_arm m_t g]."""
+    """Largest missing clearance [l_arm] or residual of a wrench [m_t g, l_arm m_t g]."""
     starts: tuple[int, ...]
-    """Places of the starts that ended here."""
+    """Places of the starts that ended here, the best one first."""
 
 
-def ends(task: ResolvedTask, topology: Topology, stated: Stated, starts: Array) -> list[End]:
-    """Return the best distinct ends of some starts, what is missing least first where any is, then by merit.
+def ends(stated: Stated, starts: Array) -> tuple[list[End], list[End]]:
+    """Return the distinct ends of starts, by merit: the best, after both phases, and those after the first alone.
 
     Args:
-        task: the task.
-        topology: the tree.
-        stated: their numbers.
+        stated: the task and topology.
         starts: unknowns, shape (starts, N).
     """
-    reached, merits, _ = descents(stated, starts, FIRST)
-    groups: list[list[int]] = []
+    first = _distinct(descents(stated, starts, FIRST), [(s,) for s in range(len(starts))], SAME)
+    count = max(LEAST_KEPT, math.ceil(KEPT * len(starts)))
+    kept, others = first[:count], first[count:]
+    second = descents(stated, np.array([end.x for end in kept]), SECOND)
+    return _distinct(second, [end.starts for end in kept], SAME_AFTER), others
+
+
+def _distinct(found: tuple[Array, Array, Array], starts: list[tuple[int, ...]], same: float) -> list[End]:
+    """Return ends by merit, one for all whose merits agree."""
+    result: list[End] = []
+    x, merits, missing = found
     for s in np.argsort(merits, kind="stable").tolist():
-        if groups and merits[s] - merits[groups[-1][0]] <= SAME * abs(merits[s]):
-            groups[-1].append(s)
+        if result and merits[s] - result[-1].merit <= same * abs(merits[s]):
+            end = result.pop()
+            result.append(End(end.x, end.merit, end.missing, end.starts + starts[s]))
         else:
-            groups.append([s])
-    groups = groups[: max(LEAST_KEPT, math.ceil(KEPT * len(starts)))]
-    found, merits, missing = descents(stated, reached[[group[0] for group in groups]], SECOND)
-    return [
-        End(point_of(task, topology, stated, x), float(merit), float(short), tuple(group))
-        for x, merit, short, group in zip(found, merits, missing, groups, strict=True)
-    ]
+            result.append(End(x[s], float(merits[s]), float(missing[s]), starts[s]))
+    return result
 
 
 def point_of(task: ResolvedTask, topology: Topology, stated: Stated, x: Array) -> Point:
@@ -116,7 +121,7 @@ def descents(stated: Stated, starts: Array, phase: Phase) -> tuple[Array, Array,
         for k in range(phase.rounds):
             if k:
                 multipliers = estimates(stated, at, multipliers, phase.sigma)
-            at, steps = descend(stated, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
+            at = descend(stated, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
         found[s], merits[s] = at.x, merit(stated, at, multipliers, phase.sigma)
         for r in range(m):
             missing[s] = max(missing[s], stated.rows.least[r] - at.g[r])

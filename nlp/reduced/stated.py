@@ -1,13 +1,12 @@
 """A task and a topology as the numbers that the compiled search works on.
 
-Dimensionless as `nlp.problem`: lengths in l_arm, forces in m g, inputs in u_hover. Rows keep their constraints' names
-outside, by index.
+Dimensionless as `nlp.problem`: lengths in l_arm, forces in m g, inputs in u_hover. The rows' names stay outside.
 
 | symbol | meaning | shape |
 |---|---|---|
 | N | unknowns: psi, alpha_0, alpha_1, hinges 1..n-1, then p'_E unless the task fixes it from the COM | |
 | c_k | what the squared inputs of load case k weigh in the objective, twice lambda_k / (4 n sum lambda) | (K,) |
-| f_k, t_k, f_E | asked force f_E + f_C, own torques tau_E + tau_C, and the force at the end-effector | (K, 3) each |
+| f_k, t_k, f_E | force f_E + f_C, torque tau_E + tau_C, force at the end-effector | (K, 3) each |
 """
 
 from __future__ import annotations
@@ -37,8 +36,8 @@ from topo_search.model.arrays import Array
 Indices = NDArray[np.int64]
 
 AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, CONE, CONE_COM, OFFSET = range(9)
-"""Kinds of rows: two envelopes; two centres; p'_E and a centre; an envelope and a ball about p'_E, a capsule from it,
-one along p_E; an end ball of an envelope in a cone with a fixed axis, with one to the COM; the length of p_E."""
+"""Kinds of rows: two envelopes; two centres; p'_E and a centre; an envelope and a ball about p'_E, a capsule from
+there, one along p_E; an end ball of an envelope in a cone, its axis fixed or to the COM; the length of p_E."""
 
 LEAST_WEIGHT = 1e-4
 """Share of the largest weight that every load case counts with at least, so that its inputs are unique."""
