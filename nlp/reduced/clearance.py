@@ -11,7 +11,7 @@ r"""Exact clearances of the page, closed form by cases, with what they change by
 | R | sum of both end radii | l_arm |
 | g | clearance: zero with f, exact for balls of one size, and as steep in deep overlap | l_arm |
 
-A row depends on six vectors: p_i, z_i, p_j, z_j, and the end-effector's p'_E and p_E.
+A row depends on seven vectors: p_i, z_i, p_j, z_j, the end-effector's p'_E and p_E, and small turns of module i.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import math
 from numba import njit
 
 from nlp.reduced.platform import Platform
-from nlp.reduced.stated import AIR, ALONG, APART, BALL, CAPSULE, CONE_COM, EXCLUSION, OFFSET, Stated
+from nlp.reduced.stated import AIR, ALONG, APART, BALL, CAPSULE, CONE_COM, EXCLUSION, OFFSET, PARTS, Stated
 from topo_search.model.arrays import Array
 
 FLAT = 1e-9
@@ -30,13 +30,13 @@ LEAST_DISTANCE = 1e-9
 """Where two points coincide their distance has no direction [l_arm]."""
 FAR = 8.0
 """Envelopes at least so far apart are not looked at closer [l_arm]."""
-P_I, Z_I, P_J, Z_J, TIP, OFFSET_B = range(6)
-"""The vectors that a row depends on: p_i, z_i, p_j, z_j, p'_E, p_E."""
+P_I, Z_I, P_J, Z_J, TIP, OFFSET_B, TURN_I = range(7)
+"""The vectors that a row depends on: p_i, z_i, p_j, z_j, p'_E, p_E, and small turns of module i."""
 
 
 @njit(cache=True)
 def row(stated: Stated, at: Platform, number: int, local: Array) -> float:
-    """Return the clearance of a row, and in `local`, shape (6, 3), its gradient by the vectors that it depends on.
+    """Return the clearance of a row, and in `local`, shape (7, 3), its gradient by the vectors that it depends on.
 
     An infinite clearance is more than FAR and comes without a gradient.
     """
@@ -67,6 +67,8 @@ def row(stated: Stated, at: Platform, number: int, local: Array) -> float:
         _to(local, P_J, -1.0, x, y, z)
         _to(local, Z_J, length * gamma, x, y, z)
         return g
+    if kind == PARTS:
+        return _parts(stated, at, i, j, local)
     w = (px - ex, py - ey, pz - ez)
     if kind in (BALL, CAPSULE, ALONG):
         d_j = (data[0], data[1], data[2])
@@ -103,6 +105,36 @@ def row(stated: Stated, at: Platform, number: int, local: Array) -> float:
         across = x * c0 + y * c1 + z * c2
         _to(local, OFFSET_B, -1.0 / offset, x - across * c0, y - across * c1, z - across * c2)
     return sine * along - cosine * rho - r_air - eta * dr
+
+
+@njit(cache=True)
+def _parts(stated: Stated, at: Platform, i: int, j: int, local: Array) -> float:
+    """Return the least clearance of the balls around module i's parts from the envelope of module j."""
+    length, r_air, dr = stated.air
+    d_i, d_j = (0.0, 0.0, 0.0), (-length * at.z[j, 0], -length * at.z[j, 1], -length * at.z[j, 2])
+    w = (at.p[i, 0] - at.p[j, 0], at.p[i, 1] - at.p[j, 1], at.p[i, 2] - at.p[j, 2])
+    reach = 0.0
+    for b in range(len(stated.parts)):
+        x, y, z, size = stated.parts[b]
+        reach = max(reach, math.sqrt(x * x + y * y + z * z) + size)
+    if _far(w, d_i, d_j, length / 2 + r_air + dr + reach):
+        return math.inf
+    least = math.inf
+    for b in range(len(stated.parts)):
+        x, y, z, size = stated.parts[b]
+        R = at.R[i]
+        c0 = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
+        c1 = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
+        c2 = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+        ball = (w[0] + c0, w[1] + c1, w[2] + c2)
+        g, _, gamma, x, y, z = swept(ball, d_i, size, 0.0, d_j, r_air, dr)
+        if g < least:
+            least = g
+            _to(local, P_I, 1.0, x, y, z)
+            _to(local, P_J, -1.0, x, y, z)
+            _to(local, Z_J, length * gamma, x, y, z)
+            _to(local, TURN_I, 1.0, c1 * z - c2 * y, c2 * x - c0 * z, c0 * y - c1 * x)
+    return least
 
 
 @njit(cache=True)

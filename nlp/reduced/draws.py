@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from nlp.problem import hinge_limit
+from nlp.hinges import largest_turn, signs
 from nlp.reduced.platform import platform
 from nlp.reduced.stated import Stated
-from nlp.starts import CONE_SPREAD, LARGEST_SPLAY, SPLAY, mean_force, upstream_of
+from nlp.starts import CONE_SPREAD, LARGEST_SPLAY, mean_force, upstream_of
 from topo_search.model import Exterior, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
@@ -45,11 +45,10 @@ class Drawing(NamedTuple):
 
 def drawing(task: ResolvedTask, topology: Topology) -> Drawing:
     """Return what starts are drawn with."""
-    ports = [a for _, _, a, _ in topology.edges()]
     cones = [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
     force = mean_force(task)
     return Drawing(
-        SPLAY[ports] * min(LARGEST_SPLAY, hinge_limit(task)),
+        signs(topology) * min(LARGEST_SPLAY, largest_turn(task)),
         force / np.linalg.norm(force),
         upstream_of(task),
         CONE if cones else UPSTREAM if task.exposure else ANYWHERE,
@@ -75,7 +74,7 @@ def _start(stated: Stated, drawn: Drawing, uniform: Array, direction: Array, dis
     """Return the unknowns of a start, of random numbers for turn and hinges, and for the end-effector."""
     n, x = len(stated.tree.parent), np.zeros(len(stated.lower))
     for i in range(1, n):
-        x[i + 2] = drawn.splay[i - 1] * uniform[i]
+        x[i + 2] = min(max(drawn.splay[i - 1] * uniform[i], stated.lower[i + 2]), stated.upper[i + 2])
     at = platform(stated, x)
     lift, force = np.zeros(3), drawn.force
     for i in range(n):

@@ -21,10 +21,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, Z_I, Z_J, row
+from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, TURN_I, Z_I, Z_J, row
 from nlp.reduced.inputs import effort
 from nlp.reduced.platform import moved, platform
-from nlp.reduced.stated import AIR, APART, OFFSET, Stated
+from nlp.reduced.stated import AIR, APART, OFFSET, PARTS, Stated
 from topo_search.model.arrays import Array
 
 NEAR = 4.0
@@ -52,7 +52,7 @@ def evaluate(stated: Stated, x: Array, mu: Array, rho: float) -> Evaluated:
     by = moved(stated, at)
     dV, found, u = np.zeros(N), mu.copy(), np.empty((K, 4 * n))
     V = effort(stated, at, by, rho, found, u, dV)
-    g, J, near, local = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((6, 3))
+    g, J, near, local = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((7, 3))
     for r in range(m):
         g[r] = row(stated, at, r, local)
         if g[r] >= NEAR:
@@ -64,12 +64,15 @@ def evaluate(stated: Stated, x: Array, mu: Array, rho: float) -> Evaluated:
             if kind != OFFSET:
                 for k in range(3):
                     slope += local[P_I, k] * by.dp[l, i, k] + local[Z_I, k] * by.dz[l, i, k]
-            if kind in (AIR, APART):
+            if kind in (AIR, APART, PARTS):
                 for k in range(3):
                     slope += local[P_J, k] * by.dp[l, j, k] + local[Z_J, k] * by.dz[l, j, k]
             else:
                 for k in range(3):
                     slope += local[TIP, k] * by.dE[l, k] + local[OFFSET_B, k] * by.dB[l, k]
+            if kind == PARTS and l < n + 2 and stated.tree.moves[l, i]:
+                for k in range(3):
+                    slope += local[TURN_I, k] * at.omega[l, k]
             J[r, l] = slope
     return Evaluated(x, V, dV, g, J, near, found)
 

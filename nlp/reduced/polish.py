@@ -53,6 +53,8 @@ def reason_against(task: ResolvedTask) -> str | None:
     """Return why the reduced search does not express a task; None if it does."""
     if any(isinstance(asked, Local) and asked.radius is None for asked in task.exposure):
         return "boxes and other convex regions have no closed form here"
+    if len(task.folds(task.search.margin)) != 1:
+        return "hinges have no clear fold, or several between which no descent leads"
     return None
 
 

@@ -48,8 +48,12 @@ SAME = 1e-5
 """Ends of the first phase whose merits agree so far, relatively, are one."""
 SAME_AFTER = 1e-4
 """Those of the second."""
-KEPT = 0.1
-"""Share of the starts whose ends go on, the best ones first."""
+KEPT = 0.3
+"""Share of the starts whose ends go on, the best ones first.
+
+Of 15 trees of five modules on push, searched from 50 starts with two seeds, none ends more than 0.05 % above the
+best effort of 24 starts of Ipopt; with 0.1 four do.
+"""
 LEAST_KEPT = 4
 """Fewest distinct ends that go on, if there are as many."""
 

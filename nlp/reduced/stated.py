@@ -31,13 +31,15 @@ from topo_search.model import (
     Topology,
     needs_offset,
 )
+from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
 
 Indices = NDArray[np.int64]
 
-AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, CONE, CONE_COM, OFFSET = range(9)
+AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, CONE, CONE_COM, OFFSET, PARTS = range(10)
 """Kinds of rows: two envelopes; two centres; p'_E and a centre; an envelope and a ball about p'_E, a capsule from
-there, one along p_E; an end ball of an envelope in a cone, its axis fixed or to the COM; the length of p_E."""
+there, one along p_E; an end ball of an envelope in a cone, its axis fixed or to the COM; the length of p_E;
+the parts of one module and the envelope of another."""
 
 LEAST_WEIGHT = 1e-4
 """Share of the largest weight that every load case counts with at least, so that its inputs are unique."""
@@ -100,6 +102,8 @@ class Stated(NamedTuple):
     rows: Rows
     air: tuple[float, float, float]
     """Length of an envelope's axis, its start radius and growth."""
+    parts: Array
+    """Balls around the parts of a module that reach out of its own airflow: x, y, z, radius; shape (b, 4)."""
     lower: Array
     """Bounds on the unknowns, shape (N,)."""
     upper: Array
@@ -136,6 +140,7 @@ def state(task: ResolvedTask, topology: Topology) -> Stated:
         _cases(task, n, unit),
         _columns(list(rows(task, topology))),
         (air.length / unit.length, air.start_radius / unit.length, air.growth / unit.length),
+        np.column_stack(part_cover(module)) / unit.length,
         lower,
         upper,
         np.empty(0) if fixed is None else (n + m_E) / n * np.array(fixed) / unit.length,
@@ -166,7 +171,7 @@ def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
 
 
 def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:
-    """Yield (4) to (7) of the page, in its order."""
+    """Yield (4) to (9) of the page, in its order."""
     n, unit = topology.n, task.module.arm_length
     margin = task.search.margin / unit
     pairs = list(combinations(range(n), 2))
@@ -182,15 +187,20 @@ def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:
         distance, separated = task.separation, pairs
     if distance is not None:
         yield from (row(names.separation(i, j), APART, i, j, size=distance) for i, j in separated)
+    if task.body_clearance is not None:
+        yield from (row(names.rotor_airflow(i, j), PARTS, i, j) for i, j in topology.unbolted)
     if task.exclusion_radius is not None:
         yield from (row(names.exclusion(i), EXCLUSION, i, 0, size=task.exclusion_radius) for i in range(n))
+    if task.body_clearance is not None:
+        radius = task.end_effector.rod_radius
+        yield from (row(names.tip_airflow(i), BALL, i, 0, size=radius) for i in range(n))
     for number, requirement in enumerate(task.exposure):
         for i in range(n):
             match requirement:
                 case Local(radius=float(radius)):
                     yield row(names.exposure(number, requirement, i), BALL, i, 0, size=radius)
                 case Local():
-                    raise NotImplementedError  # `nlp.reduced.choice` hands such tasks on
+                    raise NotImplementedError("`reason_against` must be asked before")
                 case Directional(segments=None, length=float(length), radius=radius):
                     name = names.exposure(number, requirement, i, 0)
                     yield row(name, ALONG, i, 0, path=np.array([length, 0.0, 0.0]), size=radius)

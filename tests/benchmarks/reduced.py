@@ -1,0 +1,150 @@
+"""What the reduced search costs and finds beside as many starts of Ipopt as an older solver makes a tree.
+
+    python tests/benchmarks/reduced.py REVISION [--examples EXAMPLE ...] [--modules N] [--trees M] [--starts S]
+        [--set FIELD=VALUE ...]
+
+All trees up to a half turn, or M uniformly drawn ones. The solver of REVISION runs from its own source, checked out
+in a temporary folder, in a process of its own beside another one with the present reduced search: one after the
+other, tree by tree, so that both meet the same load. CPU seconds of one thread; code is compiled before. The best
+known effort of a tree is the less of the two; both numbers of trees within 0.1 % of it are shown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import subprocess
+import sys
+import tarfile
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from topo_search.topologies import candidates, sample
+
+HERE = Path(__file__).resolve().parents[2]
+WITHIN = 1e-3
+"""A tree is done within this relative distance of its best known effort."""
+OLD_STARTS = 24
+"""Starts of Ipopt a tree."""
+OLD = f"""
+from nlp.solve import solve
+from topo_search.model import Design
+
+def effort(task, topology):
+    found = solve(task, topology, starts=range({OLD_STARTS}), seed=0)
+    return found.objective if isinstance(found, Design) else None
+"""
+NEW = """
+from nlp.reduced.polish import polished, reason_against
+
+def effort(task, topology):
+    if reason := reason_against(task):
+        raise SystemExit(reason)
+    best = min(polished(task, topology, starts=range(STARTS), seed=0), key=lambda end: end.rank)
+    return best.point.objective if best.worst.met else None
+"""
+SERVE = """
+import json, sys, time
+from topo_search.model import Topology
+from topo_search.model.files import read_task
+
+task = read_task(EXAMPLE, SETTINGS).resolve(N)
+first = True
+for line in sys.stdin:
+    topology = Topology.from_key(line.strip())
+    if first:  # compiled code is loaded, or made
+        effort(task, topology)
+        first = False
+    began = time.process_time()
+    J = effort(task, topology)
+    print(json.dumps([J, time.process_time() - began]), flush=True)
+"""
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("revision", help="of the older solver")
+    parser.add_argument("--examples", nargs="+", default=["push", "push-local", "push-exterior-60"])
+    parser.add_argument("--modules", type=int, default=5)
+    parser.add_argument("--trees", type=int, help="uniformly drawn ones; default: all")
+    parser.add_argument("--starts", type=int, default=50, help="reduced starts a tree")
+    parser.add_argument("--set", action="append", default=["search.body_clearance=false"], dest="settings")
+    arguments = parser.parse_args()
+    n = arguments.modules
+    trees = sample(n, arguments.trees, 0) if arguments.trees else [one.topology for one in candidates(n)]
+    settings = (f"modules={n}", *arguments.settings)
+    print(f"n = {n}, {len(trees)} trees, {' '.join(settings[1:])}")
+    of_each = "designs | within 0.1 % | CPU s"
+    print(f"| example | {OLD_STARTS} starts of Ipopt: {of_each} | {arguments.starts} reduced: {of_each} | ratio |")
+    print("|---|---|---|---|---|---|---|---|")
+    with _source(arguments.revision) as old:
+        for example in arguments.examples:
+            known = {"EXAMPLE": example, "SETTINGS": settings, "N": n, "STARTS": arguments.starts}
+            with _served(OLD, known, old) as before, _served(NEW, known, HERE) as now:
+                pairs = [(_asked(before, tree.key), _asked(now, tree.key)) for tree in trees]
+            print(f"| {example} | {_cells(pairs)} |", flush=True)
+
+
+def _cells(pairs: list[tuple[tuple[float | None, float], tuple[float | None, float]]]) -> str:
+    """Return a row of the table."""
+    cells, seconds = [], []
+    for side in (0, 1):
+        efforts = [pair[side][0] for pair in pairs]
+        best = [min((J for J, _ in pair if J is not None), default=None) for pair in pairs]
+        close = sum(J is not None and J - least <= WITHIN * least for J, least in zip(efforts, best, strict=True))
+        seconds.append(sum(pair[side][1] for pair in pairs))
+        found = sum(J is not None for J in efforts)
+        cells.append(f"{found} | {close} | {seconds[-1]:.1f}")
+    return f"{cells[0]} | {cells[1]} | {seconds[0] / seconds[1]:.1f}"
+
+
+@contextmanager
+def _source(revision: str) -> Iterator[Path]:
+    """Yield a folder with the packages of a revision."""
+    archive = subprocess.run(
+        ["git", "archive", revision, "nlp", "topo_search", "verify"], cwd=HERE, check=True, capture_output=True
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as packed:
+            packed.extractall(folder, filter="data")
+        yield Path(folder)
+
+
+@contextmanager
+def _served(program: str, known: dict[str, object], source: Path) -> Iterator[subprocess.Popen[str]]:
+    """Yield a process that answers a tree's key with its least effort and what that took."""
+    given = "\n".join(f"{name} = {value!r}" for name, value in known.items())
+    environment = {**os.environ, "PYTHONPATH": str(source), "OMP_NUM_THREADS": "1"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", f"{given}\n{program}\n{SERVE}"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+        cwd=source,
+    )
+    with process:
+        yield process
+        assert process.stdin is not None
+        process.stdin.close()
+
+
+def _asked(process: subprocess.Popen[str], key: str) -> tuple[float | None, float]:
+    """Return the least effort of a tree, if there is a design, and CPU seconds."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    print(key, file=process.stdin, flush=True)
+    answer = process.stdout.readline()
+    if not answer:
+        raise SystemExit("a solver ended early; its reason is above")
+    J, seconds = json.loads(answer)
+    return J, seconds
+
+
+if __name__ == "__main__":
+    main()
