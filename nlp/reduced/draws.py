@@ -57,13 +57,26 @@ def drawing(task: ResolvedTask, topology: Topology) -> Drawing:
     )
 
 
-def draws(task: ResolvedTask, topology: Topology, stated: Stated, starts: Iterable[int], seed: str) -> Array:
-    """Return the unknowns of some starts, shape (starts, N)."""
+def draws(
+    task: ResolvedTask,
+    topology: Topology,
+    stated: Stated,
+    starts: Iterable[int],
+    seed: str,
+    *,
+    anyhow: bool = False,
+) -> Array:
+    """Return the unknowns of some starts, shape (starts, N); `anyhow`: hinges turn either way, as far as they can."""
     text = f"{task.model_dump_json()}\n{topology.key}\n{seed}"
     key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
     drawn, shape = drawing(task, topology), (len(stated.lower),)
+    if anyhow:
+        drawn = drawn._replace(splay=np.full(topology.n - 1, largest_turn(task)))
+    least = -1.0 if anyhow else 0.0
     found = [
-        _start(stated, drawn, rng.random(topology.n), rng.normal(size=3), rng.uniform(NEAREST, FARTHEST))
+        _start(
+            stated, drawn, rng.uniform(least, 1.0, topology.n), rng.normal(size=3), rng.uniform(NEAREST, FARTHEST)
+        )
         for rng in (np.random.default_rng((key, start)) for start in starts)
     ]
     return np.array(found).reshape(-1, *shape)

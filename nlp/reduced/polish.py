@@ -27,7 +27,7 @@ POLISHED = 2
 """Distinct ends that are polished; more of them as long as none has become a design."""
 HOPED = 6
 """Most that are polished."""
-ACCEPTED = 0.03
+ACCEPTED = 0.01
 """What an end may miss and is still polished before those that miss more [l_arm, m_t g, l_arm m_t g]."""
 DEEP = 1000
 """Starts of the search that is made before a topology counts as infeasible."""
@@ -84,9 +84,8 @@ def polished(
     indices = (*range(-1, -1 - len(donors), -1), *starts)
     found = _polish(task, topology, stated, program, drawn, indices)
     if 0 in starts and not any(end.worst.met for end in found):
-        found += _polish(
-            task, topology, stated, program, draws(task, topology, stated, range(DEEP), f"{seed} deep"), ()
-        )
+        deep = draws(task, topology, stated, range(DEEP), f"{seed} deep", anyhow=True)
+        found += _polish(task, topology, stated, program, deep, ())
     return found
 
 
