@@ -66,7 +66,7 @@ def draws(
     *,
     anyhow: bool = False,
 ) -> Array:
-    """Return the unknowns of some starts, shape (starts, N); `anyhow`: hinges turn either way, as far as they can."""
+    """Return unknowns of starts, shape (starts, N); `anyhow`: hinges turn either way, up to their limits."""
     text = f"{task.model_dump_json()}\n{topology.key}\n{seed}"
     key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
     drawn, shape = drawing(task, topology), (len(stated.lower),)

@@ -17,7 +17,7 @@ from nlp.ipopt import Answer
 from nlp.neighbour import carried_over
 from nlp.point import Point
 from nlp.reduced.draws import draws
-from nlp.reduced.search import End, ends, point_of
+from nlp.reduced.search import FIRST, SECOND, STIFF, End, Phase, ends, point_of
 from nlp.reduced.stated import Stated, state
 from nlp.starts import generator
 from topo_search.model import Design, Local, ResolvedTask, Topology
@@ -85,7 +85,7 @@ def polished(
     found = _polish(task, topology, stated, program, drawn, indices)
     if 0 in starts and not any(end.worst.met for end in found):
         deep = draws(task, topology, stated, range(DEEP), f"{seed} deep", anyhow=True)
-        found += _polish(task, topology, stated, program, deep, ())
+        found += _polish(task, topology, stated, program, deep, (), STIFF)
     return found
 
 
@@ -96,9 +96,10 @@ def _polish(
     program: AssembledProgram,
     drawn: Array,
     indices: tuple[int, ...],
+    phases: tuple[Phase, Phase] = (FIRST, SECOND),
 ) -> list[Polished]:
     """Return what the best distinct ends of drawn starts become."""
-    best, _ = ends(stated, drawn)
+    best, _ = ends(stated, drawn, phases)
     hopeful = sorted(best, key=lambda end: (end.missing > ACCEPTED, end.merit))
     found: list[Polished] = []
     for end in hopeful[:HOPED]:

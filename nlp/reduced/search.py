@@ -44,6 +44,9 @@ class Phase(NamedTuple):
 
 FIRST = Phase(rho=300.0, sigma=30.0, rounds=1, steps=40, enough=1e-5)
 SECOND = Phase(rho=1e4, sigma=100.0, rounds=4, steps=15, enough=1e-7)
+STIFF = FIRST._replace(sigma=3000.0), SECOND._replace(sigma=3000.0)
+"""Both phases where clearance counts for more than any effort: low prices lead to where some cheap platform misses
+little, and may pull those back that miss nothing."""
 SAME = 1e-5
 """Ends of the first phase whose merits agree so far, relatively, are one."""
 SAME_AFTER = 1e-4
@@ -72,17 +75,20 @@ class End:
     """Places of the starts that ended here, the best one first."""
 
 
-def ends(stated: Stated, starts: Array) -> tuple[list[End], list[End]]:
+def ends(
+    stated: Stated, starts: Array, phases: tuple[Phase, Phase] = (FIRST, SECOND)
+) -> tuple[list[End], list[End]]:
     """Return the distinct ends of starts, by merit: the best, after both phases, and those after the first alone.
 
     Args:
         stated: the task and topology.
         starts: unknowns, shape (starts, N).
+        phases: how they descend.
     """
-    first = _distinct(descents(stated, starts, FIRST), [(s,) for s in range(len(starts))], SAME)
+    first = _distinct(descents(stated, starts, phases[0]), [(s,) for s in range(len(starts))], SAME)
     count = max(LEAST_KEPT, math.ceil(KEPT * len(starts)))
     kept, others = first[:count], first[count:]
-    second = descents(stated, np.array([end.x for end in kept]), SECOND)
+    second = descents(stated, np.array([end.x for end in kept]), phases[1])
     return _distinct(second, [end.starts for end in kept], SAME_AFTER), others
 
 
