@@ -48,12 +48,15 @@ def row(stated: Stated, at: Platform, number: int, local: Array) -> float:
     ex, ey, ez = at.p_E
     size = data[3]
     if kind == APART:
-        return _distance(px - at.p[j, 0], py - at.p[j, 1], pz - at.p[j, 2], local, P_I, P_J) - size
+        apart: float = _distance(px - at.p[j, 0], py - at.p[j, 1], pz - at.p[j, 2], local, P_I, P_J) - size
+        return apart
     if kind == EXCLUSION:
-        return _distance(px - ex, py - ey, pz - ez, local, P_I, TIP) - size
+        off: float = _distance(px - ex, py - ey, pz - ez, local, P_I, TIP) - size
+        return off
     bx, by, bz = ex - at.p_COM[0], ey - at.p_COM[1], ez - at.p_COM[2]
     if kind == OFFSET:
-        return _distance(bx, by, bz, local, OFFSET_B, OFFSET_B) - size
+        far: float = _distance(bx, by, bz, local, OFFSET_B, OFFSET_B) - size
+        return far
     zx, zy, zz = at.z[i]
     d_i = (-length * zx, -length * zy, -length * zz)
     if kind == AIR:
@@ -104,7 +107,8 @@ def row(stated: Stated, at: Platform, number: int, local: Array) -> float:
         x, y, z = sine * q0 + cosine * along * n0, sine * q1 + cosine * along * n1, sine * q2 + cosine * along * n2
         across = x * c0 + y * c1 + z * c2
         _to(local, OFFSET_B, -1.0 / offset, x - across * c0, y - across * c1, z - across * c2)
-    return sine * along - cosine * rho - r_air - eta * dr
+    inside: float = sine * along - cosine * rho - r_air - eta * dr
+    return inside
 
 
 @njit(cache=True)

@@ -179,7 +179,7 @@ def _newton(
 
 @njit(cache=True)
 def _model(
-    at: Evaluated, B: Array, sigma: float, s: Array, listed: Array, rows: int, d: Array, gradient: Array, H: Array
+    at: Evaluated, B: Array, sigma: float, s: Array, listed: Indices, rows: int, d: Array, gradient: Array, H: Array
 ) -> float:
     """Return q(d), with its gradient and the lower half of its Hessian."""
     N = len(d)

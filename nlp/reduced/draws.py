@@ -117,7 +117,8 @@ def _turn(axis: Array, angle: float) -> Array:
     """Return the rotation about a unit axis."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * (K @ K)
+    R: Array = np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * (K @ K)
+    return R
 
 
 @njit(cache=True)
