@@ -1,7 +1,8 @@
-"""Thin regions, walls along an axis and coplanar discs at all sizes: no wrong verdict, none missing."""
+"""Thin regions, walls along an axis, coplanar discs, rotors and rods in airflow: no wrong verdict, none missing."""
 
 import numpy as np
 import pytest
+from verify_airflow_families import BESIDE, SCALES_BESIDE
 from verify_families import JUDGED, SCALES_OF, brute_approach
 
 from nlp.geometry import Swept, hull_clearance
@@ -16,12 +17,16 @@ WALL = np.array([(x, y, z) for x in (-5.0, 5.0) for y in (-5.0, 5.0) for z in (-
 """1 m by 1 m by 10 mm, in arms of 0.1 m."""
 
 
-@pytest.mark.parametrize(("family", "scale"), [(name, scale) for name in JUDGED for scale in SCALES_OF[name]])
+FAMILIES = {**JUDGED, **BESIDE}
+SIZES = {**SCALES_OF, **SCALES_BESIDE}
+
+
+@pytest.mark.parametrize(("family", "scale"), [(name, scale) for name in FAMILIES for scale in SIZES[name]])
 def test_no_verdict_is_wrong_or_missing(family: str, scale: float) -> None:
     rng = np.random.default_rng(3)
     seen = set()
     for _ in range(4):
-        for judged in JUDGED[family](scale, rng):
+        for judged in FAMILIES[family](scale, rng):
             status, d = judged.certificate.status, judged.d
             right = Status.CLEAR if d > 0 else Status.VIOLATED
             assert status in ((right, Status.UNDECIDED) if abs(d) <= FLOOR else (right,))

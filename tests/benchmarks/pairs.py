@@ -4,8 +4,8 @@
 
 Every family at three sizes: pairs as drawn, and moved until they nearly touch or just overlap, from 0.1 down to
 1e-9 arm lengths. The independent value of two envelopes is a golden section inside a golden section; thin hulls,
-walls along an axis and coplanar discs have theirs in `verify_families`. The exit status is 1 if a verdict is wrong,
-inconsistent, or undecided above the floor.
+walls along an axis and coplanar discs have theirs in `verify_families`, rotors and rods in airflow in
+`verify_airflow_families`. The exit status is 1 if a verdict is wrong, inconsistent, or undecided above the floor.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from verify_airflow_families import BESIDE, SCALES_BESIDE
 from verify_cases import FAMILIES, SCALES, brute_clearance, nearly_touching
 from verify_families import JUDGED, SCALES_OF, Judged
 
@@ -83,7 +84,8 @@ def main() -> int:
         f"{'inconsistent':>13}{'largest undecided':>18}{'largest error':>14}{'level':>6}{'ms a pair':>10}"
     )
     total, faulty = 0, False
-    sizes = {**dict.fromkeys(FAMILIES, SCALES), **SCALES_OF}
+    sizes = {**dict.fromkeys(FAMILIES, SCALES), **SCALES_OF, **SCALES_BESIDE}
+    judges = {**JUDGED, **BESIDE}
     for family, scales in sizes.items():
         for scale in scales:
             tally = Tally()
@@ -92,7 +94,7 @@ def main() -> int:
                     tally.add(nearly_touching(family, scale, rng))
                     continue
                 began = time.perf_counter()
-                for judged in JUDGED[family](scale, rng):
+                for judged in judges[family](scale, rng):
                     tally.count(judged)
                 tally.seconds += time.perf_counter() - began
             print(
