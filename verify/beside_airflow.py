@@ -271,7 +271,10 @@ def _where_least(part: Convex, K: Rows) -> Array:
 
 
 def _nearest_points(part: Convex, points: Array) -> Array:
-    """Return the points of a part nearest to some points, shape (N, 3); those inside stand for themselves."""
+    """Return the points of a part nearest to some points, shape (N, 3).
+
+    Those inside stand for themselves to the last digit: rounding would be taken for a way out.
+    """
     if isinstance(part, Cylinder):
         q = points - part.centre
         along = q @ part.axis
@@ -279,11 +282,15 @@ def _nearest_points(part: Convex, points: Array) -> Array:
         rho = np.linalg.norm(across, axis=1)
         shrunk = np.minimum(1.0, part.disc / np.where(rho > 0, rho, part.disc))
         height = np.clip(along, -part.half, part.half)
-        return np.asarray(part.centre + shrunk[:, None] * across + height[:, None] * part.axis)
+        inside = (rho <= part.disc) & (height == along)
+        x = part.centre + shrunk[:, None] * across + height[:, None] * part.axis
+        return np.where(inside[:, None], points, x)
     if isinstance(part, Box):
         size = np.linalg.norm(part.half, axis=1)
         axes = part.half / size[:, None]
-        return np.asarray(part.centre + np.clip((points - part.centre) @ axes.T, -size, size) @ axes)
+        q = (points - part.centre) @ axes.T
+        inside = np.all(np.abs(q) <= size, axis=1)
+        return np.where(inside[:, None], points, part.centre + np.clip(q, -size, size) @ axes)
     many = Cores(*(np.repeat(column, len(points), axis=0) for column in cores([part])))
     alone = Cores(points[:, None], np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros(len(points)))
     found = nearest(many, alone, points - part.centre)
