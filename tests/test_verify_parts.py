@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given as for_all
 from hypothesis import settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from verify_cases import FAN, changed, design, fan, unit
 
 from topo_search.model import Module, Status, Topology
@@ -252,12 +253,13 @@ def test_every_pair_of_modules_has_a_row():
 
 
 @pytest.mark.parametrize("width", [1e-11, 1e-13])
-def test_parts_too_thin_for_a_proof_are_undecided(width):
+def test_parts_too_thin_for_a_proof_are_refused(width):
     """The sides of arms as thin as that have no direction, and hub and rotors do not hide them."""
     body = {"arm_width": width, "hub": [1e-9, 1e-9, 1e-9], "rotor_radius": 1e-9, "rotor_height": 1e-9}
-    result = audit(fan(task={"module": {"body": body}}))
-    assert {pair.status for pair in result.pairs if pair.kind == "body"} == {Status.UNDECIDED}
-    assert "too thin" in result.assembly.end_effector.note
+    with pytest.raises(
+        ValidationError, match=r"body.arm_width\n +must be between 1e-05 and 10, 0.0001 and 100 arm lengths"
+    ):
+        fan(task={"module": {"body": body}})
 
 
 def test_parts_out_of_range_are_undecided():
