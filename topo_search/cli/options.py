@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from topo_search.cli.errors import note
 from topo_search.limits import LARGEST_INTEGER
 
 if TYPE_CHECKING:
@@ -156,7 +157,7 @@ def warn(task: Task) -> tuple[Oddity, ...]:
 
     found = oddities(task)
     for oddity in found:
-        click.echo(f"warning: {oddity}", err=True)
+        note(f"warning: {oddity}")
     return found
 
 
