@@ -142,6 +142,7 @@ def test_whatever_a_worker_loads_to_solve_and_audit_must_be_the_same():
         "Pebble",
         "annotated-types",
         "pydantic_core",
+        "setuptools",  # its hook for distutils, loaded as Python starts
         "typing-inspection",
         "typing_extensions",
         "tomli_w",
