@@ -4,12 +4,14 @@ import itertools
 import json
 import math
 import re
+from dataclasses import replace
 
 from toy_problem import BOUND, lower_bound, solve, toy_task
 
 from topo_search.model import Design, Infeasible, ResolvedTask
 from topo_search.report.run_page import write_run_page
 from topo_search.study import Request, RunFolder
+from topo_search.study.answer import SHOWN
 from topo_search.study.row import Row, row_of
 from topo_search.topologies import Candidate, candidates
 
@@ -29,7 +31,8 @@ def result(number: int, candidate: Candidate, task: ResolvedTask) -> tuple[Row, 
             unit="m",
             message="missed",
         )
-    return row_of(outcome, key=candidate.key, modules=9, orbit=1, asked=1, lower_bound=BOUND), outcome
+    row = row_of(outcome, key=candidate.key, modules=9, orbit=1, asked=1, lower_bound=BOUND)
+    return replace(row, margin=task.search.margin), outcome
 
 
 def test_ten_thousand_candidates_take_less_than_ten_megabytes(tmp_path):
@@ -40,9 +43,10 @@ def test_ten_thousand_candidates_take_less_than_ten_megabytes(tmp_path):
         drawn = list(itertools.islice(candidates(9), NUMBER))
         assert len(drawn) == NUMBER
         rows = [result(number, candidate, context.task) for number, candidate in enumerate(drawn)]
-        best = min(rows, key=lambda pair: (pair[0].objective or math.inf, pair[0].key))
+        ranked = sorted(rows, key=lambda pair: (pair[0].objective or math.inf, pair[0].key))
+        shown = {row.key for row, _ in ranked[:SHOWN]}
         for _ in range(2):
-            folder.ledger.record(context, [pair if pair is best else (pair[0], None) for pair in rows])
+            folder.ledger.record(context, [(row, found if row.key in shown else None) for row, found in rows])
         write_run_page(folder)
     page = path / "report.html"
     assert page.stat().st_size < 10e6
