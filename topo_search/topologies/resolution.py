@@ -55,7 +55,7 @@ def describe(O: NDArray[np.float64]) -> str:
         return "the point reflection"
     _, _, rows = np.linalg.svd(O + np.eye(3))
     normal = rows[-1] / rows[-1][np.argmax(np.abs(rows[-1]))]
-    text = ", ".join(f"{x:.4g}" for x in normal + 0.0)
+    text = ", ".join(f"{x:.4g}" for x in np.where(np.abs(normal) > TOLERANCE, normal, 0.0))
     if turn >= 2.0 - TOLERANCE:
         return f"the reflection along [{text}]"
     degrees = np.degrees(np.arccos(turn / 2))
