@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar, nnls
 from verify_cases import design, fan, unit
+from verify_families import moved_to
 
 from topo_search.model import Audit, Status, Topology
 from verify import audit
@@ -14,7 +15,7 @@ from verify.bodies import ConeSphere, ball
 from verify.certificate import Certificate, Solid
 from verify.evidence import evidence
 from verify.hull_certificate import certify_outside
-from verify.hulls import Hull, approach, hull
+from verify.hulls import approach, hull
 
 CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
 BOX = hull(CUBE * [1.0, 2.0, 3.0])
@@ -63,19 +64,6 @@ def test_the_closed_form_is_the_least_distance() -> None:
         gap = lambda eta, K=body, V=corners: distance(K.centre(eta), V) - K.radius(eta)  # noqa: E731
         least = minimize_scalar(gap, bounds=(0, 1), method="bounded", options={"xatol": 1e-9}).fun
         assert found.d == pytest.approx(min(least, gap(0.0), gap(1.0)), abs=2e-5)
-
-
-def moved_to(body: ConeSphere, region: Hull, d: float) -> ConeSphere | None:
-    """The body moved along the witness until the clearance is d."""
-    for _ in range(60):
-        found = approach(body, region)
-        w = body.centre(found.eta) - found.x
-        if not w.any():
-            return None
-        if abs(found.d - d) < 1e-14:
-            break
-        body = body.moved((d - found.d) * w / np.linalg.norm(w))
-    return body
 
 
 def test_no_wrong_verdict_however_near_they_touch() -> None:

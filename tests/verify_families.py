@@ -102,7 +102,7 @@ def _scaled(body: ConeSphere, scale: float) -> ConeSphere:
     return ConeSphere(scale * body.o, scale * body.d, scale * body.r, scale * body.dr)
 
 
-def _moved_to(body: ConeSphere, region: Hull, d: float) -> ConeSphere | None:
+def moved_to(body: ConeSphere, region: Hull, d: float) -> ConeSphere | None:
     """The body moved along the witness until the clearance is d."""
     for _ in range(60):
         found = approach(body, region)
@@ -120,7 +120,7 @@ def _judged_hulls(
 ) -> Callable[[float, np.random.Generator], Iterator[Judged]]:
     def judge(scale: float, rng: np.random.Generator) -> Iterator[Judged]:
         body, region = draw(scale, rng)
-        near = [_moved_to(body, region, sign * gap) for gap in GAPS for sign in (1, -1)]
+        near = [moved_to(body, region, sign * gap) for gap in GAPS for sign in (1, -1)]
         for each in [body, *near]:
             if each is not None:
                 yield Judged(certify_outside(Solid(each), region), brute_approach(each, region.mesh.vertices))
