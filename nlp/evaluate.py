@@ -135,8 +135,8 @@ def _gaps(point: Point) -> Iterator[tuple[str, float]]:
     if task.exclusion_radius is not None:
         gaps = np.linalg.norm(p - point.p_E, axis=1) - task.exclusion_radius
         yield from ((names.exclusion(a), gap) for a, gap in enumerate(gaps))
-    if task.body_clearance is not None and task.exclusion_radius is not None:
-        gaps = clearance(envelopes, Swept(point.p_E, np.zeros(3), task.end_effector.rod_radius))
+    if task.tip_radius is not None:
+        gaps = clearance(envelopes, Swept(point.p_E, np.zeros(3), task.tip_radius))
         yield from ((names.tip_airflow(a), gap) for a, gap in enumerate(gaps))
 
     offset = point.p_E - point.p_COM

@@ -214,8 +214,8 @@ def _clearances(
         for i, pose in enumerate(modules):
             gap = distance_gap(pose.p - p_E, task.exclusion_radius / unit.length)
             yield names.exclusion(i), gap
-    if beside and task.exclusion_radius is not None:  # (8)
-        tip = Ball(p_E, task.end_effector.rod_radius / unit.length)
+    if beside and task.tip_radius is not None:  # (8)
+        tip = Ball(p_E, task.tip_radius / unit.length)
         for i, envelope in enumerate(envelopes):
             yield names.tip_airflow(i), clearance(envelope, tip, beta)
     for number, requirement in enumerate(task.exposure):  # (9)

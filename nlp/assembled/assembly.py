@@ -207,9 +207,9 @@ def _terms(task: ResolvedTask, topology: Topology, pairs: Indices, blown: Indice
     if task.exclusion_radius is not None:
         d_E = task.exclusion_radius / unit.length
         terms.append(Term(distance_formula(d_E), Differences.of((everyone, carried.tip))))
-    if task.body_clearance is not None and task.exclusion_radius is not None:
+    if task.tip_radius is not None:
         vectors = Differences.of((everyone, carried.tip), (axis(everyone), nothing))
-        terms.append(Term(tip_formula(air, task.end_effector.rod_radius, unit, beta), vectors))
+        terms.append(Term(tip_formula(air, task.tip_radius, unit, beta), vectors))
     for requirement in task.exposure:
         seen = [(everyone, carried.tip), (axis(everyone), nothing)]
         vectors = Differences.of(*seen, *([offset] if needs_offset(requirement) else []))

@@ -191,9 +191,8 @@ def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:
         yield from (row(names.rotor_airflow(i, j), PARTS, i, j) for i, j in topology.unbolted)
     if task.exclusion_radius is not None:
         yield from (row(names.exclusion(i), EXCLUSION, i, 0, size=task.exclusion_radius) for i in range(n))
-    if task.body_clearance is not None and task.exclusion_radius is not None:
-        radius = task.end_effector.rod_radius
-        yield from (row(names.tip_airflow(i), BALL, i, 0, size=radius) for i in range(n))
+    if task.tip_radius is not None:
+        yield from (row(names.tip_airflow(i), BALL, i, 0, size=task.tip_radius) for i in range(n))
     for number, requirement in enumerate(task.exposure):
         for i in range(n):
             match requirement:

@@ -197,6 +197,12 @@ class Task(Value):
         return self.search.peak_input * self.module.max_input(self.gravity)
 
     @property
+    def tip_radius(self) -> float | None:
+        """Radius of the ball around p_E that keeps out of airflow [m]; None if p_E may be in some."""
+        kept_out = self.body_clearance is not None and self.exclusion_radius is not None
+        return self.end_effector.rod_radius if kept_out else None
+
+    @property
     def exclusion_radius(self) -> float | None:
         """d_E: least distance of p_E from every module's centre [m]; None when it is not asked for."""
         l_c = self.module.connector_distance if self.end_effector.exclusion else 0.0
