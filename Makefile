@@ -5,7 +5,7 @@ STAMP := $(VENV)/.installed
 # Two variables: older versions of pip pin the build tools by the first, newer ones by the second.
 PINNED := PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
 
-.PHONY: demo notebooks test test-slow test-browser lint clean
+.PHONY: demo notebooks test test-slow test-browser lint docs clean
 
 demo: $(STAMP)  ## search all five-module topologies for the push task
 	$(BIN)/topo-search run push
@@ -14,11 +14,14 @@ notebooks: $(STAMP)  ## run every notebook with its full settings, and draw the 
 	FULL=1 $(BIN)/jupyter-execute --timeout=-1 notebooks/*.ipynb
 	$(BIN)/python tests/benchmarks/keep_results.py
 
-test: lint  ## everything CI checks, but what needs a browser
+test: lint docs  ## everything CI checks, but what needs a browser
 	$(BIN)/pytest -n 2 -m "not slow and not browser"
 
 test-slow: lint  ## also the tests that take over ten seconds each
 	$(BIN)/pytest -n 2 -m "not browser"
+
+docs: $(STAMP)  ## build the documentation, site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file docs/mkdocs.yml
 
 test-browser: $(STAMP)  ## open the report in Chromium, which has to be installed
 	$(BIN)/pytest -m browser
@@ -28,6 +31,7 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/codespell
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("needs Python 3.11 or newer: make PYTHON=...")'
@@ -36,4 +40,4 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $@
 
 clean:  ## all but the runs
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) site .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

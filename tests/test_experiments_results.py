@@ -5,6 +5,7 @@ import re
 import shutil
 from pathlib import Path
 
+import documented
 import pandas as pd
 import pytest
 from benchmarks import keep_results
@@ -73,9 +74,9 @@ def test_a_run_is_kept_and_the_text_is_the_one_that_belongs_to_the_rows(tmp_path
     assert {path.stem for path in (tmp_path / "pictures").iterdir()} == {"scaling", "ablation"}
 
 
-def test_the_front_page_says_what_the_ablation_shows():
+def test_the_documentation_says_what_the_ablation_shows():
     rows = results(FOLDER / "ablation.csv")
-    words = " ".join((FOLDER.parents[1] / "README.md").read_text(encoding="utf-8").split())
+    words = " ".join(documented.TEXT.split())
     assert (rows["colliding_pairs"] > 0).all()
     assert (
         f"all {len(rows)} platforms of {rows['n'].min()} to {rows['n'].max()} modules blow into themselves" in words
@@ -88,25 +89,25 @@ def test_the_front_page_says_what_the_ablation_shows():
     )
 
 
-def test_the_front_page_says_how_many_trees_the_scaling_study_has():
+def test_the_documentation_says_how_many_trees_the_scaling_study_has():
     few, fewer = json.loads((FOLDER / "scaling.json").read_text())["settings"]["topologies"]
     sizes = results(FOLDER / "scaling-direct.csv")["n"]
-    words = " ".join((FOLDER.parents[1] / "README.md").read_text(encoding="utf-8").split())
+    words = " ".join(documented.TEXT.split())
     assert f"{few} trees a size to {FEW_ABOVE} modules and {fewer} above" in words
     assert f"for {sizes.min()} to {sizes.max()} modules beside the paper's formulation written directly" in words
 
 
-def test_the_front_page_says_how_good_first_designs_are():
+def test_the_documentation_says_how_good_first_designs_are():
     rows = results(FOLDER / "scaling.csv")
-    words = " ".join((FOLDER.parents[1] / "README.md").read_text(encoding="utf-8").split())
+    words = " ".join(documented.TEXT.split())
     gaps = rows[(rows["n"] == 100) & (rows["status"] == "feasible")].groupby("task")["gap"].median()
     low, high = gap_percent(gaps.min(), 1).removesuffix(" %"), gap_percent(gaps.max(), 1)
     assert f"with 100 modules their median gap is {low} to {high} in the four settings" in words
 
 
-def test_the_front_page_says_how_many_problems_of_the_scaling_study_have_a_design():
+def test_the_documentation_says_how_many_problems_of_the_scaling_study_have_a_design():
     rows = results(FOLDER / "scaling.csv")
-    words = " ".join((FOLDER.parents[1] / "README.md").read_text(encoding="utf-8").split())
+    words = " ".join(documented.TEXT.split())
     solved, clear = (rows["status"] == "feasible").sum(), (rows["verdict"] == "clear").sum()
     assert (
         f"{solved} of {len(rows)} problems with {rows['n'].min()} to {rows['n'].max()} modules have a design, "

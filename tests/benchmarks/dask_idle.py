@@ -1,4 +1,4 @@
-"""What Dask's own processes take while the workers solve, as they are and with the settings of the README.
+"""What Dask's own processes take while the workers solve, as they are and with the documented settings.
 
     PYTHONPATH=tests python tests/benchmarks/dask_idle.py [--seconds S]
 
@@ -23,13 +23,13 @@ PROFILE, TICKS, MEMORY = (
     for name in ("WORKER__PROFILE__ENABLED", "ADMIN__TICK__INTERVAL", "WORKER__MEMORY__MONITOR_INTERVAL")
 )
 AS_IT_IS = {PROFILE: "True", TICKS: "20ms", MEMORY: "100ms"}
-"""Dask's defaults for what the README sets."""
+"""Dask's defaults for what the documented job script sets."""
 SETTINGS = {
     "as it is": AS_IT_IS,
     "without profile": {**AS_IT_IS, PROFILE: "False"},
     "with slow ticks": {**AS_IT_IS, TICKS: "1s"},
     "looking at memory less often": {**AS_IT_IS, MEMORY: "1s"},
-    "all three, as in the README": {},
+    "all three, as documented": {},
 }
 
 

@@ -28,7 +28,7 @@ Rows of `topo-search experiment NAME`, a file each, with the command, versions a
 file beside it; rows called `direct` are of the paper's formulation written directly. The command, with `--out DIR`
 behind it, makes the same rows but for seconds and megabytes, in `DIR/results.csv`, as long as the solver is the
 same; `python tests/benchmarks/keep_results.py NAME=DIR` puts them here, writes this text and draws the pictures of
-the front page. `topo_search/experiments/measured.py` explains the columns. In Python, with a picture of the rows
+the documentation. `topo_search/experiments/measured.py` explains the columns. In Python, with a picture of the rows
 that are here:
 
 ```python
@@ -41,8 +41,8 @@ asked.figure(rows).savefig("ablation.png")
 
 Shares and efforts are those that these few starts reach: more trees may have a design, and a stricter problem can
 come out cheaper where its starts were luckier. Seconds are CPU seconds of one thread on a machine that did other
-work at the same time, which slows caches and memory; the front page's section on speed has times of a machine at
-rest.
+work at the same time, which slows caches and memory; the documentation's page on benchmarks has times of a machine
+at rest.
 """
 
 

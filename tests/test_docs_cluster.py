@@ -1,4 +1,4 @@
-"""What the README shows for clusters runs, with stand-ins for Slurm's commands that start everything here."""
+"""What the documentation shows for clusters runs, with stand-ins for Slurm's commands."""
 
 import os
 import signal
@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_readme import blocks
+from documented import blocks
 
 pytestmark = pytest.mark.slow
 
@@ -49,7 +49,7 @@ def changed(text, *changes):
 
 
 def test_the_job_for_slurm_searches(slurm, tmp_path):
-    (script,) = blocks("bash")
+    (script,) = blocks("bash", "how-to/cluster.md")
     (tmp_path / "job.sh").write_text(changed(script, ("--modules 8", "--modules 3 --starts 4")))
     with (tmp_path / "log").open("w") as log:
         job = subprocess.Popen(
@@ -64,7 +64,7 @@ def test_the_job_for_slurm_searches(slurm, tmp_path):
 
 
 def test_the_search_without_a_script_starts_jobs_and_ends_them(slurm, tmp_path):
-    code, _ = blocks("python")
+    (code,) = blocks("python", "how-to/cluster.md")
     fewer = 'topo_search.search(topo_search.read_task("push", ("modules=3",)), starts=4, out="push-5"'
     small = changed(
         code,

@@ -1,0 +1,84 @@
+"""What README and documentation show is true: files are read, code runs, commands, fields and paths exist."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+from documented import PAGES, ROOT, TEXT, blocks
+
+from topo_search.cli import main
+from topo_search.model import Task
+from topo_search.model.files import read_task, to_toml
+
+
+def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
+    (first,), (exposures,), (goals,), (tolerances,) = (
+        [tomllib.loads(block) for block in blocks("toml", page)]
+        for page in ("tutorials/first-search.md", "how-to/exposure.md", "how-to/goals.md", "explanation/audit.md")
+    )
+    assert Task.model_validate(first) == read_task("push")
+    task = Task.model_validate({**first, **exposures, **goals, **tolerances})
+    assert [requirement.kind for requirement in task.exposure] == ["local", "directional", "exterior"]
+    assert task.tolerances.position == 0.5e-3
+    assert task.goals.names == ("clearance", "stand_off", "peak_input")
+
+
+def test_the_tasks_of_the_readme_are_read():
+    first, both = map(tomllib.loads, blocks("toml", "../../README.md"))
+    assert Task.model_validate(first) == read_task("push")
+    (case,) = Task.model_validate({**first, **both}).load_cases
+    assert case.end_effector is not None
+    assert case.com is not None
+
+
+def test_the_python_code_runs_and_says_what_it_should(tmp_path):
+    (code,) = blocks("python", "how-to/python.md")
+    (tmp_path / "snippet.py").write_text(code)
+    done = subprocess.run([sys.executable, "snippet.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    status, angles, verdict = done.stdout.splitlines()
+    assert status.startswith("0 a300 0.09")
+    assert angles.endswith(") clear")
+    assert verdict == "clear"
+
+
+def test_overrides_are_those_of_a_task():
+    found = re.findall(r"`--set '?([^'`]+)'?`", TEXT)
+    assert len(found) >= 6
+    for setting in found:
+        assert to_toml(read_task("push", (setting,))) != to_toml(read_task("push")), setting
+
+
+def test_every_command_is_listed_and_every_listed_command_exists():
+    listed = re.findall(r"^\| `topo-search (\w+)", (PAGES / "reference/commands.md").read_text(), re.MULTILINE)
+    assert sorted(listed) == sorted(main.commands)
+
+
+def test_paths_exist():
+    named = re.findall(r"`((?:topo_search|nlp|verify|tests|notebooks|docs)/[\w/.-]*)`", TEXT)
+    run = re.findall(r"python (tests/\S+\.py)", TEXT)
+    links = re.findall(r"\]\(([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert named
+    assert run
+    assert links
+    for path in (*named, *run, *links):
+        assert (ROOT / path).exists(), path
+    assert (ROOT / "notebooks/pictures/push.png").stat().st_size < 300_000
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) < 1100
+
+
+def test_a_version_is_stated_once():
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
+    assert cited
+    assert cited[1] == stated
+
+
+def test_every_page_is_in_the_navigation():
+    navigation = (Path(PAGES).parent / "mkdocs.yml").read_text(encoding="utf-8")
+    for path in PAGES.rglob("*.md"):
+        assert f": {path.relative_to(PAGES)}\n" in navigation, path
