@@ -421,7 +421,7 @@ def test_counts_are_in_words_that_agree_and_the_quotient_is_explained(command, m
 def test_a_time_limit_that_lets_nothing_end_says_so(command):
     result = command("run", "toy.toml", "--time-limit", "1e-9")
     assert result.exit_code == 3
-    assert "the time limit came before the first candidate was solved" in result.stdout
+    assert "time limit reached before the first candidate was solved" in result.stdout
     assert command("run", "toy.toml").exit_code == 0
 
 

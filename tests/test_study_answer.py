@@ -70,4 +70,4 @@ def test_whether_fewer_modules_are_excluded_is_told(tmp_path, monkeypatch, sizes
 
 def test_the_only_candidate_is_no_plural(tmp_path):
     statement = toy_run(tmp_path / "run", modules=1).sizes[0].statement
-    assert statement.startswith("the best found of the only candidate; no topology of as many modules can be ")
+    assert statement.startswith("the best found of the only candidate; proven: no 1-module topology is ")

@@ -21,12 +21,12 @@ NOT_CLEAR = 1
 def audit(
     designs: tuple[str, ...], as_json: bool, table: Path | None, summary: Path | None, workers: int | None
 ) -> None:
-    """Audit designs exactly, whoever made them: everything is derived again from the file alone.
+    """Audit designs exactly, from their files alone, whoever made them.
 
-    Of a folder all files below it that end in .json are audited; the audits in a run's folder are passed over.
+    Given a folder, every .json file below it is audited; audits in a run's folder are skipped.
 
     Exit status: 0 all clear; 1 one is violated, undecided or inconsistent, or its audit failed;
-    2 a file cannot be read, or is no design (the others are audited all the same).
+    2 a file cannot be read, or is no design (the others are still audited).
     """
     with explained():
         from topo_search.cli.design_files import Reading, design_files

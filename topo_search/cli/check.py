@@ -45,7 +45,7 @@ def check(
 
     TASK is a file, or the name of a shipped example.
 
-    Exit status: 0 a task, whatever is odd about it; 2 bad input.
+    Exit status: 0 valid task, with or without warnings; 2 bad input.
     """
     with explained():
         from topo_search.model.oddities import oddities

@@ -38,32 +38,32 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 @click.command(epilog="Example: topo-search experiment ablation --sizes 10,20 --topologies 5 --out ablation")
 @click.argument("name", type=click.Choice(NAMES))
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="The experiment's folder.")
-@click.option("--small", is_flag=True, help="A setting that is done in seconds, to see how it goes.")
+@click.option("--small", is_flag=True, help="Small settings, done in seconds, to try it out.")
 @click.option(
     "--task",
     "tasks",
     multiple=True,
     metavar="TASK:N,...",
-    help="A shipped example and its numbers of modules (repeatable; default: those of the experiment).",
+    help="A shipped example and its sizes (repeatable; default: the experiment's).",
 )
-@click.option("--sizes", callback=_numbers(int), metavar="N,...", help="Numbers of modules of all tasks.")
+@click.option("--sizes", callback=_numbers(int), metavar="N,...", help="Sizes for all tasks.")
 @click.option(
     "--topologies",
     callback=_numbers(int),
     metavar="M[,M]",
-    help="Trees of each size, up to 40 modules and above (default: those of the experiment).",
+    help="Trees per size, up to 40 modules and above (default: the experiment's).",
 )
 @click.option(
     "--distances", callback=_numbers(float), metavar="D,...", help="Connector distances in m (default: the task's)."
 )
-@options.starts("Starts of each topology (default: those of the experiment).")
+@options.starts("Starts per topology (default: the experiment's).")
 @options.seed
 @options.workers
 @click.option(
     "--time-limit",
     type=click.FloatRange(min=0, min_open=True),
     metavar="SECONDS",
-    help="CPU time of a topology after which no further start is begun; of scaling and ablation (default: 600).",
+    help="CPU time per topology after which no further start begins; scaling and ablation only (default: 600).",
 )
 @click.option(
     "--picture",
@@ -96,8 +96,8 @@ def experiment(
     root       what the paper's root costs, against one that turns freely
     body       what it costs that frames keep clear of each other
 
-    Without options it has its full size, which takes hours. Typing the
-    same command again goes on where it was stopped.
+    Without options a study has its full size, which takes hours. The same
+    command resumes a stopped one.
 
     Exit status: 0 done; 2 bad input.
     """  # noqa: D301 (\b is click's)

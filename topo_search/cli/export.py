@@ -55,7 +55,7 @@ AUDIT = "topo-search/audit"
     help="Where to write it; a file that is there is replaced.",
 )
 def export(source: str, kind: Any, parts: Any, out: Path) -> None:
-    """Hand a design, an audit or a run to other tools.
+    """Export a design, an audit or a run to other tools.
 
     \b
     png, svg      a picture: the platform with its airflow, a close-up, the tree

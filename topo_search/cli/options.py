@@ -44,21 +44,21 @@ seed = click.option(
     type=click.IntRange(0, LARGEST_INTEGER),
     default=0,
     show_default=True,
-    help="Draws all random numbers.",
+    help="Seed of all random numbers.",
 )
 time_limit = click.option(
     "--time-limit",
     type=click.FloatRange(0, MOST, min_open=True),
     callback=_number,
     metavar="SECONDS",
-    help="End the work with the best design so far, audited; few starts of every tree come first.",
+    help="Stop after this time with the best design so far, audited; every tree gets a few starts first.",
 )
 workers = click.option(
     "--workers", type=click.IntRange(min=1), help="Worker processes (default: the cores available)."
 )
 _dask = (
     click.option(
-        "--dask", metavar="tcp|tls://HOST:PORT", help="Address of a Dask scheduler, whose workers then solve."
+        "--dask", metavar="tcp|tls://HOST:PORT", help="Address of a Dask scheduler whose workers do the solving."
     ),
     *(
         click.option(
@@ -71,8 +71,16 @@ _dask = (
         )
     ),
 )
-connectors = click.option("--connectors", type=click.Choice(["aligned", "any"]), help="Ports that a child may use.")
-root = click.option("--root", type=click.Choice(["free", "paper"]), help="Orientations of the root module.")
+connectors = click.option(
+    "--connectors",
+    type=click.Choice(["aligned", "any"]),
+    help="Ports by which a child may be joined: the opposite one, or any.",
+)
+root = click.option(
+    "--root",
+    type=click.Choice(["free", "paper"]),
+    help="Root orientation: free, or the paper's two limited angles.",
+)
 paper = click.option(
     "--paper", is_flag=True, help="The paper's literal problem: its root, no margin, no body clearance."
 )

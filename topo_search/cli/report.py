@@ -21,9 +21,9 @@ from topo_search.cli.errors import explained
 def report(source: Path, out: Path | None) -> None:
     """Write the page of a run, or of a design after auditing it: one file that opens in any browser, offline.
 
-    `run` writes the page of its folder by itself; this writes it again.
+    `run` writes its own page; this writes it again.
 
-    Exit status: 0 written, whatever it says; 2 bad input.
+    Exit status: 0 written, whatever the verdict; 2 bad input.
     """
     with explained():
         from topo_search import compose

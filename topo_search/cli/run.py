@@ -37,25 +37,25 @@ if TYPE_CHECKING:
     type=click.Choice(["exhaustive", "optuna"]),
     default="exhaustive",
     show_default=True,
-    help="How candidates are chosen: all of them, or those that an Optuna sampler proposes.",
+    help="Solve all candidates, or those that an Optuna sampler proposes.",
 )
 @click.option(
     "--sampler",
     type=click.Choice(["moves", "tpe", "nsga2", "random"]),
-    help="What proposes them: moves on the best trees so far (default), TPE, NSGA-II, or uniform draws.",
+    help="Sampling algorithm: moves on the best trees so far (default), TPE, NSGA-II, or uniform draws.",
 )
 @click.option(
     "--trials",
     type=click.IntRange(1, options.MOST),
-    help="How many different ones (default: 512); where there are no more, all are solved from all starts.",
+    help="Number of candidates to propose (default: 512); if there are no more, all are solved from all starts.",
 )
 @click.option(
     "--prune",
     is_flag=True,
-    help="Skip candidates that are proven to be no better than the best so far: all that are left, once an audited "
-    "design meets the lower bound.",
+    help="Skip candidates that are proven no better than the best so far: all that remain once an audited design "
+    "meets the lower bound.",
 )
-@options.starts("Starts of each topology (default: the solver's).")
+@options.starts("Starts per topology (default: the solver's).")
 @options.seed
 @options.workers
 @options.dask
@@ -89,13 +89,13 @@ def run(
 ) -> None:
     """Search the topologies for TASK (a file, or the name of a shipped example) and audit the best.
 
-    Typing the same command again resumes a stopped run, or prints the answer of a finished one.
-    What is odd about the task, which `check` warns about, is told first, on stderr.
+    The same command resumes a stopped run, or prints the answer of a finished one.
+    Warnings about the task (see `check`) go to stderr first.
 
     Exit status: 0 audited design found; 1 designs found, but none passed its audit;
-    2 bad input; 3 no design found, with the reasons; 70 no workers: they do not start or do not come
-    back, or the Dask scheduler does not answer, or is gone (all results are kept, and the same command resumes);
-    74 the disk is full or fails, or the folder is gone (the best design is then printed).
+    2 bad input; 3 no design found, with the reasons; 70 workers or the Dask scheduler do not start, answer or come
+    back (results are kept; the same command resumes); 74 the disk is full or fails, or the folder is gone (the best
+    design is then printed).
     """
     if strategy == "exhaustive" and (sampler or trials):
         raise click.UsageError("--sampler and --trials go with --strategy optuna")

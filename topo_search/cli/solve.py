@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 @click.command(epilog="Example: topo-search solve push --topology af0000 --out design.json")
 @click.argument("task")
-@click.option("--topology", "key", metavar="KEY", help="A key, as `topo-search topologies` prints them.")
+@click.option(
+    "--topology", "key", metavar="KEY", help="Key of the topology, as `topo-search topologies` prints it."
+)
 @click.option(
     "--sample-seed",
     type=click.IntRange(0, LARGEST_INTEGER),
@@ -48,11 +50,11 @@ def solve(
 ) -> None:
     """Solve TASK for one topology and audit the design.
 
-    Without --starts and --time-limit it ends when more starts stop paying. What is odd about the task, which
-    `check` warns about, is told first, on stderr.
+    Without --starts and --time-limit it stops when more starts no longer pay. Warnings about the task (see `check`)
+    go to stderr first.
 
-    With --json the design (or why there is none) is printed, and so it is if --out fails after all.
-    Exit status as of `run`.
+    --json prints the design, or why there is none; so does a failing --out, so that nothing is lost.
+    Exit status as for `run`.
     """
     with explained():
         from topo_search import compose

@@ -61,7 +61,7 @@ def _print_size(size: SizeAnswer) -> None:
         _print_rows(size.top)
     if not size.complete:
         reached = f", after {counted(size.starts, 'start')} of each candidate" if size.starts else ""
-        click.echo(f"the time limit came first{reached}; the same command goes on")
+        click.echo(f"time limit reached{reached}; run the same command to continue")
     if size.statement is not None and size.best is not None:
         click.echo(f"{size.best.key} is {size.statement}")
     for remark in size.remarks:
@@ -86,7 +86,7 @@ def _print_front(answer: Answer) -> None:
             if size.best is not None:
                 click.echo(f"  best {size.best.key}, {_effort(size.best)}")
             if not size.complete:
-                click.echo("  the time limit came first; the same command goes on")
+                click.echo("  time limit reached; run the same command to continue")
             for remark in (*size.remarks, *([] if size.reason is None else [size.reason])):
                 click.echo(f"  {remark}")
     if not answer.points:

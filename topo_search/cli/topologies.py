@@ -14,8 +14,10 @@ from topo_search.limits import DRAWN_TREES, LISTED_MODULES
 
 @click.command(epilog="Example: topo-search topologies 8 --count")
 @click.argument("n", type=click.IntRange(1, LISTED_MODULES), metavar="N")
-@click.option("--count", "only_count", is_flag=True, help="Print their number alone.")
-@click.option("--sample", "size", type=click.IntRange(1, DRAWN_TREES), metavar="M", help="Print M drawn uniformly.")
+@click.option("--count", "only_count", is_flag=True, help="Print only their number.")
+@click.option(
+    "--sample", "size", type=click.IntRange(1, DRAWN_TREES), metavar="M", help="Print M of them, drawn uniformly."
+)
 @options.seed
 @click.option(
     "--symmetry",

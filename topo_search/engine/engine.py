@@ -46,4 +46,4 @@ class Engine(Protocol):
         """Return the result of a single job."""
         for _, result in self.run(function, [job], deadline=lambda _: deadline, until=until):
             return result
-        return Failed("timeout", "the time limit came first")
+        return Failed("timeout", "time limit reached")

@@ -120,7 +120,7 @@ def _limits(size: SizeAnswer) -> list[str]:
         reached = f" after {counted(size.starts, 'start')} of each candidate" if size.starts else ""
         found.append(
             f"{modules(size.modules)}: the search was stopped{reached}, with {size.settled} of {size.candidates} "
-            "candidates solved; the same command goes on."
+            "candidates solved; run the same command to continue."
         )
     return found
 

@@ -185,4 +185,4 @@ def _position(task: ResolvedTask) -> str:
 
 def _speed(u: float) -> str:
     omega = math.sqrt(u)
-    return f"{omega:.0f} rad/s, {60 * omega / math.tau:.0f} turns a minute"
+    return f"{omega:.0f} rad/s, {60 * omega / math.tau:.0f} rpm"

@@ -126,7 +126,7 @@ def _best_of(
     progress: Callable[[Outcome], None],
 ) -> Outcome:
     """Return the best outcome over rounds of starts, until they end, the time does, or they no longer pay."""
-    best: Outcome = Failed("timeout", "the time limit came before the first start ended")
+    best: Outcome = Failed("timeout", "time limit reached before the first start ended")
     idle = 0
     for starts in ranges:
         job = Job(task, topology, 1, starts, seed)

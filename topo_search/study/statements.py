@@ -17,7 +17,7 @@ def statement(best: Row, settled: int, candidates: int) -> str:
     if best.gap is None or best.objective is None or best.lower_bound is None:
         return found
     limit = f"more than {gap_percent(best.gap)} " if may_beat(best.objective, best.lower_bound) else ""
-    return f"{found}; no topology of as many modules can be {limit}better, which is proven"
+    return f"{found}; proven: no {best.modules}-module topology is {limit}better"
 
 
 def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
@@ -32,7 +32,7 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
         return proof.message
     number, impossible = statuses.total(), statuses["impossible"]
     if number == 0:
-        return "the time limit came before the first candidate was solved: nothing is known yet"
+        return "time limit reached before the first candidate was solved; nothing is known yet"
     if impossible == number:
         which = "the only candidate" if number == 1 else f"each of {number} candidates"
         return f"{which} is proven impossible; candidates.csv names what it cannot meet"
