@@ -25,6 +25,7 @@ from verify.compound_certificate import certify_compounds, compound_evidence
 from verify.cone_certificate import certify_inside
 from verify.contacts import RigidRequirement, allowed_contacts, keep_apart
 from verify.evidence import evidence
+from verify.flight import flight
 from verify.hull_certificate import certify_outside
 from verify.hulls import Hull
 from verify.interference import interference, percent_of_deepest
@@ -77,12 +78,14 @@ def _audit(design: Design, started: float) -> Audit:
     mount, module = sheet.mount, design.task.module
     holder = 0 if mount is None else mount.module
     pairs = tuple(_clearance(*row, module, parts) for row in zip(asked, certificates, strict=True))
+    errors = sensitivity(design, found, scene, requirements, holder)
     return Audit(
         verdict=Status.worst(statuses),
         pairs=pairs,
         residuals=rows,
         interference=interference(pairs),
-        sensitivity=sensitivity(design, found, scene, requirements, holder),
+        sensitivity=errors,
+        flight=flight(design, found, sheet, errors),
         assembly=sheet,
         allowed_contacts=allowed_contacts(design, sheet.mount),
         versions=dict(_versions()),

@@ -17,6 +17,7 @@ from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design, Mount, SolverRecord
 from topo_search.model.end_effector import EndEffector
 from topo_search.model.exposure import LEAST_OFFSET, Directional, Exterior, Local, needs_offset
+from topo_search.model.flight import CaseFlight, Flight, JointLoad, RotorsOut
 from topo_search.model.infeasible import Infeasible, Shortfall
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
 from topo_search.model.module import AirflowEnvelope, Module
@@ -32,6 +33,7 @@ __all__ = [
     "Audit",
     "BadInput",
     "BoltedJoint",
+    "CaseFlight",
     "Clearance",
     "Design",
     "Directional",
@@ -39,9 +41,11 @@ __all__ = [
     "EndEffectorSheet",
     "Exterior",
     "Fault",
+    "Flight",
     "FreeConnector",
     "Infeasible",
     "Interference",
+    "JointLoad",
     "Limit",
     "LoadCase",
     "Local",
@@ -52,6 +56,7 @@ __all__ = [
     "Residual",
     "ResolvedTask",
     "Rod",
+    "RotorsOut",
     "Search",
     "Sensitivity",
     "Shortfall",

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from topo_search.model.assembly import Assembly
+from topo_search.model.flight import Flight
 from topo_search.model.html import heading, table
 from topo_search.model.value import Index, NonNegative, Number, Value
 
@@ -186,6 +187,9 @@ class Audit(Value):
     """None in files of programs that do not measure it."""
     sensitivity: Sensitivity | None = None
     """None if there is no clearance to lose."""
+    flight: Flight | None = None
+    """What the design can do beyond its task; None where its numbers are too large to compute with, and in files of
+    programs that do not measure it."""
     assembly: Assembly
     """What to bolt to what."""
     allowed_contacts: tuple[AllowedContact, ...]

@@ -1,0 +1,340 @@
+"""Figures of flight of whole designs: attacked with random wrenches, scaled, mirrored, and by MuJoCo."""
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+from verify_cases import FAN, HOVER, changed, design, fan
+
+from topo_search.export.poses import poses
+from topo_search.model import Audit, CaseFlight, Design, Flight, Topology
+from topo_search.topologies import sample
+from verify import audit
+from verify.kinematics import platform
+from verify.wrench import required_wrench, wrench_map
+
+Array = NDArray[np.float64]
+
+PUSH = {"end_effector": {"force": [0.01, 0.005, 0.0]}, "com": {"force": [0.0, 0.0, 1.0]}}
+
+
+def drawn(seed: int, n: int = 5, **task: Any) -> Design:
+    """A platform of modules that lean every way but on the whole upright; it may hover and push, or not."""
+    rng = np.random.default_rng(seed)
+    (tree,) = sample(n, 1, seed)
+    hinges = tuple(rng.uniform(-0.7, 0.7, n - 1).tolist())
+    tip = tuple(rng.uniform(-0.5, 0.5, 3).tolist())
+    module = {"max_thrust_to_weight": 4.0}
+    leaning = design(tree, {"module": module}, hinges=hinges, end_effector=tip)
+    z = platform(leaning).poses.z.sum(axis=0)
+    z /= np.linalg.norm(z)
+    up = np.array([0.0, 0.0, 1.0])
+    R = np.eye(3) - np.outer(z + up, z + up) / (1 + z[2]) + 2 * np.outer(up, z)  # takes z to up
+    alpha_0 = math.asin(R[2, 1])
+    root = (math.atan2(-R[0, 1], R[1, 1]), alpha_0, math.atan2(-R[2, 0], R[2, 2]))
+    task = {"load_cases": [PUSH], "module": module, **task}
+    return design(tree, task, hinges=hinges, root=root, end_effector=tip)
+
+
+ABLE = (0, 1, 4, 10, 30)
+"""Seeds of platforms that can hover and push."""
+
+
+def flight(given: Design) -> Flight:
+    found = audit(given).flight
+    assert found is not None
+    return found
+
+
+def producible(given: Design, wrench: Array, dead: int | None = None) -> bool:
+    """Whether the rotors can produce a wrench about the COM, by HiGHS [N], [N m]."""
+    task, found = given.task, platform(given)
+    unit = np.repeat([task.force_unit(task.n), task.torque_unit(task.n)], 3)
+    A = wrench_map(found, task.module) * task.module.max_input(task.gravity)
+    bounds = [(0.0, 0.0 if j == dead else 1.0) for j in range(A.shape[1])]
+    answer = linprog(np.zeros(A.shape[1]), A_eq=A / unit[:, None], b_eq=wrench / unit, bounds=bounds)
+    return answer.status == 0
+
+
+def asked(given: Design) -> list[Array]:
+    """Wrenches of hover and of every load case."""
+    found, weight = platform(given), given.task.force_unit(given.task.n)
+    hover = np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0])
+    return [hover, *(required_wrench(case, found.p_e) for case in given.task.load_cases)]
+
+
+def directions(rng: np.random.Generator) -> Array:
+    v = rng.normal(size=(40, 3))
+    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
+
+
+def reserves(case: CaseFlight) -> list[tuple[str, float, Array]]:
+    rows = (
+        ("force", case.force_reserve_N, case.force_weakest),
+        ("horizontal", case.horizontal_reserve_N, case.horizontal_weakest),
+        ("torque", case.torque_reserve_Nm, case.torque_weakest),
+    )
+    return [(name, size, np.array(v)) for name, size, v in rows if size is not None and v is not None]
+
+
+@pytest.mark.parametrize("seed", ABLE)
+def test_all_within_a_reserve_can_be_produced_and_nothing_just_beyond_it_at_its_weakest(seed: int) -> None:
+    given = drawn(seed)
+    p_E, found = platform(given).p_e, flight(given)
+    rng = np.random.default_rng(seed)
+    assert all(case.possible for case in found.cases)
+    for case, b in zip(found.cases, asked(given), strict=True):
+        assert producible(given, b) is case.possible
+        for name, size, weakest in reserves(case):
+            for d in (*directions(rng), weakest):
+                if name == "horizontal":
+                    d = np.append(d[:2], 0.0) / np.linalg.norm(d[:2])
+                least = 0.999 * size * d
+                added = np.concatenate([[0, 0, 0], least] if name == "torque" else [least, np.cross(p_E, least)])
+                assert producible(given, b + added)
+            beyond = (1.001 * size + 1e-5) * weakest
+            added = np.concatenate([[0, 0, 0], beyond] if name == "torque" else [beyond, np.cross(p_E, beyond)])
+            assert not producible(given, b + added)
+        if case.load_factor is not None:
+            assert producible(given, 0.9999 * case.load_factor * b)
+            assert not producible(given, 1.0001 * case.load_factor * b)
+
+
+@pytest.mark.parametrize("seed", [*ABLE, 2, 3])
+def test_the_rotors_that_may_fail_are_those_without_which_all_can_be_produced(seed: int) -> None:
+    given = drawn(seed, 3)
+    found, wrenches = flight(given), asked(given)
+    able = [[producible(given, b, dead) for b in wrenches] for dead in range(12)]
+    for out, cases in ((found.rotors_out_hover, 1), (found.rotors_out_all, 2)):
+        lost = tuple((j // 4, j % 4) for j in range(12) if not all(able[j][:cases]))
+        assert (out.lost, out.undecided, out.survive, out.of) == (lost, (), 12 - len(lost), 12)
+
+
+def test_parallel_rotors_have_no_side_force_and_a_known_load_factor() -> None:
+    module = {"max_thrust_to_weight": 2.0}
+    flat = design(FAN, {"module": module}, hinges=(0.0, 0.0))
+    found = flight(flat)
+    hover, task = found.hover, flat.task
+    assert hover.possible
+    assert (hover.force_reserve_N, hover.horizontal_reserve_N) == (0.0, 0.0)
+    assert hover.force_weakest is not None
+    assert abs(hover.force_weakest[2]) < 1e-6
+    # the tip is above the COM, so that nothing turns the platform: all rotors grow alike
+    most = 3 * 2.0 * task.module.mass / task.total_mass(3)
+    assert hover.load_factor == pytest.approx(most, rel=1e-7)
+    assert found.hover_power_ratio == pytest.approx(1, rel=1e-6)
+    assert found.hover_input == pytest.approx(1 / most, rel=1e-7)
+    assert found.span_m == pytest.approx(math.hypot(4 * 0.15 + math.sqrt(2) * 0.1, math.sqrt(2) * 0.1) + 0.1)
+
+
+def test_one_module_loses_hover_with_any_rotor() -> None:
+    found = flight(design(Topology(((-1, -1, -1),)), {}, hinges=()))
+    assert found.rotors_out_hover.lost == ((0, 0), (0, 1), (0, 2), (0, 3))
+    assert found.joints == ()
+    assert found.joint_moment_Nm is None
+
+
+def test_a_platform_that_cannot_hover_says_so() -> None:
+    given = fan({"module": {"max_thrust_to_weight": 0.9}, "load_cases": [{"com": {"force": [0.0, 0.0, 0.1]}}]})
+    found = flight(given)
+    assert found.hover.possible is False
+    assert found.hover.force_reserve_N is None
+    assert found.hover_input is None
+    assert found.rotors_out_hover.survive == 0
+    assert found.weakest_point == "cannot hover"
+    assert found.cases[1].possible
+    assert {load.case for load in found.joints} == {"load case 0"}
+
+
+def test_figures_scale_with_lengths_and_masses() -> None:
+    """Twice as long and three times as heavy: forces grow by 3, torques by 6, shares and angles stay."""
+    small = drawn(ABLE[0])
+    module = small.task.module
+    s, m = 2.0, 3.0
+    inertia = [m * s * s * x for x in module.inertia]
+    larger = {
+        "module": {
+            "max_thrust_to_weight": module.max_thrust_to_weight,
+            "mass": m * module.mass,
+            "arm_length": s * module.arm_length,
+            "connector_distance": s * module.connector_distance,
+            "torque_coefficient": s * module.torque_coefficient,
+            "body": {"rotor_radius": s * 0.05, "rotor_height": s * 0.02, "arm_width": s * 0.02, "inertia": inertia}
+            | {"hub": [s * 0.08, s * 0.08, s * 0.04]},
+        },
+        "end_effector": {"mass": m * 0.048, "rod_radius": s * 0.005, "rod_linear_density": 0.045 * m / s},
+        "load_cases": [PUSH],
+    }
+    x, y, z = small.end_effector_m
+    large = design(
+        small.topology,
+        larger,
+        hinges=small.hinge_angles_rad,
+        root=small.root_orientation_rad,
+        end_effector=(s * x, s * y, s * z),
+    )
+    one, other = flight(small), flight(large)
+    for a, b in zip(one.cases, other.cases, strict=True):
+        for name, factor in (("force_reserve_N", m), ("horizontal_reserve_N", m), ("torque_reserve_Nm", m * s)):
+            assert getattr(b, name) == pytest.approx(factor * getattr(a, name), rel=1e-6, abs=1e-6)
+        assert b.load_factor == pytest.approx(a.load_factor, rel=1e-6)
+        assert (b.largest_input, b.inputs_at_limit) == (pytest.approx(a.largest_input, rel=1e-6), a.inputs_at_limit)
+    for before, after in zip(one.joints, other.joints, strict=True):
+        assert after.force_N == pytest.approx(m * before.force_N, rel=1e-6)
+        assert after.moment_Nm == pytest.approx(m * s * before.moment_Nm, rel=1e-6)
+        assert after.about_hinge_Nm == pytest.approx(m * s * before.about_hinge_Nm, rel=1e-5, abs=1e-9)
+    assert other.rotors_out_hover == one.rotors_out_hover
+    for name, factor in (("span_m", s), ("rod_length_m", s), ("rod_mass_share", 1.0), ("hover_power_ratio", 1.0)):
+        mine, theirs = getattr(one, name), getattr(other, name)
+        assert theirs == (None if mine is None else pytest.approx(factor * mine, rel=1e-6))
+
+
+def test_a_task_in_newtons_has_the_figures_of_the_same_task_in_weights() -> None:
+    given = drawn(ABLE[1])
+    force = given.task.force_unit(5)
+    in_newtons = {
+        "units": "SI",
+        "end_effector": {"force": [0.01 * force, 0.005 * force, 0.0]},
+        "com": {"force": [0.0, 0.0, force]},
+    }
+    for a, b in zip(flight(given).cases, flight(drawn(ABLE[1], load_cases=[in_newtons])).cases, strict=True):
+        for (_, size, _), (_, same, _) in zip(reserves(a), reserves(b), strict=True):
+            assert same == pytest.approx(size, rel=1e-9)
+        assert b.load_factor == pytest.approx(a.load_factor, rel=1e-9)
+
+
+def test_a_half_turn_of_the_world_turns_the_weakest_directions() -> None:
+    given = drawn(ABLE[2])
+    psi, alpha_0, alpha_1 = given.root_orientation_rad
+    x, y, z = given.end_effector_m
+    turned = {"end_effector": {"force": [-0.01, -0.005, 0.0]}, "com": {"force": [0.0, 0.0, 1.0]}}
+    task = given.task.model_dump(mode="json") | {"load_cases": [turned]}
+    other = changed(
+        given, task=task, root_orientation_rad=(psi + math.pi, alpha_0, alpha_1), end_effector_m=(-x, -y, z)
+    )
+    for a, b in zip(flight(given).cases, flight(other).cases, strict=True):
+        for (name, size, v), (_, same, w) in zip(reserves(a), reserves(b), strict=True):
+            assert same == pytest.approx(size, abs=1e-6), name
+            assert np.allclose(w, [-v[0], -v[1], v[2]], atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("connectors", ["aligned", "any"])
+def test_joints_bear_what_mujoco_measures(seed: int, connectors: Any) -> None:
+    rng = np.random.default_rng(seed)
+    (tree,) = sample(5, 1, seed, connectors=connectors)
+    case = {
+        "end_effector": {"force": [0.3, -0.2, 0.1], "torque": [0.2, 0.1, -0.3]},
+        "com": {"force": [0.1, 0.0, 0.7], "torque": [0.0, 0.4, 0.0]},
+    }
+    module, port = list(tree.free_connectors)[int(rng.integers(len(list(tree.free_connectors))))]
+    given = design(
+        tree,
+        {
+            "load_cases": [case],
+            "search": {"connectors": connectors},
+            "module": {"body": {"inertia": [2e-3, 1e-3, 2.5e-3]}},
+        },
+        hinges=tuple(rng.uniform(-1.5, 1.5, 4).tolist()),
+        root=(1.0, 0.4, -0.3),
+        end_effector=(0.5, -0.6, 0.7),
+    )
+    u = rng.uniform(0, given.task.max_input, 20)  # nothing in equilibrium
+    given = changed(
+        given, mount={"module": module, "port": port}, rotor_speeds_squared=[u.tolist()], objective=float(u @ u)
+    )
+    measured = by_mujoco(given, module, u.reshape(-1, 4))
+    loads = [load for load in flight(given).joints if load.case == "load case 0"]
+    assert len(loads) == len(measured) == 4
+    for load, (force, moment, about) in zip(loads, measured, strict=True):
+        assert load.force_N == pytest.approx(force, rel=1e-6)
+        assert load.moment_Nm == pytest.approx(moment, rel=1e-6)
+        assert load.about_hinge_Nm == pytest.approx(abs(about), rel=1e-5, abs=1e-9)
+        assert load.across_hinge_Nm == pytest.approx(math.sqrt(moment**2 - about**2), rel=1e-5)
+
+
+def by_mujoco(given: Design, holder: int, u: Array) -> list[tuple[float, float, float]]:
+    """Force, moment and moment about the hinge in every joint: bodies without joints, cut by MuJoCo's own sensors.
+
+    Thrusts and drags act on modules, the reaction on the end-effector; gravity is MuJoCo's. Each module's frame has
+    its origin at the connector that holds it, so that the sensor there reads moments about the connector.
+    """
+    task, at, tree = given.task, poses(given), given.topology
+    module, l_c = task.module, task.module.connector_distance
+    ports = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+    origins, children = [np.zeros(3)], {i: [] for i in range(tree.n)}
+    for h, i, a, _ in tree.edges():
+        origins.append(at.p[h] + l_c * at.R[h] @ ports[a])
+        children[h].append(i)
+
+    def text(v: Array) -> str:
+        return " ".join(repr(float(x)) for x in v)
+
+    def body(i: int, parent: Array) -> str:
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, at.R[i].ravel())
+        centre = f'pos="{text(at.p[i] - origins[i])}" quat="{text(quaternion)}"'
+        inertial = f'<inertial {centre} mass="{module.mass}" diaginertia="{text(np.array(module.inertia))}"/>'
+        inside = "".join(body(j, origins[i]) for j in children[i])
+        if i == holder:
+            place = text(np.array(given.end_effector_m) - origins[i])
+            point = f'<inertial pos="0 0 0" mass="{task.end_effector.mass}" diaginertia="0 0 0"/>'
+            inside += f'<body name="tip" pos="{place}">{point}</body>'
+        free = "" if i else "<freejoint/>"
+        site = f'<site name="s{i}"/>'
+        return f'<body name="b{i}" pos="{text(origins[i] - parent)}">{free}{inertial}{site}{inside}</body>'
+
+    sensors = "".join(f'<force site="s{i}"/><torque site="s{i}"/>' for i in range(1, tree.n))
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><option gravity="0 0 {-task.gravity}"/><worldbody>{body(0, np.zeros(3))}</worldbody>'
+        f"<sensor>{sensors}</sensor></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    q = np.array([-1.0, 1.0, -1.0, 1.0])
+    arms = module.arm_length / math.sqrt(2) * np.array([[1, -1, 0], [-1, -1, 0], [-1, 1, 0], [1, 1, 0]])
+    for i in range(tree.n):
+        z = at.R[i][:, 2]
+        thrusts = module.thrust_coefficient * u[i]
+        torque = sum(np.cross(at.R[i] @ arm, thrust * z) for arm, thrust in zip(arms, thrusts, strict=True))
+        torque = torque + module.torque_coefficient * (q @ u[i]) * z
+        data.body(f"b{i}").xfrc_applied[:] = [*(thrusts.sum() * z), *torque]
+    (case,) = task.load_cases
+    data.body("tip").xfrc_applied[:] = np.negative([*case.at_end_effector.force, *case.at_end_effector.torque])
+    mujoco.mj_forward(model, data)
+    mujoco.mj_rnePostConstraint(model, data)
+    mujoco.mj_sensorAcc(model, data)
+    found = []
+    for (h, i, a, _), load in zip(tree.edges(), data.sensordata.reshape(-1, 6), strict=True):
+        axis = at.R[h][:, 1 if a % 2 == 0 else 0]
+        turned = data.site(f"s{i}").xmat.reshape(3, 3)
+        moment = turned @ load[3:]
+        found.append((float(np.linalg.norm(load[:3])), float(np.linalg.norm(moment)), float(moment @ axis)))
+    return found
+
+
+def test_an_audit_with_its_flight_is_written_and_read_again() -> None:
+    found = audit(drawn(ABLE[3]))
+    assert Audit.model_validate_json(found.model_dump_json()) == found
+    written = found.model_dump(mode="json")["flight"]
+    assert set(written) == {
+        *("cases", "rotors_out_hover", "rotors_out_all", "joints", "hinge_tolerance_deg", "hover_input"),
+        *("hover_power_ratio", "rod_length_m", "rod_mass_share", "span_m"),
+    }
+    assert Audit.model_validate({**found.model_dump(mode="json"), "flight": None}).flight is None
+
+
+def test_figures_that_overflow_are_left_out() -> None:
+    assert audit(fan(end_effector=(1e200, 0.0, 0.0))).flight is None
+
+
+def test_hover_is_told_of_a_task_that_never_asks_for_it() -> None:
+    found = flight(fan({"load_cases": [{"com": {"force": [0.0, 0.0, 1.1]}}, HOVER]}))
+    assert [case.name for case in found.cases] == ["hover", "load case 0", "load case 1"]
+    for a, b in zip(reserves(found.hover), reserves(found.cases[2]), strict=True):
+        assert a[1] == b[1]
+    assert found.load_factor == found.cases[1].load_factor

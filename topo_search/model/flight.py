@@ -1,0 +1,142 @@
+"""What a design can do beyond its task, as `flight` of `audit.json` holds it: measured, whether asked for or not.
+
+Numbers are proven: a reserve is at least what it says, and at most `..._at_most`. None: there is none, or no proof.
+Rotors run up to their largest input; `search.peak_input` is asked of the load cases alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field
+
+from topo_search.model.proven import at_least
+from topo_search.model.value import Index, Number, Value, Vector
+
+STRAIGHT = math.cos(math.radians(1.0))
+"""Directions are told as an axis up to this cosine of the angle between them."""
+
+Size = Annotated[float, Field(strict=True, ge=0)]
+"""Of something that was measured, however large."""
+
+
+class CaseFlight(Value):
+    """What a load case, or hover, leaves: around its wrench, with the torque or the force as asked."""
+
+    name: str
+    """`hover` (the weight carried at the COM) or the load case's."""
+    possible: bool | None
+    """Whether the rotors can produce it; None: undecided."""
+    force_reserve_N: Size | None = None
+    """Any force of this size can be added at the end-effector [N]."""
+    force_reserve_at_most_N: Size | None = None
+    force_weakest: Vector | None = None
+    """No more than that force can be added this way."""
+    horizontal_reserve_N: Size | None = None
+    """The same of horizontal forces alone [N]."""
+    horizontal_reserve_at_most_N: Size | None = None
+    horizontal_weakest: Vector | None = None
+    torque_reserve_Nm: Size | None = None
+    """Any torque of this size can be added [N m]."""
+    torque_reserve_at_most_Nm: Size | None = None
+    torque_weakest: Vector | None = None
+    load_factor: Size | None = None
+    """The whole wrench times this can be produced: what is left until a rotor saturates."""
+    load_factor_at_most: Size | None = None
+    largest_input: Number | None = None
+    """Of the design's inputs, of hover of those of least effort, over the largest input of a rotor."""
+    least_input: Number | None = None
+    inputs_at_limit: Index | None = None
+    """How many of them are within a thousandth of their range from a limit."""
+
+
+class RotorsOut(Value):
+    """Which single rotors may fail."""
+
+    survive: Index
+    """How many are proven to."""
+    of: Index
+    lost: tuple[tuple[Index, Index], ...] = ()
+    """Module and rotor (0..3) of each whose failure is proven to make a wrench impossible."""
+    undecided: tuple[tuple[Index, Index], ...] = ()
+
+
+class JointLoad(Value):
+    """What a joint bears in a load case, or in hover."""
+
+    case: str
+    module: Index
+    """The module that is nearer to the root."""
+    port: Index
+    """Its port."""
+    child: Index
+    force_N: Size
+    moment_Nm: Size
+    """About the connector."""
+    about_hinge_Nm: Size
+    """The part of it about the hinge's axis."""
+    across_hinge_Nm: Size
+
+
+class Flight(Value):
+    """What a design can do beyond its task."""
+
+    cases: tuple[CaseFlight, ...]
+    """Hover, then every load case."""
+    rotors_out_hover: RotorsOut
+    """With any one of these rotors dead the platform can still hover."""
+    rotors_out_all: RotorsOut
+    """And exert every load case."""
+    joints: tuple[JointLoad, ...]
+    """Joint by joint for hover, then for every load case."""
+    hinge_tolerance_deg: Size | None
+    """Proven: hinge angles off by as much lose no clearance [deg]; None where there is none to lose."""
+    hover_input: Size | None
+    """Mean input in hover over the largest input of a rotor."""
+    hover_power_ratio: Size | None
+    """Sum of u^1.5 in hover over that of rotors which all pull straight up."""
+    rod_length_m: Size | None
+    """None: no straight rod carries the end-effector."""
+    rod_mass_share: Size | None
+    """Mass of the rod, which the model leaves out, over that of the platform."""
+    span_m: Size
+    """Largest distance between the centres of two rotors, and the width of one [m]."""
+
+    @property
+    def hover(self) -> CaseFlight:
+        """What hover leaves."""
+        return self.cases[0]
+
+    @property
+    def load_factor(self) -> float | None:
+        """The least of hover and all load cases."""
+        return min((case.load_factor for case in self.cases if case.load_factor is not None), default=None)
+
+    @property
+    def joint_moment_Nm(self) -> float | None:
+        """The largest of all load cases that the task has [N m]; None without joints."""
+        stated = (load.moment_Nm for load in self.joints if load.case != self.hover.name)
+        return max(stated, default=None)
+
+    @property
+    def weakest_point(self) -> str:
+        """What a pilot has to know first, in a line."""
+        hover, out = self.hover, self.rotors_out_hover
+        if not hover.possible:
+            return "cannot hover" if hover.possible is False else "whether it hovers is undecided"
+        told = ["hovers"]
+        if hover.horizontal_reserve_N is not None:
+            towards = "" if hover.horizontal_weakest is None else f" towards {direction(hover.horizontal_weakest)}"
+            told.append(f"weakest side force at the tip {at_least(hover.horizontal_reserve_N, 2):g} N{towards}")
+        told.append(f"survives {out.survive} of {out.of} single rotor failures")
+        return "; ".join(told)
+
+
+def direction(v: Vector) -> str:
+    """Return a direction in words: an axis, or the components of a unit vector."""
+    length = math.hypot(*v)
+    for name, component in zip("xyz", v, strict=True):
+        if abs(component) >= STRAIGHT * length:
+            return f"{'-' if component < 0 else '+'}{name}"
+    return f"[{', '.join(f'{component / length:.2f}' for component in v)}]"

@@ -1,0 +1,10 @@
+"""What a design can do beyond its task, by linear programs whose answers are proven.
+
+Reserves of force and torque around hover and every load case, load factors, dead rotors, the loads of joints.
+"""
+
+from __future__ import annotations
+
+from verify.flight.measured import flight
+
+__all__ = ["flight"]

@@ -1,0 +1,162 @@
+r"""The largest ball around a point of a polytope that linear programs describe, from inside and from outside.
+
+    P = {C v - g : M v = m, low <= v <= high}, in two or three dimensions D
+
+| symbol | meaning | shape |
+|---|---|---|
+| C, g | what is asked about, and the centre of the ball | (D, N), (D,) |
+| h(d) | greatest d . x of P: one linear program | |
+| r | radius of the largest ball around zero in P: the least h(d) of all unit d | |
+
+Points where h is attained are in P, and so is their hull: no r is less than the distance of its nearest facet. No r
+is more than any h(d). The normals of the hull's nearest facets are asked next, until none of them moves, so that
+only facets near the answer are ever found.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from verify.bodies import Array
+from verify.flight.programs import Box, Greatest, greatest
+
+ACCURACY = 1e-7
+"""Distance between both bounds of r that is good enough, in weights."""
+ROUNDS = 60
+"""Most times that normals are asked for."""
+ASKED = 12
+"""Normals that are asked at a time."""
+SAME = 1e-13
+"""One minus the cosine of the angle between normals that are one."""
+COVERED = 1e-6
+"""What may be missing of a full (solid) angle around zero [rad], [sr]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """The largest ball, as far as it is proven."""
+
+    lower: float
+    """All of a ball of this radius is in the polytope."""
+    upper: float
+    """The polytope ends at this distance towards `weakest`."""
+    weakest: Array
+    """Unit vector, shape (D,)."""
+
+
+def largest_balls(C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball]:
+    """Return the largest ball around zero of each polytope.
+
+    Args:
+        C: shape (D, N).
+        M: shape (k, N).
+        g: of each polytope, shape (B, D).
+        m: shape (B, k).
+        box: bounds of the variables, the same for all.
+    """
+    polytopes = [_Polytope(len(C)) for _ in g]
+    for _ in range(ROUNDS):
+        asked = [(row, polytope.questions()) for row, polytope in enumerate(polytopes)]
+        if not any(len(d) for _, d in asked):
+            break
+        rows = np.concatenate([np.full(len(d), row) for row, d in asked])
+        d = np.concatenate([d for _, d in asked])
+        found = greatest(d @ C, M, m[rows], box)
+        beside = np.sum(d * g[rows], axis=1)
+        found = Greatest(found.v @ C.T - g[rows], found.attained - beside, found.upper - beside)
+        for row, polytope in enumerate(polytopes):
+            mine = rows == row
+            polytope.learn(d[mine], Greatest(found.v[mine], found.attained[mine], found.upper[mine]))
+    return [polytope.ball() for polytope in polytopes]
+
+
+@dataclass(eq=False)
+class _Polytope:
+    """What is known of one polytope."""
+
+    D: int
+    points: Array = field(init=False)
+    asked: Array = field(init=False)
+    upper: float = math.inf
+    weakest: Array = field(init=False)
+    lower: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.points, self.asked = np.empty((0, self.D)), np.empty((0, self.D))
+        self.weakest = np.zeros(self.D)
+
+    def learn(self, d: Array, found: Greatest) -> None:
+        """Take what was found in directions d."""
+        self.asked = np.concatenate([self.asked, d])
+        points = np.concatenate([self.points, found.v[np.isfinite(found.attained)]])
+        self.points = points[np.unique(np.round(points, 10), axis=0, return_index=True)[1]]
+        if len(d) and found.upper.min() < self.upper:
+            best = int(np.argmin(found.upper))
+            self.upper, self.weakest = float(found.upper[best]), d[best]
+
+    def questions(self) -> Array:
+        """Return the directions to ask in next, shape (q, D); none at the end."""
+        if not len(self.asked):
+            return _first(self.D)
+        if self.upper <= ACCURACY or not len(self.points):
+            return np.empty((0, self.D))
+        thin = self._thin()
+        if thin is not None:
+            return self._unasked(np.stack([thin, -thin]))
+        try:
+            hull = ConvexHull(self.points)
+        except QhullError:
+            return np.empty((0, self.D))
+        normals = hull.equations[:, : self.D]
+        corners = self.points[hull.simplices]
+        offsets = np.einsum("fd,fkd->fk", normals, corners).min(axis=1)
+        self.lower = max(self.lower, float(offsets.min()) if _surrounds(normals, corners) else 0.0)
+        near = np.flatnonzero(offsets < self.upper - ACCURACY)
+        return self._unasked(normals[near[np.argsort(offsets[near], kind="stable")]])[:ASKED]
+
+    def _thin(self) -> Array | None:
+        """Return a direction across which no points lie, if there is one."""
+        _, sizes, axes = np.linalg.svd(np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))]))
+        return None if sizes[-1] > ACCURACY / 10 else np.asarray(axes[-1])
+
+    def _unasked(self, normals: Array) -> Array:
+        kept: list[Array] = []
+        for n in normals:
+            known = np.concatenate([self.asked, *[one[None] for one in kept]])
+            if not np.any(known @ n > 1 - SAME):
+                kept.append(n)
+            if len(kept) == ASKED:
+                break
+        return np.array(kept).reshape(-1, self.D)
+
+    def ball(self) -> Ball:
+        """Return what is proven."""
+        return Ball(min(self.lower, max(self.upper, 0.0)), self.upper, self.weakest)
+
+
+def _first(D: int) -> Array:
+    """Return unit vectors all around."""
+    around = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=D) if any(d)])
+    around = around[np.abs(around).sum(axis=1) != 2] if D == 3 else around
+    return np.asarray(around / np.linalg.norm(around, axis=1, keepdims=True))
+
+
+def _surrounds(normals: Array, corners: Array) -> bool:
+    """Whether facets, shape (F, D, D), cover all directions from zero, each seen from inside."""
+    if np.einsum("fd,fkd->fk", normals, corners).min() <= 0:
+        return False
+    if corners.shape[1] == 2:
+        a, b = corners[:, 0], corners[:, 1]
+        angles = np.arctan2(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b, axis=1))
+        return bool(abs(angles.sum() - 2 * math.pi) < COVERED)
+    # Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983)
+    a, b, c = (corners[:, k] for k in range(3))
+    A, B, C = (np.linalg.norm(x, axis=1) for x in (a, b, c))
+    volume = np.abs(np.einsum("fd,fd->f", a, np.cross(b, c)))
+    inner = A * B * C + np.sum(a * b, axis=1) * C + np.sum(b * c, axis=1) * A + np.sum(c * a, axis=1) * B
+    return bool(abs(2 * np.arctan2(volume, inner).sum() - 4 * math.pi) < COVERED)

@@ -1,0 +1,109 @@
+"""What each joint bears: the tree is cut there, and all that hangs beyond the cut is looked at alone.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| j, o_j, m | module beyond the cut, its centre from the COM, its mass | | m, kg |
+| c | the connector at which the joint is cut, from the COM | (3,) | m |
+| a, w' | acceleration of the COM, angular acceleration (the platform is at rest) | (3,) | m/s^2, rad/s^2 |
+| f_E, tau_E | what the platform exerts at the end-effector; the reaction is -f_E, -tau_E | (3,) | N, N m |
+| F_c, tau_c | what the joint exerts on what is beyond it | (3,) | N, N m |
+
+Newton and Euler for what is beyond: F_c = sum m a_j - all other forces, and moments about c alike. Other forces are
+those of the rotors, the weight, and the reaction if the end-effector is mounted beyond. The whole platform
+accelerates by what the case leaves unbalanced, wrench of the rotors less wrench at the end-effector less weight;
+nothing in equilibrium. The end-effector is a point of mass m_E; modules have the inertia of the task, the rod none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from topo_search.model import Design, JointLoad, LoadCase
+from verify.bodies import Array
+from verify.kinematics import PORT_DIRECTIONS, ROTOR_SPINS, Platform
+from verify.residuals import finite
+
+
+def joint_loads(
+    design: Design, found: Platform, case: LoadCase, u: Array, name: str, holder: int | None
+) -> Iterator[JointLoad]:
+    """Yield what each joint bears in a load case, in the order of the joints.
+
+    Args:
+        design: the design.
+        found: its geometry.
+        case: what is asked of the rotors [N], [N m].
+        u: their inputs, shape (n, 4) [rad^2/s^2].
+        name: of the case.
+        holder: the module that carries the end-effector; None: unknown, each joint then has the larger moment of
+            both that it may bear.
+    """
+    borne = _Borne(design, found, case, u)
+    topology, l_c = design.topology, design.task.module.connector_distance
+    beyond = _beyond(design)
+    for h, i, a, _ in topology.edges():
+        R_h = found.poses.R[h]
+        c = found.o[h] + l_c * R_h @ PORT_DIRECTIONS[a]
+        axis = R_h[:, 1 if a % 2 == 0 else 0]
+        sides = (True, False) if holder is None else (bool(beyond[i, holder]),)
+        F, tau = max((borne.at(c, beyond[i], tip) for tip in sides), key=lambda load: float(load[1] @ load[1]))
+        about = float(tau @ axis)
+        yield JointLoad(
+            case=name,
+            module=h,
+            port=a,
+            child=i,
+            force_N=finite(float(np.linalg.norm(F))),
+            moment_Nm=finite(float(np.linalg.norm(tau))),
+            about_hinge_Nm=finite(abs(about)),
+            across_hinge_Nm=finite(float(np.linalg.norm(tau - about * axis))),
+        )
+
+
+def _beyond(design: Design) -> Array:
+    """Return which modules, columns, hang at each module, rows, itself included, shape (n, n)."""
+    beyond = np.eye(design.topology.n, dtype=bool)
+    for h, i, _, _ in reversed(list(design.topology.edges())):
+        beyond[h] |= beyond[i]
+    return beyond
+
+
+class _Borne:
+    """All forces on the parts of a platform in one load case, and their accelerations."""
+
+    def __init__(self, design: Design, found: Platform, case: LoadCase, u: Array) -> None:
+        task, module = design.task, design.task.module
+        n, z = design.topology.n, found.poses.z
+        self._o, self._p_E, m, m_E = found.o, found.p_e, module.mass, task.end_effector.mass
+        thrusts = module.thrust_coefficient * u[:, :, None] * z[:, None, :]
+        drags = module.torque_coefficient * (ROTOR_SPINS * u).sum(axis=1)[:, None] * z
+        self._f_E, self._tau_E = np.array(case.at_end_effector.force), np.array(case.at_end_effector.torque)
+        weight = np.array([0.0, 0.0, -task.gravity])
+        F = thrusts.sum(axis=(0, 1)) - self._f_E + (n * m + m_E) * weight
+        tau = np.cross(found.rotors, thrusts).sum(axis=(0, 1)) + drags.sum(axis=0) - self._tau_E
+        tau -= np.cross(self._p_E, self._f_E)
+        R = found.poses.R
+        inertias = R * np.array(module.inertia) @ np.swapaxes(R, 1, 2)
+        points = np.concatenate([found.o, found.p_e[None]])
+        masses = np.append(np.full(n, m), m_E)
+        spread = (points**2).sum(axis=1)[:, None, None] * np.eye(3) - points[:, :, None] * points[:, None, :]
+        turning = inertias.sum(axis=0) + (masses[:, None, None] * spread).sum(axis=0)
+        a, turned = F / masses.sum(), np.linalg.solve(turning, tau)
+        # what the joints must exert on each part: its inertia less all other forces on it
+        falls = masses[:, None] * (a + np.cross(turned, points) - weight)
+        self._forces = falls[:n] - thrusts.sum(axis=1)
+        rotor_moments = np.cross(found.rotors - found.o[:, None], thrusts).sum(axis=1) + drags
+        self._moments = inertias @ turned - rotor_moments
+        self._tip_force = falls[n] + self._f_E
+
+    def at(self, c: Array, beyond: Array, tip: bool) -> tuple[Array, Array]:
+        """Return force and moment about c that what is beyond needs there, with the end-effector or without it."""
+        F, o = self._forces[beyond], self._o[beyond]
+        force = F.sum(axis=0)
+        moment = self._moments[beyond].sum(axis=0) + np.cross(o - c, F).sum(axis=0)
+        if tip:
+            force = force + self._tip_force
+            moment = moment + np.cross(self._p_E - c, self._tip_force) + self._tau_E
+        return force, moment

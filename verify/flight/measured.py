@@ -1,0 +1,228 @@
+"""All figures of flight of one design.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| N = 4n, K | rotors, load cases | | |
+| v | inputs over the largest input of a rotor | (N,) | |
+| A | wrench map about the COM, W = A v | (6, N) | m_t g, l_arm m_t g |
+| b_k | wrench of hover (k = 0) and of every load case | (6,) | the same |
+| p_E | end-effector from the COM | (3,) | l_arm |
+
+Each b_k is first replaced by a wrench that some v produce exactly, within the audit's tolerance of it. A force f at
+the end-effector adds [f, p_E x f], so that it leaves the torque about p_E alone: with that held, the forces of A v
+less that of b_k are those that can be added. A torque leaves the force alone. Reserves and load factors are of
+rotors that run between nothing and the module's largest input.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topo_search.model import (
+    Assembly,
+    CaseFlight,
+    Design,
+    Flight,
+    JointLoad,
+    LoadCase,
+    RotorsOut,
+    Sensitivity,
+    Wrench,
+)
+from verify.bodies import Array
+from verify.flight.balls import Ball, largest_balls
+from verify.flight.inputs import least_inputs
+from verify.flight.joints import joint_loads
+from verify.flight.programs import Box, greatest, solvable
+from verify.kinematics import Platform
+from verify.residuals import finite
+from verify.wrench import required_wrench, wrench_map
+
+HOVER = "hover"
+AT_LIMIT = 1e-3
+"""Share of its range by which an input may be off its limit and count as at it."""
+
+LARGEST = 1e6
+"""Forces in m_t g and torques in l_arm m_t g beyond it have lost the digits that programs need."""
+TOGETHER = 500
+"""Dead rotors and cases that are looked at at once."""
+
+
+def flight(design: Design, found: Platform, sheet: Assembly, errors: Sensitivity | None) -> Flight | None:
+    """Return what a design can do beyond its task; None where its numbers are too large to compute with.
+
+    Args:
+        design: the design.
+        found: its geometry.
+        sheet: how it is assembled.
+        errors: what its clearances tolerate.
+    """
+    measured = _Measured(design, found)
+    if not measured.in_range:
+        return None
+    task, tip = design.task, sheet.end_effector
+    rod = None if tip is None else tip.rod
+    angle = None if errors is None else errors.hinge_angle_deg
+    return Flight(
+        cases=measured.cases(),
+        rotors_out_hover=measured.rotors_out(1),
+        rotors_out_all=measured.rotors_out(len(measured.names)),
+        joints=measured.joints(None if sheet.mount is None else sheet.mount.module),
+        hinge_tolerance_deg=None if angle is None else angle.tolerated,
+        hover_input=measured.hover_input,
+        hover_power_ratio=measured.hover_power_ratio,
+        rod_length_m=None if rod is None else rod.length_m,
+        rod_mass_share=None if rod is None else rod.mass_kg / task.total_mass(task.n),
+        span_m=_span(design, found),
+    )
+
+
+class _Measured:
+    """A design in weights and largest inputs."""
+
+    def __init__(self, design: Design, found: Platform) -> None:
+        self.design, self.found = design, found
+        task, n = design.task, design.topology.n
+        self.force, self.torque = task.force_unit(n), task.torque_unit(n)
+        self.most = task.module.max_input(task.gravity)
+        unit = np.repeat([self.force, self.torque], 3)
+        self.A = wrench_map(found, task.module) * self.most / unit[:, None]
+        self.p_E = found.p_e / task.module.arm_length
+        hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, self.force)))
+        self.asked = (hover, *task.load_cases)
+        self.names = (HOVER, *(f"load case {k}" for k in range(len(task.load_cases))))
+        self.b = np.array([required_wrench(case, found.p_e) / unit for case in self.asked])
+        self.box = Box(np.zeros(4 * n), np.ones(4 * n))
+        hovering = least_inputs(self.A, self.b[0], self.box) if self.in_range else None
+        self.v = [hovering, *(design.inputs.reshape(len(task.load_cases), -1) / self.most)]
+
+    @cached_property
+    def in_range(self) -> bool:
+        """Whether numbers are small enough for their digits to reach the residuals of programs."""
+        return bool(np.all(np.abs(self.A) <= LARGEST) and np.all(np.abs(self.b) <= LARGEST))
+
+    def cases(self) -> tuple[CaseFlight, ...]:
+        """Return what hover and every load case leave; wrenches that several ask for are looked at once."""
+        _, first, same = np.unique(np.round(self.b, 12), axis=0, return_index=True, return_inverse=True)
+        reached = solvable(self.A, self.b[first], self.box)
+        told = self._reserves(reached.v[reached.yes] @ self.A.T)
+        rows = []
+        for name, v, row in zip(self.names, self.v, same.ravel(), strict=True):
+            possible = True if reached.yes[row] else False if reached.no[row] else None
+            left = told[np.count_nonzero(reached.yes[:row])] if possible else {}
+            rows.append(CaseFlight(name=name, possible=possible, **left, **self._inputs(v)))
+        return tuple(rows)
+
+    def _reserves(self, b: Array) -> list[dict[str, Any]]:
+        """Return the fields of what can be added to wrenches that some v produce, shape (B, 6)."""
+        about, about_rows = self._about_tip(b.T).T, self._about_tip(self.A)
+        forces = largest_balls(self.A[:3], about_rows, b[:, :3], about, self.box)
+        torques = largest_balls(self.A[3:], self.A[:3], b[:, 3:], b[:, :3], self.box)
+        level, held = np.vstack([about_rows, self.A[2:3]]), np.hstack([about, b[:, 2:3]])
+        sides = largest_balls(self.A[:2], level, b[:, :2], held, self.box)
+        return [
+            _ball("force", "N", force, self.force)
+            | _ball("horizontal", "N", side, self.force)
+            | _ball("torque", "Nm", torque, self.torque)
+            | self._load_factor(wrench)
+            for force, side, torque, wrench in zip(forces, sides, torques, b, strict=True)
+        ]
+
+    def rotors_out(self, cases: int) -> RotorsOut:
+        """Return which single rotors may fail in the first so many cases."""
+        survive, lost = self._failures
+        keep, lose = np.asarray(survive[:cases].all(axis=0)), np.asarray(lost[:cases].any(axis=0))
+        open_ = ~keep & ~lose
+        return RotorsOut(survive=int(keep.sum()), of=keep.size, lost=_rotors(lose), undecided=_rotors(open_))
+
+    def joints(self, holder: int | None) -> tuple[JointLoad, ...]:
+        """Return what every joint bears in every case that has inputs."""
+        return tuple(
+            load
+            for case, v, name in zip(self.asked, self.v, self.names, strict=True)
+            if v is not None
+            for load in joint_loads(self.design, self.found, case, v.reshape(-1, 4) * self.most, name, holder)
+        )
+
+    @cached_property
+    def _failures(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return whether each case, rows, is proven possible, and impossible, with each rotor dead, columns."""
+        N, K = self.A.shape[1], len(self.b)
+        alive = np.tile(1 - np.eye(N), (K, 1))
+        yes, no = np.zeros(N * K, dtype=bool), np.zeros(N * K, dtype=bool)
+        b = np.repeat(self.b, N, axis=0)
+        for start in range(0, N * K, TOGETHER):
+            rows = slice(start, start + TOGETHER)
+            found = solvable(self.A, b[rows], Box(self.box.low * alive[rows], self.box.high * alive[rows]))
+            yes[rows], no[rows] = found.yes, found.no
+        return yes.reshape(K, N), no.reshape(K, N)
+
+    def _load_factor(self, b: Array) -> dict[str, float]:
+        """Return by how much all of a wrench can grow: the greatest s of which A v = s b has a solution."""
+        largest = int(np.argmax(np.abs(b)))
+        if b[largest] == 0:
+            return {}
+        s = 1.01 * float(np.abs(self.A[largest]).sum()) / abs(float(b[largest]))  # more than any v can produce
+        c = np.append(np.zeros(self.A.shape[1]), 1.0)[None]
+        box = Box(np.append(self.box.low, 0.0), np.append(self.box.high, s))
+        found = greatest(c, np.column_stack([self.A, -b]), np.zeros((1, 6)), box)
+        at_most = {"load_factor_at_most": finite(float(found.upper[0]))}
+        return at_most if np.isinf(found.attained[0]) else {"load_factor": float(found.attained[0]), **at_most}
+
+    def _inputs(self, v: Array | None) -> dict[str, float]:
+        """Return the extremes of some inputs, and how many are at a limit."""
+        if v is None:
+            return {}
+        near = AT_LIMIT * (self.box.high - self.box.low)
+        limited = (v <= self.box.low + near) | (v >= self.box.high - near)
+        return {
+            "largest_input": float(v.max()),
+            "least_input": float(v.min()),
+            "inputs_at_limit": int(limited.sum()),
+        }
+
+    @property
+    def hover_input(self) -> float | None:
+        """Mean input in hover."""
+        return None if self.v[0] is None else float(self.v[0].mean())
+
+    @property
+    def hover_power_ratio(self) -> float | None:
+        """Power in hover over that of parallel thrust."""
+        if self.v[0] is None:
+            return None
+        task, N = self.design.task, self.A.shape[1]
+        parallel = self.force / (N * task.module.thrust_coefficient * self.most)
+        return finite(float(np.mean((self.v[0] / parallel) ** 1.5)))
+
+    def _about_tip(self, W: Array) -> Array:
+        """Return torques about the end-effector of wrenches about the COM, shape (6, ...)."""
+        return np.asarray(W[3:] - np.cross(self.p_E, W[:3], axisb=0, axisc=0))
+
+
+def _ball(name: str, unit: str, ball: Ball, size: float) -> dict[str, Any]:
+    """Return the fields of a reserve; nothing where the programs proved nothing."""
+    if not np.isfinite(ball.upper):
+        return {}
+    x = np.append(ball.weakest, np.zeros(3 - len(ball.weakest)))
+    return {
+        f"{name}_reserve_{unit}": ball.lower * size,
+        f"{name}_reserve_at_most_{unit}": max(ball.upper, 0.0) * size,
+        f"{name}_weakest": (float(x[0]), float(x[1]), float(x[2])),
+    }
+
+
+def _rotors(which: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
+    """Return module and rotor of those that are meant, shape (4n,)."""
+    return tuple((int(j) // 4, int(j) % 4) for j in np.flatnonzero(which))
+
+
+def _span(design: Design, found: Platform) -> float:
+    """Return the largest distance between the centres of two rotors, and the width of one [m]."""
+    at = found.rotors.reshape(-1, 3)
+    apart = max(float(np.linalg.norm(at - one, axis=1).max()) for one in at)
+    return finite(apart + 2 * design.task.module.body.rotor_radius)

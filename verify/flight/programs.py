@@ -1,0 +1,155 @@
+"""Linear programs whose answers are proven: a primal and a dual point in hand for each.
+
+    maximise c . v  such that  M v = m,  low <= v <= high
+
+| symbol | meaning | shape |
+|---|---|---|
+| v | a primal point: within its bounds, and M v = m to RESIDUAL | (N,) |
+| y | a dual point, any at all | (k,) |
+| w | c - y M | (N,) |
+| h(c) | the greatest value: c . v <= h(c) <= sum_j max(low_j w_j, high_j w_j) + y . m | |
+
+So values are bracketed whoever found the points. Equations have no solution within TOLERANCE, the audit's own, if
+some y with sum |y| = 1 has y . m - sum_j max(low_j w_j, high_j w_j) > TOLERANCE with w = y M. `simplex` solves all
+programs of one kind at once; what its points do not decide HiGHS solves again, one by one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from topo_search.model.tolerances import TOLERANCE
+from verify.bodies import Array
+from verify.flight.simplex import solve
+
+RESIDUAL = 1e-9
+"""By how much a primal point may miss an equation: a thousandth of TOLERANCE."""
+GAP = 1e-8
+"""Distance of both bounds up to which a value counts as found."""
+ROUNDING = 1e-15
+"""Of a sum, for each of its terms, in units of the sum of their sizes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Bounds of the variables."""
+
+    low: Array
+    """Shape (N,), or a row a program."""
+    high: Array
+
+    def rows(self, programs: int) -> Box:
+        """Return the bounds with a row for each of so many programs."""
+        shape = programs, self.low.shape[-1]
+        return Box(np.broadcast_to(self.low, shape), np.broadcast_to(self.high, shape))
+
+    def greatest(self, w: Array) -> Array:
+        """Return upper bounds of the greatest w . v within the box, rounding included, shape (B,)."""
+        size = np.sum(np.abs(w) * np.maximum(np.abs(self.low), np.abs(self.high)), axis=-1)
+        greatest = np.sum(np.maximum(self.low * w, self.high * w), axis=-1)
+        return np.asarray(greatest + ROUNDING * w.shape[-1] * size)
+
+
+@dataclass(frozen=True, eq=False)
+class Greatest:
+    """Greatest values of some programs, proven from both sides."""
+
+    v: Array
+    """Primal points, shape (B, N)."""
+    attained: Array
+    """c . v; minus infinity where v does not meet the equations, shape (B,)."""
+    upper: Array
+    """No v that meets the equations has more, shape (B,)."""
+
+
+def greatest(c: Array, M: Array, m: Array, box: Box) -> Greatest:
+    """Return the greatest c . v of each program.
+
+    Args:
+        c: shape (B, N).
+        M: shape (k, N).
+        m: shape (B, k).
+        box: bounds of all programs.
+    """
+    bounds = box.rows(len(c))
+    found = solve(c, M, m, bounds.low, bounds.high)
+    judged = _bracketed(c, M, m, bounds, found.v, found.y)
+    loose = np.flatnonzero(~(judged.upper - judged.attained <= GAP))
+    if not len(loose):
+        return judged
+    v, y = found.v.copy(), found.y.copy()
+    for row in loose:
+        answer = linprog(-c[row], A_eq=M, b_eq=m[row], bounds=np.stack([bounds.low[row], bounds.high[row]], axis=1))
+        if answer.status == 0:
+            v[row] = np.clip(answer.x, bounds.low[row], bounds.high[row])
+            y[row] = -answer.eqlin.marginals
+    again = _bracketed(c, M, m, bounds, v, y)
+    better = again.attained > judged.attained
+    return Greatest(
+        np.where(better[:, None], again.v, judged.v),
+        np.maximum(judged.attained, again.attained),
+        np.minimum(judged.upper, again.upper),
+    )
+
+
+def _bracketed(c: Array, M: Array, m: Array, box: Box, v: Array, y: Array) -> Greatest:
+    met = np.abs(v @ M.T - m).max(axis=1, initial=0.0) <= RESIDUAL
+    beside = np.sum(y * m, axis=1) + ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
+    upper = box.greatest(c - y @ M) + beside
+    return Greatest(v, np.where(met, np.sum(c * v, axis=1), -np.inf), np.where(np.isnan(upper), np.inf, upper))
+
+
+@dataclass(frozen=True, eq=False)
+class Solvable:
+    """Whether equations have a solution within bounds, to the audit's tolerance."""
+
+    yes: NDArray[np.bool_]
+    """Proven: v is one, shape (B,)."""
+    no: NDArray[np.bool_]
+    """Proven that there is none, shape (B,). Neither: undecided."""
+    v: Array
+    """Shape (B, N)."""
+
+
+def solvable(M: Array, m: Array, box: Box) -> Solvable:
+    """Return for each m, shape (B, k), whether M v = m has a solution within bounds, each equation to TOLERANCE."""
+    bounds = box.rows(len(m))
+    # any costs would do; different ones make the answer one vertex
+    c = np.broadcast_to(-1.0 - np.arange(M.shape[1]) / M.shape[1], (len(m), M.shape[1]))
+    found = solve(c, M, m, bounds.low, bounds.high)
+    v = found.v
+    yes, no = _meets(M, m, v), _excluded(M, m, bounds, found.rays)
+    for row in np.flatnonzero(~yes & ~no):
+        v[row], y = _nearest(M, m[row], bounds.low[row], bounds.high[row])
+        one = slice(row, row + 1)
+        yes[one] = _meets(M, m[one], v[one])
+        no[one] = _excluded(M, m[one], Box(bounds.low[one], bounds.high[one]), y[None])
+    return Solvable(yes, no, v)
+
+
+def _meets(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(v @ M.T - m).max(axis=1) <= TOLERANCE)
+
+
+def _excluded(M: Array, m: Array, box: Box, y: Array) -> NDArray[np.bool_]:
+    """Return whether each y shows that nothing within the bounds meets the equations to TOLERANCE."""
+    size = np.sum(np.abs(y), axis=1, keepdims=True)
+    y = y / np.where(size > 0, size, 1.0)
+    beside = np.sum(y * m, axis=1) - ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
+    return np.asarray(beside - box.greatest(y @ M) > TOLERANCE)
+
+
+def _nearest(M: Array, m: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return by HiGHS the v that misses no equation by more than it must, and the multipliers that show it."""
+    k, N = M.shape
+    A = np.block([[M, -np.ones((k, 1))], [-M, -np.ones((k, 1))]])
+    bounds = [*zip(low.tolist(), high.tolist(), strict=True), (0.0, None)]
+    answer = linprog(np.append(np.zeros(N), 1.0), A_ub=A, b_ub=np.concatenate([m, -m]), bounds=bounds)
+    if answer.status != 0:
+        return low, np.zeros(k)
+    over, under = answer.ineqlin.marginals[:k], answer.ineqlin.marginals[k:]
+    return np.clip(answer.x[:N], low, high), np.asarray(over - under)

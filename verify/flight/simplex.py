@@ -1,0 +1,146 @@
+"""Many small linear programs at once, by the dual simplex method for variables with bounds.
+
+    maximise c . v  such that  M v = m,  low <= v <= high
+
+| symbol | meaning | shape |
+|---|---|---|
+| B, N, k | programs, variables, equations | |
+| M | equations of all programs, and k unit vectors, whose variables are zero | (k, N + k) |
+| y | multipliers of the equations | (B, k) |
+| r | reduced costs, c - y M: outside the basis v is at `high` where r > 0, at `low` where r < 0 | (B, N + k) |
+| rho | row of the inverse basis that belongs to the leaving variable: the direction in which y moves | (B, k) |
+
+Every variable has two bounds, so that every basis is dual feasible and the unit vectors are one to start from: no
+first phase. A step goes past all breakpoints at which the dual objective still falls (the long step rule), so that
+the number of steps hardly grows with N. Nothing that this finds has to be believed: `verify.flight.programs` proves
+each answer, and asks HiGHS where it cannot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from verify.bodies import Array
+
+FEASIBLE = 1e-11
+"""How far beyond its bounds a variable may end, in units of the largest range of any."""
+PIVOT = 1e-9
+"""Smallest pivot, in units of the largest of its row."""
+STEPS = 100
+"""Most steps, and as many more as there are equations and a tenth of the variables."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """Where the method ended, a row a program."""
+
+    v: Array
+    """Variables, within their bounds, shape (B, N)."""
+    y: Array
+    """Multipliers, shape (B, k)."""
+    rays: Array
+    """Directions of y that show that no variables meet the equations; zero where none was found, shape (B, k)."""
+
+
+def solve(c: Array, M: Array, m: Array, low: Array, high: Array) -> Ends:
+    """Return where the method ends for each program.
+
+    Args:
+        c: shape (B, N).
+        M: shape (k, N).
+        m: shape (B, k).
+        low: finite, shape (B, N).
+        high: finite, at least `low`, shape (B, N).
+    """
+    programs, (k, N) = len(c), M.shape
+    unit = np.zeros((programs, k))
+    state = _State(
+        np.concatenate([c, unit], axis=1),
+        np.concatenate([M, np.eye(k)], axis=1),
+        m,
+        np.concatenate([low, unit], axis=1),
+        np.concatenate([high, unit], axis=1),
+    )
+    v, y, rays = np.zeros((programs, N + k)), np.zeros((programs, k)), np.zeros((programs, k))
+    numbers = np.arange(programs)
+    for _ in range(STEPS + k + N // 10):
+        if not len(numbers):
+            break
+        try:
+            ended, ray = state.step()
+        except np.linalg.LinAlgError:  # a singular basis
+            break
+        v[numbers], y[numbers], rays[numbers] = state.v, state.y, ray
+        numbers = numbers[~ended]
+        state.keep(~ended)
+    return Ends(np.clip(v[:, :N], low, high), y, rays)
+
+
+class _State:
+    """The programs that have not ended."""
+
+    def __init__(self, c: Array, M: Array, m: Array, low: Array, high: Array) -> None:
+        programs, (k, columns) = len(c), M.shape
+        self.c, self.M, self.m, self.low, self.high = c, M, m, low, high
+        self.basis: NDArray[np.intp] = np.tile(np.arange(columns - k, columns), (programs, 1))
+        self.in_basis = np.zeros(c.shape, dtype=bool)
+        np.put_along_axis(self.in_basis, self.basis, True, axis=1)
+        self.at_high = c > 0
+        self.v, self.y = np.zeros_like(c), np.zeros((programs, k))
+
+    def keep(self, rows: NDArray[np.bool_]) -> None:
+        """Go on with some programs only."""
+        if not rows.all():
+            for name in ("c", "m", "low", "high", "basis", "in_basis", "at_high", "v", "y"):
+                setattr(self, name, getattr(self, name)[rows])
+
+    def step(self) -> tuple[NDArray[np.bool_], Array]:
+        """Make a step; return which programs have ended, and the rays of those without feasible variables."""
+        rows = np.arange(len(self.c))
+        inverse = np.linalg.inv(np.moveaxis(self.M[:, self.basis], 0, 1))
+        self.y = np.einsum("bj,bjk->bk", np.take_along_axis(self.c, self.basis, 1), inverse)
+        r = np.where(self.in_basis, 0.0, self.c - self.y @ self.M)
+        outside = np.where(self.in_basis, 0.0, np.where(self.at_high, self.high, self.low))
+        inside = np.einsum("bjk,bk->bj", inverse, self.m - outside @ self.M.T)
+        self.v = outside
+        np.put_along_axis(self.v, self.basis, inside, axis=1)
+        below = np.take_along_axis(self.low, self.basis, 1) - inside
+        beyond = np.maximum(below, inside - np.take_along_axis(self.high, self.basis, 1))
+        scale = (self.high - self.low).max(axis=1)
+        place = np.argmax(beyond / np.linalg.norm(inverse, axis=2), axis=1)
+        missing = beyond[rows, place]
+        optimal = beyond.max(axis=1) <= FEASIBLE * scale
+        rho = inverse[rows, place]
+        sign = np.where(below[rows, place] > 0, 1.0, -1.0)
+        alpha = sign[:, None] * (rho @ self.M)
+        entering, passed, found = self._breakpoints(r, alpha, missing)
+        ended = optimal | ~found
+        move = ~ended
+        leaving = self.basis[rows, place]
+        self.at_high ^= passed & move[:, None]
+        self.in_basis[rows[move], leaving[move]] = False
+        self.at_high[rows[move], leaving[move]] = sign[move] < 0
+        self.basis[rows[move], place[move]] = entering[move]
+        self.in_basis[rows[move], entering[move]] = True
+        return ended, np.where((~optimal & ~found)[:, None], -sign[:, None] * rho, 0.0)
+
+    def _breakpoints(
+        self, r: Array, alpha: Array, missing: Array
+    ) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which variable enters, which ones are passed and change their bound, and whether any enters."""
+        width = self.high - self.low
+        towards = np.where(self.at_high, alpha, -alpha)
+        blocks = ~self.in_basis & (width > 0) & (towards > PIVOT * np.abs(alpha).max(axis=1, keepdims=True))
+        at = np.where(blocks, np.abs(r) / np.where(blocks, towards, 1.0), np.inf)
+        order = np.argsort(at, axis=1, kind="stable")
+        gained = np.cumsum(np.take_along_axis(np.where(blocks, towards * width, 0.0), order, 1), axis=1)
+        turns = gained >= missing[:, None]
+        found = turns[:, -1]
+        first = np.argmax(turns, axis=1)
+        rank = np.empty_like(order)
+        np.put_along_axis(rank, order, np.broadcast_to(np.arange(order.shape[1]), order.shape), axis=1)
+        passed = blocks & (rank < first[:, None])
+        return order[np.arange(len(order)), first], passed, found
