@@ -305,6 +305,7 @@ def test_infeasible_and_audit_come_back_from_json() -> None:
             "envelope_m": None,
             "tolerances": None,
         },
+        "flight": None,
         "assembly": {"joints": [], "end_effector": None},
         "allowed_contacts": [],
         "versions": {},

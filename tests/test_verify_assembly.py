@@ -54,9 +54,25 @@ def test_positions_beyond_all_digits_leave_the_mount_open():
     assert "too large" in tip.note
 
 
-@pytest.mark.parametrize(("away", "told"), [(1.0, False), (20.0, True)])
+@pytest.mark.parametrize(("away", "told"), [(0.6, False), (20.0, True)])
 def test_a_rod_far_longer_than_the_platform_is_wide_is_told(away, told):
     tip = audit(fan(end_effector=(0.0, 0.0, away))).assembly.end_effector
     assert (tip.note is not None) == told
     if told:
         assert tip.note.startswith(f"the rod is {tip.rod.length_m:.3g} m long, ")
+
+
+def test_a_rod_of_five_percent_of_the_mass_is_told_with_what_it_weighs():
+    given = fan({"end_effector": {"rod_linear_density": 0.5}}, end_effector=(0.3, 0.4, 0.3))
+    found = audit(given)
+    rod, p_E = found.assembly.end_effector.rod, found.assembly.end_effector.from_com_m
+    share = rod.mass_kg / (3 * 0.24 + 0.048)
+    assert found.flight.rod_mass_share == share > 0.05
+    middle = [x - rod.length_m / 2 * d for x, d in zip(p_E, rod.direction, strict=True)]
+    weight = 9.81 * rod.mass_kg
+    told = f"the rod, {100 * share:.3g} % of the platform's mass, is left out of the model: {weight:.3g} N"
+    assert f"{told}, and {weight * math.hypot(*middle[:2]):.3g} N m about the centre of mass" in (
+        found.assembly.end_effector.note
+    )
+    light = fan({"end_effector": {"rod_linear_density": 0.01}}, end_effector=(0.3, 0.4, 0.3))
+    assert audit(light).assembly.end_effector.note is None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from topo_search.model import Assembly, BoltedJoint, Design, EndEffectorSheet, FreeConnector, Mount, Rod
 from topo_search.model.room import LARGE, packed_width
 from topo_search.model.value import Vector
@@ -15,6 +17,8 @@ from verify.rod import free_connectors, straight_rod
 
 NO_ROD = "no straight rod reaches the end-effector: every free connector is blocked"
 IN_AIRFLOW = "no straight rod that reaches the end-effector is clear of all airflow"
+HEAVY = 0.05
+"""Share of the platform's mass from which a rod's, which the model leaves out, is told."""
 LOST = "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"
 
 
@@ -27,7 +31,8 @@ def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:
     connectors = free_connectors(design, parts)
     mount = design.mount or nearest_available(connectors)
     rod = _rod(design, parts, mount) if mount is not None and parts.in_range else None
-    notes = (_note(parts, mount, connectors), None if rod is None else _long(design, rod))
+    of_rod = () if rod is None else (_long(design, rod), _heavy(design, rod, found))
+    notes = (_note(parts, mount, connectors), *of_rod)
     sheet = EndEffectorSheet(
         position_m=design.end_effector_m,
         from_com_m=_vector(found.p_e),
@@ -95,6 +100,19 @@ def _long(design: Design, rod: Rod) -> str | None:
         return None
     times = f"{rod.length_m / width:.0f} times the width of {n} modules in a square"
     return f"the rod is {rod.length_m:.3g} m long, {times}"
+
+
+def _heavy(design: Design, rod: Rod, found: Platform) -> str | None:
+    """Say what a heavy rod changes: masses of the model are those of the modules and of the end-effector."""
+    task = design.task
+    share = rod.mass_kg / task.total_mass(task.n)
+    if share < HEAVY:
+        return None
+    middle = found.p_e - rod.length_m / 2 * np.array(rod.direction)
+    weight = rod.mass_kg * task.gravity
+    torque = weight * float(np.hypot(middle[0], middle[1]))
+    left_out = f"the rod, {100 * share:.3g} % of the platform's mass, is left out of the model"
+    return f"{left_out}: {weight:.3g} N, and {torque:.3g} N m about the centre of mass"
 
 
 def _vector(v: Array) -> Vector:

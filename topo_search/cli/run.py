@@ -166,6 +166,7 @@ def answer_as_json(answer: Answer, odd: tuple[Oddity, ...]) -> dict[str, Any]:
         "exit_status": answer.exit_status,
         "best": answer.best and asdict(answer.best),
         "note": answer.note,
+        "weakest_point": answer.weakest_point,
         "sizes": [asdict(size) for size in answer.sizes],
         "warnings": [asdict(one) for one in odd],
     }

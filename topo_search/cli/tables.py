@@ -12,10 +12,12 @@ from rich.table import Table
 
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audit_summary import survived
+from topo_search.export.flight_lines import flight_lines
 from topo_search.model import Audit, Design, Infeasible, Status
 from topo_search.model.proven import gap_percent
+from topo_search.report.near_ties import near_tie_cells, near_tie_columns
 from topo_search.report.wording import counted, length, modules
-from topo_search.study import Answer, Row, SizeAnswer, Solved
+from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
 
 NARROW = 100
 """Width of tables that do not go to a terminal."""
@@ -29,6 +31,8 @@ def print_answer(answer: Answer) -> None:
     """Print what a run found, and where it is."""
     print_found(answer)
     click.echo(f"everything is in {answer.folder}")
+    if answer.best is not None and (weakest := answer.weakest_point) is not None:
+        click.echo(f"{answer.best.key}: {weakest}")
 
 
 def print_found(answer: Answer) -> None:
@@ -59,6 +63,7 @@ def _print_size(size: SizeAnswer) -> None:
     if size.feasible:
         click.echo(f"feasible trees, each counted with those that it stands for: {size.feasible}")
         _print_rows(size.top)
+        _print_near_ties(size)
     if not size.complete:
         reached = f", after {counted(size.starts, 'start')} of each candidate" if size.starts else ""
         click.echo(f"time limit reached{reached}; run the same command to continue")
@@ -128,6 +133,21 @@ def _print_rows(rows: tuple[Row, ...]) -> None:
     _print(table)
 
 
+def _print_near_ties(size: SizeAnswer) -> None:
+    """Print what designs leave in hover that cost about the same, unless there is no choice."""
+    if size.best is None or len(size.near_ties) < 2:
+        return
+    click.echo(f"within {100 * NEAR:g} % of the least effort, the largest reserve of force in hover first:")
+    table = Table(box=None, pad_edge=False)
+    for name in near_tie_columns():
+        table.add_column(name, justify="left" if name == "key" else "right")
+    for row in size.near_ties:
+        table.add_row(*near_tie_cells(row, size.best))
+    _print(table)
+    if size.near_ties_unaudited:
+        click.echo(f"as near, but not audited: {counted(size.near_ties_unaudited, 'design')}")
+
+
 def _print(table: Table) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
@@ -192,6 +212,9 @@ def print_audit(name: str, audit: Audit) -> None:
         click.echo(f"  note: {sheet.note}")
     if audit.sensitivity is not None:
         for line in survived(audit.sensitivity):
+            click.echo(f"  {line}")
+    if audit.flight is not None:
+        for line in flight_lines(audit.flight):
             click.echo(f"  {line}")
 
 

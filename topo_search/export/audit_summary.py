@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
+from topo_search.export.flight_lines import flight_lines
 from topo_search.model import Audit, Clearance, Design, Residual, Sensitivity, Status
 from topo_search.model.proven import at_least, at_most
 
@@ -108,6 +109,9 @@ def _section(each: Judged) -> Iterator[str]:
     if audit.sensitivity is not None:
         yield ""
         yield from (f"- {line}" for line in survived(audit.sensitivity))
+    if audit.flight is not None:
+        yield ""
+        yield from (f"- {line}" for line in flight_lines(audit.flight))
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
         yield ""

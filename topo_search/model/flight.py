@@ -124,7 +124,7 @@ class Flight(Value):
         """What a pilot has to know first, in a line."""
         hover, out = self.hover, self.rotors_out_hover
         if not hover.possible:
-            return "cannot hover" if hover.possible is False else "whether it hovers is undecided"
+            return "cannot hover" if hover.possible is False else "leaves undecided whether it can hover"
         told = ["hovers"]
         if hover.horizontal_reserve_N is not None:
             towards = "" if hover.horizontal_weakest is None else f" towards {direction(hover.horizontal_weakest)}"

@@ -27,7 +27,8 @@ def design_page(design: Design, audit: Audit, file: str) -> Page:
     key, task = design.topology.key, design.task
     return Page(
         title=f"{task.name}: {key}",
-        answer=f"{key} is a platform of {modules(task.n)} for {task.name}: {effort(design)}; {verdict(audit)}.",
+        answer=f"{key} is a platform of {modules(task.n)} for {task.name}: {effort(design)}; {verdict(audit)}."
+        f"{weakest(audit)}",
         notes=("This page is about one design; it says nothing about other trees of modules.",),
         bound=bound(design.lower_bound, design.gap, task.n),
         task=task_part(task, task),
@@ -64,6 +65,11 @@ def verdict(audit: Audit) -> str:
         counts = f"all {len(audit.pairs)} clearances are proven, all {len(audit.residuals)} other numbers hold"
         return f"its audit is clear: {counts}"
     return f"its audit is {audit.verdict}: {wrong} of {checked} checks are not clear"
+
+
+def weakest(audit: Audit | None) -> str:
+    """Return what a pilot has to know first, in a sentence; nothing if the audit does not tell."""
+    return "" if audit is None or audit.flight is None else f" It {audit.flight.weakest_point}."
 
 
 def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from topo_search.model import Assembly, Audit, Clearance, Design, Limit, Status
 from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
+from topo_search.report.flight_part import flight_part
 from topo_search.report.page import Chart, DesignPart, Table
 from topo_search.report.scene import scene
 from topo_search.report.task_facts import vector
@@ -50,6 +51,7 @@ def design_part(design: Design, audit: Audit | None) -> DesignPart:
         residuals=None if audit is None else _residuals(audit),
         inputs=Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
         loads=_loads(design),
+        flight=None if audit is None or audit.flight is None else flight_part(audit.flight),
     )
 
 

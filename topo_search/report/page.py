@@ -54,6 +54,17 @@ class TaskPart:
 
 
 @dataclass(frozen=True)
+class FlightPart:
+    """What a design can do beyond its task."""
+
+    summary: str
+    cases: Table
+    sentences: tuple[str, ...]
+    joints: Table | None
+    """None for a single module."""
+
+
+@dataclass(frozen=True)
 class DesignPart:
     """All that is shown of one design."""
 
@@ -74,6 +85,15 @@ class DesignPart:
     residuals: Table | None
     inputs: Chart
     loads: Table
+    flight: FlightPart | None
+
+
+@dataclass(frozen=True)
+class NearTies:
+    """Designs of one size that cost about the same."""
+
+    caption: str
+    designs: Table
 
 
 @dataclass(frozen=True)
@@ -81,6 +101,7 @@ class RunPart:
     """All that is shown of a search."""
 
     sizes: Table
+    near_ties: tuple[NearTies, ...]
     candidates: Markup
     """Columns and rows of the ranking as JSON inside a script element."""
     progress: tuple[Chart, ...]

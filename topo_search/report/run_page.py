@@ -12,12 +12,13 @@ from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_toml
 from topo_search.model.proven import at_least, gap_percent
 from topo_search.report.charts import progress
-from topo_search.report.design_page import bound, effort, task_part, verdict
+from topo_search.report.design_page import bound, effort, task_part, verdict, weakest
 from topo_search.report.design_part import design_part
 from topo_search.report.front_part import front_part
-from topo_search.report.page import Chart, Page, Reproduction, RunPart, Table, json_in_script, render
+from topo_search.report.near_ties import near_tie_cells, near_tie_columns
+from topo_search.report.page import Chart, NearTies, Page, Reproduction, RunPart, Table, json_in_script, render
 from topo_search.report.wording import counted, figures, modules
-from topo_search.study import REPORT, Answer, Row, RunFolder, SizeAnswer, answer_of
+from topo_search.study import NEAR, REPORT, Answer, Row, RunFolder, SizeAnswer, answer_of
 
 COLUMNS = (
     ("tree", "text"),
@@ -108,7 +109,7 @@ def _answer(answer: Answer, name: str, design: Design | None, audit: Audit | Non
     size = modules(design.topology.n)
     if answer.smallest:
         size += f", {answer.smallest}"
-    return f"{found} {design.topology.key}, of {size}: {effort(design)}; {checked}."
+    return f"{found} {design.topology.key}, of {size}: {effort(design)}; {checked}.{weakest(audit)}"
 
 
 def _limits(size: SizeAnswer) -> list[str]:
@@ -135,6 +136,7 @@ def _run_part(folder: RunFolder, answer: Answer) -> RunPart:
             charts.append(Chart(f"progress-{size.modules}", caption, progress(solves, size.lower_bound)))
     return RunPart(
         sizes=_sizes(answer),
+        near_ties=tuple(_near_ties(size) for size in answer.sizes if len(size.near_ties) > 1),
         candidates=json_in_script({"columns": COLUMNS, "rows": [_cells(row) for row in rows]}),
         progress=tuple(charts),
         reasons=_reasons(folder, rows),
@@ -167,6 +169,18 @@ def _sizes(answer: Answer) -> Table:
         "gap",
     )
     return Table(columns, rows, frozenset({0, 3, 4, 6, 7}))
+
+
+def _near_ties(size: SizeAnswer) -> NearTies:
+    """Return the designs of one size that cost about the same as the best."""
+    best = size.best or size.near_ties[0]
+    told = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least effort, "
+    told += "the largest reserve of force in hover first"
+    if size.near_ties_unaudited:
+        told += f"; {counted(size.near_ties_unaudited, 'design')} as near were not audited"
+    columns = near_tie_columns()
+    rows = [near_tie_cells(row, best) for row in size.near_ties]
+    return NearTies(told, Table(columns, rows, frozenset(range(1, len(columns)))))
 
 
 def _cells(row: Row) -> list[Any]:

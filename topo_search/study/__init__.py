@@ -1,6 +1,6 @@
 """A run and its folder: what was asked, every candidate's row in the ledger, and the answer."""
 
-from topo_search.study.answer import Answer, SizeAnswer
+from topo_search.study.answer import NEAR, Answer, SizeAnswer
 from topo_search.study.audits import AUDITED, audit_best
 from topo_search.study.folder import REPORT, RunFolder
 from topo_search.study.front import Point, front
@@ -16,6 +16,7 @@ __all__ = [
     "AUDITED",
     "COLUMNS",
     "LARGER_MARGINS",
+    "NEAR",
     "REPORT",
     "Answer",
     "Ledger",

@@ -30,6 +30,8 @@ Model = TypeVar("Model", bound=BaseModel)
 
 SHOWN = 10
 """Number of rows in the table of the best."""
+NEAR = 0.01
+"""Share of the effort of the best by which another design may need more and still be as good a choice."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,11 @@ class SizeAnswer:
     """The best design whose audit is clear."""
     top: tuple[Row, ...]
     """The best designs, whatever their audit."""
+    near_ties: tuple[Row, ...]
+    """Designs whose audit is clear and whose effort is within NEAR of the best: the largest reserve of force first,
+    and of those alike, the largest reserve of torque."""
+    near_ties_unaudited: int
+    """How many designs within NEAR of the best are not audited, so that nothing is known of their reserves."""
     remarks: tuple[str, ...]
     """What happened to designs whose audit was not clear, and to candidates that failed."""
     reason: str | None
@@ -159,6 +166,12 @@ class Answer:
         return sheet is not None and sheet.clear_rod
 
     @property
+    def weakest_point(self) -> str | None:
+        """What a pilot of the best design has to know first, as its audit says it."""
+        audited = self.audit
+        return None if audited is None or audited.flight is None else audited.flight.weakest_point
+
+    @property
     def candidates(self) -> pd.DataFrame:
         """A row for every candidate, with the columns of `candidates.csv`, best first."""
         from topo_search.study.frame import candidates
@@ -232,6 +245,7 @@ def size_answer(
     feasible = 0
     best, closest, nearness = None, None, math.inf
     top: list[Row] = []
+    near: list[Row] = []
     remarks: list[str] = []
     for row in rows:
         statuses[row.status] += 1
@@ -241,6 +255,8 @@ def size_answer(
             feasible += row.orbit
             if best is None and row.clear:
                 best = row
+            if best is not None and _near(row, best):
+                near.append(row)
             if len(top) < SHOWN:
                 top.append(row)
             remarks.extend(remark(row))
@@ -271,11 +287,24 @@ def size_answer(
         lower_bound=lower_bound,
         best=best,
         top=tuple(top),
+        near_ties=tuple(sorted((row for row in near if row.clear), key=_fragility)),
+        near_ties_unaudited=sum(row.audit is None for row in near),
         remarks=tuple(remarks),
         reason=None if feasible else reason(proof, closest, statuses),
         impossible=proof is not None or (quotient.exact and statuses["impossible"] == candidates),
         statement=None if best is None else statement(best, settled, candidates),
     )
+
+
+def _near(row: Row, best: Row) -> bool:
+    return row.objective is not None and row.objective <= (1 + NEAR) * (best.objective or 0.0)
+
+
+def _fragility(row: Row) -> tuple[float, float, float]:
+    """Return what designs are ranked by that cost about the same: unknown reserves come last."""
+    reserves = (row.force_reserve_N, row.torque_reserve_Nm)
+    force, torque = (-math.inf if reserve is None else reserve for reserve in reserves)
+    return -force, -torque, row.objective or 0.0
 
 
 def quotient_remark(quotient: Resolution) -> str:

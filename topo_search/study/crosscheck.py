@@ -20,7 +20,7 @@ from topo_search.model import Audit, BadInput, Design, Topology
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import damaged, parsed
-from topo_search.study.row import Row
+from topo_search.study.row import Row, flight_of
 
 BELOW_BOUND = 3.0e-6
 """Share of the bound by which J may lie below it: tolerances of solver and audit (1e-6 each), and rounding."""
@@ -110,6 +110,8 @@ def _check_audit(ledger: Ledger, row: Row, context: Context) -> None:
     stated = [one.stated for one in audit.residuals if one.name == "objective"]
     if audit.verdict != row.audit or any(J not in (None, row.objective) for J in stated):
         raise _differs(ledger, row, "audit is not that of its design")
+    if any(getattr(row, name) != value for name, value in flight_of(audit).items()):
+        raise _differs(ledger, row, "figures are not those of its audit")
 
 
 def _differs(ledger: Ledger, row: Row, what: str) -> BadInput:

@@ -11,7 +11,7 @@ import pandas as pd
 from topo_search.model import Infeasible
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import FRONT_COLUMNS, Point
-from topo_search.study.row import COLUMNS, Solve
+from topo_search.study.row import COLUMNS, FLIGHT, Solve
 
 
 def candidates(path: Path) -> pd.DataFrame:
@@ -30,7 +30,7 @@ def candidates(path: Path) -> pd.DataFrame:
             for row in level.ledger.ranked(n)
         ]
         goals = folder.request.task.goals.names
-    numbers = dict.fromkeys(("objective", "lower_bound", "gap", "violation"), "float64")
+    numbers = dict.fromkeys(("objective", "lower_bound", "gap", "violation", *FLIGHT), "float64")
     frame = pd.DataFrame(rows, columns=[*COLUMNS, "level"]).astype(numbers)
     return frame if goals else frame.drop(columns="level")
 

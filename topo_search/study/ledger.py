@@ -24,7 +24,7 @@ from topo_search.study.identity import Context, Identity, digest
 from topo_search.study.ledger_file import BESIDE, damaged, opened, parsed, whole
 from topo_search.study.lost import LedgerLost
 from topo_search.study.own_files import OwnFiles
-from topo_search.study.row import Row, Solve, score
+from topo_search.study.row import Row, Solve, flight_of, score
 from topo_search.study.seals import changed
 
 _FIELDS = tuple(field.name for field in fields(Row))
@@ -249,8 +249,9 @@ class Ledger:
         text = to_json(audit).encode()
         place = context.name, key
         with self._changed("candidates", _PLACE, place):
-            verdict = f"UPDATE candidates SET audit = ?, audit_checksum = ? WHERE {_PLACE}"
-            self._database.execute(verdict, (str(audit.verdict), zlib.crc32(text), *place))
+            told = {"audit": str(audit.verdict), "audit_checksum": zlib.crc32(text), **flight_of(audit)}
+            verdict = f"UPDATE candidates SET {', '.join(f'{name} = ?' for name in told)} WHERE {_PLACE}"
+            self._database.execute(verdict, (*told.values(), *place))
             self._database.execute(f"UPDATE texts SET audit = ? WHERE {_PLACE}", (text, *place))
 
     def record_audit_failure(self, context: Context, key: str, reason: str) -> None:

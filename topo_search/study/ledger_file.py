@@ -26,7 +26,7 @@ from topo_search.study.seals import PLACES, changed, fault
 
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
-VERSION = 5
+VERSION = 6
 
 SCHEMA = f"""
 BEGIN;
@@ -45,6 +45,8 @@ CREATE TABLE candidates (
     starts INTEGER NOT NULL, starts_feasible INTEGER NOT NULL, starts_at_best INTEGER NOT NULL,
     seconds REAL NOT NULL,
     audit TEXT, asked INTEGER NOT NULL, audit_failure TEXT, margin REAL NOT NULL, step INTEGER NOT NULL,
+    force_reserve_N REAL, torque_reserve_Nm REAL, rotors_out_hover INTEGER, load_factor REAL, joint_moment_Nm REAL,
+    hinge_tolerance_deg REAL, rod_length_m REAL,
     standing INTEGER NOT NULL, result_checksum INTEGER, audit_checksum INTEGER,
     checksum INTEGER NOT NULL, PRIMARY KEY (context, key)
 ) WITHOUT ROWID;

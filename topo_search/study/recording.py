@@ -8,7 +8,7 @@ from topo_search.engine import Failed, Job, Outcome, merge
 from topo_search.model import Design, Infeasible
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
-from topo_search.study.row import Row, row_of
+from topo_search.study.row import FLIGHT, Row, row_of
 
 
 def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lower_bound: float) -> Row:
@@ -28,7 +28,8 @@ def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lowe
     row = row_of(outcome, key=key, modules=context.task.n, orbit=job.orbit, asked=asked, lower_bound=lower_bound)
     row = replace(row, margin=context.margin, step=context.step)
     if before is not None and _same_platform(earlier, result):
-        row = replace(row, audit=before.audit, audit_failure=before.audit_failure)
+        kept = ("audit", "audit_failure", *FLIGHT)
+        row = replace(row, **{name: getattr(before, name) for name in kept})
     ledger.record(context, [(row, result)])
     return row
 

@@ -5,8 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from topo_search.engine import Failed, Outcome, Scored, record_of, scaled_violation
-from topo_search.model import Design, Infeasible, ResolvedTask
+from topo_search.model import Audit, Design, Infeasible, ResolvedTask
 
+FLIGHT = (
+    "force_reserve_N",
+    "torque_reserve_Nm",
+    "rotors_out_hover",
+    "load_factor",
+    "joint_moment_Nm",
+    "hinge_tolerance_deg",
+    "rod_length_m",
+)
+"""Of an audited design, what its audit says of it beyond the task."""
 COLUMNS = (
     "key",
     "modules",
@@ -23,6 +33,7 @@ COLUMNS = (
     "seconds",
     "audit",
     "starts_at_best",
+    *FLIGHT,
 )
 """The columns of `candidates.csv`."""
 
@@ -61,6 +72,19 @@ class Row:
     """The margin that the solver was asked for [m]."""
     step: int = 0
     """How often that margin was raised."""
+    force_reserve_N: float | None = None
+    """Any force of this size can be added at the end-effector in hover [N]; this and what follows of an audit."""
+    torque_reserve_Nm: float | None = None
+    """Any torque of this size can be added in hover [N m]."""
+    rotors_out_hover: int | None = None
+    """Number of rotors any one of which may fail in hover."""
+    load_factor: float | None = None
+    """The least of hover and all load cases."""
+    joint_moment_Nm: float | None = None
+    """The largest of all joints and load cases [N m]."""
+    hinge_tolerance_deg: float | None = None
+    """Proven: hinge angles off by as much lose no clearance [deg]."""
+    rod_length_m: float | None = None
 
     @property
     def feasible(self) -> bool:
@@ -122,6 +146,22 @@ def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, asked: int, 
         lower_bound=bound,
         gap=Design.gap_of(outcome.objective, bound),
     )
+
+
+def flight_of(audit: Audit) -> dict[str, float | int | None]:
+    """Return what a row says of its audit's figures of flight, by the names of FLIGHT."""
+    found = audit.flight
+    if found is None:
+        return dict.fromkeys(FLIGHT)
+    return {
+        "force_reserve_N": found.hover.force_reserve_N,
+        "torque_reserve_Nm": found.hover.torque_reserve_Nm,
+        "rotors_out_hover": found.rotors_out_hover.survive,
+        "load_factor": found.load_factor,
+        "joint_moment_Nm": found.joint_moment_Nm,
+        "hinge_tolerance_deg": found.hinge_tolerance_deg,
+        "rod_length_m": found.rod_length_m,
+    }
 
 
 def score(row: Row, task: ResolvedTask) -> Scored:

@@ -1,0 +1,147 @@
+"""What audits say beyond the task, from the ledger to the answer: columns, near ties, a tampered ledger."""
+
+import csv
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import toy_problem
+from ledger_edit import forged
+from report_cases import Reader
+from toy_problem import toy_run
+
+from topo_search.cli.tables import print_answer
+from topo_search.model import Audit, BadInput, CaseFlight, Design, Flight, JointLoad, RotorsOut
+from topo_search.report.page import render
+from topo_search.report.run_page import run_page
+from topo_search.study import COLUMNS, RunFolder
+
+RESERVES = {"a500": 1.25, "a600": 0.5, "aa00": 2.0, "a300": 0.25}
+COSTS = {"a500": 2.0, "a600": 2.015, "aa00": 2.019, "a300": 2.03}
+
+
+def told(key: str) -> Flight:
+    """Figures that name their key by the reserve of force."""
+    return Flight(
+        cases=(
+            CaseFlight(
+                name="hover",
+                possible=True,
+                force_reserve_N=RESERVES.get(key, 0.1),
+                horizontal_reserve_N=RESERVES.get(key, 0.1),
+                horizontal_weakest=(0.0, -1.0, 0.0),
+                torque_reserve_Nm=0.125,
+                load_factor=1.5,
+            ),
+            CaseFlight(name="load case 0", possible=True, load_factor=1.25),
+        ),
+        rotors_out_hover=RotorsOut(survive=11, of=12, lost=((2, 1),)),
+        rotors_out_all=RotorsOut(survive=10, of=12, lost=((2, 1), (2, 3))),
+        joints=tuple(
+            JointLoad(
+                case=case,
+                module=0,
+                port=0,
+                child=1,
+                force_N=1.0,
+                moment_Nm=moment,
+                about_hinge_Nm=0.0,
+                across_hinge_Nm=moment,
+            )
+            for case, moment in (("hover", 9.0), ("load case 0", 0.75))
+        ),
+        hinge_tolerance_deg=0.0625,
+        hover_input=0.5,
+        hover_power_ratio=1.0,
+        rod_length_m=0.375,
+        rod_mass_share=0.01,
+        span_m=1.0,
+    )
+
+
+def audit(design: Design) -> Audit:
+    return toy_problem.audit(design).model_copy(update={"flight": told(design.topology.key)})
+
+
+def solve(task: Any, topology: Any, **options: Any) -> Any:
+    """The toy problem, at costs that are close to each other."""
+    found = toy_problem.solve(task, topology, **options)
+    share = (COSTS[topology.key] / found.objective) ** 0.5
+    inputs = [[share * u for u in row] for row in found.rotor_speeds_squared]
+    J = sum(u * u for row in inputs for u in row)
+    stated = {"rotor_speeds_squared": inputs, "objective": J, "gap": Design.gap_of(J, toy_problem.BOUND)}
+    return found.model_validate({**found.model_dump(), **stated})
+
+
+VERBS = replace(toy_problem.VERBS, audit=audit, solve=solve)
+
+
+def rows(path: Any) -> dict[str, dict[str, str]]:
+    with open(path / "candidates.csv") as stream:
+        return {row["key"]: row for row in csv.DictReader(stream)}
+
+
+def test_the_table_of_candidates_ends_with_what_audits_say_beyond_the_task(tmp_path):
+    toy_run(tmp_path / "run", verbs=VERBS)
+    flight = COLUMNS[-7:]
+    assert flight == (
+        *("force_reserve_N", "torque_reserve_Nm", "rotors_out_hover", "load_factor", "joint_moment_Nm"),
+        *("hinge_tolerance_deg", "rod_length_m"),
+    )
+    found = rows(tmp_path / "run")
+    assert set(found) == set(RESERVES)
+    for key, row in found.items():
+        cells = [row[name] for name in flight]
+        assert cells == [str(RESERVES[key]), "0.125", "11", "1.25", "0.75", "0.0625", "0.375"]
+
+
+def test_without_figures_their_cells_are_empty(tmp_path):
+    answer = toy_run(tmp_path / "run")
+    assert all(not row[name] for row in rows(tmp_path / "run").values() for name in COLUMNS[-7:])
+    assert answer.weakest_point is None
+    assert answer.candidates["force_reserve_N"].isna().all()
+
+
+def test_figures_outlive_more_starts_and_another_process(tmp_path):
+    toy_run(tmp_path / "run", verbs=VERBS)
+    before = rows(tmp_path / "run")
+    toy_run(tmp_path / "run", verbs=VERBS, starts=4)
+    after = rows(tmp_path / "run")
+    for key in before:
+        assert [before[key][name] for name in COLUMNS[-7:]] == [after[key][name] for name in COLUMNS[-7:]]
+
+
+def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys):
+    answer = toy_run(tmp_path / "run", verbs=VERBS)
+    (size,) = answer.sizes
+    assert [row.key for row in size.top] == ["a500", "a600", "aa00", "a300"]
+    assert [row.key for row in size.near_ties] == ["aa00", "a500", "a600"]
+    assert size.near_ties_unaudited == 0
+    print_answer(answer)
+    lines = capsys.readouterr().out.splitlines()
+    place = next(k for k, line in enumerate(lines) if line.startswith("within 1 % of the least effort"))
+    assert [line.split()[0] for line in lines[place + 2 : place + 5]] == ["aa00", "a500", "a600"]
+    assert lines[place + 2].split()[1:6] == ["+0.95", "%", "2", "N", "0.125"]
+    assert lines[-1] == (
+        "a500: hovers; weakest side force at the tip 1.2 N towards -y; survives 11 of 12 single rotor failures"
+    )
+    with RunFolder.found(tmp_path / "run") as folder:
+        page = Reader(render(run_page(folder)))
+    assert "It hovers; weakest side force at the tip 1.2 N towards -y; survives 11 of 12" in page.text
+    assert "audited designs within 1 % of the least effort" in page.text
+    assert "What else it can do" in page.text
+    assert "hover and all load cases with one rotor dead: survives 10 of 12, not rotor 1 of module 2" in page.text
+
+
+def test_a_design_as_near_that_is_not_audited_is_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr("topo_search.study.audits.AUDITED", 2)
+    (size,) = toy_run(tmp_path / "run", verbs=VERBS).sizes
+    assert [row.key for row in size.near_ties] == ["a500", "a600"]
+    assert size.near_ties_unaudited == 1
+
+
+def test_figures_that_are_not_those_of_the_audit_are_found(tmp_path):
+    toy_run(tmp_path / "run", verbs=VERBS)
+    forged(tmp_path / "run", "UPDATE candidates SET force_reserve_N = 3.0 WHERE key = 'a500'")
+    with pytest.raises(BadInput, match="a500: its figures are not those of its audit"):
+        toy_run(tmp_path / "run", verbs=VERBS)

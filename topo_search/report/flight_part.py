@@ -1,0 +1,83 @@
+"""What a design can do beyond its task, as tables and sentences."""
+
+from __future__ import annotations
+
+from topo_search.export.flight_lines import flight_lines
+from topo_search.model import CaseFlight, Flight
+from topo_search.model.flight import direction
+from topo_search.model.proven import at_least, at_most
+from topo_search.model.topology import PORT_NAMES
+from topo_search.model.value import Vector
+from topo_search.report.page import FlightPart, Table
+from topo_search.report.wording import figures
+
+
+def flight_part(found: Flight) -> FlightPart:
+    """Return all that is shown of it."""
+    first, *others = flight_lines(found)
+    return FlightPart(f"{first}.", _cases(found), tuple(f"{line}." for line in others), _joints(found))
+
+
+def _cases(found: Flight) -> Table:
+    columns = (
+        "case",
+        "possible",
+        "any force at the tip",
+        "least towards",
+        "any side force",
+        "least towards",
+        "any torque",
+        "least towards",
+        "load factor",
+        "inputs / u_max",
+        "at a limit",
+    )
+    return Table(columns, [_case(case) for case in found.cases], frozenset({2, 4, 6, 8, 9, 10}))
+
+
+def _case(case: CaseFlight) -> list[str]:
+    inputs = "" if case.largest_input is None else f"{case.least_input:.3f} to {case.largest_input:.3f}"
+    return [
+        case.name,
+        {True: "yes", False: "no", None: "undecided"}[case.possible],
+        _size(case.force_reserve_N, " N"),
+        _towards(case.force_weakest),
+        _size(case.horizontal_reserve_N, " N"),
+        _towards(case.horizontal_weakest),
+        _size(case.torque_reserve_Nm, " N m"),
+        _towards(case.torque_weakest),
+        _size(case.load_factor, "", 4),
+        inputs,
+        "" if case.inputs_at_limit is None else str(case.inputs_at_limit),
+    ]
+
+
+def _joints(found: Flight) -> Table | None:
+    """Return the case with the largest moment of each joint."""
+    worst = {load.child: load for load in sorted(found.joints, key=lambda load: load.moment_Nm)}
+    rows = [
+        [
+            f"port {PORT_NAMES[load.port]} of module {load.module} to module {load.child}",
+            load.case,
+            *(
+                f"{figures(at_most(size, 3), 3)} {unit}"
+                for size, unit in (
+                    (load.force_N, "N"),
+                    (load.moment_Nm, "N m"),
+                    (load.about_hinge_Nm, "N m"),
+                    (load.across_hinge_Nm, "N m"),
+                )
+            ),
+        ]
+        for _, load in sorted(worst.items())
+    ]
+    columns = ("joint", "case", "force", "moment", "about the hinge", "across it")
+    return Table(columns, rows, frozenset({2, 3, 4, 5})) if rows else None
+
+
+def _size(value: float | None, unit: str, digits: int = 3) -> str:
+    return "" if value is None else f"{figures(at_least(value, digits), digits)}{unit}"
+
+
+def _towards(v: Vector | None) -> str:
+    return "" if v is None else direction(v)
