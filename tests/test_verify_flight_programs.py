@@ -13,7 +13,8 @@ import verify.flight.programs
 from verify.flight.balls import largest_balls
 from verify.flight.inputs import least_inputs
 from verify.flight.programs import GAP, Box, greatest, solvable
-from verify.flight.simplex import Ends
+from verify.flight.simplex import Ends, solve
+from verify.meshes import Indices
 
 Array = NDArray[np.float64]
 
@@ -71,8 +72,9 @@ def test_wrong_points_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     c, m = rng.normal(size=(5, 12)), rng.uniform(box.low, box.high, size=(5, 12)) @ M.T
     right = greatest(c, M, m, box)
 
-    def wrong(c: Array, M: Array, m: Array, low: Array, high: Array) -> Ends:
-        return Ends(rng.uniform(low, high), rng.normal(size=m.shape), rng.normal(size=m.shape))
+    def wrong(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None) -> Ends:
+        drawn = rng.integers(0, M.shape[1], m.shape)
+        return Ends(rng.uniform(low, high), rng.normal(size=m.shape), rng.normal(size=m.shape), drawn)
 
     monkeypatch.setattr(verify.flight.programs, "solve", wrong)
     by_highs_alone = greatest(c, M, m, box)
@@ -91,6 +93,31 @@ def test_wrong_points_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     undecided = solvable(M, m, box)
     assert not undecided.yes.any()
     assert not undecided.no.any()
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_any_basis_is_one_to_start_from(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    M, box = drawn(rng, 4, 30)
+    c, m = rng.normal(size=(8, 30)), rng.uniform(box.low, box.high, size=(8, 30)) @ M.T
+    cold = greatest(c, M, m, box)
+    other = greatest(c + 0.1 * rng.normal(size=c.shape), M, m, box)
+    bases = np.array([rng.permutation(34)[:4] for _ in c])
+    for start in (cold.bases, other.bases, bases):
+        assert np.allclose(greatest(c, M, m, box, start).attained, cold.attained, atol=1e-9)
+    again = solve(c, M, m, *(np.broadcast_to(x, c.shape) for x in (box.low, box.high)), cold.bases)
+    assert np.array_equal(again.bases, cold.bases)
+
+
+def test_a_wrench_at_the_very_edge_is_reached_without_highs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All inputs at a limit: what the others make up for is exactly what is missing, but for rounding."""
+    monkeypatch.setattr(verify.flight.programs, "linprog", None)
+    rng = np.random.default_rng(3)
+    A, box = rng.normal(size=(6, 20)), Box(np.zeros(20), np.ones(20))
+    d = rng.normal(size=(50, 6))
+    edge = (d @ A > 0).astype(float)
+    assert np.all(solvable(A, edge @ A.T, box).yes)
+    assert np.all(solvable(A, 1.001 * edge @ A.T - 0.001 * A.sum(axis=1) / 2, box).no)
 
 
 def polytope(C: Array, M: Array, g: Array, m: Array, box: Box) -> Array:

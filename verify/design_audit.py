@@ -142,5 +142,5 @@ def _evidence(requirement: Asked, parts: RigidParts) -> tuple[str, ...]:
 
 @functools.cache
 def _versions() -> tuple[tuple[str, str], ...]:
-    packages = "topo-search", "numpy", "python-fcl"
+    packages = "topo-search", "numpy", "python-fcl", "scipy"
     return (("python", python_platform.python_version()), *((name, metadata.version(name)) for name in packages))

@@ -15,7 +15,7 @@ from topo_search.model.goals import Level
 from topo_search.model.value import Value
 from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 
-LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl")
+LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl", "scipy")
 """Distributions whose versions can change a result."""
 
 StrategyName = Literal["exhaustive", "optuna"]

@@ -23,7 +23,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from verify.bodies import Array
-from verify.flight.programs import Box, Greatest, greatest
+from verify.flight.programs import Box, greatest
+from verify.meshes import Indices
 
 ACCURACY = 1e-7
 """Distance between both bounds of r that is good enough, in weights."""
@@ -66,12 +67,15 @@ def largest_balls(C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball
             break
         rows = np.concatenate([np.full(len(d), row) for row, d in asked])
         d = np.concatenate([d for _, d in asked])
-        found = greatest(d @ C, M, m[rows], box)
-        beside = np.sum(d * g[rows], axis=1)
-        found = Greatest(found.v @ C.T - g[rows], found.attained - beside, found.upper - beside)
+        bases = None
+        if len(polytopes[rows[0]].asked):
+            bases = np.concatenate([polytopes[row].near(d) for row, d in asked])
+        found = greatest(d @ C, M, m[rows], box, bases)
+        x, beside = found.v @ C.T - g[rows], np.sum(d * g[rows], axis=1)
         for row, polytope in enumerate(polytopes):
             mine = rows == row
-            polytope.learn(d[mine], Greatest(found.v[mine], found.attained[mine], found.upper[mine]))
+            known = np.isfinite(found.attained) & mine
+            polytope.learn(d[mine], x[known], found.upper[mine] - beside[mine], found.bases[mine])
     return [polytope.ball() for polytope in polytopes]
 
 
@@ -82,6 +86,7 @@ class _Polytope:
     D: int
     points: Array = field(init=False)
     asked: Array = field(init=False)
+    bases: Indices | None = None
     upper: float = math.inf
     weakest: Array = field(init=False)
     lower: float = 0.0
@@ -90,14 +95,21 @@ class _Polytope:
         self.points, self.asked = np.empty((0, self.D)), np.empty((0, self.D))
         self.weakest = np.zeros(self.D)
 
-    def learn(self, d: Array, found: Greatest) -> None:
-        """Take what was found in directions d."""
+    def learn(self, d: Array, points: Array, upper: Array, bases: Indices) -> None:
+        """Take what was found in directions d: points that are in the polytope, and how far it goes at most."""
         self.asked = np.concatenate([self.asked, d])
-        points = np.concatenate([self.points, found.v[np.isfinite(found.attained)]])
+        self.bases = bases if self.bases is None else np.concatenate([self.bases, bases])
+        points = np.concatenate([self.points, points])
         self.points = points[np.unique(np.round(points, 10), axis=0, return_index=True)[1]]
-        if len(d) and found.upper.min() < self.upper:
-            best = int(np.argmin(found.upper))
-            self.upper, self.weakest = float(found.upper[best]), d[best]
+        if len(d) and upper.min() < self.upper:
+            best = int(np.argmin(upper))
+            self.upper, self.weakest = float(upper[best]), d[best]
+
+    def near(self, d: Array) -> Indices:
+        """Return where the programs of the nearest directions that were asked ended."""
+        if self.bases is None:
+            raise ValueError("nothing was asked before")
+        return np.asarray(self.bases[np.argmax(d @ self.asked.T, axis=1)])
 
     def questions(self) -> Array:
         """Return the directions to ask in next, shape (q, D); none at the end."""

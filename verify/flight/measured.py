@@ -37,7 +37,7 @@ from verify.bodies import Array
 from verify.flight.balls import Ball, largest_balls
 from verify.flight.inputs import least_inputs
 from verify.flight.joints import joint_loads
-from verify.flight.programs import Box, greatest, solvable
+from verify.flight.programs import Box, Solvable, greatest, solvable
 from verify.kinematics import Platform
 from verify.residuals import finite
 from verify.wrench import required_wrench, wrench_map
@@ -96,9 +96,22 @@ class _Measured:
         self.asked = (hover, *task.load_cases)
         self.names = (HOVER, *(f"load case {k}" for k in range(len(task.load_cases))))
         self.b = np.array([required_wrench(case, found.p_e) / unit for case in self.asked])
+        _, first, same = np.unique(np.round(self.b, 12), axis=0, return_index=True, return_inverse=True)
+        self.wrenches, self.same = self.b[first], same.ravel()  # what several cases ask for is looked at once
         self.box = Box(np.zeros(4 * n), np.ones(4 * n))
-        hovering = least_inputs(self.A, self.b[0], self.box) if self.in_range else None
-        self.v = [hovering, *(design.inputs.reshape(len(task.load_cases), -1) / self.most)]
+
+    @cached_property
+    def reached(self) -> Solvable:
+        """Which wrenches can be produced."""
+        return solvable(self.A, self.wrenches, self.box)
+
+    @cached_property
+    def v(self) -> list[Array | None]:
+        """Inputs of least effort for hover, or None, and those of the design."""
+        hover = self.same[0]
+        able = self.reached.yes[hover]
+        least = least_inputs(self.A, self.A @ self.reached.v[hover], self.box) if able else None
+        return [least, *(self.design.inputs.reshape(len(self.design.task.load_cases), -1) / self.most)]
 
     @cached_property
     def in_range(self) -> bool:
@@ -106,14 +119,13 @@ class _Measured:
         return bool(np.all(np.abs(self.A) <= LARGEST) and np.all(np.abs(self.b) <= LARGEST))
 
     def cases(self) -> tuple[CaseFlight, ...]:
-        """Return what hover and every load case leave; wrenches that several ask for are looked at once."""
-        _, first, same = np.unique(np.round(self.b, 12), axis=0, return_index=True, return_inverse=True)
-        reached = solvable(self.A, self.b[first], self.box)
-        told = self._reserves(reached.v[reached.yes] @ self.A.T)
+        """Return what hover and every load case leave."""
+        yes, no = self.reached.yes, self.reached.no
+        told = self._reserves(self.reached.v[yes] @ self.A.T)
         rows = []
-        for name, v, row in zip(self.names, self.v, same.ravel(), strict=True):
-            possible = True if reached.yes[row] else False if reached.no[row] else None
-            left = told[np.count_nonzero(reached.yes[:row])] if possible else {}
+        for name, v, row in zip(self.names, self.v, self.same, strict=True):
+            possible = True if yes[row] else False if no[row] else None
+            left = told[np.count_nonzero(yes[:row])] if possible else {}
             rows.append(CaseFlight(name=name, possible=possible, **left, **self._inputs(v)))
         return tuple(rows)
 
@@ -151,15 +163,16 @@ class _Measured:
     @cached_property
     def _failures(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return whether each case, rows, is proven possible, and impossible, with each rotor dead, columns."""
-        N, K = self.A.shape[1], len(self.b)
-        alive = np.tile(1 - np.eye(N), (K, 1))
+        N, K = self.A.shape[1], len(self.wrenches)
         yes, no = np.zeros(N * K, dtype=bool), np.zeros(N * K, dtype=bool)
-        b = np.repeat(self.b, N, axis=0)
         for start in range(0, N * K, TOGETHER):
-            rows = slice(start, start + TOGETHER)
-            found = solvable(self.A, b[rows], Box(self.box.low * alive[rows], self.box.high * alive[rows]))
-            yes[rows], no[rows] = found.yes, found.no
-        return yes.reshape(K, N), no.reshape(K, N)
+            case, dead = np.divmod(np.arange(start, min(start + TOGETHER, N * K)), N)
+            alive = np.ones((len(dead), N))
+            alive[np.arange(len(dead)), dead] = 0.0
+            box = Box(self.box.low * alive, self.box.high * alive)
+            found = solvable(self.A, self.wrenches[case], box, self.reached.bases[case])
+            yes[start : start + len(dead)], no[start : start + len(dead)] = found.yes, found.no
+        return yes.reshape(K, N)[self.same], no.reshape(K, N)[self.same]
 
     def _load_factor(self, b: Array) -> dict[str, float]:
         """Return by how much all of a wrench can grow: the greatest s of which A v = s b has a solution."""

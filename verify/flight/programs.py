@@ -25,6 +25,7 @@ from scipy.optimize import linprog
 from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
 from verify.flight.simplex import solve
+from verify.meshes import Indices
 
 RESIDUAL = 1e-9
 """By how much a primal point may miss an equation: a thousandth of TOLERANCE."""
@@ -64,9 +65,11 @@ class Greatest:
     """c . v; minus infinity where v does not meet the equations, shape (B,)."""
     upper: Array
     """No v that meets the equations has more, shape (B,)."""
+    bases: Indices
+    """Where to start from for costs that differ a little, shape (B, k)."""
 
 
-def greatest(c: Array, M: Array, m: Array, box: Box) -> Greatest:
+def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = None) -> Greatest:
     """Return the greatest c . v of each program.
 
     Args:
@@ -74,10 +77,11 @@ def greatest(c: Array, M: Array, m: Array, box: Box) -> Greatest:
         M: shape (k, N).
         m: shape (B, k).
         box: bounds of all programs.
+        bases: to start from.
     """
     bounds = box.rows(len(c))
-    found = solve(c, M, m, bounds.low, bounds.high)
-    judged = _bracketed(c, M, m, bounds, found.v, found.y)
+    found = solve(c, M, m, bounds.low, bounds.high, bases)
+    judged = _bracketed(c, M, m, bounds, found.v, found.y, found.bases)
     loose = np.flatnonzero(~(judged.upper - judged.attained <= GAP))
     if not len(loose):
         return judged
@@ -87,20 +91,22 @@ def greatest(c: Array, M: Array, m: Array, box: Box) -> Greatest:
         if answer.status == 0:
             v[row] = np.clip(answer.x, bounds.low[row], bounds.high[row])
             y[row] = -answer.eqlin.marginals
-    again = _bracketed(c, M, m, bounds, v, y)
+    again = _bracketed(c, M, m, bounds, v, y, found.bases)
     better = again.attained > judged.attained
     return Greatest(
         np.where(better[:, None], again.v, judged.v),
         np.maximum(judged.attained, again.attained),
         np.minimum(judged.upper, again.upper),
+        found.bases,
     )
 
 
-def _bracketed(c: Array, M: Array, m: Array, box: Box, v: Array, y: Array) -> Greatest:
+def _bracketed(c: Array, M: Array, m: Array, box: Box, v: Array, y: Array, bases: Indices) -> Greatest:
     met = np.abs(v @ M.T - m).max(axis=1, initial=0.0) <= RESIDUAL
     beside = np.sum(y * m, axis=1) + ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
     upper = box.greatest(c - y @ M) + beside
-    return Greatest(v, np.where(met, np.sum(c * v, axis=1), -np.inf), np.where(np.isnan(upper), np.inf, upper))
+    attained = np.where(met, np.sum(c * v, axis=1), -np.inf)
+    return Greatest(v, attained, np.where(np.isnan(upper), np.inf, upper), bases)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,14 +119,16 @@ class Solvable:
     """Proven that there is none, shape (B,). Neither: undecided."""
     v: Array
     """Shape (B, N)."""
+    bases: Indices
+    """Where to start from for bounds that differ a little, shape (B, k)."""
 
 
-def solvable(M: Array, m: Array, box: Box) -> Solvable:
+def solvable(M: Array, m: Array, box: Box, bases: Indices | None = None) -> Solvable:
     """Return for each m, shape (B, k), whether M v = m has a solution within bounds, each equation to TOLERANCE."""
     bounds = box.rows(len(m))
     # any costs would do; different ones make the answer one vertex
     c = np.broadcast_to(-1.0 - np.arange(M.shape[1]) / M.shape[1], (len(m), M.shape[1]))
-    found = solve(c, M, m, bounds.low, bounds.high)
+    found = solve(c, M, m, bounds.low, bounds.high, bases)
     v = found.v
     yes, no = _meets(M, m, v), _excluded(M, m, bounds, found.rays)
     for row in np.flatnonzero(~yes & ~no):
@@ -128,7 +136,7 @@ def solvable(M: Array, m: Array, box: Box) -> Solvable:
         one = slice(row, row + 1)
         yes[one] = _meets(M, m[one], v[one])
         no[one] = _excluded(M, m[one], Box(bounds.low[one], bounds.high[one]), y[None])
-    return Solvable(yes, no, v)
+    return Solvable(yes, no, v, found.bases)
 
 
 def _meets(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:

@@ -24,11 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from verify.bodies import Array
+from verify.meshes import Indices
 
 FEASIBLE = 1e-11
 """How far beyond its bounds a variable may end, in units of the largest range of any."""
 PIVOT = 1e-9
 """Smallest pivot, in units of the largest of its row."""
+ROUNDING = 1e-10
+"""Share of what a variable misses its bound by that the others need not make up for."""
 STEPS = 100
 """Most steps, and as many more as there are equations and a tenth of the variables."""
 
@@ -43,9 +46,11 @@ class Ends:
     """Multipliers, shape (B, k)."""
     rays: Array
     """Directions of y that show that no variables meet the equations; zero where none was found, shape (B, k)."""
+    bases: Indices
+    """The variables of each basis: where to start from for costs that differ a little, shape (B, k)."""
 
 
-def solve(c: Array, M: Array, m: Array, low: Array, high: Array) -> Ends:
+def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None = None) -> Ends:
     """Return where the method ends for each program.
 
     Args:
@@ -54,16 +59,21 @@ def solve(c: Array, M: Array, m: Array, low: Array, high: Array) -> Ends:
         m: shape (B, k).
         low: finite, shape (B, N).
         high: finite, at least `low`, shape (B, N).
+        bases: to start from, shape (B, k); default: the unit vectors.
     """
     programs, (k, N) = len(c), M.shape
     unit = np.zeros((programs, k))
+    if bases is None:
+        bases = np.tile(np.arange(N, N + k), (programs, 1))
     state = _State(
         np.concatenate([c, unit], axis=1),
         np.concatenate([M, np.eye(k)], axis=1),
         m,
         np.concatenate([low, unit], axis=1),
         np.concatenate([high, unit], axis=1),
+        bases,
     )
+    bases = bases.copy()
     v, y, rays = np.zeros((programs, N + k)), np.zeros((programs, k)), np.zeros((programs, k))
     numbers = np.arange(programs)
     for _ in range(STEPS + k + N // 10):
@@ -73,42 +83,44 @@ def solve(c: Array, M: Array, m: Array, low: Array, high: Array) -> Ends:
             ended, ray = state.step()
         except np.linalg.LinAlgError:  # a singular basis
             break
-        v[numbers], y[numbers], rays[numbers] = state.v, state.y, ray
+        v[numbers], y[numbers], rays[numbers], bases[numbers] = state.v, state.y, ray, state.basis
         numbers = numbers[~ended]
         state.keep(~ended)
-    return Ends(np.clip(v[:, :N], low, high), y, rays)
+    return Ends(np.clip(v[:, :N], low, high), y, rays, bases)
 
 
 class _State:
     """The programs that have not ended."""
 
-    def __init__(self, c: Array, M: Array, m: Array, low: Array, high: Array) -> None:
-        programs, (k, columns) = len(c), M.shape
+    def __init__(self, c: Array, M: Array, m: Array, low: Array, high: Array, basis: Indices) -> None:
         self.c, self.M, self.m, self.low, self.high = c, M, m, low, high
-        self.basis: NDArray[np.intp] = np.tile(np.arange(columns - k, columns), (programs, 1))
-        self.in_basis = np.zeros(c.shape, dtype=bool)
-        np.put_along_axis(self.in_basis, self.basis, True, axis=1)
-        self.at_high = c > 0
-        self.v, self.y = np.zeros_like(c), np.zeros((programs, k))
+        self.basis, self.in_basis = basis.copy(), np.zeros(c.shape, dtype=bool)
+        self.in_basis[np.arange(len(c))[:, None], basis] = True
+        self.at_high: NDArray[np.bool_] | None = None
+        self.v, self.y = np.zeros_like(c), np.zeros_like(m)
 
     def keep(self, rows: NDArray[np.bool_]) -> None:
         """Go on with some programs only."""
         if not rows.all():
-            for name in ("c", "m", "low", "high", "basis", "in_basis", "at_high", "v", "y"):
+            for name in ("c", "m", "low", "high", "basis", "in_basis", "at_high"):
                 setattr(self, name, getattr(self, name)[rows])
 
     def step(self) -> tuple[NDArray[np.bool_], Array]:
         """Make a step; return which programs have ended, and the rays of those without feasible variables."""
         rows = np.arange(len(self.c))
-        inverse = np.linalg.inv(np.moveaxis(self.M[:, self.basis], 0, 1))
-        self.y = np.einsum("bj,bjk->bk", np.take_along_axis(self.c, self.basis, 1), inverse)
-        r = np.where(self.in_basis, 0.0, self.c - self.y @ self.M)
-        outside = np.where(self.in_basis, 0.0, np.where(self.at_high, self.high, self.low))
-        inside = np.einsum("bjk,bk->bj", inverse, self.m - outside @ self.M.T)
-        self.v = outside
-        np.put_along_axis(self.v, self.basis, inside, axis=1)
-        below = np.take_along_axis(self.low, self.basis, 1) - inside
-        beyond = np.maximum(below, inside - np.take_along_axis(self.high, self.basis, 1))
+        at = rows[:, None], self.basis
+        inverse = np.linalg.inv(self.M.T[self.basis].transpose(0, 2, 1))
+        self.y = (self.c[at][:, None] @ inverse)[:, 0]
+        r = self.c - self.y @ self.M
+        r[at] = 0.0
+        if self.at_high is None:
+            self.at_high = r > 0
+        self.v = np.where(self.at_high, self.high, self.low)
+        self.v[at] = 0.0
+        inside = (inverse @ (self.m - self.v @ self.M.T)[:, :, None])[:, :, 0]
+        self.v[at] = inside
+        below = self.low[at] - inside
+        beyond = np.maximum(below, inside - self.high[at])
         scale = (self.high - self.low).max(axis=1)
         place = np.argmax(beyond / np.linalg.norm(inverse, axis=2), axis=1)
         missing = beyond[rows, place]
@@ -116,7 +128,7 @@ class _State:
         rho = inverse[rows, place]
         sign = np.where(below[rows, place] > 0, 1.0, -1.0)
         alpha = sign[:, None] * (rho @ self.M)
-        entering, passed, found = self._breakpoints(r, alpha, missing)
+        entering, passed, found = self._breakpoints(r, alpha, missing, self.at_high)
         ended = optimal | ~found
         move = ~ended
         leaving = self.basis[rows, place]
@@ -128,19 +140,20 @@ class _State:
         return ended, np.where((~optimal & ~found)[:, None], -sign[:, None] * rho, 0.0)
 
     def _breakpoints(
-        self, r: Array, alpha: Array, missing: Array
+        self, r: Array, alpha: Array, missing: Array, at_high: NDArray[np.bool_]
     ) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which variable enters, which ones are passed and change their bound, and whether any enters."""
         width = self.high - self.low
-        towards = np.where(self.at_high, alpha, -alpha)
+        towards = np.where(at_high, alpha, -alpha)
         blocks = ~self.in_basis & (width > 0) & (towards > PIVOT * np.abs(alpha).max(axis=1, keepdims=True))
         at = np.where(blocks, np.abs(r) / np.where(blocks, towards, 1.0), np.inf)
         order = np.argsort(at, axis=1, kind="stable")
-        gained = np.cumsum(np.take_along_axis(np.where(blocks, towards * width, 0.0), order, 1), axis=1)
-        turns = gained >= missing[:, None]
+        rows = np.arange(len(order))[:, None]
+        gained = np.cumsum(np.where(blocks, towards * width, 0.0)[rows, order], axis=1)
+        turns = gained >= (1 - ROUNDING) * missing[:, None]
         found = turns[:, -1]
         first = np.argmax(turns, axis=1)
         rank = np.empty_like(order)
-        np.put_along_axis(rank, order, np.broadcast_to(np.arange(order.shape[1]), order.shape), axis=1)
+        rank[rows, order] = np.arange(order.shape[1])
         passed = blocks & (rank < first[:, None])
-        return order[np.arange(len(order)), first], passed, found
+        return order[rows[:, 0], first], passed, found
