@@ -8,6 +8,9 @@ from topo_search.model import Flight, RotorsOut
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most
 
+NAMED = 8
+"""Most rotors that are named one by one."""
+
 
 def flight_lines(found: Flight) -> Iterator[str]:
     """Yield the lines, the weakest point first; what is proven is rounded to the safe side."""
@@ -37,13 +40,13 @@ def flight_lines(found: Flight) -> Iterator[str]:
 
 def _out(out: RotorsOut) -> str:
     told = f"survives {out.survive} of {out.of}"
-    if out.lost:
+    if 0 < len(out.lost) <= NAMED:
         told += f", not {_rotors(out.lost)}"
     return f"{told}, undecided {_rotors(out.undecided)}" if out.undecided else told
 
 
 def _rotors(which: tuple[tuple[int, int], ...]) -> str:
-    """Name rotors by module and number; many by their number alone."""
-    if len(which) > 8:
-        return f"{len(which)} others"
+    """Name rotors by module and number."""
+    if len(which) > NAMED:
+        return f"{len(which)} rotors"
     return ", ".join(f"rotor {rotor} of module {module}" for module, rotor in which)

@@ -1,0 +1,138 @@
+"""What a design can do beyond its task in words: in the audit's text and summary, and on its page."""
+
+import math
+
+import pytest
+from report_cases import Reader
+from verify_cases import fan
+
+from topo_search.cli.tables import print_audit
+from topo_search.export.audit_summary import Judged, markdown
+from topo_search.export.flight_lines import flight_lines
+from topo_search.model import CaseFlight, Flight, JointLoad, RotorsOut
+from topo_search.model.flight import direction
+from topo_search.report.design_page import design_page
+from topo_search.report.page import render
+from verify import audit
+
+HOVER = CaseFlight(
+    name="hover",
+    possible=True,
+    horizontal_reserve_N=0.1199,
+    horizontal_weakest=(0.0, -1.0, 0.0),
+    torque_reserve_Nm=0.25,
+    torque_weakest=(0.6, 0.0, 0.8),
+    load_factor=1.5,
+)
+
+
+def told(**fields: object) -> Flight:
+    given = {
+        "cases": (HOVER, CaseFlight(name="load case 0", possible=True, load_factor=1.02459)),
+        "rotors_out_hover": RotorsOut(survive=7, of=8, lost=((1, 3),)),
+        "rotors_out_all": RotorsOut(survive=6, of=8, lost=((1, 3),), undecided=((0, 0),)),
+        "joints": (
+            JointLoad(
+                case="load case 0",
+                module=0,
+                port=0,
+                child=1,
+                force_N=3.21,
+                moment_Nm=1.2301,
+                about_hinge_Nm=0.0,
+                across_hinge_Nm=1.2301,
+            ),
+        ),
+        "hinge_tolerance_deg": 0.1,
+        "hover_input": 0.5,
+        "hover_power_ratio": 1.25,
+        "rod_length_m": None,
+        "rod_mass_share": None,
+        "span_m": 0.75,
+    }
+    return Flight.model_validate({**given, **fields})
+
+
+def test_the_lines_are_rounded_to_the_side_on_which_they_are_proven() -> None:
+    assert list(flight_lines(told())) == [
+        "hovers; weakest side force at the tip 0.11 N towards -y; survives 7 of 8 single rotor failures",
+        "least torque that can be added in hover: 0.25 N m about [0.60, 0.00, 0.80]",
+        "load factor until a rotor saturates: 1.024, in load case 0",
+        "hover with one rotor dead: survives 7 of 8, not rotor 3 of module 1",
+        "hover and all load cases with one rotor dead: survives 6 of 8, not rotor 3 of module 1, "
+        "undecided rotor 0 of module 0",
+        "largest moment in a joint: 1.24 N m and 3.21 N, between modules 0 and 1 in load case 0",
+        "hover takes 50 % of the largest input on average, and "
+        "1.25 times the power of rotors that all pull straight up",
+        "the platform spans 0.75 m",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("hover", "out", "words"),
+    [
+        ({"possible": False}, {}, "cannot hover"),
+        ({"possible": None}, {}, "leaves undecided whether it can hover"),
+        ({}, {"undecided": ((0, 1),)}, "hovers; survives 7 of 8 single rotor failures (1 undecided)"),
+    ],
+)
+def test_what_is_not_proven_is_not_claimed(hover: dict, out: dict, words: str) -> None:
+    case = CaseFlight(name="hover", **{"possible": True, **hover})
+    found = told(cases=(case,), rotors_out_hover=RotorsOut(survive=7, of=8, **out))
+    assert found.weakest_point == words
+    assert found.load_factor is None
+    assert not any("load factor" in line for line in flight_lines(found))
+
+
+def test_a_single_module_has_no_joints_to_tell_of() -> None:
+    assert not any("joint" in line for line in flight_lines(told(joints=())))
+
+
+def test_many_rotors_are_counted() -> None:
+    lost = tuple((i, q) for i in range(3) for q in range(4))
+    line = next(line for line in flight_lines(told(rotors_out_hover=RotorsOut(survive=0, of=12, lost=lost))))
+    assert line.endswith("survives 0 of 12 single rotor failures")
+    lines = list(flight_lines(told(rotors_out_hover=RotorsOut(survive=0, of=12, lost=lost))))
+    assert "hover with one rotor dead: survives 0 of 12" in lines
+    lines = list(flight_lines(told(rotors_out_hover=RotorsOut(survive=0, of=12, undecided=lost))))
+    assert "hover with one rotor dead: survives 0 of 12, undecided 12 rotors" in lines
+
+
+@pytest.mark.parametrize(
+    ("v", "words"),
+    [
+        ((0.0, 0.0, 1.0), "+z"),
+        ((-2.0, 0.0, 0.0), "-x"),
+        ((0.01, -1.0, 0.0), "-y"),
+        ((math.sin(0.05), math.cos(0.05), 0.0), "[0.05, 1.00, 0.00]"),
+    ],
+)
+def test_a_direction_is_an_axis_or_a_vector(v: tuple[float, float, float], words: str) -> None:
+    assert direction(v) == words
+
+
+def test_text_summary_and_page_of_an_audit_tell_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+    given = fan({"load_cases": [{"com": {"force": [0.0, 0.0, 1.2]}}]})
+    found = audit(given)
+    assert found.flight is not None
+    lines = list(flight_lines(found.flight))
+    print_audit("fan.json", found)
+    text = capsys.readouterr().out.splitlines()
+    summary = markdown([Judged("fan.json", given, found)], []).splitlines()
+    page = Reader(render(design_page(given, found, "fan.json")))
+    for line in lines:
+        assert f"  {line}" in text
+        assert f"- {line}" in summary
+        assert f"{line}." in page.text
+    assert f"It {lines[0]}." in page.text
+    for cell in ("load case 0", "port +x of module 0 to module 1", "about the hinge", "any side force"):
+        assert cell in page.text
+
+
+def test_an_audit_without_figures_says_nothing_of_them(capsys: pytest.CaptureFixture[str]) -> None:
+    given = fan()
+    found = audit(given).model_copy(update={"flight": None})
+    print_audit("fan.json", found)
+    assert "hover" not in capsys.readouterr().out
+    page = Reader(render(design_page(given, found, "fan.json")))
+    assert "What else it can do" not in page.text
