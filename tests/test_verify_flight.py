@@ -1,6 +1,8 @@
 """Figures of flight of whole designs: attacked with random wrenches, scaled, mirrored, and by MuJoCo."""
 
 import math
+import sys
+from itertools import combinations
 from typing import Any
 
 import mujoco
@@ -42,6 +44,9 @@ def drawn(seed: int, n: int = 5, **task: Any) -> Design:
 
 ABLE = (0, 1, 4, 10, 30)
 """Seeds of platforms that can hover and push."""
+
+THREE = (3, 5, 7, 14, 26, 31, 46)
+"""Seeds of platforms of three modules that can hover."""
 
 
 def flight(given: Design) -> Flight:
@@ -112,6 +117,37 @@ def test_the_rotors_that_may_fail_are_those_without_which_all_can_be_produced(se
     for out, cases in ((found.rotors_out_hover, 1), (found.rotors_out_all, 2)):
         lost = tuple((j // 4, j % 4) for j in range(12) if not all(able[j][:cases]))
         assert (out.lost, out.undecided, out.survive, out.of) == (lost, (), 12 - len(lost), 12)
+
+
+def facets(A: Array) -> Array:
+    """Normals of all facets of the wrenches A v, shape (m, 6): five rotors that span a hyperplane have one."""
+    _, sizes, axes = np.linalg.svd(np.moveaxis(A[:, list(combinations(range(A.shape[1]), 5))], 1, 0).swapaxes(1, 2))
+    return np.asarray(axes[sizes[:, 4] > 1e-9, 5])
+
+
+@pytest.mark.parametrize("seed", THREE)
+def test_reserves_are_the_distances_of_the_nearest_facets_of_all(seed: int) -> None:
+    """All facets of the set of wrenches, without a linear program: along a line f they are h(n) / |n . f| away."""
+    given = drawn(seed, 3)
+    task, at = given.task, platform(given)
+    A = wrench_map(at, task.module) * task.module.max_input(task.gravity)
+    normals = facets(A / np.repeat([1.0, 0.1], 3)[:, None]) / np.repeat([1.0, 0.1], 3)
+    normals = np.concatenate([normals, -normals])
+    found = flight(given)
+    assert found.hover.possible
+    for case, b in zip(found.cases, asked(given), strict=True):
+        if not case.possible:
+            continue
+        h = np.maximum(normals @ A, 0).sum(axis=1) - normals @ b
+        at_tip = normals[:, :3] + np.cross(normals[:, 3:], at.p_e)
+        for size, along in (
+            (case.force_reserve_N, at_tip),
+            (case.horizontal_reserve_N, at_tip[:, :2]),
+            (case.torque_reserve_Nm, normals[:, 3:]),
+        ):
+            lengths = np.linalg.norm(along, axis=1)
+            reached = lengths > 1e-9 * np.linalg.norm(normals, axis=1)
+            assert size == pytest.approx(float((h[reached] / lengths[reached]).min()), rel=1e-5, abs=1e-5)
 
 
 def test_parallel_rotors_have_no_side_force_and_a_known_load_factor() -> None:
@@ -222,6 +258,42 @@ def test_a_half_turn_of_the_world_turns_the_weakest_directions() -> None:
             assert np.allclose(w, [-v[0], -v[1], v[2]], atol=1e-5)
 
 
+@pytest.mark.parametrize(("seed", "n"), [(ABLE[0], 5), (ABLE[4], 5), (THREE[4], 3)])
+def test_a_mirrored_platform_has_mirrored_figures(seed: int, n: int) -> None:
+    """Across y: ports +y and -y change places, hinges at them and psi, alpha_0 change sign; torques are axial."""
+    given = drawn(seed, n, load_cases=[{**PUSH, "com": {"force": [0.0, 0.0, 1.0], "torque": [0.03, 0.02, 0.01]}}])
+    swapped = (0, 3, 2, 1)
+    rows = [(h, swapped[a], swapped[b]) if h >= 0 else (h, a, b) for h, a, b in given.topology.joints]
+    signs = [1 if a % 2 == 0 else -1 for _, _, a, _ in given.topology.edges()]
+    psi, alpha_0, alpha_1 = given.root_orientation_rad
+    x, y, z = given.end_effector_m
+    pushed = {"end_effector": {"force": [0.01, -0.005, 0.0]}}
+    other = design(
+        Topology(tuple(rows)),
+        {
+            "module": {"max_thrust_to_weight": 4.0},
+            "load_cases": [{**pushed, "com": {"force": [0.0, 0.0, 1.0], "torque": [-0.03, 0.02, -0.01]}}],
+        },
+        hinges=tuple(sign * alpha for sign, alpha in zip(signs, given.hinge_angles_rad, strict=True)),
+        root=(-psi, -alpha_0, alpha_1),
+        end_effector=(x, -y, z),
+    )
+    one, mirrored = flight(given), flight(other)
+    axial = {"torque": [-1, 1, -1]}
+    for a, b in zip(one.cases, mirrored.cases, strict=True):
+        assert a.possible == b.possible
+        for (name, size, v), (_, same, w) in zip(reserves(a), reserves(b), strict=True):
+            assert same == pytest.approx(size, abs=1e-6), name
+            assert np.allclose(w, np.array(axial.get(name, [1, -1, 1])) * v, atol=1e-5), name
+        assert b.load_factor == (None if a.load_factor is None else pytest.approx(a.load_factor, rel=1e-6))
+    for a, b in ((one.rotors_out_hover, mirrored.rotors_out_hover), (one.rotors_out_all, mirrored.rotors_out_all)):
+        assert {(i, 3 - q) for i, q in a.lost} == set(b.lost)
+    for before, after in zip(one.joints, mirrored.joints, strict=True):
+        assert after.moment_Nm == pytest.approx(before.moment_Nm, rel=1e-6)
+        assert after.about_hinge_Nm == pytest.approx(before.about_hinge_Nm, rel=1e-5, abs=1e-9)
+    assert one.rotors_out_hover.survive > 0
+
+
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("connectors", ["aligned", "any"])
 def test_joints_bear_what_mujoco_measures(seed: int, connectors: Any) -> None:
@@ -330,6 +402,10 @@ def test_an_audit_with_its_flight_is_written_and_read_again() -> None:
 
 def test_figures_that_overflow_are_left_out() -> None:
     assert audit(fan(end_effector=(1e200, 0.0, 0.0))).flight is None
+    weak = fan({"module": {"thrust_coefficient": 1e12}})
+    inputs = [1e308, -1e308, *weak.rotor_speeds_squared[0][2:]]
+    found = flight(changed(weak, rotor_speeds_squared=[inputs])).cases[1]
+    assert (found.largest_input, found.least_input) == (sys.float_info.max, -sys.float_info.max)
 
 
 def test_hover_is_told_of_a_task_that_never_asks_for_it() -> None:

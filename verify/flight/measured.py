@@ -16,6 +16,7 @@ rotors that run between nothing and the module's largest input.
 
 from __future__ import annotations
 
+import sys
 from functools import cached_property
 from typing import Any
 
@@ -193,8 +194,8 @@ class _Measured:
         near = AT_LIMIT * (self.box.high - self.box.low)
         limited = (v <= self.box.low + near) | (v >= self.box.high - near)
         return {
-            "largest_input": float(v.max()),
-            "least_input": float(v.min()),
+            "largest_input": finite(float(v.max())),
+            "least_input": max(float(v.min()), -sys.float_info.max),
             "inputs_at_limit": int(limited.sum()),
         }
 
