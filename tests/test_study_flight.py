@@ -125,6 +125,9 @@ def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys
     assert lines[-1] == (
         "a500: hovers; weakest side force at the tip 1.2 N towards -y; survives 11 of 12 single rotor failures"
     )
+    shown = size._repr_html_()
+    place = shown.index("within 1 % of the least effort")
+    assert 0 < shown.index("aa00", place) < shown.index("a500", place) < shown.index("a600", place)
     with RunFolder.found(tmp_path / "run") as folder:
         page = Reader(render(run_page(folder)))
     assert "It hovers; weakest side force at the tip 1.2 N towards -y; survives 11 of 12" in page.text

@@ -19,7 +19,7 @@ from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
 from topo_search.study.front import Point
 from topo_search.study.place import Place
-from topo_search.study.row import Row
+from topo_search.study.row import FLIGHT, Row
 from topo_search.study.statements import reason, remark, statement
 from topo_search.topologies import Resolution
 
@@ -84,7 +84,12 @@ class SizeAnswer:
             for row in self.top
         ]
         remarks = (self.quotient, *self.remarks, *([self.reason] if self.reason else []))
-        return title + (table(names, rows) if rows else "") + "".join(paragraph(text) for text in remarks)
+        told = title + (table(names, rows) if rows else "")
+        if len(self.near_ties) > 1:
+            ties = [(row.key, row.objective, *(getattr(row, name) for name in FLIGHT)) for row in self.near_ties]
+            near = heading(f"within {100 * NEAR:g} % of the least effort, the largest reserve of force first")
+            told += near + table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
+        return told + "".join(paragraph(text) for text in remarks)
 
 
 @dataclass(frozen=True)
