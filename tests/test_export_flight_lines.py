@@ -123,7 +123,7 @@ def test_text_summary_and_page_of_an_audit_tell_of_it(capsys: pytest.CaptureFixt
     for line in lines:
         assert f"  {line}" in text
         assert f"- {line}" in summary
-        assert f"{line}." in page.text
+        assert f"{line[0].upper()}{line[1:]}." in page.text
     assert f"It {lines[0]}." in page.text
     for cell in ("load case 0", "port +x of module 0 to module 1", "about the hinge", "any side force"):
         assert cell in page.text
@@ -135,4 +135,4 @@ def test_an_audit_without_figures_says_nothing_of_them(capsys: pytest.CaptureFix
     print_audit("fan.json", found)
     assert "hover" not in capsys.readouterr().out
     page = Reader(render(design_page(given, found, "fan.json")))
-    assert "What else it can do" not in page.text
+    assert "Beyond the task" not in page.text

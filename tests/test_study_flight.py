@@ -132,8 +132,8 @@ def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys
         page = Reader(render(run_page(folder)))
     assert "It hovers; weakest side force at the tip 1.2 N towards -y; survives 11 of 12" in page.text
     assert "audited designs within 1 % of the least effort" in page.text
-    assert "What else it can do" in page.text
-    assert "hover and all load cases with one rotor dead: survives 10 of 12, not rotor 1 of module 2" in page.text
+    assert "Beyond the task" in page.text
+    assert "Hover and all load cases with one rotor dead: survives 10 of 12, not rotor 1 of module 2" in page.text
 
 
 def test_a_design_as_near_that_is_not_audited_is_counted(tmp_path, monkeypatch):

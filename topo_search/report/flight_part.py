@@ -14,8 +14,8 @@ from topo_search.report.wording import figures
 
 def flight_part(found: Flight) -> FlightPart:
     """Return all that is shown of it."""
-    first, *others = flight_lines(found)
-    return FlightPart(f"{first}.", _cases(found), tuple(f"{line}." for line in others), _joints(found))
+    first, *others = (f"{line[0].upper()}{line[1:]}." for line in flight_lines(found))
+    return FlightPart(first, _cases(found), tuple(others), _joints(found))
 
 
 def _cases(found: Flight) -> Table:
