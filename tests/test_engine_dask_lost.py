@@ -141,6 +141,7 @@ def test_whatever_a_worker_loads_to_solve_and_audit_must_be_the_same():
         "Cython",
         "Pebble",
         "annotated-types",
+        "charset-normalizer",  # numpy.f2py reads Fortran with it where it is installed
         "pydantic_core",
         "setuptools",  # its hook for distutils, loaded as Python starts
         "typing-inspection",

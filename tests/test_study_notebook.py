@@ -12,13 +12,19 @@ from topo_search.export.picture import Picture
 from topo_search.model import Topology
 from topo_search.model.proven import gap_percent
 from topo_search.study import Solved, single, solve_single
+from topo_search.study.row import FLIGHT
 from verify import audit
 
 
-def cells(value: Any) -> list[list[str]]:
-    """The rows of all tables that a value shows; it must be well-formed."""
+def tables(value: Any) -> list[list[list[str]]]:
+    """The rows of each table that a value shows; it must be well-formed."""
     page = ElementTree.fromstring(f"<div>{value._repr_html_()}</div>")
-    return [[cell.text or "" for cell in row] for row in page.iter("tr")]
+    return [[[cell.text or "" for cell in row] for row in shown.iter("tr")] for shown in page.iter("table")]
+
+
+def cells(value: Any) -> list[list[str]]:
+    """The rows of all tables that a value shows."""
+    return [row for shown in tables(value) for row in shown]
 
 
 def words(value: Any) -> str:
@@ -36,8 +42,10 @@ def toy_solved(key: str, monkeypatch: pytest.MonkeyPatch) -> Solved:
 
 def test_an_answer_shows_its_ranking_and_holds_its_best(tmp_path) -> None:
     answer = toy_run(tmp_path / "run", modules=(2, 3))
-    head, *rows = cells(answer.sizes[1])
+    (head, *rows), (near_head, *near) = tables(answer.sizes[1])
     assert head == ["key", "J [rad^4/s^4]", "gap", "stands for", "audit"]
+    assert near_head == ["key", "J [rad^4/s^4]", *FLIGHT]
+    assert [row[0] for row in near] == [row.key for row in answer.sizes[1].near_ties]
     assert [row[0] for row in rows] == [row.key for row in answer.sizes[1].top]
     assert [row[2] for row in rows] == [gap_percent(row.gap) for row in answer.sizes[1].top]
     assert "modules: 2" in words(answer)
