@@ -4,6 +4,6 @@
 """
 
 from nlp.bounds import lower_bound, prove_impossible
-from nlp.solve import DEFAULT_STARTS, solve
+from nlp.solve import default_starts, prepare, solve
 
-__all__ = ["DEFAULT_STARTS", "lower_bound", "prove_impossible", "solve"]
+__all__ = ["default_starts", "lower_bound", "prepare", "prove_impossible", "solve"]

@@ -6,7 +6,6 @@ from collections.abc import Set
 from functools import cached_property
 
 import casadi as ca
-import numpy as np
 
 from nlp import names
 from nlp.evaluate import Violation, violations, worst
@@ -42,7 +41,7 @@ class GraphProgram:
     def solve(self, start: Point) -> Answer:
         """Return the point that Ipopt reaches from a start, whatever it says of it."""
         answer = self._solve(self._most, start)
-        if not np.all(np.isfinite(answer.point.pack())):
+        if not answer.finite:
             return answer
         checks = violations(finish(answer.point))
         stated = [check for check in checks if check.name not in self._left_out]
@@ -52,7 +51,7 @@ class GraphProgram:
         for origin in (answer.point, start):
             again = self._solve(self._whole, origin)
             iterations += again.iterations
-            if not np.all(np.isfinite(again.point.pack())):
+            if not again.finite:
                 continue
             reached = worst(violations(finish(again.point)))
             if reached.met:

@@ -30,6 +30,11 @@ class Answer:
     status: str
     iterations: int
 
+    @property
+    def finite(self) -> bool:
+        """Whether all values are numbers; an evaluation that failed leaves none behind."""
+        return bool(np.all(np.isfinite(self.point.pack())))
+
 
 def answer_of(solver: ca.Function, result: dict[str, ca.DM], task: ResolvedTask, topology: Topology) -> Answer:
     """Return what a solver says after a solve."""

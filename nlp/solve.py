@@ -4,41 +4,45 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from importlib.metadata import version
 
 import numpy as np
 
 from nlp.bounds import bound_of, prove_impossible
-from nlp.evaluate import Violation, violations, worst
-from nlp.finish import finish
-from nlp.ipopt import Answer
+from nlp.evaluate import Violation
 from nlp.neighbour import carried_over
 from nlp.point import Point
-from nlp.program import Program, program
+from nlp.program import program
+from nlp.reduced.expressed import reason_against
 from nlp.starts import draw, generator
-from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Topology
+from nlp.trial import Trial
+from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Task, Topology
 
-DEFAULT_STARTS = 24
-"""Starts a topology when nobody says otherwise."""
+PLACED_STARTS = 24
+"""Starts a topology when nobody says otherwise, where Ipopt solves the whole problem from each."""
+FEW_STARTS, MANY_STARTS, FEW_UP_TO = 8, 16, 5
+"""Those of the reduced search: few up to five modules, many above; `tests/benchmarks/reduced.py` compares them."""
 
 
-@dataclass(frozen=True)
-class _Trial:
-    """One start's outcome."""
+def default_starts(task: Task) -> int:
+    """Return the number of starts a topology that a task gets when nobody says otherwise."""
+    largest = max(task.sizes)
+    if reason_against(task.resolve(largest)):
+        return PLACED_STARTS
+    return FEW_STARTS if largest <= FEW_UP_TO else MANY_STARTS
 
-    start: int
-    answer: Answer
-    point: Point
-    worst: Violation
-    objective: float
 
-    @property
-    def rank(self) -> tuple[bool, float, int]:
-        """Feasible first, then the least objective or the least violation; the earlier start breaks ties."""
-        met = self.worst.met
-        return not met, self.objective if met else self.worst.rank, self.start
+def prepare(task: Task, tell: Callable[[str], None]) -> None:
+    """Compile what solving a task takes, so that no worker has to; `tell` is told if that takes a while.
+
+    Where compiled code cannot be kept every process compiles for itself.
+    """
+    least = task.resolve(min(task.sizes))
+    if reason_against(least) is None:
+        from nlp.reduced.compiled import prepare as compile_reduced
+
+        compile_reduced(least, tell)
 
 
 def solve(
@@ -46,8 +50,9 @@ def solve(
 ) -> Design | Infeasible:
     """Return the best design of a topology over some starts, or the start that came closest to one.
 
-    The program is built once. Starts are independent: the best of range(0, 8) and of range(8, 16) is the result
-    of range(0, 16). What is proven to be impossible is not tried.
+    Starts are independent: the best of range(0, 8) and of range(8, 16) is the result of range(0, 16). What is
+    proven to be impossible is not tried. Tasks that the reduced search expresses take it; for others Ipopt solves
+    the whole problem from every start.
 
     Args:
         task: the task, resolved for `topology.n` modules.
@@ -68,34 +73,47 @@ def solve(
     if proof := prove_impossible(task, topology):
         return proof
     began = time.perf_counter()
-    ready = program(task, topology)
-    draws: list[tuple[int, Callable[..., Point]]]
-    draws = [(-1 - k, partial(carried_over, donor=donor)) for k, donor in enumerate(near)]
-    draws += [(s, draw) for s in starts]
-    trials = [_trial(ready, start(task, topology, rng=generator(task, topology, s, seed)), s) for s, start in draws]
-    best = min(trials, key=lambda trial: trial.rank)
+    trials = _placed if reason_against(task) else _reduced
+    found = trials(task, topology, starts=starts, seed=seed, near=near)
+    best = min(found, key=lambda trial: trial.rank)
     record = SolverRecord(
         status=best.answer.status,
         iterations=best.answer.iterations,
         seconds=time.perf_counter() - began,
         seed=seed,
         start=best.start,
-        starts=len(trials),
-        starts_feasible=sum(trial.worst.met for trial in trials),
-        objectives=tuple(trial.objective for trial in trials if trial.worst.met),
+        starts=len(found),
+        starts_feasible=sum(trial.worst.met for trial in found),
+        objectives=tuple(trial.objective for trial in found if trial.worst.met),
         versions=_versions(),
     )
-    return _design(best, record) if best.worst.met else _infeasible(trials, best, record)
+    return _design(best, record) if best.worst.met else _infeasible(found, best, record)
 
 
-def _trial(program: Program, start: Point, index: int) -> _Trial:
-    answer = program.solve(start)
-    # an evaluation that failed leaves no numbers behind: then the start itself is what was reached
-    point = finish(answer.point) if np.all(np.isfinite(answer.point.pack())) else start
-    return _Trial(index, answer, point, worst(violations(point)), point.objective)
+def _reduced(
+    task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design]
+) -> list[Trial]:
+    """Return the trials of the reduced search."""
+    from nlp.reduced.trials import trials  # compiled code, which other commands need not load
+
+    return trials(task, topology, starts=starts, seed=seed, near=near)
 
 
-def _design(best: _Trial, record: SolverRecord) -> Design:
+def _placed(
+    task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design]
+) -> list[Trial]:
+    """Return the trials of Ipopt on the whole problem, from placed starts."""
+    ready, found = program(task, topology), []
+    draws: list[tuple[int, Callable[..., Point]]]
+    draws = [(-1 - k, partial(carried_over, donor=donor)) for k, donor in enumerate(near)]
+    draws += [(s, draw) for s in starts]
+    for s, start in draws:
+        origin = start(task, topology, rng=generator(task, topology, s, seed))
+        found.append(Trial.of(s, origin, ready.solve(origin)))
+    return found
+
+
+def _design(best: Trial, record: SolverRecord) -> Design:
     point, J = best.point, best.objective
     bound = bound_of(point.task, J)
     return Design(
@@ -113,7 +131,7 @@ def _design(best: _Trial, record: SolverRecord) -> Design:
     )
 
 
-def _infeasible(trials: list[_Trial], best: _Trial, record: SolverRecord) -> Infeasible:
+def _infeasible(found: list[Trial], best: Trial, record: SolverRecord) -> Infeasible:
     closest = Infeasible(
         topology=best.point.topology,
         topology_key=best.point.topology.key,
@@ -123,7 +141,7 @@ def _infeasible(trials: list[_Trial], best: _Trial, record: SolverRecord) -> Inf
         unit=best.worst.unit,
         message="",
     )
-    return closest.with_starts((_shortfall(trial.worst) for trial in trials), record)
+    return closest.with_starts((_shortfall(trial.worst) for trial in found), record)
 
 
 def _shortfall(worst: Violation) -> Shortfall:

@@ -302,7 +302,7 @@ def test_solve_writes_the_design_and_says_what_the_audit_says(command, tmp_path)
 
 def test_solve_stops_when_more_starts_do_not_pay(command):
     design = json.loads(command("solve", "toy.toml", "--topology", "a110", "--json").stdout)
-    starts, one = design["solver"]["starts"], compose.nlp.DEFAULT_STARTS
+    starts, one = design["solver"]["starts"], compose.nlp.default_starts(read_task("toy.toml"))
     assert starts % one == 0
     best = [min(toy_problem.value("a110", s, 0, 1e-4) for s in range(k * one)) for k in range(1, starts // one + 1)]
     idle = [before - after <= 1e-4 * before for before, after in pairwise(best)]

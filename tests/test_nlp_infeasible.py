@@ -1,5 +1,6 @@
 """What is said when there is no design: the reason in the user's words, with its amount and unit."""
 
+import dataclasses
 import math
 from collections import Counter
 
@@ -8,14 +9,13 @@ import pytest
 from nlp_cases import HOVER, as_design, as_point, hover, push, random_point, random_tree
 
 from nlp import lower_bound, prove_impossible, solve
+from nlp.assembled import AssembledProgram
 from nlp.evaluate import violations, wrench_matrix
-from nlp.finish import finish
 from nlp.geometry import Swept, clearance, poses
-from nlp.graph import GraphProgram
 from nlp.hinges import SPLAY
 from nlp.ipopt import Answer
 from nlp.point import Point
-from nlp.starts import draw, generator
+from nlp.reduced.trials import trials
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.files import to_json
 from topo_search.topologies import candidates
@@ -49,10 +49,10 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
     assert result.message.startswith(
         f"the closest of 3 starts misses `{result.worst_constraint}` by {result.violation:.3g} {result.unit}; "
     )
-    program, reasons = GraphProgram(task, FIVE), []
-    for s in range(3):
-        point = finish(program.solve(draw(task, FIVE, generator(task, FIVE, s, seed=0))).point)
-        reasons.append(max(violations(point), key=lambda check: check.scaled - check.tolerance))
+    reasons = [
+        max(violations(trial.point), key=lambda check: check.scaled - check.tolerance)
+        for trial in trials(task, FIVE, starts=range(3), seed=0, near=())
+    ]
     closest = min(reasons, key=lambda check: check.scaled)
     assert (result.worst_constraint, result.unit) == (closest.name, closest.unit)
     assert result.violation == pytest.approx(closest.amount, rel=1e-9)
@@ -381,20 +381,24 @@ def test_no_starts_are_refused():
 
 
 def test_a_success_word_alone_is_not_believed(monkeypatch):
-    """The start itself, handed back as solved, is judged by its violations."""
-    monkeypatch.setattr(GraphProgram, "solve", lambda _self, start: Answer(start, "Solve_Succeeded", 0))
+    """Parallel modules that blow into each other, handed back as solved, are judged by their violations."""
+
+    def flat(_self, start):
+        return Answer(dataclasses.replace(start, alpha=np.zeros_like(start.alpha)), "Solve_Succeeded", 0)
+
+    monkeypatch.setattr(AssembledProgram, "polish", flat)
     assert isinstance(solve(push(5), FIVE, starts=range(2), seed=0), Infeasible)
 
 
 def test_a_failure_word_alone_is_not_believed(monkeypatch):
     """A feasible point counts, whatever Ipopt says of it."""
-    program_solve = GraphProgram.solve
+    polish = AssembledProgram.polish
 
     def pessimist(self, start):
-        answer = program_solve(self, start)
+        answer = polish(self, start)
         return Answer(answer.point, "Maximum_Iterations_Exceeded", answer.iterations)
 
-    monkeypatch.setattr(GraphProgram, "solve", pessimist)
+    monkeypatch.setattr(AssembledProgram, "polish", pessimist)
     result = solve(hover(1), Topology.from_key("a0"), starts=range(4), seed=0)
     assert isinstance(result, Design)
     assert result.solver is not None
@@ -407,8 +411,8 @@ def test_the_audit_finds_the_violation_that_was_reported():
     task = hover(1, end_effector={"position": "com"})
     alone = Topology.from_key("a0")
     result = failed(task, alone, starts=1)
-    start = draw(task, alone, generator(task, alone, 0, seed=0))
-    design = as_design(finish(GraphProgram(task, alone).solve(start).point))
+    (trial,) = trials(task, alone, starts=range(1), seed=0, near=())
+    design = as_design(trial.point)
     (pair,) = [pair for pair in audit(design).pairs if pair.kind == "exclusion"]
     assert pair.analytic_m == pytest.approx(-result.violation)
     np.testing.assert_allclose(as_point(design).p_COM, as_point(design).poses[1][0], atol=1e-12)

@@ -8,17 +8,26 @@ from nlp_cases import BOX, GENTLE_PUSH, HOVER, push
 
 from nlp import solve
 from nlp.evaluate import violations, worst
+from nlp.program import program
+from nlp.reduced import trials as reduced_trials
 from nlp.reduced.draws import draws
-from nlp.reduced.polish import Polished, polished, reason_against
+from nlp.reduced.expressed import reason_against
 from nlp.reduced.search import ends, point_of
 from nlp.reduced.stated import state
+from nlp.reduced.trials import DEEP, trials
+from nlp.starts import draw, generator
+from nlp.trial import Trial
 from topo_search.model import Design, Topology
 
 TREE = Topology.from_key("a3010")
 """Four modules."""
 
 
-def best(found: list[Polished]) -> Polished:
+def searched(task, starts, *, seed=0, tree=TREE, near=()) -> list[Trial]:
+    return trials(task, tree, starts=starts, seed=seed, near=near)
+
+
+def best(found: list[Trial]) -> Trial:
     return min(found, key=lambda one: one.rank)
 
 
@@ -38,44 +47,76 @@ def test_ends_are_next_to_designs() -> None:
     [push(4, load_cases=GENTLE_PUSH), push(4, load_cases=[HOVER], end_effector={"position": [0.1, 0.1, 0.3]})],
 )
 def test_a_polished_design_is_as_good_as_what_starts_of_ipopt_find(task) -> None:
-    found = best(polished(task, TREE, starts=range(40), seed=0))
+    found = best(searched(task, range(4)))
     assert found.worst.met
-    other = solve(task, TREE, starts=range(4), seed=0)
-    assert isinstance(other, Design)
-    assert found.point.objective <= 1.001 * other.objective
+    ready = program(task, TREE)
+    placed = [
+        Trial.of(s, origin, ready.solve(origin))
+        for s, origin in ((s, draw(task, TREE, generator(task, TREE, s, 0))) for s in range(4))
+    ]
+    assert best(placed).worst.met
+    assert found.objective <= 1.001 * best(placed).objective
 
 
 def test_the_same_seed_gives_the_same_points_to_the_last_bit() -> None:
-    one, two = (polished(push(4, load_cases=GENTLE_PUSH), TREE, starts=range(10), seed=3) for _ in range(2))
+    one, two = (searched(push(4, load_cases=GENTLE_PUSH), range(2), seed=3) for _ in range(2))
     for first, second in zip(one, two, strict=True):
         assert np.array_equal(first.point.pack(), second.point.pack())
-        assert first.starts == second.starts
+        assert first.start == second.start
 
 
-def test_more_starts_are_no_worse() -> None:
+def test_every_start_has_an_outcome_and_the_best_of_parts_is_that_of_all() -> None:
     task = push(4, load_cases=GENTLE_PUSH)
-    whole = best(polished(task, TREE, starts=range(20), seed=1))
-    parts = [best(polished(task, TREE, starts=part, seed=1)) for part in (range(10), range(10, 20))]
-    assert min(part.rank for part in parts)[1] <= (1 + 1e-3) * whole.rank[1]
+    whole = searched(task, range(6), seed=1)
+    parts = [searched(task, part, seed=1) for part in (range(3), range(3, 6))]
+    assert [trial.start for trial in whole] == list(range(6))
+    least = min(best(part).objective for part in parts)
+    assert best(whole).objective == pytest.approx(least, rel=1e-7)
+
+
+def test_starts_that_end_at_one_place_share_their_design() -> None:
+    found = searched(push(5), range(8), tree=Topology.from_key("a70010"))
+    met = [trial for trial in found if trial.worst.met]
+    assert len({id(trial.point) for trial in met}) < len(met)
 
 
 def test_a_design_that_is_carried_over_is_one_more_start() -> None:
     task = push(4, load_cases=GENTLE_PUSH)
-    donor = solve(task, TREE, starts=range(4), seed=0)
+    donor = solve(task, TREE, starts=range(2), seed=0)
     assert isinstance(donor, Design)
-    (found, *_) = sorted(polished(task, TREE, starts=range(0), seed=0, near=[donor]), key=lambda one: one.rank)
+    (found,) = searched(task, range(0), near=[donor])
     assert found.worst.met
-    assert found.starts == (-1,)
-    assert found.point.objective <= 1.001 * donor.objective
+    assert found.start == -1
+    assert found.objective <= 1.001 * donor.objective
 
 
 def test_what_has_no_design_says_what_is_missed() -> None:
-    found = best(polished(push(2), Topology.from_key("a10"), starts=range(5), seed=0))
+    found = best(searched(push(2), range(2), tree=Topology.from_key("a10")))
     assert not found.worst.met
     assert found.worst.name
     assert found.worst.scaled > 0.0
 
 
+def test_a_deep_search_is_made_once_and_counts_as_its_start(monkeypatch) -> None:
+    """Nothing that the first starts end at is a design; the deep search's starts are other ones."""
+    drawn: list[tuple[str, range]] = []
+
+    def watched(task, topology, stated, starts, seed, *, anyhow=False):
+        drawn.append((seed, anyhow))
+        return draws(task, topology, stated, starts, seed, anyhow=anyhow)
+
+    monkeypatch.setattr(reduced_trials, "draws", watched)
+    task, tree = push(2), Topology.from_key("a10")
+    assert len(searched(task, range(3), tree=tree)) == 3
+    assert drawn == [("0", False)] * 3
+    found = searched(task, range(3, 5), tree=tree)
+    assert [trial.start for trial in found] == [3, 4]
+    assert drawn[3:5] == [("0", False)] * 2
+    assert set(drawn[5:]) == {("0 deep", True)}
+    assert 4 <= len(drawn[5:]) <= DEEP
+
+
 def test_a_task_that_it_does_not_express_is_named() -> None:
     assert reason_against(push(4, load_cases=GENTLE_PUSH)) is None
     assert "convex" in str(reason_against(push(4, exposure=[BOX])))
+    assert "more than 9 modules" in str(reason_against(push(10)))

@@ -139,6 +139,6 @@ def test_a_ledger_of_an_older_version_is_refused_and_left_as_it_is(tmp_path):
     database.execute("PRAGMA user_version = 3")
     database.close()
     content = path.read_bytes()
-    with pytest.raises(BadInput, match=r"has version 3, but this program reads version 6; it is left as it is"):
+    with pytest.raises(BadInput, match=r"has version 3, but this program reads version 7; it is left as it is"):
         toy_run(tmp_path / "run")
     assert path.read_bytes() == content

@@ -110,10 +110,11 @@ def search(
         WorkersLost: workers do not start or do not come back, or the Dask scheduler does not answer, or is gone;
             results are kept.
     """
+    asked = _task(task)
     request = Request(
-        _task(task),
+        asked,
         symmetry,
-        nlp.DEFAULT_STARTS if starts is None else starts,
+        nlp.default_starts(asked) if starts is None else starts,
         seed,
         strategy,
         sampler,
@@ -123,6 +124,8 @@ def search(
     _refuse_endless(request)
     path = RUNS / request.folder_name if out is None else Path(out)
     observer = observer or Silent()
+    if dask is None:  # else every worker compiles where it is
+        nlp.prepare(asked, observer.note)
     with _engine(workers, dask, dask_tls, request.versions, observer) as engine:
         return run(
             request, path, VERBS, engine=engine, time_limit=time_limit, observer=observer, report=_write_page
@@ -212,6 +215,7 @@ def solve(
     seed: int = 0,
     time_limit: float | None = None,
     progress: Callable[[Outcome], None] = lambda _: None,
+    note: Callable[[str], None] = lambda _: None,
 ) -> Solved:
     """Find the best design of one topology and audit it, both in a child process.
 
@@ -224,22 +228,25 @@ def solve(
         seed: draws them.
         time_limit: seconds after which no more is solved.
         progress: is told the best outcome after each round.
+        note: is told what takes a while before.
 
     Raises:
         BadInput: the task cannot be used, or its connectors do not allow the topology.
     """
     if topology.n > MODULES:
         raise BadInput("topology", [Fault("", f"must have at most {MODULES} modules, but got {topology.n:,}")])
-    resolved = _task(task).resolve(topology.n)
+    asked = _task(task)
+    resolved = asked.resolve(topology.n)
     if resolved.search.connectors == "aligned" and not topology.aligned:
         rule = f'{topology.key} needs search.connectors = "any", but the task has "aligned"'
         raise BadInput(resolved.name, [Fault("topology", rule)])
+    nlp.prepare(resolved, note)
     return solve_single(
         resolved,
         topology,
         VERBS,
         starts=starts,
-        round_size=nlp.DEFAULT_STARTS,
+        round_size=nlp.default_starts(resolved),
         seed=seed,
         time_limit=time_limit,
         progress=progress,

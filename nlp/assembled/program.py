@@ -55,6 +55,8 @@ STAY: Options = {"ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6, "ipopt.max_
 """Rounds are short and begin where the last one ended."""
 WARM: Options = {"ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-5}
 """From a design on."""
+EXACT: Options = {"ipopt.tol": 1e-8}
+"""Of a polish, whose answer is final."""
 
 
 class AssembledProgram:
@@ -80,9 +82,9 @@ class AssembledProgram:
         point, merit, iterations, patience = start, _merit(start), 0, 1
         status = "no round ended"
         for _ in range(ROUNDS):
-            answer = self._round(point, limit, warm=merit.met)
+            answer = self._round(point, limit, {**STAY, **WARM} if merit.met else STAY)
             status, iterations = answer.status, iterations + answer.iterations
-            if not np.all(np.isfinite(answer.point.pack())):  # an evaluation failed; what was reached before stands
+            if not answer.finite:  # what was reached before stands
                 break
             reached = _merit(answer.point)
             if not reached.met and (merit.met or limit > MOVE_LIMIT):
@@ -107,7 +109,7 @@ class AssembledProgram:
 
     def polish(self, start: Point) -> Answer:
         """Return where one round from a point next to a minimum ends: all envelopes are kept apart."""
-        return self._round(start, POLISH_LIMIT, warm=True)
+        return self._round(start, POLISH_LIMIT, {**STAY, **WARM, **EXACT})
 
     def near(self, point: Point) -> Mask:
         """Return which of all pairs (i, j), i < j, a round from here keeps apart, shape (n (n-1) / 2,)."""
@@ -123,10 +125,10 @@ class AssembledProgram:
             return self._unbolted[:0]
         return self._unbolted[beside_airflow(point) < BESIDE * self._task.module.arm_length]
 
-    def _round(self, start: Point, limit: float, *, warm: bool) -> Answer:
+    def _round(self, start: Point, limit: float, options: Options) -> Answer:
         pairs, blown = self._pairs[self.near(start)], self.beside(start)
         assembly = Assembly(self._task, self._topology, pairs, blown, BETA)
-        solver, functions = _ipopt(assembly, {**STAY, **WARM} if warm else STAY)
+        solver, functions = _ipopt(assembly, options)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
         hinges = slice(3, 3 + len(start.alpha))
         lower[hinges] = np.maximum(lower[hinges], start.alpha - limit)

@@ -122,7 +122,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("example")
     parser.add_argument("--modules", type=int, default=5)
-    parser.add_argument("--starts", type=int, default=nlp.DEFAULT_STARTS)
+    parser.add_argument("--starts", type=int, default=8)
     parser.add_argument("--searches", type=int, default=1000)
     parser.add_argument("--solved", type=Path)
     arguments = parser.parse_args()

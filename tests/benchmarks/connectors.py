@@ -13,7 +13,6 @@ import argparse
 import tempfile
 from pathlib import Path
 
-import nlp
 import topo_search
 from topo_search.model.files import read_task
 
@@ -25,7 +24,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("examples", nargs="*", default=EXAMPLES)
     parser.add_argument("--modules", type=int, nargs="+", default=[3, 4])
-    parser.add_argument("--starts", type=int, default=nlp.DEFAULT_STARTS)
+    parser.add_argument("--starts", type=int, help="default: those of the solver")
     parser.add_argument("--workers", type=int)
     arguments = parser.parse_args()
     family = f"{'trees':>8}{'feasible':>10}{'J / bound':>11}"

@@ -33,7 +33,7 @@ def main() -> None:
     """Search and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("examples", nargs="*", default=EXAMPLES)
-    parser.add_argument("--starts", type=int, default=nlp.DEFAULT_STARTS)
+    parser.add_argument("--starts", type=int, help="default: those of the solver")
     parser.add_argument("--workers", type=int)
     parser.add_argument("--problems", nargs="+", choices=PROBLEMS, default=[*PROBLEMS])
     arguments = parser.parse_args()

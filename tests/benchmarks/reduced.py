@@ -1,12 +1,12 @@
-"""What the reduced search costs and finds beside as many starts of Ipopt as an older solver makes a tree.
+"""What a solve costs and finds beside that of a revision before the reduced search.
 
     python tests/benchmarks/reduced.py REVISION [--examples EXAMPLE ...] [--modules N] [--trees M] [--starts S]
         [--set FIELD=VALUE ...]
 
 All trees up to a half turn, or M uniformly drawn ones. The solver of REVISION runs from its own source, checked out
-in a temporary folder, in a process of its own beside another one with the present reduced search: one after the
-other, tree by tree, so that both meet the same load. CPU seconds of one thread; code is compiled before. The best
-known effort of a tree is the less of the two; both numbers of trees within 0.1 % of it are shown.
+in a temporary folder, in a process of its own beside another one with the present solver: one after the other, tree
+by tree, so that both meet the same load. CPU seconds of one thread; code is compiled before. The best known effort
+of a tree is the less of the two; both numbers of trees within 0.1 % of it are shown.
 """
 
 from __future__ import annotations
@@ -23,29 +23,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from nlp import default_starts
+from topo_search.model.files import read_task
 from topo_search.topologies import candidates, sample
 
 HERE = Path(__file__).resolve().parents[2]
 WITHIN = 1e-3
 """A tree is done within this relative distance of its best known effort."""
 OLD_STARTS = 24
-"""Starts of Ipopt a tree."""
-OLD = f"""
+"""Starts of Ipopt a tree, as the revision made them by default."""
+SOLVE = """
 from nlp.solve import solve
 from topo_search.model import Design
 
 def effort(task, topology):
-    found = solve(task, topology, starts=range({OLD_STARTS}), seed=0)
+    found = solve(task, topology, starts=range(STARTS), seed=0)
     return found.objective if isinstance(found, Design) else None
-"""
-NEW = """
-from nlp.reduced.polish import polished, reason_against
-
-def effort(task, topology):
-    if reason := reason_against(task):
-        raise SystemExit(reason)
-    best = min(polished(task, topology, starts=range(STARTS), seed=0), key=lambda end: end.rank)
-    return best.point.objective if best.worst.met else None
 """
 SERVE = """
 import json, sys, time
@@ -72,7 +65,7 @@ def main() -> None:
     parser.add_argument("--examples", nargs="+", default=["push", "push-local", "push-exterior-60"])
     parser.add_argument("--modules", type=int, default=5)
     parser.add_argument("--trees", type=int, help="uniformly drawn ones; default: all")
-    parser.add_argument("--starts", type=int, default=50, help="reduced starts a tree")
+    parser.add_argument("--starts", type=int, help="present starts a tree; default: those of the solver")
     parser.add_argument("--set", action="append", default=["search.body_clearance=false"], dest="settings")
     arguments = parser.parse_args()
     n = arguments.modules
@@ -80,18 +73,23 @@ def main() -> None:
     settings = (f"modules={n}", *arguments.settings)
     print(f"n = {n}, {len(trees)} trees, {' '.join(settings[1:])}")
     of_each = "designs | within 0.1 % | CPU s"
-    print(f"| example | {OLD_STARTS} starts of Ipopt: {of_each} | {arguments.starts} reduced: {of_each} | ratio |")
+    print(f"| example | {OLD_STARTS} starts of Ipopt: {of_each} | starts now: {of_each} | ratio |")
     print("|---|---|---|---|---|---|---|---|")
     with _source(arguments.revision) as old:
         for example in arguments.examples:
-            known = {"EXAMPLE": example, "SETTINGS": settings, "N": n, "STARTS": arguments.starts}
-            with _served(OLD, known, old) as before, _served(NEW, known, HERE) as now:
+            known = {"EXAMPLE": example, "SETTINGS": settings, "N": n}
+            starts = arguments.starts or default_starts(read_task(example, settings))
+            with (
+                _served({**known, "STARTS": OLD_STARTS}, old) as before,
+                _served({**known, "STARTS": starts}, HERE) as now,
+            ):
                 pairs = [(_asked(before, tree.key), _asked(now, tree.key)) for tree in trees]
-            print(f"| {example} | {_cells(pairs)} |", flush=True)
+            cells = _cells(pairs)
+            print(f"| {example} | {cells[0]} | {starts}: {cells[1]} | {cells[2]} |", flush=True)
 
 
-def _cells(pairs: list[tuple[tuple[float | None, float], tuple[float | None, float]]]) -> str:
-    """Return a row of the table."""
+def _cells(pairs: list[tuple[tuple[float | None, float], tuple[float | None, float]]]) -> tuple[str, str, str]:
+    """Return the cells of a row of the table: before, now and the ratio."""
     cells, seconds = [], []
     for side in (0, 1):
         efforts = [pair[side][0] for pair in pairs]
@@ -100,7 +98,7 @@ def _cells(pairs: list[tuple[tuple[float | None, float], tuple[float | None, flo
         seconds.append(sum(pair[side][1] for pair in pairs))
         found = sum(J is not None for J in efforts)
         cells.append(f"{found} | {close} | {seconds[-1]:.1f}")
-    return f"{cells[0]} | {cells[1]} | {seconds[0] / seconds[1]:.1f}"
+    return cells[0], cells[1], f"{seconds[0] / seconds[1]:.1f}"
 
 
 @contextmanager
@@ -116,12 +114,12 @@ def _source(revision: str) -> Iterator[Path]:
 
 
 @contextmanager
-def _served(program: str, known: dict[str, object], source: Path) -> Iterator[subprocess.Popen[str]]:
+def _served(known: dict[str, object], source: Path) -> Iterator[subprocess.Popen[str]]:
     """Yield a process that answers a tree's key with its least effort and what that took."""
     given = "\n".join(f"{name} = {value!r}" for name, value in known.items())
     environment = {**os.environ, "PYTHONPATH": str(source), "OMP_NUM_THREADS": "1"}
     process = subprocess.Popen(
-        [sys.executable, "-c", f"{given}\n{program}\n{SERVE}"],
+        [sys.executable, "-c", f"{given}\n{SOLVE}\n{SERVE}"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

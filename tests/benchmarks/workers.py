@@ -26,7 +26,6 @@ import psutil
 from dask_cluster import Cluster
 from engine_jobs import timed
 
-import nlp
 from topo_search.compose import VERBS
 from topo_search.engine import DaskWorkers, Engine, Failed, Workers
 from topo_search.model.files import read_task
@@ -94,7 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("example", nargs="?", default="push")
     parser.add_argument("--modules", type=int, default=5)
-    parser.add_argument("--starts", type=int, default=nlp.DEFAULT_STARTS)
+    parser.add_argument("--starts", type=int, default=8)
     parser.add_argument("--trials", type=int, help="trees that `moves` proposes; else the search is exhaustive")
     parser.add_argument("--rounds", type=int, default=3)
     arguments = parser.parse_args()

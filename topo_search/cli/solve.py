@@ -74,6 +74,7 @@ def solve(
             seed=seed,
             time_limit=time_limit,
             progress=lambda best: note(standing(best)),
+            note=note,
         )
         if out is not None and isinstance(solved.outcome, Design):
             text = to_json(solved.outcome)

@@ -26,7 +26,7 @@ from topo_search.study.seals import PLACES, changed, fault
 
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
-VERSION = 6
+VERSION = 7
 
 SCHEMA = f"""
 BEGIN;
