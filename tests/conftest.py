@@ -1,14 +1,22 @@
 """The same tests everywhere: property tests draw the same examples every time, and never fail for being slow.
 
 A shell starts background jobs with Ctrl-C ignored, which child processes inherit: tests that send it need it back.
+Linear algebra has one thread, as it has in every worker: two test processes on two cores would share the cores out
+among four threads, each of which waits for the others.
 """
 
+import os
 import signal
+import sys
 
 import pytest
 from dask_cluster import Cluster
 from hypothesis import HealthCheck, settings
 
+from topo_search.child import ONE_THREAD
+
+assert "numpy" not in sys.modules  # it reads the environment as it is loaded
+os.environ.update(ONE_THREAD)
 settings.register_profile("suite", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("suite")
 signal.signal(signal.SIGINT, signal.default_int_handler)

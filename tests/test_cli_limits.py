@@ -25,6 +25,9 @@ HEAD = 'name = "t"\nmodules = 5\n'
 HOVER = "[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n"
 
 
+SCALING = ["experiment", "scaling", "--small", "--out", "out"]
+
+
 def said(tmp_path, *words, task=HEAD + HOVER):
     (tmp_path / "task.toml").write_text(task)
     result = CliRunner().invoke(main, ["check", str(tmp_path / "task.toml"), *words])
@@ -122,13 +125,48 @@ def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
         ),
         (["solve", "push", "--sample-seed", "9" * 30], "is not in the range"),
         (["check", "push", "--modules", "9" * 5000], "must be a whole number of modules"),
+        (["run", "push", "--workers", "257"], "'--workers': 257 is not in the range 1<=x<=256"),
+        (["audit", "design.json", "--workers", "257"], "'--workers': 257 is not in the range 1<=x<=256"),
+        (["run", "push", "--starts", "10001"], "'--starts': 10001 is not in the range 1<=x<=10000"),
+        (["run", "push", "--seed", "9" * 30], "is not in the range 0<=x<=9223372036854775807"),
+        (["run", "push", "--time-limit", "1e300"], "1e+300 is not in the range 0<x<=1000000000"),
+        (
+            ["run", "push", "--strategy", "optuna", "--trials", "100001"],
+            "'--trials': 100001 is not in the range 1<=x<=100000",
+        ),
+        (["run", "push", "--modules", "13"], "at most 10,000,000 candidates, but 13 modules have 1.1e+7"),
+        ([*SCALING, "--workers", "1000000000"], "'--workers': 1000000000 is not in the range 1<=x<=256"),
+        ([*SCALING, "--starts", "10001"], "'--starts': 10001 is not in the range 1<=x<=10000"),
+        ([*SCALING, "--time-limit", "1e300"], "1e+300 is not in the range 0<x<=1000000000"),
+        ([*SCALING, "--seed", str(LARGEST_INTEGER)], "--seed: must be from 0 to 9,223,372,036,854,765,807, but"),
+        ([*SCALING, "--topologies", "10001"], "--topologies: must be at most 10,000, but got 10001"),
+        ([*SCALING, "--topologies", "5,1000000000"], "--topologies: must be at most 10,000, but got 1000000000"),
+        ([*SCALING, "--topologies", "9" * 400], "--topologies: must be at most 10,000, but got 9"),
+        ([*SCALING, "--topologies", "9" * 5000], "must be numbers with commas in between, but got '9"),
+        ([*SCALING, "--sizes", "201"], "--sizes: must be at most 200, but got 201"),
+        ([*SCALING, "--sizes", "3,999999999"], "--sizes: must be at most 200, but got 999999999"),
+        ([*SCALING, "--task", "push:99999999999999"], "--task: must be TASK:N,N,..., but got push:9"),
+        ([*SCALING, "--task", "push:999999999"], "--sizes: must be at most 200, but got 999999999"),
+        ([*SCALING, "--sizes", "9,10,11,12,13,14", "--topologies", "10000"], "must have at most 20,000 rows: task"),
+        (
+            ["experiment", "root", "--out", "out", "--task", "push:150", "--topologies", "100"],
+            "must have at most 20,000 rows: task",
+        ),
+        (
+            ["experiment", "root", "--out", "out", "--task", "push:200", "--topologies", "10000"],
+            "must have at most 20,000 rows: task, size, tree, distance and variant, but has 510,000",
+        ),
     ],
 )
-def test_a_number_beyond_a_limit_is_refused_by_name(words, rule):
+def test_a_number_beyond_a_limit_is_refused_by_name(tmp_path, monkeypatch, words, rule):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "design.json").touch()
     result = CliRunner().invoke(main, words)
     assert isinstance(result.exception, SystemExit)
     assert result.exit_code == 2
-    assert rule in result.stderr
+    assert rule in result.stderr.replace("\n", " ")
+    assert all(len(line) < 400 for line in result.stderr.splitlines()) or len(words[1]) > 400
+    assert [path.name for path in tmp_path.iterdir()] == ["design.json"]
 
 
 def test_the_largest_listed_sizes_are_counted_drawn_and_listed_as_they_come():

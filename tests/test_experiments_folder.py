@@ -1,15 +1,19 @@
 import csv
 import json
+import os
 
 import pytest
 
 from topo_search.cli.experiment import NAMES
 from topo_search.engine import Failed
-from topo_search.experiments import Settings, experiment
+from topo_search.experiments import Settings, experiment, results
 from topo_search.experiments.cell import Variant, plan
 from topo_search.experiments.folder import ABOUT, RESULTS, Results, about
 from topo_search.experiments.measured import COLUMNS, Measured, failed
+from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput
+from topo_search.study.lost import LedgerLost
+from topo_search.study.place import PARTIAL
 
 SETTINGS = Settings(tasks=(("push", (3,)),), topologies=(3, 3), starts=1)
 
@@ -168,3 +172,97 @@ def test_the_full_setting_is_the_paper_s(name):
 def test_settings_that_cannot_be_are_refused(changes, words):
     with pytest.raises(BadInput, match=words):
         SETTINGS.changed(**changes)
+
+
+def rows_of(tmp_path):
+    """A folder with two rows, and the path of its table."""
+    with Results.opened(tmp_path, asked()) as rows:
+        for cell in cells()[:2]:
+            rows.add(row_of(cell))
+    return tmp_path / RESULTS
+
+
+@pytest.mark.parametrize(
+    ("harm", "words"),
+    [
+        (lambda text: text.replace(b"feasible", b"feas\xe9ble", 1), "must be UTF-8 text, but got the byte 0xe9"),
+        (lambda text: text.replace(b"feasible", b"feas,ble", 1), "has 27 in line 2: it is damaged"),
+        (
+            lambda text: text.replace(b"feasible", b'fe"asible', 1).replace(b"one, two", b'one, "two', 1),
+            "in line 2",
+        ),
+        (lambda text: text.replace(b"push,0.15", b"push,0.1z", 1), r'distance_m: .*, but got "0.1z" in line 2'),
+        (
+            lambda text: text.replace(b"push,0.15,3,", b"push,0.15,3.5,", 1),
+            r'n: .* kind int, but got "3.5" in line 2',
+        ),
+        (lambda text: text.replace(b"push,0.15,3,", b"push,0.15,,", 1), r'n: .* kind int, but got "" in line 2'),
+        (lambda text: text + b"x" * RESULT_BYTES, "must have at most 67,108,864 bytes, but has"),
+    ],
+)
+def test_rows_that_are_none_are_named_and_left_as_they_are(tmp_path, harm, words):
+    path = rows_of(tmp_path)
+    path.write_bytes(harmed := harm(path.read_bytes()))
+    with pytest.raises(BadInput, match=words), Results.opened(tmp_path, asked()):
+        pass
+    assert path.read_bytes() == harmed
+
+
+@pytest.mark.parametrize(
+    "held", ["[1]", "{}", '{"format": "topo-search/experiment", "version": 1}', "1", '{"version": 1'] + [
+        json.dumps({**asked(), group: value}) for group in ("settings", "versions") for value in ([], None, "x")
+    ] + [json.dumps({**asked(), "settings": {"tasks": "x" * 5000}})],
+)  # fmt: skip
+def test_what_is_not_said_of_rows_is_named(tmp_path, held):
+    path = rows_of(tmp_path)
+    (tmp_path / ABOUT).write_text(held)
+    before = path.read_bytes()
+    with pytest.raises(BadInput) as refused, Results.opened(tmp_path, asked()):
+        pass
+    assert ABOUT in str(refused.value) or "holds" in str(refused.value)
+    assert len(str(refused.value)) < 1000
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", [RESULTS, ABOUT])
+def test_no_symbolic_link_is_followed_to_rows(tmp_path, name):
+    rows_of(tmp_path)
+    outside = tmp_path.with_name(f"{tmp_path.name} outside")
+    (tmp_path / name).rename(outside)
+    before = outside.read_bytes()
+    (tmp_path / name).symlink_to(outside)
+    with pytest.raises(BadInput, match=f"symbolic link in place of its {name}"), Results.opened(tmp_path, asked()):
+        pass
+    assert outside.read_bytes() == before
+
+
+VANISH = {
+    "removed": lambda path: path.unlink(),
+    "moved": lambda path: path.parent.rename(f"{path.parent} moved"),
+    "emptied": lambda path: path.write_bytes(b""),
+    "replaced": lambda path: (path.rename(f"{path}.old"), path.write_bytes(b"a\n")),
+}
+
+
+@pytest.mark.parametrize("harm", VANISH)
+def test_rows_that_vanish_end_the_experiment_and_are_not_called_kept(tmp_path, harm):
+    folder = tmp_path / "folder"
+    first, second, _ = cells()
+    with Results.opened(folder, asked()) as rows:
+        rows.add(row_of(first))
+        VANISH[harm](folder / RESULTS)
+        with pytest.raises(LedgerLost, match=r"results\.csv: is gone"):
+            rows.add(row_of(second))
+
+
+def test_what_a_killed_experiment_left_half_written_is_removed(tmp_path):
+    rows_of(tmp_path)
+    (tmp_path / PARTIAL).write_text("half")
+    with Results.opened(tmp_path, asked()):
+        assert not (tmp_path / PARTIAL).exists()
+
+
+def test_a_pipe_is_no_table_to_be_read(tmp_path):
+    os.mkfifo(tmp_path / RESULTS)
+    with pytest.raises(BadInput, match="must be a regular file, but is a pipe"):
+        results(tmp_path)

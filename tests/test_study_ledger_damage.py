@@ -159,3 +159,15 @@ def test_a_torn_page_is_named_unless_nothing_was_there(run):
     faults = [text for text in texts if text is not None]
     assert all(text.startswith(f"{path}: is damaged ") for text in faults)
     assert len(faults) >= len(whole) / 4096
+
+
+@pytest.mark.parametrize("use", [toy_run, read])
+@pytest.mark.parametrize("name", ["best.json", "candidates.csv", "designs/"])
+def test_the_name_of_a_file_of_the_run_that_changed(run, use, name):
+    """A flipped bit that leaves the names in order: the file itself must not be taken for somebody else's."""
+    ledger = run / "ledger.sqlite"
+    content = ledger.read_bytes()
+    place = content.rfind(name.encode()) + len(name) - 2
+    ledger.write_bytes(content[:place] + bytes([content[place] ^ 2]) + content[place + 1 :])
+    with named(run, "a row of its table files is not what was written"):
+        use(run)

@@ -283,8 +283,10 @@ def test_a_folder_of_another_run_is_refused(tmp_path, change, message):
 @pytest.mark.parametrize(
     ("asked", "rule"),
     [
-        ({"starts": 0}, "`starts >= 1` must hold, but got 0"),
-        ({"strategy": "optuna", "trials": 0}, "`trials >= 1` must hold, but got 0"),
+        ({"starts": 0}, "`1 <= starts <= 10,000` must hold, but got 0"),
+        ({"starts": 10_001}, "`1 <= starts <= 10,000` must hold, but got 10,001"),
+        ({"strategy": "optuna", "trials": 0}, "`1 <= trials <= 100,000` must hold, but got 0"),
+        ({"strategy": "optuna", "trials": 100_001}, "`1 <= trials <= 100,000` must hold, but got 100,001"),
         ({"strategy": "Optuna"}, "strategy must be one of exhaustive, optuna, but got 'Optuna'"),
         ({"sampler": "cmaes"}, "sampler must be one of moves, tpe, nsga2, random, but got 'cmaes'"),
     ],

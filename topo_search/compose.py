@@ -26,7 +26,7 @@ from topo_search.engine import (
     audit_deadline,
     computing_versions,
 )
-from topo_search.limits import MODULES
+from topo_search.limits import CANDIDATES, MODULES, STARTS, WORKERS
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.files import read_json, read_task, write_atomically
 from topo_search.study import (
@@ -59,9 +59,6 @@ VERBS = Verbs(solve=_solve, audit=verify.audit, lower_bound=nlp.lower_bound, pro
 
 DEFAULT_TRIALS = 512
 """Candidates that are proposed when not all are solved and nobody says otherwise."""
-
-MOST_CANDIDATES = 1_000_000_000
-"""Of an exhaustive search: a thousand workers that solve one a second each take twelve days for them."""
 
 RUNS = Path("runs")
 """Where runs go unless another folder is named."""
@@ -106,7 +103,8 @@ def search(
     Raises:
         BadInput: the task, the folder, the address or a certificate cannot be used, or there are too many
             candidates to solve all.
-        ValueError: no starts or trials, or a strategy or sampler that there is not.
+        ValueError: no starts, trials or workers, or more than `limits` allows; or a strategy or sampler that there
+            is not.
         WorkersLost: workers do not start or do not come back, or the Dask scheduler does not answer, or is gone;
             results are kept.
     """
@@ -133,13 +131,13 @@ def search(
 
 
 def _refuse_endless(request: Request) -> None:
-    """Refuse to search more candidates exhaustively than anybody can solve, before a folder is made for them."""
-    if request.strategy != "exhaustive":
+    """Refuse to solve all candidates where there are more than anybody can, before a folder is made for them."""
+    if request.trials is not None:
         return
     for n in request.task.sizes:
-        if (count := request.space(n).count()) > MOST_CANDIDATES:
+        if (count := request.space(n).count()) > CANDIDATES:
             rule = (
-                f"an exhaustive search takes at most {MOST_CANDIDATES:,} candidates, but {n} modules have "
+                f"an exhaustive search takes at most {CANDIDATES:,} candidates, but {n} modules have "
                 f"{Decimal(count):.1e}; choose the strategy `optuna`"
             )
             raise BadInput(request.task.name, [Fault("modules", rule)])
@@ -232,7 +230,10 @@ def solve(
 
     Raises:
         BadInput: the task cannot be used, or its connectors do not allow the topology.
+        ValueError: no starts, or more than `limits` allows.
     """
+    if starts is not None and not 1 <= starts <= STARTS:
+        raise ValueError(f"`1 <= starts <= {STARTS:,}` must hold, but got {starts:,}")
     if topology.n > MODULES:
         raise BadInput("topology", [Fault("", f"must have at most {MODULES} modules, but got {topology.n:,}")])
     asked = _task(task)
@@ -289,8 +290,9 @@ def _audit_numbered(audit: AuditDesign, numbered: tuple[int, Design]) -> Audit:
 
 
 def available_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Return the number of cores that this process may use, as far as there may be a worker on each."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, WORKERS)
 
 
 def _write_page(folder: RunFolder) -> None:

@@ -46,5 +46,20 @@ KEY_PARTS = 30
 """Parts of a dotted key in TOML, and of a field in a setting."""
 LISTS = 50_000
 """Opening brackets of a TOML text; a task at all the other limits at once has a third as many."""
+WORKERS = 256
+"""Processes of one command; each takes as much memory as a solve."""
+STARTS = 10_000
+"""Of a topology."""
+TRIALS = 100_000
+"""Candidates that a sampler proposes."""
+CANDIDATES = 10_000_000
+"""Of one size in an exhaustive search, which keeps each of them in memory and in its ledger."""
+TREES = 10_000
+"""Of one size in an experiment."""
+CELLS = 20_000
+"""Of an experiment: its table stays within RESULT_BYTES."""
+SECONDS = 1_000_000_000
+"""Of a time limit: 31 years."""
+
 LARGEST_INTEGER = 2**63 - 1
 """Seeds and other whole numbers without a range of their own: what TOML promises to every reader."""

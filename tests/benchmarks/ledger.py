@@ -2,9 +2,9 @@
 
     PYTHONPATH=tests python tests/benchmarks/ledger.py [--modules N] [--symmetry NAME] [--folder DIR]
 
-Fills the ledger of a run with designs of every candidate but the last (10 modules up to half turns: 130,338), then
-takes the run up in a process of its own, as far as the first job that is still to be done. With --folder the ledger
-is kept there, or taken from there. All times are CPU seconds.
+Fills the ledger of a run with designs of every candidate but the last (10 modules up to half turns: 130,338), and
+with what it knows of as many files, then takes the run up in a process of its own, as far as the first job that is
+still to be done. With --folder the ledger is kept there, or taken from there. All times are CPU seconds.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from topo_search.engine import Engine, exhaustive
 from topo_search.model import Design
 from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.following import Following
+from topo_search.study.own_files import digest_of
 from topo_search.study.row import row_of
 
 BATCH = 1000
@@ -62,6 +63,8 @@ def fill(path: Path, request: Request, n: int) -> None:
                 )
                 rows.append((row, design))
             folder.ledger.record(context, rows)
+            digests = [(f"designs/{row.key}.json", digest_of(row.key.encode()), None) for row, _ in rows]
+            folder.ledger.files.record(digests)
 
 
 def resume(path: Path, request: Request, n: int) -> None:

@@ -10,11 +10,14 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explained, needs_extras
+from topo_search.limits import SECONDS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 NAMES = ("scaling", "ablation", "placement", "root", "body")
+SHOWN = 80
+"""Characters of a wrong value that are printed."""
 WIDTH = 200
 """Columns of a printed table before it is folded."""
 
@@ -28,8 +31,9 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
         try:
             return tuple(kind(part) for part in value.split(","))
         except ValueError:
+            text = value if len(value) <= SHOWN else f"{value[:SHOWN]}..."
             raise click.BadParameter(
-                f"must be numbers with commas in between, but got {value!r}", context, parameter
+                f"must be numbers with commas in between, but got {text!r}", context, parameter
             ) from None
 
     return read
@@ -61,7 +65,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 @options.workers
 @click.option(
     "--time-limit",
-    type=click.FloatRange(min=0, min_open=True),
+    type=click.FloatRange(0, SECONDS, min_open=True),
     metavar="SECONDS",
     help="CPU time per topology after which no further start begins; scaling and ablation only (default: 600).",
 )

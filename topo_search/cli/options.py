@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli.errors import note
-from topo_search.limits import LARGEST_INTEGER
+from topo_search.limits import LARGEST_INTEGER, SECONDS, STARTS, WORKERS
 
 if TYPE_CHECKING:
     from topo_search.engine import Certificates
     from topo_search.model import Task
     from topo_search.model.oddities import Oddity
 
-MOST = 1_000_000_000
-"""Of whatever is counted."""
 SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
 
 
@@ -48,13 +46,13 @@ seed = click.option(
 )
 time_limit = click.option(
     "--time-limit",
-    type=click.FloatRange(0, MOST, min_open=True),
+    type=click.FloatRange(0, SECONDS, min_open=True),
     callback=_number,
     metavar="SECONDS",
     help="Stop after this time with the best design so far, audited; every tree gets a few starts first.",
 )
 workers = click.option(
-    "--workers", type=click.IntRange(min=1), help="Worker processes (default: the cores available)."
+    "--workers", type=click.IntRange(1, WORKERS), help="Worker processes (default: the cores available)."
 )
 _dask = (
     click.option(
@@ -89,7 +87,7 @@ as_json = click.option("--json", "as_json", is_flag=True, help="Print the answer
 
 def starts(text: str) -> Callable[..., Any]:
     """Return the option for the number of starts; its default is not the same everywhere."""
-    return click.option("--starts", type=click.IntRange(1, MOST), help=text)
+    return click.option("--starts", type=click.IntRange(1, STARTS), help=text)
 
 
 def out(option: str, name: str, text: str) -> Callable[..., Any]:

@@ -14,6 +14,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import INPUT_OUTPUT, explained, needs_extras
+from topo_search.limits import TRIALS
 
 if TYPE_CHECKING:
     from topo_search.model.oddities import Oddity
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--trials",
-    type=click.IntRange(1, options.MOST),
+    type=click.IntRange(1, TRIALS),
     help="Number of candidates to propose (default: 512); if there are no more, all are solved from all starts.",
 )
 @click.option(

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -23,7 +24,8 @@ from pebble import ProcessExpired, ProcessPool
 from topo_search.child import ONE_THREAD, call_pickled, die_with_parent
 from topo_search.engine.engine import Engine, J, R, WorkersLost
 from topo_search.engine.verbs import Failed
-from topo_search.supervisor import out_of_memory
+from topo_search.limits import WORKERS
+from topo_search.supervisor import STOPS, out_of_memory
 
 ATTEMPTS = 2
 """How often a job that crashes or hangs is tried."""
@@ -57,8 +59,8 @@ class Workers(Engine):
     """
 
     def __init__(self, count: int) -> None:
-        if count < 1:
-            raise ValueError(f"`workers >= 1` must hold, but got {count}")
+        if not 1 <= count <= WORKERS:
+            raise ValueError(f"`1 <= workers <= {WORKERS}` must hold, but got {count:,}")
         self.count = count
         self._pool: ProcessPool | None = None
         self._breaks = 0
@@ -138,7 +140,7 @@ class Workers(Engine):
             self._pool = ProcessPool(
                 self.count, initializer=die_with_parent, initargs=(os.getpid(),), context=context
             )
-            with _interrupts_blocked():
+            with _stops_deferred(), _interrupts_blocked():
                 started = self._pool.active
             if not started:
                 raise WorkersLost("no worker process could be started")
@@ -177,6 +179,29 @@ def _interrupts_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+@contextmanager
+def _stops_deferred() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM wait until all processes stand.
+
+    One that interrupts this thread between the start of a process and what it writes to it leaves a process behind
+    that ends with a traceback.
+    """
+    if threading.current_thread() is not threading.main_thread():  # no signal interrupts this one
+        yield
+        return
+    came: list[int] = []
+    handled = {number: handler for number in STOPS if callable(handler := signal.getsignal(number))}
+    for number in handled:
+        signal.signal(number, lambda number, frame: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in handled.items():
+            signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
 
 
 def _failure(error: BaseException, deadline: float) -> Failed:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from topo_search.experiments.settings import Settings
-from topo_search.model import ResolvedTask
+from topo_search.limits import CELLS
+from topo_search.model import BadInput, Fault, ResolvedTask
 from topo_search.model.files import read_task
 from topo_search.topologies import candidates, count, sample
 
@@ -71,8 +73,12 @@ def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> l
 
     As in the paper every topology comes with wrenches of its own (Sec. IV, "for each trial"); it keeps them under
     all conditions, so that these can be compared tree by tree.
+
+    Raises:
+        BadInput: there would be more than CELLS.
     """
     cells = []
+    require_few(planned(settings, lambda _: len(variants)))
     for n in sorted({n for _, sizes in settings.tasks for n in sizes}):
         keys = trees(n, settings.trees(n), settings.seed)
         for number, key in enumerate(keys):
@@ -96,6 +102,20 @@ def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> l
                         for variant in variants
                     ]
     return cells
+
+
+def planned(settings: Settings, of_a_tree: Callable[[int], int]) -> int:
+    """Return the number of cells if each tree of n modules has so many in a task and at a distance."""
+    return max(1, len(settings.distances)) * sum(
+        min(count(n), settings.trees(n)) * of_a_tree(n) for _, sizes in settings.tasks for n in set(sizes)
+    )
+
+
+def require_few(number: int) -> None:
+    """Refuse a plan of more cells than there may be, with BadInput."""
+    if number > CELLS:
+        rule = f"must have at most {CELLS:,} rows: task, size, tree, distance and variant, but has {number:,}"
+        raise BadInput("experiment", [Fault("", rule)])
 
 
 def trees(n: int, most: int, seed: int) -> list[str]:

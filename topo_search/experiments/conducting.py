@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -16,6 +17,9 @@ from topo_search.experiments.cell import Cell
 from topo_search.experiments.folder import RESULTS, Results, about
 from topo_search.experiments.measured import failed, measure
 from topo_search.experiments.settings import Settings
+from topo_search.limits import RESULT_BYTES
+from topo_search.model import BadInput, Fault
+from topo_search.model.regular_file import NotReadable, read_regular
 from topo_search.study import Observer, Silent
 from topo_search.study.lost import KEPT
 
@@ -74,6 +78,7 @@ def conduct(
     Raises:
         BadInput: settings or folder cannot be used.
         KeyboardInterrupt: after Ctrl-C; all rows are kept, and a note (PEP 678) says so.
+        ResultsLost: the folder or its rows vanished meanwhile.
     """
     folder, told = Path(out), observer or Silent()
     cells = asked.cells(settings)
@@ -92,19 +97,29 @@ def conduct(
                     rows.add(failed(cell, row) if isinstance(row, Failed) else row)
                     told.settled(None)
             except KeyboardInterrupt as stop:
+                rows.require()
                 stop.add_note(KEPT)
                 raise
+        rows.require()
     return results(folder)
 
 
 def results(folder: str | Path) -> pd.DataFrame:
-    """Return the rows of an experiment's folder, or of its `results.csv`, with the columns of `Measured`."""
+    """Return the rows of an experiment's folder, or of its `results.csv`, with the columns of `Measured`.
+
+    Raises:
+        BadInput: that is no regular file, is too large or no table.
+    """
     import pandas as pd
 
     path = Path(folder) / RESULTS if Path(folder).is_dir() else Path(folder)
     kinds = {"key": "str", "task_seed": "Int64", "colliding_pairs": "Int64", "largest_cluster": "Int64"}
     kinds |= dict.fromkeys(("verdict", "depths_percent", "worst_constraint", "unit"), "str")
-    frame = pd.read_csv(path, dtype=kinds, keep_default_na=False, na_values=[""])
+    try:
+        content = read_regular(path, most_bytes=RESULT_BYTES)
+        frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
+    except (NotReadable, UnicodeDecodeError, pd.errors.ParserError) as error:
+        raise BadInput(str(path), [Fault("", str(error))]) from None
     return frame.sort_values(["n", "distance_m", "task", "variant"], kind="stable", ignore_index=True)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from topo_search.experiments.cell import Cell, Variant
+from topo_search.experiments.cell import Cell, Variant, planned, require_few
 from topo_search.experiments.comparison import Comparison
 from topo_search.experiments.conducting import Experiment
 from topo_search.experiments.settings import Settings
@@ -23,12 +23,18 @@ COMPARISON = Comparison(
 
 
 def cells(settings: Settings) -> list[Cell]:
-    """Return the plan: every tree with a free root, then with each of its modules as the paper's root."""
-    planned = []
+    """Return the plan: every tree with a free root, then with each of its modules as the paper's root.
+
+    Raises:
+        BadInput: there would be more than CELLS.
+    """
+    require_few(planned(settings, lambda n: 1 + n // 4))  # at least: half and quarter turns make some roots one
+    rooted = []
     for cell in COMPARISON.cells(settings):
         keys = roots(cell.key) if cell.variant == PAPER_ROOT else [cell.key]
-        planned += [replace(cell, key=key) for key in keys]
-    return planned
+        rooted += [replace(cell, key=key) for key in keys]
+        require_few(len(rooted))
+    return rooted
 
 
 def roots(key: str) -> list[str]:

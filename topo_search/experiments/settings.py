@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
+from topo_search.limits import LARGEST_INTEGER, MODULES, SECONDS, STARTS, TREES
 from topo_search.model import BadInput, Fault
-from topo_search.model.bad_input import nearest
+from topo_search.model.bad_input import nearest, shown
 from topo_search.model.files import examples
 
+LARGEST_SEED = LARGEST_INTEGER - TREES
+"""Tree number k draws its wrenches with the seed + k."""
 FEW_ABOVE = 40
 """Modules above which the paper's scaling study, run again, makes do with fewer topologies a size."""
 
@@ -35,23 +39,25 @@ class Settings:
     def __post_init__(self) -> None:
         known = examples()
         faults = [
-            Fault("--task", f"must name a shipped example, but got {name}; {nearest(name, known)}")
+            Fault("--task", f"must name a shipped example, but got {name[:80]}; {nearest(name[:80], known)}")
             for name, _ in self.tasks
             if name not in known
         ]
-        numbers = {
-            "sizes": [n for _, sizes in self.tasks for n in sizes],
-            "topologies": self.topologies,
-            "starts": [self.starts],
-            "distances": self.distances,
-            "time-limit": [self.time_limit],
+        numbers: dict[str, tuple[Sequence[float], float]] = {
+            "sizes": ([n for _, sizes in self.tasks for n in sizes], MODULES),
+            "topologies": (self.topologies, TREES),
+            "starts": ([self.starts], STARTS),
+            "distances": (self.distances, math.inf),
+            "time-limit": ([self.time_limit], SECONDS),
         }
         faults += [
-            Fault(f"--{option}", f"must be positive and finite, but got {value:g}")
-            for option, values in numbers.items()
+            Fault(f"--{option}", f"{rule}, but got {f'{value:g}' if isinstance(value, float) else shown(value)}")
+            for option, (values, most) in numbers.items()
             for value in dict.fromkeys(values)
-            if not 0 < value < math.inf
+            if (rule := _broken(value, most))
         ]
+        if not 0 <= self.seed <= LARGEST_SEED:
+            faults.append(Fault("--seed", f"must be from 0 to {LARGEST_SEED:,}, but got {shown(self.seed)}"))
         named = {"task": [name for name, _ in self.tasks], "distances": self.distances}
         faults += [
             Fault(f"--{option}", f"must have no value twice, but got {value} {values.count(value)} times")
@@ -94,15 +100,22 @@ class Settings:
     @classmethod
     def task_of(cls, text: str) -> tuple[str, tuple[int, ...]]:
         """Read TASK:SIZES, as in `ten-wrenches:10,20`."""
-        match = re.fullmatch(r"([^:]+):(\d+(?:,\d+)*)", text)
+        match = re.fullmatch(r"([^:]+):(\d{1,9}(?:,\d{1,9})*)", text)
         if match is None:
-            raise BadInput("experiment", [Fault("--task", f"must be TASK:N,N,..., but got {text}")])
+            raise BadInput("experiment", [Fault("--task", f"must be TASK:N,N,..., but got {text[:80]}")])
         return match[1], tuple(int(n) for n in match[2].split(","))
 
     def changed(self, **given: Any) -> Self:
         """Return these settings with those that are given and not None."""
         kept = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return type(self)(**{**kept, **{name: value for name, value in given.items() if value is not None}})
+
+
+def _broken(value: float, most: float) -> str | None:
+    """Return which rule a number breaks."""
+    if not 0 < value < math.inf:
+        return "must be positive and finite"
+    return f"must be at most {most:,}" if value > most else None
 
 
 def listed(values: tuple[float, ...]) -> str:

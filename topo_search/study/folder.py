@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
+from topo_search.limits import STARTS, TRIALS
 from topo_search.model import BadInput, Fault, Task
 from topo_search.model.csv_text import harmless
 from topo_search.model.files import to_toml, validate
@@ -241,6 +242,9 @@ def _last_request(path: Path, place: Place, ledger: Ledger) -> Request:
     starts, trials = ledger.asked()
     if starts < 1 or (trials is not None and trials < 1):
         raise BadInput(str(path), [Fault("", "holds no run yet")])
+    if starts > STARTS or (trials is not None and trials > TRIALS):
+        rule = f"must ask for at most {STARTS:,} starts and {TRIALS:,} trials, but holds a run with more"
+        raise BadInput(str(path), [Fault("", rule)])
     return Request(
         _read_task(path, place),
         held.symmetry,

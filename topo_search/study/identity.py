@@ -10,6 +10,7 @@ from importlib import metadata
 from typing import Any, Literal, get_args
 
 from topo_search.engine import Space
+from topo_search.limits import STARTS, TRIALS
 from topo_search.model import ResolvedTask, Task
 from topo_search.model.goals import Level
 from topo_search.model.value import Value
@@ -107,9 +108,9 @@ class Request:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be asked; ValueError names it."""
-        for name, number in (("starts", self.starts), ("trials", self.trials)):
-            if number is not None and number < 1:
-                raise ValueError(f"`{name} >= 1` must hold, but got {number}")
+        for name, number, most in (("starts", self.starts, STARTS), ("trials", self.trials, TRIALS)):
+            if number is not None and not 1 <= number <= most:
+                raise ValueError(f"`1 <= {name} <= {most:,}` must hold, but got {number:,}")
         for name, value, known in (
             ("strategy", self.strategy, get_args(StrategyName)),
             ("sampler", self.sampler, get_args(Sampler)),

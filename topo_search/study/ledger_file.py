@@ -2,7 +2,7 @@
 
 A file is checked when it is opened: its tables are those that this program makes, and their rows those that were
 written (`seals`). The texts of results and audits, which are nearly all of it, are checked whenever they are read:
-each has its checksum in the row of its candidate. So are the rows of `files`.
+each has its checksum in the row of its candidate.
 
 A file comes into being whole, with the run that it belongs to: one that is empty was damaged.
 """
@@ -22,7 +22,7 @@ from pydantic import BaseModel, ValidationError
 
 from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import faults_of
-from topo_search.study.seals import PLACES, changed, fault
+from topo_search.study.seals import PLACES, changed, fault, unsealed
 
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
@@ -200,6 +200,8 @@ def _check(database: sqlite3.Connection, path: Path) -> None:
     for table in PLACES:
         if wrong := fault(database, table):
             raise damaged(path, wrong)
+    if wrong := unsealed(database, "files"):  # else what the run wrote under a name that changed would be nobody's
+        raise damaged(path, wrong)
     database.execute("COMMIT")
 
 

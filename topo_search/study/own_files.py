@@ -67,7 +67,7 @@ class OwnFiles:
                     due.append((name, content))
                 if found != digest or known is None or known[0] != digest:
                     records.append((name, digest, found))
-            self._record(records)
+            self.record(records)
             for name, content in due:
                 place.write(name, content, lasting=lasting)
         if foreign:
@@ -152,7 +152,7 @@ class OwnFiles:
         digest, before, changing = known
         return bool(changing) or not there or found in (digest, before)
 
-    def _record(self, records: list[tuple[str, bytes, bytes | None]]) -> None:
+    def record(self, records: list[tuple[str, bytes, bytes | None]]) -> None:
         """Record what is about to be written, and what is there before."""
         if not records:
             return

@@ -83,6 +83,14 @@ def fault(database: sqlite3.Connection, table: str) -> str | None:
     return None
 
 
+def unsealed(database: sqlite3.Connection, table: str) -> str | None:
+    """Return what is wrong with a table whose rows have checksums, but which has none as a whole."""
+    for values in database.execute(f"SELECT * FROM {table} NOT INDEXED"):
+        if checksum(values[:-1]) != values[-1]:
+            return f"a row of its table {table} is not what was written"
+    return None
+
+
 def _tally(database: sqlite3.Connection, table: str, where: str, values: Sequence[Any]) -> tuple[int, int]:
     """Return number and sum of the checksums of some rows."""
     query = f"SELECT count(*), coalesce(sum(checksum), 0) FROM {table} WHERE {where}"
