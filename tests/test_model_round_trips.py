@@ -55,9 +55,9 @@ size = st.floats(1e-3, 2)
 sizes = st.lists(size, min_size=3, max_size=3)
 wrench = optional(force=vector, torque=vector)
 load_case = st.one_of(
-    optional(units=st.sampled_from(["weight", "SI"]), weight=positive, com=wrench).flatmap(
-        lambda case: st.builds(lambda w: {**case, "end_effector": w}, wrench)
-    ),
+    optional(
+        units=st.sampled_from(["weight", "SI"]), weight=positive, com=wrench, carries_weight=st.booleans()
+    ).flatmap(lambda case: st.builds(lambda w: {**case, "end_effector": w}, wrench)),
     st.builds(lambda w: {"com": w}, wrench),
 )
 exposure = st.one_of(

@@ -110,6 +110,21 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "load_cases[1]: must be at most 1e+15 N and N m, but got 1e+150",
         ),
         (
+            "[[load_cases]]\ncarries_weight = 1",
+            "load_cases[1].carries_weight: must be true or false, but got 1",
+        ),
+        (
+            "[[load_cases]]\ncarries_weight = false",
+            "load_cases[1]: must have `end_effector`, `com`, `carries_weight` or several, but got none",
+        ),
+        (
+            "[[load_cases]]\nunits = 'SI'\ncarries_weight = true\n[module]\nmass = 1e15",
+            [
+                "load_cases[0]: must be at most 1e+15 N and N m, but got 1.0 weights",
+                "load_cases[1]: must be at most 1e+15 N and N m, but got 0.0 and the weight, 4.905e+16 N",
+            ],
+        ),
+        (
             CAPSULE + "segments = [[1e-320, 0, 0]]",
             "exposure[0].segments[0]: must be between 1e-15 and 1e15 long, but got [1e-320, 0, 0]",
         ),
@@ -167,7 +182,10 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[[exposure]]\nkind = 3", f"exposure[0].kind: {KIND} 3"),
         ("[[exposure]]\nradius = 0.1", "exposure[0].kind: is required, but missing"),
         ("[exposure]\nkind = 'local'", 'exposure: must be a list, but got {"kind": "local"}'),
-        ("[[load_cases]]", "load_cases[1]: must have `end_effector`, `com` or both, but got neither"),
+        (
+            "[[load_cases]]",
+            "load_cases[1]: must have `end_effector`, `com`, `carries_weight` or several, but got none",
+        ),
         (
             "[[load_cases]]\ncom = 3",
             "load_cases[1].com: must be a table of named fields, but got 3",
@@ -272,7 +290,7 @@ def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:
     assert messages(tmp_path, text) == [
         "modules: must be at least 1, but got 0",
         "module.mass: must be greater than 0, but got -1",
-        "load_cases[0].gravty: unknown field; valid names are units, end_effector, com, weight",
+        "load_cases[0].gravty: unknown field; valid names are units, end_effector, com, carries_weight, weight",
         'search.root: must be "free" or "paper", but got "x"',
     ]
     text = "task_seed = 4\n" + TASK.replace("= 5", "= [6, 4]") + CONE + "[end_effector]\nposition = 'com'"

@@ -1,17 +1,18 @@
 """Load cases: the whole wrench that the rotors must produce, at the end-effector, at the COM, or both.
 
-Gravity is never added. `f_E` is the force that the platform exerts at the end-effector; carrying the weight is a
-load case (or a part of one) like any other, with the COM force [0, 0, m_t g].
+Gravity is added only where a load case says that it `carries_weight`. `f_E` is the force that the platform exerts
+at the end-effector; carrying the weight is a load case (or a part of one) like any other, with the COM force
+[0, 0, m_t g].
 """
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
-from topo_search.model.value import Positive, Value, Vector, refuse
+from topo_search.model.value import Flag, Positive, Value, Vector, refuse
 
 
 class Wrench(Value):
@@ -39,13 +40,15 @@ class LoadCase(Value):
     """f_E, tau_E: exerted at the end-effector."""
     com: Wrench | None = None
     """f_C, tau_C: exerted at the platform's centre of mass."""
+    carries_weight: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
+    """Whether the platform's weight [0, 0, m_t g], whatever its size, is added to f_C; a design writes it out."""
     weight: Positive = 1.0
     """lambda_k: weight of this case's effort in the objective."""
 
     @model_validator(mode="after")
     def _asks_for_something(self) -> Self:
-        if self.end_effector is None and self.com is None:
-            refuse("LoadCase", ((), "must have `end_effector`, `com` or both, but got neither"))
+        if self.end_effector is None and self.com is None and not self.carries_weight:
+            refuse("LoadCase", ((), "must have `end_effector`, `com`, `carries_weight` or several, but got none"))
         return self
 
     @property
@@ -60,18 +63,24 @@ class LoadCase(Value):
 
     @property
     def largest(self) -> float:
-        """The largest component of force or torque, without sign."""
+        """The largest component of force or torque, without sign; the weight that it carries does not count."""
         wrenches = self.at_end_effector, self.at_com
         return max(abs(x) for wrench in wrenches for x in (*wrench.force, *wrench.torque))
 
     def to_si(self, force_unit: float, torque_unit: float) -> LoadCase:
-        """Return the same load case in N and N m, given m_t g [N] and l_arm m_t g [N m]."""
-        if self.units == "SI":
-            return self
-        end_effector, com = (
-            wrench and wrench.scaled(force_unit, torque_unit) for wrench in (self.end_effector, self.com)
-        )
-        return LoadCase(units="SI", end_effector=end_effector, com=com, weight=self.weight)
+        """Return the same in N and N m, the weight written out, given m_t g [N] and l_arm m_t g [N m]."""
+        case = self
+        if self.units == "weight":
+            wrenches = (
+                wrench and wrench.scaled(force_unit, torque_unit) for wrench in (self.end_effector, self.com)
+            )
+            scaled = dict(zip(("end_effector", "com"), wrenches, strict=True))
+            case = self.model_copy(update={"units": "SI", **scaled})
+        if self.carries_weight:
+            x, y, z = case.at_com.force
+            com = case.at_com.model_copy(update={"force": (x, y, z + force_unit)})
+            case = case.model_copy(update={"com": com, "carries_weight": False})
+        return case
 
 
 def ten_wrenches(task_seed: int) -> tuple[LoadCase, ...]:

@@ -158,13 +158,14 @@ def _load_cases(task: Task, n: int) -> Iterator[Oddity]:
             yield Oddity(
                 path,
                 f"its upward force of {upwards:.4g} N is under the weight, {weight:.4g} N of {_platform(n)}; "
-                f"gravity is never added: to exert it while hovering, add {_HOVER[task.load_cases[k].units]}",
+                "gravity is added only where it is asked for: to exert it while hovering, set "
+                "carries_weight = true",
             )
         if (first := cases.index(case)) < k:
             yield Oddity(path, f"is the same as load_cases[{first}]")
     if not any(_hovers(case, weight) for case in cases):
         yield Oddity(
-            "load_cases", "none is plain hovering, com = { force = [0.0, 0.0, 1.0] }: a design need not be able to"
+            "load_cases", "none is plain hovering, carries_weight = true alone: a design need not be able to"
         )
     weights = [case.weight for case in cases]
     if max(weights) > LARGEST_RATIO * min(weights):
@@ -197,13 +198,6 @@ def _search(task: Task) -> Iterator[Oddity]:
         yield Oddity("search.margin", "with 0, clearances that touch can be too close for the audit to call clear")
     elif margin > LARGEST_MARGIN:
         yield Oddity("search.margin", f"{margin:g} m beyond every clearance that the task asks for costs effort")
-
-
-_HOVER = {
-    "weight": "com = { force = [0.0, 0.0, 1.0] }",
-    "SI": "the weight to the force of its com",
-}
-"""What carries the platform's weight, in the units of a load case."""
 
 
 def _platform(n: int) -> str:

@@ -135,11 +135,13 @@ class Task(Value):
             text = f"`stand_off <= {farthest:g}` must hold, but got {shown(self.end_effector.stand_off)}"
             broken.append((("end_effector", "stand_off"), text))
         if self.sizes and self.load_cases != "ten-wrenches":
-            unit = max(self.force_unit(self.sizes[-1]), self.torque_unit(self.sizes[-1]))
+            weight = self.force_unit(self.sizes[-1])
+            unit = max(weight, self.torque_unit(self.sizes[-1]))
             for k, case in enumerate(self.load_cases):
                 factor, of = (unit, " weights") if case.units == "weight" else (1.0, "")
-                if not case.largest * factor <= MOST:
-                    text = f"must be at most {MOST:g} N and N m, but got {shown(case.largest)}{of}"
+                carried, also = (weight, f" and the weight, {weight:.4g} N") if case.carries_weight else (0.0, "")
+                if not case.largest * factor + carried <= MOST:
+                    text = f"must be at most {MOST:g} N and N m, but got {shown(case.largest)}{of}{also}"
                     broken.append((("load_cases", k), text))
         refuse("Task", *broken, *self._broken_goals())
         return self
@@ -149,11 +151,16 @@ class Task(Value):
         if self.goals.modules and len(self.sizes) == 1:
             yield ("goals", "modules"), f"needs a range of sizes, [fewest, most], but got modules = {self.modules}"
         if self.goals.names and len(self.sizes) > 1:
-            rule = 'must be "SI" to compare efforts of several sizes, but got "weight", which grows with the size'
+            rule = (
+                'must be "SI" to compare efforts of several sizes, but got "weight", which grows with the size '
+                "(carries_weight = true adds the weight of each)"
+            )
             if self.load_cases == "ten-wrenches":
                 yield ("load_cases",), f"units {rule}"
             else:
-                in_weights = [k for k, case in enumerate(self.load_cases) if case.units == "weight"]
+                in_weights = [
+                    k for k, case in enumerate(self.load_cases) if case.units == "weight" and case.largest
+                ]
                 yield from ((("load_cases", k, "units"), rule) for k in in_weights)
 
     @property
@@ -290,6 +297,9 @@ class ResolvedTask(Task):
         rule = 'must be "SI" in a design, but got "weight"'
         weights = [k for k, case in enumerate(self.load_cases) if case.units == "weight"]
         refuse("ResolvedTask", *((("load_cases", k, "units"), rule) for k in weights))
+        rule = "must be false in a design, the weight being written out in `com`, but got true"
+        carry = [k for k, case in enumerate(self.load_cases) if case.carries_weight]
+        refuse("ResolvedTask", *((("load_cases", k, "carries_weight"), rule) for k in carry))
         return self
 
 
