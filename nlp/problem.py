@@ -137,11 +137,11 @@ def problem(task: ResolvedTask, topology: Topology, *, beside_airflow: bool = Tr
 
     # (2)-(3) wrench balance of every load case
     constraints: list[Constraint] = []
-    for k, (case, u_k) in enumerate(zip(task.load_cases, variables.u, strict=True)):
+    for label, case, u_k in zip(task.case_labels, task.load_cases, variables.u, strict=True):
         force = force_residual(case, modules, u_k, unit)
         torque = torque_residual(case, modules, u_k, unit, p_E=p_E, p_COM=p_COM, module=module)
-        constraints.append(Constraint(names.force(k), force / n, 0.0, 0.0))
-        constraints.append(Constraint(names.torque(k), torque / n, 0.0, 0.0))
+        constraints.append(Constraint(names.force(label), force / n, 0.0, 0.0))
+        constraints.append(Constraint(names.torque(label), torque / n, 0.0, 0.0))
 
     # (4)-(9) clearances
     margin = task.search.margin / unit.length

@@ -55,6 +55,14 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
     assert list(said["warnings"]) == ["load_cases[0]", "load_cases[1]"]
 
 
+def test_load_cases_are_told_by_name_and_those_without_cost_say_so() -> None:
+    said = groups("push", "--set", "load_cases[0].name=to the side", "--set", "load_cases[2].weight=0.0")
+    cases = said["load cases, each the whole wrench that the rotors produce"]
+    assert list(cases) == ["load case 0 (to the side)", "load case 1", "load case 2"]
+    assert cases["load case 2"].endswith("; weight 0: must be possible, costs nothing")
+    assert "load_cases" not in said["warnings"]
+
+
 def test_goals_are_told_where_there_are_any() -> None:
     title = "goals beside effort"
     assert title not in groups("push")

@@ -47,6 +47,7 @@ def optional(**fields: st.SearchStrategy[Any]) -> st.SearchStrategy[dict[str, An
 
 coordinate = st.floats(-1e6, 1e6)
 vector = st.lists(coordinate, min_size=3, max_size=3)
+direction = vector.filter(lambda v: np.linalg.norm(v) >= 1e-15)
 near = st.floats(-5, 5)
 offset = st.lists(near, min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 1)
 """Within a hundred lengths of any platform below."""
@@ -64,13 +65,13 @@ exposure = st.one_of(
     st.builds(lambda more: {"kind": "local", **more}, optional(radius=positive)),
     st.builds(
         lambda segments, more: {"kind": "directional", "segments": segments, **more},
-        st.lists(vector.filter(any), min_size=1, max_size=3),
+        st.lists(direction, min_size=1, max_size=3),
         optional(radius=positive),
     ),
     st.builds(lambda x: {"kind": "directional", "along": "end_effector", "length": x}, positive),
     st.builds(
         lambda more: {"kind": "exterior", **more},
-        optional(half_angle_deg=st.floats(1e-3, 90), axis=st.just("com") | vector.filter(any)),
+        optional(half_angle_deg=st.floats(1e-3, 90), axis=st.just("com") | direction),
     ),
 )
 module = optional(

@@ -23,6 +23,7 @@ TEN = 'name = "t"\nmodules = 5\ntask_seed = 0\nload_cases = "ten-wrenches"\n'
 CAPSULE = '[[exposure]]\nkind = "directional"\n'
 CONE = '[[exposure]]\nkind = "exterior"\n'
 KIND = 'must be one of "local", "directional", "exterior", but got'
+NAME = "must be 1 to 40 letters, digits, spaces and any of . _ + -, a letter or digit first"
 FORMS = "must have either `segments` or `along` with `length`, but got"
 
 
@@ -94,8 +95,8 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         (CAPSULE + "segments = [[0, 0, 0]]", "exposure[0].segments[0]: must have a direction, but got [0, 0, 0]"),
         (CONE + "axis = [0, 0, 0]", "exposure[0].axis: must have a direction, but got [0, 0, 0]"),
         (
-            "[[load_cases]]\nweight = 0\ncom = { force = [0, 0, 1] }",
-            "load_cases[1].weight: must be greater than 0, but got 0",
+            "[[load_cases]]\nweight = 1e-16\ncom = { force = [0, 0, 1] }",
+            "load_cases[1].weight: must be between 1e-15 and 1e15, but got 1e-16",
         ),
         (
             "[[load_cases]]\ncom = { force = [0, 0, nan] }",
@@ -108,6 +109,27 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         (
             "[[load_cases]]\nunits = 'SI'\ncom = { torque = [0, 1e150, 1] }",
             "load_cases[1]: must be at most 1e+15 N and N m, but got 1e+150",
+        ),
+        (
+            "[[load_cases]]\nweight = -1\ncom = { force = [0, 0, 1] }",
+            "load_cases[1].weight: must be at least 0, but got -1",
+        ),
+        (
+            "[[load_cases]]\nname = ''\ncom = { force = [0, 0, 1] }",
+            f'load_cases[1].name: {NAME}, but got ""',
+        ),
+        (
+            "[[load_cases]]\nname = 'a<b'\ncom = { force = [0, 0, 1] }",
+            f'load_cases[1].name: {NAME}, but got "a<b"',
+        ),
+        (
+            "[[load_cases]]\nname = 'a\\nb'\ncom = { force = [0, 0, 1] }",
+            f'load_cases[1].name: {NAME}, but got "a\\\\nb"',
+        ),
+        ("[[load_cases]]\nname = 3\ncom = { force = [0, 0, 1] }", "load_cases[1].name: must be a text, but got 3"),
+        (
+            "[[load_cases]]\nname = 'push'\ncarries_weight = true\n" * 2,
+            'load_cases[2].name: must be another than that of load_cases[1], but got "push"',
         ),
         (
             "[[load_cases]]\ncarries_weight = 1",
@@ -290,7 +312,8 @@ def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:
     assert messages(tmp_path, text) == [
         "modules: must be at least 1, but got 0",
         "module.mass: must be greater than 0, but got -1",
-        "load_cases[0].gravty: unknown field; valid names are units, end_effector, com, carries_weight, weight",
+        "load_cases[0].gravty: unknown field; "
+        "valid names are name, units, end_effector, com, carries_weight, weight",
         'search.root: must be "free" or "paper", but got "x"',
     ]
     text = "task_seed = 4\n" + TASK.replace("= 5", "= [6, 4]") + CONE + "[end_effector]\nposition = 'com'"
@@ -298,6 +321,13 @@ def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:
         "modules",
         "task_seed",
         "exposure[0]",
+    ]
+
+
+def test_some_load_case_weighs_something(tmp_path: Path) -> None:
+    weightless = TASK + "weight = 0.0\n"
+    assert messages(tmp_path, weightless) == [
+        "load_cases: must have a weight greater than 0 in at least one entry, but got 0 in each"
     ]
 
 

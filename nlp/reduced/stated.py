@@ -42,7 +42,7 @@ there, one along p_E; an end ball of an envelope in a cone, its axis fixed or to
 the parts of one module and the envelope of another."""
 
 LEAST_WEIGHT = 1e-4
-"""Share of the largest weight that every load case counts with at least, so that its inputs are unique."""
+"""Share of the largest weight that load cases which weigh less count with together, so that inputs are unique."""
 
 
 class Tree(NamedTuple):
@@ -165,8 +165,9 @@ def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
     f_E, tau_E = (np.array([getattr(w, name) for w in tip]) for name in ("force", "torque"))
     f_C, tau_C = (np.array([getattr(w, name) for w in com]) for name in ("force", "torque"))
     weights = np.array([case.weight for case in cases])
-    weights = np.maximum(weights / weights.max(), LEAST_WEIGHT)
-    effort = 2 * weights / (4 * n * weights.sum())
+    weights = weights / weights.max()
+    least = LEAST_WEIGHT / max(1, int(np.count_nonzero(weights < LEAST_WEIGHT)))
+    effort = 2 * np.maximum(weights, least) / (4 * n * weights.sum())
     return Cases(effort, (f_E + f_C) / unit.force, (tau_E + tau_C) / unit.torque, f_E / unit.force)
 
 

@@ -7,12 +7,27 @@ at the end-effector; carrying the weight is a load case (or a part of one) like 
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from topo_search.model.value import Flag, Positive, Value, Vector, refuse
+from topo_search.model.bad_input import shown
+from topo_search.model.value import Flag, PositiveOrZero, Value, Vector, refuse
+
+MOST = 1e15
+"""Largest component of a load case [N], [N m]: what derives from it stays finite."""
+
+Broken = Iterator[tuple[tuple[str | int, ...], str]]
+"""Fields and what is wrong with them."""
+
+
+def _name(name: str) -> str:
+    if not re.fullmatch(r"\w[\w .+-]{0,38}[\w.+]|\w", name):
+        raise ValueError("must be 1 to 40 letters, digits, spaces and any of . _ + -, a letter or digit first")
+    return name
 
 
 class Wrench(Value):
@@ -34,6 +49,10 @@ class Wrench(Value):
 class LoadCase(Value):
     """One wrench that the platform must be able to exert, and how much its effort counts."""
 
+    name: Annotated[Annotated[str, AfterValidator(_name)] | None, Field(exclude_if=lambda given: given is None)] = (
+        None
+    )
+    """What people call it; told wherever the load case is spoken of."""
     units: Literal["weight", "SI"] = "weight"
     """`weight`: forces in m_t g, torques in l_arm m_t g; `SI`: N and N m."""
     end_effector: Wrench | None = None
@@ -42,8 +61,8 @@ class LoadCase(Value):
     """f_C, tau_C: exerted at the platform's centre of mass."""
     carries_weight: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
     """Whether the platform's weight [0, 0, m_t g], whatever its size, is added to f_C; a design writes it out."""
-    weight: Positive = 1.0
-    """lambda_k: weight of this case's effort in the objective."""
+    weight: PositiveOrZero = 1.0
+    """lambda_k: weight of this case's effort in the objective; 0: it must be possible, and costs nothing."""
 
     @model_validator(mode="after")
     def _asks_for_something(self) -> Self:
@@ -81,6 +100,27 @@ class LoadCase(Value):
             com = case.at_com.model_copy(update={"force": (x, y, z + force_unit)})
             case = case.model_copy(update={"com": com, "carries_weight": False})
         return case
+
+
+def labels(cases: Sequence[LoadCase]) -> tuple[str, ...]:
+    """Return what load cases are called: their numbers, and the names that they have."""
+    return tuple(f"load case {k}" + (f" ({case.name})" if case.name else "") for k, case in enumerate(cases))
+
+
+def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: float) -> Broken:
+    """Yield what is wrong with load cases, each or together, for m_t g [N] and l_arm m_t g [N m]."""
+    for k, case in enumerate(cases):
+        factor, of = (max(force_unit, torque_unit), " weights") if case.units == "weight" else (1.0, "")
+        carried, also = (force_unit, f" and the weight, {force_unit:.4g} N") if case.carries_weight else (0.0, "")
+        if not case.largest * factor + carried <= MOST:
+            yield ("load_cases", k), f"must be at most {MOST:g} N and N m, but got {shown(case.largest)}{of}{also}"
+    names = [case.name for case in cases]
+    for k, name in enumerate(names):
+        if name is not None and (first := names.index(name)) < k:
+            text = f"must be another than that of load_cases[{first}], but got {shown(name)}"
+            yield ("load_cases", k, "name"), text
+    if not any(case.weight for case in cases):
+        yield ("load_cases",), "must have a weight greater than 0 in at least one entry, but got 0 in each"
 
 
 def ten_wrenches(task_seed: int) -> tuple[LoadCase, ...]:

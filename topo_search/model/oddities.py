@@ -148,7 +148,8 @@ def _load_cases(task: Task, n: int) -> Iterator[Oddity]:
     if task.load_cases == "ten-wrenches":
         return
     weight = task.force_unit(n)
-    cases = [case.to_si(weight, task.torque_unit(n)) for case in task.load_cases]
+    unnamed = [case.model_copy(update={"name": None}) for case in task.load_cases]
+    cases = [case.to_si(weight, task.torque_unit(n)) for case in unnamed]
     for k, case in enumerate(cases):
         path = f"load_cases[{k}]"
         if case.largest == 0:
@@ -167,7 +168,7 @@ def _load_cases(task: Task, n: int) -> Iterator[Oddity]:
         yield Oddity(
             "load_cases", "none is plain hovering, carries_weight = true alone: a design need not be able to"
         )
-    weights = [case.weight for case in cases]
+    weights = [case.weight for case in cases if case.weight]
     if max(weights) > LARGEST_RATIO * min(weights):
         yield Oddity(
             "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {shown(weights)}"

@@ -24,7 +24,7 @@ from topo_search.model.end_effector import EndEffector
 from topo_search.model.exposure import LEAST_OFFSET, Directional, Exposure, needs_offset
 from topo_search.model.folds import Folds, clear_folds, common
 from topo_search.model.goals import Goals, Level
-from topo_search.model.load_case import LoadCase, ten_wrenches
+from topo_search.model.load_case import LoadCase, broken_rules, labels, ten_wrenches
 from topo_search.model.module import Module
 from topo_search.model.room import body_radius
 from topo_search.model.search import Search
@@ -40,9 +40,6 @@ from topo_search.model.value import (
     one_of,
     refuse,
 )
-
-MOST = 1e15
-"""Largest component of a load case [N], [N m]: what derives from it stays finite."""
 
 
 def _file_name(name: str) -> str:
@@ -135,14 +132,8 @@ class Task(Value):
             text = f"`stand_off <= {farthest:g}` must hold, but got {shown(self.end_effector.stand_off)}"
             broken.append((("end_effector", "stand_off"), text))
         if self.sizes and self.load_cases != "ten-wrenches":
-            weight = self.force_unit(self.sizes[-1])
-            unit = max(weight, self.torque_unit(self.sizes[-1]))
-            for k, case in enumerate(self.load_cases):
-                factor, of = (unit, " weights") if case.units == "weight" else (1.0, "")
-                carried, also = (weight, f" and the weight, {weight:.4g} N") if case.carries_weight else (0.0, "")
-                if not case.largest * factor + carried <= MOST:
-                    text = f"must be at most {MOST:g} N and N m, but got {shown(case.largest)}{of}{also}"
-                    broken.append((("load_cases", k), text))
+            n = self.sizes[-1]
+            broken += broken_rules(self.load_cases, self.force_unit(n), self.torque_unit(n))
         refuse("Task", *broken, *self._broken_goals())
         return self
 
@@ -301,6 +292,11 @@ class ResolvedTask(Task):
         carry = [k for k, case in enumerate(self.load_cases) if case.carries_weight]
         refuse("ResolvedTask", *((("load_cases", k, "carries_weight"), rule) for k in carry))
         return self
+
+    @property
+    def case_labels(self) -> tuple[str, ...]:
+        """What the load cases are called wherever they are spoken of."""
+        return labels(self.load_cases)
 
 
 def _given(fields: dict[str, float | None]) -> dict[str, float]:

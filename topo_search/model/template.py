@@ -28,15 +28,17 @@ TASK = """
 # Every load case is the whole wrench that the rotors produce. Gravity is added only where it is asked for: with
 # `carries_weight` the platform's weight, whatever its size, is part of the force at the centre of mass. Forces are
 # in the platform's weight m_t g and torques in arm_length m_t g, or with units = "SI" in N and N m. What is left
-# out is zero. The `weight` of a case says how much its effort counts.
+# out is zero. The `weight` of a case says how much its effort counts; with 0 it must be possible and costs nothing.
 
 [[load_cases]]                      # push along x with a fifth of the weight, and carry the platform meanwhile
+name = "push"                       # told wherever the load case is spoken of
 carries_weight = true
 end_effector = { force = [0.2, 0.0, 0.0], torque = [0.0, 0.0, 0.0] }  # exerted by the platform, at its tool
 com = { force = [0.0, 0.0, 0.0] }   # besides, at the centre of mass: without a lever
 weight = 1.0
 
-[[load_cases]]                      # hover
+[[load_cases]]
+name = "hover"
 carries_weight = true
 
 # Regions at the target that no airflow may reach: none, one, or several, such as these.

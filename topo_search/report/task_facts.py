@@ -117,10 +117,14 @@ def requirement(asked: Local | Directional | Exterior) -> str:
 
 
 def load_cases(task: ResolvedTask) -> list[list[str]]:
-    """Return a row for each load case: number, what is exerted where, in SI and in the platform's units; weight."""
+    """Return a row for each load case: number and name, what is exerted where, in SI and relative; weight."""
     force_unit, torque_unit = task.force_unit(task.n), task.torque_unit(task.n)
     return [
-        [str(k), "; ".join(_parts(case, force_unit, torque_unit)), figures(case.weight)]
+        [
+            f"{k} ({case.name})" if case.name else str(k),
+            "; ".join(_parts(case, force_unit, torque_unit)),
+            figures(case.weight) if case.weight else "0: must be possible, costs nothing",
+        ]
         for k, case in enumerate(task.load_cases)
     ]
 

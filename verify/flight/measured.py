@@ -97,7 +97,7 @@ class _Measured:
         self.p_E = found.p_e / task.module.arm_length
         hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, self.force)))
         self.asked = (hover, *task.load_cases)
-        self.names = (HOVER, *(f"load case {k}" for k in range(len(task.load_cases))))
+        self.names = (HOVER, *task.case_labels)
         self.b = np.array([required_wrench(case, found.p_e) / unit for case in self.asked])
         _, first, same = np.unique(np.round(self.b, 12), axis=0, return_index=True, return_inverse=True)
         self.wrenches, self.same = self.b[first], same.ravel()  # what several cases ask for is looked at once
