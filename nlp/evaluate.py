@@ -177,7 +177,8 @@ def beside_airflow(point: Point) -> Array:
 
 def _bounds(point: Point) -> Iterator[Violation]:
     task = point.task
-    above, below = (point.u.max(axis=(1, 2)) - task.max_input).tolist(), (-point.u.min(axis=(1, 2))).tolist()
+    above = (point.u.max(axis=(1, 2)) - task.max_input).tolist()
+    below = (task.min_input - point.u.min(axis=(1, 2))).tolist()
     for label, *beyond in zip(task.case_labels, above, below, strict=True):
         for name, excess in zip((names.largest_input(label), names.smallest_input(label)), beyond, strict=True):
             yield Violation(name, excess, "rad^2/s^2", excess / task.max_input)

@@ -26,41 +26,43 @@ def finish(point: Point) -> Point:
     Every load case's inputs are moved by the least-norm correction over the rotors that are not at a bound, then
     brought inside their bounds: the balance that Ipopt meets to its tolerance is then met to rounding.
     """
-    A, b, u_max = wrench_matrix(point), asked_wrenches(point), point.task.max_input
-    u = _balanced(A, b, np.clip(point.u.reshape(len(b), -1), 0.0, u_max), u_max)
+    A, b, limits = wrench_matrix(point), asked_wrenches(point), (point.task.min_input, point.task.max_input)
+    u = _balanced(A, b, np.clip(point.u.reshape(len(b), -1), *limits), limits)
     weightless = np.array([case.weight == 0 for case in point.task.load_cases])
     if weightless.any():
-        u[weightless] = _least(point, A, b[weightless], u[weightless], u_max)
+        u[weightless] = _least(point, A, b[weightless], u[weightless], limits)
     root = root_angles(root_rotation(point.root)) if point.task.search.root == "free" else point.root
     return replace(point, root=root, u=u.reshape(point.u.shape))
 
 
-def _least(point: Point, A: Array, b: Array, u: Array, u_max: float) -> Array:
+def _least(point: Point, A: Array, b: Array, u: Array, limits: tuple[float, float]) -> Array:
     """Return the least inputs of the wrenches b (K, 6), shape (K, 4n); u where they are not found."""
     from nlp.reduced.inputs import dual  # compiled code, which most tasks need not load
 
     units = np.repeat([point.task.force_unit(point.topology.n), point.task.torque_unit(point.topology.n)], 3)
+    u_min, u_max = limits
     columns, wrenches = np.ascontiguousarray((A * u_max / units[:, None]).T), b / units
     least = np.empty_like(u)
     for k, w in enumerate(wrenches):
-        dual(columns, w, STIFFNESS, 1.0, np.zeros(6), least[k])
-    least = _balanced(A, b, least * u_max, u_max)
+        dual(columns, w, STIFFNESS, u_min / u_max, 1.0, np.zeros(6), least[k])
+    least = _balanced(A, b, np.clip(least * u_max, *limits), limits)
     missed = np.abs((least @ A.T - b) / units).max(axis=1)
     better = (missed <= WRENCH_TOLERANCE / 10) & (np.sum(least**2, axis=1) < np.sum(u**2, axis=1))
     return np.where(better[:, None], least, u)
 
 
-def _balanced(A: Array, b: Array, u: Array, u_max: float) -> Array:
+def _balanced(A: Array, b: Array, u: Array, limits: tuple[float, float]) -> Array:
     """Return inputs u (K, 4n) within their bounds, moved onto the wrenches b (K, 6); u is changed."""
+    u_min, u_max = limits
     unfinished = np.arange(len(b))
     for _ in range(PASSES):
         before = u[unfinished]
-        free = (before > 0.0) & (before < u_max)
+        free = (before > u_min) & (before < u_max)
         inverses = np.linalg.pinv(A * free[:, None], rcond=1e-6)
         correction = np.einsum("krw,kw->kr", inverses, b[unfinished] - before @ A.T)
         corrected = np.where(free, before + correction, before)
-        u[unfinished] = np.clip(corrected, 0.0, u_max)
-        met_bound = np.any(free & ((corrected <= 0.0) | (corrected >= u_max)), axis=1)
+        u[unfinished] = np.clip(corrected, u_min, u_max)
+        met_bound = np.any(free & ((corrected <= u_min) | (corrected >= u_max)), axis=1)
         unfinished = unfinished[met_bound]
         if not len(unfinished):
             break

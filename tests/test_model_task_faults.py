@@ -68,6 +68,31 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[module]\nmass = -1", "module.mass: must be greater than 0, but got -1"),
         ("[module]\nmass = 0.0", "module.mass: must be greater than 0, but got 0.0"),
         ("[module]\nmass = 1e16", "module.mass: must be between 1e-15 and 1e15, but got 1e+16"),
+        (
+            "[module]\nmax_thrust = 2.0\nmax_thrust_to_weight = 2.5",
+            "module.max_thrust: must agree with max_thrust_to_weight = 2.5, which is 1.472 N a rotor, but got 2.0: "
+            "leave one of them out",
+        ),
+        (
+            "[module]\ntorque_to_thrust = 0.03\ntorque_coefficient = 1.06e-8",
+            "module.torque_to_thrust: must agree with torque_coefficient / thrust_coefficient, 0.02739 m, "
+            "but got 0.03: leave one of them out",
+        ),
+        ("[module]\nmax_thrust = 0", "module.max_thrust: must be greater than 0, but got 0"),
+        ("[module]\nmax_thrust = '2'", 'module.max_thrust: must be a number, but got "2"'),
+        ("[module]\nmax_thrust = true", "module.max_thrust: must be a number, but got true"),
+        ("[module]\ntorque_to_thrust = inf", "module.torque_to_thrust: must be a finite number, but got Infinity"),
+        ("[module]\nmax_thrust = 1.0\nmass = -1", "module.mass: must be greater than 0, but got -1"),
+        ("[module]\nmin_input = 1.0", "module.min_input: must be less than 1, but got 1.0"),
+        ("[module]\nmin_input = -0.1", "module.min_input: must be at least 0, but got -0.1"),
+        (
+            "[module]\nmin_input = 0.5\n[search]\npeak_input = 0.5",
+            "module.min_input: must be less than the largest share that rotors may use, 0.5, but got 0.5",
+        ),
+        (
+            "[module]\nmin_input = 0.5\n[goals]\npeak_input = [0.9, 0.4]",
+            "module.min_input: must be less than the largest share that rotors may use, 0.4, but got 0.5",
+        ),
         ("[module]\narm_length = nan", "module.arm_length: must be a finite number, but got NaN"),
         ("[module]\narm_length = inf", "module.arm_length: must be a finite number, but got Infinity"),
         (

@@ -71,7 +71,7 @@ def _wrenches(design: Design, platform: Platform) -> Iterator[Residual]:
 
 
 def _inputs(design: Design) -> Iterator[Residual]:
-    limit = design.task.max_input
+    limit, lowest = design.task.max_input, design.task.min_input
     for case, u in zip(design.task.case_labels, design.inputs, strict=True):
         most, least = float(u.max()), float(u.min())
         yield _row(
@@ -82,7 +82,14 @@ def _inputs(design: Design) -> Iterator[Residual]:
             stated=most,
             derived=limit,
         )
-        yield _row(f"{case}, smallest rotor input", max(0.0, -least), "rad^2/s^2", limit, stated=least)
+        yield _row(
+            f"{case}, smallest rotor input",
+            max(0.0, lowest - least),
+            "rad^2/s^2",
+            limit,
+            stated=least,
+            derived=lowest or None,
+        )
 
 
 def _angles(design: Design) -> Iterator[Residual]:

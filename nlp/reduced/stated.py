@@ -65,6 +65,7 @@ class Rotors(NamedTuple):
     m_E: float
     own: Array
     """Torque of each rotor about its module's centre at unit input, shape (4, 3)."""
+    u_min: float
     u_max: float
 
 
@@ -130,7 +131,8 @@ def state(task: ResolvedTask, topology: Topology) -> Stated:
     corners = ((1, -1), (-1, -1), (-1, 1), (1, 1))
     own = np.array([[arm * y, -arm * x, (-1) ** (q + 1) * drag] for q, (x, y) in enumerate(corners)]) / 4
     m_E, fixed = task.end_effector.mass / module.mass, task.end_effector.fixed_position
-    rotors = Rotors(module.connector_distance / unit.length, m_E, own, task.max_thrust_to_weight)
+    limits = task.min_thrust_to_weight, task.max_thrust_to_weight
+    rotors = Rotors(module.connector_distance / unit.length, m_E, own, *limits)
     air = module.envelope
     geometric = n + 2 + (3 if fixed is None else 0)
     lower, upper = (np.array(side[:geometric]) for side in variable_bounds(task, topology))

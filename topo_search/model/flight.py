@@ -1,7 +1,7 @@
 """What a design can do beyond its task, as `flight` of `audit.json` holds it: measured, whether asked for or not.
 
 Numbers are proven: a reserve is at least what it says, and at most `..._at_most`. None: there is none, or no proof.
-Rotors run up to their largest input; `search.peak_input` is asked of the load cases alone.
+Rotors run from their least input up to their largest; `search.peak_input` is asked of the load cases alone.
 """
 
 from __future__ import annotations

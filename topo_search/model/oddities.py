@@ -84,7 +84,7 @@ def _module(module: Module, u_max: float) -> Iterator[Oddity]:
     drag = module.torque_coefficient / module.thrust_coefficient
     if drag > module.arm_length:
         yield Oddity(
-            "module.torque_coefficient",
+            "module.torque_coefficient" if module.torque_to_thrust is None else "module.torque_to_thrust",
             f"k_tau / k_f = {drag:.3g} m is more than the arm, {module.arm_length:g} m: is it in N m s^2/rad^2?",
         )
     if 2 * body.rotor_radius > math.sqrt(2) * module.arm_length:
@@ -138,8 +138,9 @@ def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
 def _thrust(task: Task, n: int) -> Iterator[Oddity]:
     most, weight = largest_thrust(task, n), task.force_unit(n)
     if most < weight:
+        limit = "module.max_thrust_to_weight" if task.module.max_thrust is None else "module.max_thrust"
         yield Oddity(
-            "module.max_thrust_to_weight" if task.search.peak_input == 1 else "search.peak_input",
+            limit if task.search.peak_input == 1 else "search.peak_input",
             f"all rotors together pull with {most:.4g} N at most, but {_platform(n)} weigh {weight:.4g} N",
         )
 

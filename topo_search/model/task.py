@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
@@ -24,8 +23,8 @@ from topo_search.model.end_effector import EndEffector
 from topo_search.model.exposure import LEAST_OFFSET, Directional, Exposure, needs_offset
 from topo_search.model.folds import Folds, clear_folds, common
 from topo_search.model.goals import Goals, Level
-from topo_search.model.load_case import LoadCase, broken_rules, labels, ten_wrenches
-from topo_search.model.module import Module
+from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
+from topo_search.model.module import AGREE, Module
 from topo_search.model.room import body_radius
 from topo_search.model.search import Search
 from topo_search.model.tolerances import FARTHEST
@@ -103,6 +102,15 @@ class Task(Value):
     goals: Annotated[Goals, Field(exclude_if=lambda given: given == Goals())] = Goals()
     """What control effort is weighed against; not written where there is nothing."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _thrust_by_weight(cls, data: Any) -> Any:
+        """Fill in the ratio that `module.max_thrust` stands for."""
+        if not isinstance(data, dict) or "module" not in data:
+            return data
+        gravity = data.get("gravity", cls.model_fields["gravity"].default)
+        return {**data, "module": Module.with_thrust(data["module"], gravity)}
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         broken: list[tuple[tuple[str | int, ...], str]] = []
@@ -134,10 +142,27 @@ class Task(Value):
         if self.sizes and self.load_cases != "ten-wrenches":
             n = self.sizes[-1]
             broken += broken_rules(self.load_cases, self.force_unit(n), self.torque_unit(n))
-        refuse("Task", *broken, *self._broken_goals())
+        refuse("Task", *broken, *self._broken_thrust(), *self._broken_goals())
         return self
 
-    def _broken_goals(self) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    def _broken_thrust(self) -> Broken:
+        """Yield what is wrong with the limits of rotor inputs."""
+        module = self.module
+        due = module.max_thrust_to_weight * module.mass * self.gravity / 4
+        if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=AGREE):
+            text = (
+                f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}, which is {due:.4g} N a "
+                f"rotor, but got {module.max_thrust}: leave one of them out"
+            )
+            yield ("module", "max_thrust"), text
+        lowest = min((self.search.peak_input, *self.goals.peak_input))
+        if module.min_input >= lowest:
+            text = (
+                f"must be less than the largest share that rotors may use, {lowest:g}, but got {module.min_input}"
+            )
+            yield ("module", "min_input"), text
+
+    def _broken_goals(self) -> Broken:
         """Yield what is wrong with goals over several sizes, or over one."""
         if self.goals.modules and len(self.sizes) == 1:
             yield ("goals", "modules"), f"needs a range of sizes, [fewest, most], but got modules = {self.modules}"
@@ -193,6 +218,16 @@ class Task(Value):
     def max_input(self) -> float:
         """Largest squared rotor speed of a design, peak_input u_max [rad^2/s^2]."""
         return self.search.peak_input * self.module.max_input(self.gravity)
+
+    @property
+    def min_input(self) -> float:
+        """Least squared rotor speed of a design [rad^2/s^2]."""
+        return self.module.min_input * self.module.max_input(self.gravity)
+
+    @property
+    def min_thrust_to_weight(self) -> float:
+        """Least thrust of a module over its weight."""
+        return self.module.min_input * self.module.max_thrust_to_weight
 
     @property
     def tip_radius(self) -> float | None:

@@ -73,6 +73,9 @@ def task_template(name: str) -> str:
     hover = {"com": {"force": [0.0, 0.0, 1.0]}}
     stated = Task.model_validate({"name": name, "modules": 5, "load_cases": [hover]})
     filled = stated.resolve(5)
+    module, k_f = filled.module, filled.module.thrust_coefficient
+    forms = {"max_thrust": k_f * filled.max_input, "torque_to_thrust": module.torque_coefficient / k_f}
+    filled = filled.model_copy(update={"module": module.model_copy(update=forms)})
     top = "\n".join(_fields(stated, filled, IN_OTHER_WORDS))
     tables = "\n".join(_tables(stated, filled, ""))
     return f"{HEAD.format(name=name)}{top}\n{TASK}{tables}\n"

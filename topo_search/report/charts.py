@@ -153,7 +153,7 @@ def rotor_inputs(design: Design) -> go.Figure:
         )
     share = design.task.search.peak_input
     largest = "largest input, u_max" if share == 1 else f"largest input, {share:g} u_max"
-    for bound, name in ((0.0, "least input"), (share, largest)):
+    for bound, name in ((design.task.module.min_input, "least input"), (share, largest)):
         figure.add_hline(
             bound,
             line={"color": "#000000", "width": 1.5, "dash": "dash"},

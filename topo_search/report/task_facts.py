@@ -44,9 +44,18 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                 ("arm length l_arm", f"{figures(module.arm_length)} m"),
                 ("connector distance l_c", f"{figures(module.connector_distance)} m"),
                 ("thrust coefficient k_f", f"{figures(module.thrust_coefficient)} N s²"),
-                ("torque coefficient k_tau", f"{figures(module.torque_coefficient)} N m s²"),
-                ("largest thrust", f"{figures(module.max_thrust_to_weight)} times the module's weight"),
+                (
+                    "torque coefficient k_tau",
+                    f"{figures(module.torque_coefficient)} N m s², "
+                    f"{figures(module.torque_coefficient / module.thrust_coefficient)} m of the thrust",
+                ),
+                (
+                    "largest thrust",
+                    f"{figures(module.max_thrust_to_weight)} times the module's weight, "
+                    f"{figures(module.thrust_coefficient * u_max)} N a rotor",
+                ),
                 ("largest input u_max", f"{figures(u_max)} rad²/s² ({_speed(u_max)})"),
+                *([("least input", f"{figures(module.min_input)} u_max")] if module.min_input else []),
                 ("input at hover", f"{figures(hover)} rad²/s² ({_speed(hover)})"),
             ),
         ),

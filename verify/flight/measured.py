@@ -11,7 +11,7 @@
 Each b_k is first replaced by a wrench that some v produce exactly, within the audit's tolerance of it. A force f at
 the end-effector adds [f, p_E x f], so that it leaves the torque about p_E alone: with that held, the forces of A v
 less that of b_k are those that can be added. A torque leaves the force alone. Reserves and load factors are of
-rotors that run between nothing and the module's largest input.
+rotors that run between the module's least and largest input; a dead one stands still.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class _Measured:
         self.b = np.array([required_wrench(case, found.p_e) / unit for case in self.asked])
         _, first, same = np.unique(np.round(self.b, 12), axis=0, return_index=True, return_inverse=True)
         self.wrenches, self.same = self.b[first], same.ravel()  # what several cases ask for is looked at once
-        self.box = Box(np.zeros(4 * n), np.ones(4 * n))
+        self.box = Box(np.full(4 * n, task.module.min_input), np.ones(4 * n))
 
     @cached_property
     def reached(self) -> Solvable:
