@@ -19,6 +19,7 @@ from nlp.point import Point
 from nlp.program import Program, program
 from nlp.starts import draw, generator
 from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Topology
+from topo_search.model.corners import cornered
 
 DEFAULT_STARTS = 24
 """Starts a topology when nobody says otherwise."""
@@ -67,7 +68,7 @@ def solve(
         raise ValueError(f"`starts` must have at least one index, but got {starts}")
     if proof := prove_impossible(task, topology):
         return proof
-    began = time.perf_counter()
+    task, began = cornered(task), time.perf_counter()
     ready = program(task, topology)
     draws: list[tuple[int, Callable[..., Point]]]
     draws = [(-1 - k, partial(carried_over, donor=donor)) for k, donor in enumerate(near)]
@@ -98,14 +99,16 @@ def _trial(program: Program, start: Point, index: int) -> _Trial:
 def _design(best: _Trial, record: SolverRecord) -> Design:
     point, J = best.point, best.objective
     bound = bound_of(point.task, J)
+    task = point.task.declared
+    inputs = point.u[: len(task.load_cases)].reshape(len(task.load_cases), -1)  # corners have none of their own
     return Design(
-        task=point.task,
+        task=task,
         topology=point.topology,
         topology_key=point.topology.key,
         root_orientation_rad=_vector(point.root),
         hinge_angles_rad=tuple(point.alpha.tolist()),
         end_effector_m=_vector(point.p_E),
-        rotor_speeds_squared=tuple(tuple(u_k) for u_k in point.u.reshape(len(point.u), -1).tolist()),
+        rotor_speeds_squared=tuple(tuple(u_k) for u_k in inputs.tolist()),
         objective=J,
         lower_bound=bound,
         gap=Design.gap_of(J, bound),

@@ -34,6 +34,7 @@ from verify.parts import RigidParts, rigid_parts
 from verify.requirements import Requirement, Scene
 from verify.residuals import finite, residuals
 from verify.sensitivity import sensitivity
+from verify.wrench_sets import corner_residuals
 
 Asked = Requirement | RigidRequirement | BesideAirflow
 MOST_CLEARANCES = 1_000_000
@@ -56,7 +57,7 @@ def audit(design: Design) -> Audit:
 
 def _audit(design: Design, started: float) -> Audit:
     found = platform(design)
-    rows = residuals(design, found)
+    rows = (*residuals(design, found), *corner_residuals(design, found))
     scene = Scene(design, found)
     requirements = _within_most(scene.requirements(), 0)
     parts = rigid_parts(design, found)

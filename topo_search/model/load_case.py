@@ -14,8 +14,10 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from topo_search.limits import LOAD_CASES
 from topo_search.model.bad_input import shown
-from topo_search.model.value import Flag, PositiveOrZero, Value, Vector, refuse
+from topo_search.model.force_cone import ForceCone
+from topo_search.model.value import Flag, PositiveOrZero, Value, Vector, at_most, refuse
 
 MOST = 1e15
 """Largest component of a load case [N], [N m]: what derives from it stays finite."""
@@ -64,9 +66,16 @@ class LoadCase(Value):
     weight: PositiveOrZero = 1.0
     """lambda_k: weight of this case's effort in the objective; 0: it must be possible, and costs nothing."""
 
+    cone: Annotated[ForceCone | None, Field(exclude_if=lambda given: given is None)] = None
+    """Besides, possible: in place of the force at the end-effector, every one of this cone."""
+    vertices: Annotated[
+        tuple[Wrench, ...], at_most(LOAD_CASES, "vertices"), Field(exclude_if=lambda given: not given)
+    ] = ()
+    """Besides, possible: in place of the wrench at the end-effector, all of the convex hull of these and of it."""
+
     @model_validator(mode="after")
     def _asks_for_something(self) -> Self:
-        if self.end_effector is None and self.com is None and not self.carries_weight:
+        if not (self.end_effector or self.com or self.carries_weight or self.cone or self.vertices):
             refuse("LoadCase", ((), "must have `end_effector`, `com`, `carries_weight` or several, but got none"))
         return self
 
@@ -83,8 +92,17 @@ class LoadCase(Value):
     @property
     def largest(self) -> float:
         """The largest component of force or torque, without sign; the weight that it carries does not count."""
-        wrenches = self.at_end_effector, self.at_com
+        wrenches = [self.at_end_effector, self.at_com, *(corner.at_end_effector for corner in self.corners)]
         return max(abs(x) for wrench in wrenches for x in (*wrench.force, *wrench.torque))
+
+    @property
+    def corners(self) -> tuple[LoadCase, ...]:
+        """The corners of the set of wrenches that it stands for, but its own: load cases without weight."""
+        own = self.at_end_effector
+        cone = [own.model_copy(update={"force": force}) for force in (self.cone.corners if self.cone else ())]
+        others = dict.fromkeys(wrench for wrench in (*cone, *self.vertices) if wrench != own)
+        plain = {"name": None, "weight": 0.0, "cone": None, "vertices": ()}
+        return tuple(self.model_copy(update={**plain, "end_effector": wrench}) for wrench in others)
 
     def to_si(self, force_unit: float, torque_unit: float) -> LoadCase:
         """Return the same in N and N m, the weight written out, given m_t g [N] and l_arm m_t g [N m]."""
@@ -94,7 +112,11 @@ class LoadCase(Value):
                 wrench and wrench.scaled(force_unit, torque_unit) for wrench in (self.end_effector, self.com)
             )
             scaled = dict(zip(("end_effector", "com"), wrenches, strict=True))
-            case = self.model_copy(update={"units": "SI", **scaled})
+            sets = {
+                "cone": self.cone and self.cone.scaled(force_unit),
+                "vertices": tuple(wrench.scaled(force_unit, torque_unit) for wrench in self.vertices),
+            }
+            case = self.model_copy(update={"units": "SI", **scaled, **sets})
         if self.carries_weight:
             x, y, z = case.at_com.force
             com = case.at_com.model_copy(update={"force": (x, y, z + force_unit)})
@@ -114,6 +136,11 @@ def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: floa
         carried, also = (force_unit, f" and the weight, {force_unit:.4g} N") if case.carries_weight else (0.0, "")
         if not case.largest * factor + carried <= MOST:
             yield ("load_cases", k), f"must be at most {MOST:g} N and N m, but got {shown(case.largest)}{of}{also}"
+    if (number := len(cases) + sum(len(case.corners) for case in cases)) > LOAD_CASES:
+        yield (
+            ("load_cases",),
+            f"must have at most {LOAD_CASES} entries, corners of sets included, but got {number:,}",
+        )
     names = [case.name for case in cases]
     for k, name in enumerate(names):
         if name is not None and (first := names.index(name)) < k:

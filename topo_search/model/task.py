@@ -329,6 +329,11 @@ class ResolvedTask(Task):
         return self
 
     @property
+    def declared(self) -> ResolvedTask:
+        """The task as it stands in a design: the same but of one whose sets of wrenches are written out."""
+        return self
+
+    @property
     def case_labels(self) -> tuple[str, ...]:
         """What the load cases are called wherever they are spoken of."""
         return labels(self.load_cases)

@@ -36,6 +36,10 @@ carries_weight = true
 end_effector = { force = [0.2, 0.0, 0.0], torque = [0.0, 0.0, 0.0] }  # exerted by the platform, at its tool
 com = { force = [0.0, 0.0, 0.0] }   # besides, at the centre of mass: without a lever
 weight = 1.0
+# # besides, to be possible without cost, in place of the force at the tool: every one within an angle of an axis
+# # cone = { axis = [1.0, 0.0, 0.0], half_angle_deg = 20.0, force = 0.25 }
+# # or in place of the wrench there, all of the convex hull of these and of it; corners suffice
+# # vertices = [{ force = [0.2, 0.1, 0.0] }, { force = [0.2, 0.0, 0.0], torque = [0.1, 0.0, 0.0] }]
 
 [[load_cases]]
 name = "hover"

@@ -148,7 +148,20 @@ def _parts(case: LoadCase, force_unit: float, torque_unit: float) -> list[str]:
             if not is_zero(value):
                 relative = tuple(x / scale for x in value)
                 found.append(f"{name} {where} {vector(value)} {unit} = {vector(relative)} {scaled}")
-    return found or ["nothing"]
+    return [*(found or ["nothing"]), *_sets(case)]
+
+
+def _sets(case: LoadCase) -> Iterator[str]:
+    """Yield the wrenches that must be possible besides."""
+    corners = f"{counted(len(case.corners), 'corner')}, which suffice"
+    if case.cone is not None:
+        yield (
+            f"besides, at the end-effector any force up to {figures(case.cone.force)} N within "
+            f"{figures(case.cone.half_angle_deg)}° of {vector(case.cone.axis)}: {corners}"
+        )
+    if case.vertices:
+        hull = "; ".join(f"force {vector(w.force)} N, torque {vector(w.torque)} N m" for w in case.vertices)
+        yield f"besides, at the end-effector all wrenches between its own and {hull}: {corners}"
 
 
 def vector(values: Vector | tuple[float, ...]) -> str:

@@ -38,7 +38,7 @@ from verify.bodies import Array
 from verify.flight.balls import Ball, largest_balls
 from verify.flight.inputs import least_inputs
 from verify.flight.joints import joint_loads
-from verify.flight.programs import Box, Solvable, greatest, solvable
+from verify.flight.programs import LARGEST, Box, Solvable, greatest, solvable
 from verify.kinematics import Platform
 from verify.residuals import finite
 from verify.wrench import required_wrench, wrench_map
@@ -47,8 +47,6 @@ HOVER = "hover"
 AT_LIMIT = 1e-3
 """Share of its range by which an input may be off its limit and count as at it."""
 
-LARGEST = 1e6
-"""Forces in m_t g and torques in l_arm m_t g beyond it have lost the digits that programs need."""
 CASES = 20
 """Cases whose reserves are looked for at once."""
 TOGETHER = 200
