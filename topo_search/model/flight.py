@@ -42,7 +42,8 @@ class CaseFlight(Value):
     torque_reserve_at_most_Nm: Size | None = None
     torque_weakest: Vector | None = None
     load_factor: Size | None = None
-    """The whole wrench times this can be produced: what is left until a rotor saturates."""
+    """The load times this can be produced: what is left until a rotor saturates. The load is the whole wrench, or
+    what is asked for besides where the weight is carried at the COM."""
     load_factor_at_most: Size | None = None
     largest_input: Number | None = None
     """Of the design's inputs, of hover of those of least effort, over the largest input of a rotor."""
