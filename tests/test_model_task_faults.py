@@ -205,6 +205,10 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[module]\nmass = '0.2'", 'module.mass: must be a number, but got "0.2"'),
         ("[module]\nmass = true", "module.mass: must be a number, but got true"),
         ("[module]\nmass = 2024-01-01", 'module.mass: must be a number, but got "2024-01-01"'),
+        (
+            "[end_effector]\nrod = 'bent'",
+            'end_effector.rod: must be "none" or "straight", but got "bent"',
+        ),
         ("[end_effector]\nexclusion = 1", "end_effector.exclusion: must be true or false, but got 1"),
         ("[end_effector]\nexclusion = 'no'", 'end_effector.exclusion: must be true or false, but got "no"'),
         ("[end_effector]\nstand_off = -0.1", "end_effector.stand_off: must be at least 0, but got -0.1"),

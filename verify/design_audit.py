@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from topo_search.model import Audit, Clearance, Design, Module, Status
-from verify.assembly import assembly
+from verify.assembly import assembly, rod_residuals
 from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
 from verify.bodies import Cone
 from verify.certificate import Certificate, Solid, certify_pairs
@@ -64,6 +64,7 @@ def _audit(design: Design, started: float) -> Audit:
     counts = design.task.body_clearance is not None
     beside = _within_most(beside_airflow(parts, scene.envelopes, counts=counts), len(requirements))
     sheet = assembly(design, found, parts)
+    rows = (*rows, *rod_residuals(design, parts, sheet))
     rigid = _within_most(keep_apart(design, parts, sheet.mount), len(requirements) + len(beside))
     others = len(requirements) + len(rigid) + len(beside)
     rods = _within_most(scene.rod(parts, sheet.mount), others)

@@ -78,6 +78,12 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                     "any" if apart is None else f"at least {figures(apart)} m",
                 ),
                 ("radius of its rod", length(task.end_effector.rod_radius)),
+                (
+                    "straight rod",
+                    "told, not asked for"
+                    if task.end_effector.rod == "none"
+                    else "needed, clear of all parts and airflow",
+                ),
             ),
         ),
         Facts("must stay out of the airflow", exposure or (("regions", "none but the platform's own modules"),)),
