@@ -100,9 +100,9 @@ def _wrenches(point: Point) -> Iterator[Violation]:
     # about p_E too, where a missing force has another lever: whichever is more
     at_tip = np.linalg.norm(residual[:, 3:] - np.cross(point.p_E - point.p_COM, residual[:, :3]), axis=1)
     amounts[:, 1] = np.maximum(amounts[:, 1], at_tip)
-    for k, (force, torque) in enumerate(amounts.tolist()):
-        yield Violation(names.force(k), force, "N", force / units[0], WRENCH_TOLERANCE)
-        yield Violation(names.torque(k), torque, "N m", torque / units[1], WRENCH_TOLERANCE)
+    for label, (force, torque) in zip(task.case_labels, amounts.tolist(), strict=True):
+        yield Violation(names.force(label), force, "N", force / units[0], WRENCH_TOLERANCE)
+        yield Violation(names.torque(label), torque, "N m", torque / units[1], WRENCH_TOLERANCE)
 
 
 def _clearances(point: Point) -> Iterator[Violation]:
@@ -177,9 +177,10 @@ def beside_airflow(point: Point) -> Array:
 
 def _bounds(point: Point) -> Iterator[Violation]:
     task = point.task
-    above, below = (point.u.max(axis=(1, 2)) - task.max_input).tolist(), (-point.u.min(axis=(1, 2))).tolist()
-    for k, beyond in enumerate(zip(above, below, strict=True)):
-        for name, excess in zip((names.largest_input(k), names.smallest_input(k)), beyond, strict=True):
+    above = (point.u.max(axis=(1, 2)) - task.max_input).tolist()
+    below = (task.min_input - point.u.min(axis=(1, 2))).tolist()
+    for label, *beyond in zip(task.case_labels, above, below, strict=True):
+        for name, excess in zip((names.largest_input(label), names.smallest_input(label)), beyond, strict=True):
             yield Violation(name, excess, "rad^2/s^2", excess / task.max_input)
     right = math.pi / 2
     for i, excess in enumerate(beyond_folds(task, point.topology, point.alpha).tolist(), start=1):

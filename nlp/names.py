@@ -12,24 +12,24 @@ POSITION = "end-effector position"
 REACH = "end-effector's reach"
 
 
-def force(k: int) -> str:
-    """Name the force balance of load case k."""
-    return f"load case {k}, force"
+def force(case: str) -> str:
+    """Name the force balance of a load case, by what it is called."""
+    return f"{case}, force"
 
 
-def torque(k: int) -> str:
-    """Name the torque balance of load case k."""
-    return f"load case {k}, torque"
+def torque(case: str) -> str:
+    """Name the torque balance of a load case."""
+    return f"{case}, torque"
 
 
-def largest_input(k: int) -> str:
-    """Name the upper bound of load case k's rotor inputs."""
-    return f"load case {k}, largest rotor input"
+def largest_input(case: str) -> str:
+    """Name the upper bound of a load case's rotor inputs."""
+    return f"{case}, largest rotor input"
 
 
-def smallest_input(k: int) -> str:
-    """Name the lower bound of load case k's rotor inputs."""
-    return f"load case {k}, smallest rotor input"
+def smallest_input(case: str) -> str:
+    """Name the lower bound of a load case's rotor inputs."""
+    return f"{case}, smallest rotor input"
 
 
 def hinge_angle(i: int) -> str:

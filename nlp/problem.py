@@ -22,7 +22,7 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
     & \tilde\phi_{i,\mathrm{tip}}(\beta) \ge 0                                 \quad \forall i         & (8) \\
     & \tilde\phi_{i,\mathrm{sph}}(\beta),\ \tilde\phi_{i,\mathrm{cap}}(\beta) \ge 0,
       \text{ hulls and the cone}                                                   \quad \forall i         & (9) \\
-    & 0 \le u_k \le \rho u_{max}, \quad \alpha_{min,i} \le \alpha_i \le \alpha_{max,i}                    & (10)
+    & u_{min} \le u_k \le \rho u_{max}, \quad \alpha_{min,i} \le \alpha_i \le \alpha_{max,i}              & (10)
 
 (3) is the paper's torque balance about the origin of W instead of the COM: the same constraint, since it differs
 from it by p_COM x (2), and much sparser. (5), (6) and (8) are this project's body clearance. In (5) d is so large
@@ -35,7 +35,7 @@ must keep out of the other's airflow. Of several ranges a hinge keeps to the one
 clearance the range is +-pi/2, as in the paper. In the paper's ablation (5) holds for all pairs, with the
 separation as d, in place of (4), and (6) and (8) are left out. d_E is the paper's l_c, or the task's stand-off
 where that is larger; rho is the share of u_max that the task allows, in the paper 1. Every clearance of (4) to (9)
-keeps the margin.
+keeps the margin. u_min is the least input of the task, in the paper 0.
 """
 
 from __future__ import annotations
@@ -137,11 +137,11 @@ def problem(task: ResolvedTask, topology: Topology, *, beside_airflow: bool = Tr
 
     # (2)-(3) wrench balance of every load case
     constraints: list[Constraint] = []
-    for k, (case, u_k) in enumerate(zip(task.load_cases, variables.u, strict=True)):
+    for label, case, u_k in zip(task.case_labels, task.load_cases, variables.u, strict=True):
         force = force_residual(case, modules, u_k, unit)
         torque = torque_residual(case, modules, u_k, unit, p_E=p_E, p_COM=p_COM, module=module)
-        constraints.append(Constraint(names.force(k), force / n, 0.0, 0.0))
-        constraints.append(Constraint(names.torque(k), torque / n, 0.0, 0.0))
+        constraints.append(Constraint(names.force(label), force / n, 0.0, 0.0))
+        constraints.append(Constraint(names.torque(label), torque / n, 0.0, 0.0))
 
     # (4)-(9) clearances
     margin = task.search.margin / unit.length
@@ -170,7 +170,7 @@ def variable_bounds(
     bounds = [free, free, free] if task.search.root == "free" else [(0.0, 0.0), right, right]
     bounds += zip(*hinges.ranges(task, topology, alpha), strict=True)
     bounds += [free] * (3 if task.end_effector.fixed_position is None else 0)
-    bounds += [(0.0, task.max_thrust_to_weight)] * (4 * n * K)
+    bounds += [(task.min_thrust_to_weight, task.max_thrust_to_weight)] * (4 * n * K)
     lower, upper = (list(side) for side in zip(*bounds, strict=True))
     return lower, upper
 

@@ -18,6 +18,7 @@ from nlp.reduced.expressed import reason_against
 from nlp.starts import draw, generator
 from nlp.trial import Trial
 from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Task, Topology
+from topo_search.model.corners import cornered
 
 PLACED_STARTS = 24
 """Starts a topology when nobody says otherwise, where Ipopt solves the whole problem from each."""
@@ -72,7 +73,7 @@ def solve(
         raise ValueError(f"`starts` must have at least one index, but got {starts}")
     if proof := prove_impossible(task, topology):
         return proof
-    began = time.perf_counter()
+    task, began = cornered(task), time.perf_counter()
     trials = _placed if reason_against(task) else _reduced
     found = trials(task, topology, starts=starts, seed=seed, near=near)
     best = min(found, key=lambda trial: trial.rank)
@@ -116,14 +117,16 @@ def _placed(
 def _design(best: Trial, record: SolverRecord) -> Design:
     point, J = best.point, best.objective
     bound = bound_of(point.task, J)
+    task = point.task.declared
+    inputs = point.u[: len(task.load_cases)].reshape(len(task.load_cases), -1)  # corners have none of their own
     return Design(
-        task=point.task,
+        task=task,
         topology=point.topology,
         topology_key=point.topology.key,
         root_orientation_rad=_vector(point.root),
         hinge_angles_rad=tuple(point.alpha.tolist()),
         end_effector_m=_vector(point.p_E),
-        rotor_speeds_squared=tuple(tuple(u_k) for u_k in point.u.reshape(len(point.u), -1).tolist()),
+        rotor_speeds_squared=tuple(tuple(u_k) for u_k in inputs.tolist()),
         objective=J,
         lower_bound=bound,
         gap=Design.gap_of(J, bound),

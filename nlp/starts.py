@@ -34,7 +34,7 @@ TURNS = 24
 TIE = 1e-6
 """Efforts so close together are the same: of turns that symmetry makes alike rounding must not choose."""
 LEAST_INPUT, LARGEST_INPUT = 0.05, 0.95
-"""Range of the inputs of a start, over their bound: strictly inside, as an interior-point method wants them."""
+"""Range of the inputs of a start, in that of their bounds: strictly inside, as an interior-point method wants."""
 
 
 def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> np.random.Generator:
@@ -148,8 +148,9 @@ def _with_least_norm(point: Point) -> Point:
 
 def _bounded(point: Point) -> Point:
     """Return the point with its inputs brought inside their bounds."""
-    u_max = point.task.max_input
-    return replace(point, u=np.clip(point.u, LEAST_INPUT * u_max, LARGEST_INPUT * u_max))
+    low, high = point.task.min_input, point.task.max_input
+    least, largest = (low + share * (high - low) for share in (LEAST_INPUT, LARGEST_INPUT))
+    return replace(point, u=np.clip(point.u, least, largest))
 
 
 def mean_force(task: ResolvedTask) -> Array:

@@ -67,6 +67,7 @@ FEATURES: dict[str, Table] = {
         "load_cases": GENTLE_PUSH,
     },
     "fixed end-effector": {"end_effector": {"position": [0.1, 0.1, 0.3]}},
+    "least input": {"module": {"min_input": 0.1}},
     "any port": {"search": {"connectors": "any"}},
 }
 """What a task can ask for: fields laid over the push task."""

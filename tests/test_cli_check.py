@@ -55,6 +55,23 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
     assert list(said["warnings"]) == ["load_cases[0]", "load_cases[1]"]
 
 
+def test_load_cases_are_told_by_name_and_those_without_cost_say_so() -> None:
+    said = groups("push", "--set", "load_cases[0].name=to the side", "--set", "load_cases[2].weight=0.0")
+    cases = said["load cases, each the whole wrench that the rotors produce"]
+    assert list(cases) == ["load case 0 (to the side)", "load case 1", "load case 2"]
+    assert cases["load case 2"].endswith("; weight 0: must be possible, costs nothing")
+    assert "load_cases" not in said["warnings"]
+
+
+def test_sets_of_wrenches_are_told_with_their_corners() -> None:
+    cone = "load_cases[0].cone={axis=[1, 0, 0], half_angle_deg=20, force=0.5}"
+    said = groups("push", "--set", cone, "--set", "load_cases[1].vertices=[{force=[0, 0.5, 0.4]}]")
+    first, second, _ = said["load cases, each the whole wrench that the rotors produce"].values()
+    within = "any force up to 6.121 N within 20° of [1, 0, 0]: 9 corners, which suffice"
+    assert f"besides, at the end-effector {within}; weight 1" in first
+    assert "all wrenches between its own and force [0, 6.12, 4.9] N, torque [0, 0, 0] N m: 1 corner" in second
+
+
 def test_goals_are_told_where_there_are_any() -> None:
     title = "goals beside effort"
     assert title not in groups("push")

@@ -1,11 +1,13 @@
 """What README and documentation show is true: files are read, code runs, commands, fields and paths exist."""
 
+import math
 import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
+import pytest
 from documented import PAGES, ROOT, TEXT, blocks
 
 from topo_search.cli import main
@@ -30,7 +32,15 @@ def test_the_tasks_of_the_readme_are_read():
     assert Task.model_validate(first) == read_task("push")
     (case,) = Task.model_validate({**first, **both}).load_cases
     assert case.end_effector is not None
-    assert case.com is not None
+    assert case.carries_weight
+
+
+def test_the_task_with_sets_of_wrenches_is_read_and_its_corners_counted():
+    (text,) = blocks("toml", "how-to/load-cases.md")
+    task = Task.model_validate(tomllib.loads(text))
+    press, screw, hover = task.resolve(4).load_cases
+    assert [len(case.corners) for case in (press, screw, hover)] == [9, 2, 0]
+    assert math.hypot(*press.corners[1].at_end_effector.force) == pytest.approx(2.69, abs=5e-3)
 
 
 def test_the_python_code_runs_and_says_what_it_should(tmp_path):

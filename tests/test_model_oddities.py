@@ -40,12 +40,14 @@ def test_the_shipped_tasks_are_odd_only_where_the_paper_pushes_with_half_the_wei
         ({"end_effector": {"force": [0.0, 0.0, -0.3]}}, True),
         ({"units": "SI", "com": {"force": [1.0, 0.0, 7.53]}}, True),
         ({"units": "SI", "com": {"force": [1.0, 0.0, 7.54]}}, False),  # 0.768 kg at 9.81 m/s^2: 7.534 N
+        ({"units": "SI", "carries_weight": True, "end_effector": {"force": [1.0, 0.0, -2.0]}}, False),
+        ({"carries_weight": True, "com": {"force": [0.0, 0.0, -0.1]}}, True),
     ],
 )
 def test_a_load_case_that_does_not_carry_the_weight(case: dict[str, Any], odd: bool) -> None:
     words = found(load_cases=[HOVER, case]).get("load_cases[1]", "")
     assert (
-        "is under the weight, 7.534 N of 3 modules and the end-effector; gravity is never added" in words
+        "is under the weight, 7.534 N of 3 modules and the end-effector; gravity is added only where it" in words
     ) is odd
 
 
@@ -61,6 +63,7 @@ def test_a_task_in_which_nothing_hovers() -> None:
     assert "load_cases" in found(load_cases=[tilted])
     si = {"units": "SI", "com": {"force": [0.0, 0.0, 0.768 * 9.81]}}
     assert found(load_cases=[si]) == {}
+    assert found(load_cases=[{"carries_weight": True}], modules=[2, 5]) == {}
 
 
 @pytest.mark.parametrize(

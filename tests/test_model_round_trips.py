@@ -47,6 +47,7 @@ def optional(**fields: st.SearchStrategy[Any]) -> st.SearchStrategy[dict[str, An
 
 coordinate = st.floats(-1e6, 1e6)
 vector = st.lists(coordinate, min_size=3, max_size=3)
+direction = vector.filter(lambda v: np.linalg.norm(v) >= 1e-15)
 near = st.floats(-5, 5)
 offset = st.lists(near, min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 1)
 """Within a hundred lengths of any platform below."""
@@ -55,22 +56,22 @@ size = st.floats(1e-3, 2)
 sizes = st.lists(size, min_size=3, max_size=3)
 wrench = optional(force=vector, torque=vector)
 load_case = st.one_of(
-    optional(units=st.sampled_from(["weight", "SI"]), weight=positive, com=wrench).flatmap(
-        lambda case: st.builds(lambda w: {**case, "end_effector": w}, wrench)
-    ),
+    optional(
+        units=st.sampled_from(["weight", "SI"]), weight=positive, com=wrench, carries_weight=st.booleans()
+    ).flatmap(lambda case: st.builds(lambda w: {**case, "end_effector": w}, wrench)),
     st.builds(lambda w: {"com": w}, wrench),
 )
 exposure = st.one_of(
     st.builds(lambda more: {"kind": "local", **more}, optional(radius=positive)),
     st.builds(
         lambda segments, more: {"kind": "directional", "segments": segments, **more},
-        st.lists(vector.filter(any), min_size=1, max_size=3),
+        st.lists(direction, min_size=1, max_size=3),
         optional(radius=positive),
     ),
     st.builds(lambda x: {"kind": "directional", "along": "end_effector", "length": x}, positive),
     st.builds(
         lambda more: {"kind": "exterior", **more},
-        optional(half_angle_deg=st.floats(1e-3, 90), axis=st.just("com") | vector.filter(any)),
+        optional(half_angle_deg=st.floats(1e-3, 90), axis=st.just("com") | direction),
     ),
 )
 module = optional(

@@ -23,6 +23,7 @@ TEN = 'name = "t"\nmodules = 5\ntask_seed = 0\nload_cases = "ten-wrenches"\n'
 CAPSULE = '[[exposure]]\nkind = "directional"\n'
 CONE = '[[exposure]]\nkind = "exterior"\n'
 KIND = 'must be one of "local", "directional", "exterior", but got'
+NAME = "must be 1 to 40 letters, digits, spaces and any of . _ + -, a letter or digit first"
 FORMS = "must have either `segments` or `along` with `length`, but got"
 
 
@@ -67,6 +68,31 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[module]\nmass = -1", "module.mass: must be greater than 0, but got -1"),
         ("[module]\nmass = 0.0", "module.mass: must be greater than 0, but got 0.0"),
         ("[module]\nmass = 1e16", "module.mass: must be between 1e-15 and 1e15, but got 1e+16"),
+        (
+            "[module]\nmax_thrust = 2.0\nmax_thrust_to_weight = 2.5",
+            "module.max_thrust: must agree with max_thrust_to_weight = 2.5, which is 1.472 N a rotor, but got 2.0: "
+            "leave one of them out",
+        ),
+        (
+            "[module]\ntorque_to_thrust = 0.03\ntorque_coefficient = 1.06e-8",
+            "module.torque_to_thrust: must agree with torque_coefficient / thrust_coefficient, 0.02739 m, "
+            "but got 0.03: leave one of them out",
+        ),
+        ("[module]\nmax_thrust = 0", "module.max_thrust: must be greater than 0, but got 0"),
+        ("[module]\nmax_thrust = '2'", 'module.max_thrust: must be a number, but got "2"'),
+        ("[module]\nmax_thrust = true", "module.max_thrust: must be a number, but got true"),
+        ("[module]\ntorque_to_thrust = inf", "module.torque_to_thrust: must be a finite number, but got Infinity"),
+        ("[module]\nmax_thrust = 1.0\nmass = -1", "module.mass: must be greater than 0, but got -1"),
+        ("[module]\nmin_input = 1.0", "module.min_input: must be less than 1, but got 1.0"),
+        ("[module]\nmin_input = -0.1", "module.min_input: must be at least 0, but got -0.1"),
+        (
+            "[module]\nmin_input = 0.5\n[search]\npeak_input = 0.5",
+            "module.min_input: must be less than the largest share that rotors may use, 0.5, but got 0.5",
+        ),
+        (
+            "[module]\nmin_input = 0.5\n[goals]\npeak_input = [0.9, 0.4]",
+            "module.min_input: must be less than the largest share that rotors may use, 0.4, but got 0.5",
+        ),
         ("[module]\narm_length = nan", "module.arm_length: must be a finite number, but got NaN"),
         ("[module]\narm_length = inf", "module.arm_length: must be a finite number, but got Infinity"),
         (
@@ -94,8 +120,8 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         (CAPSULE + "segments = [[0, 0, 0]]", "exposure[0].segments[0]: must have a direction, but got [0, 0, 0]"),
         (CONE + "axis = [0, 0, 0]", "exposure[0].axis: must have a direction, but got [0, 0, 0]"),
         (
-            "[[load_cases]]\nweight = 0\ncom = { force = [0, 0, 1] }",
-            "load_cases[1].weight: must be greater than 0, but got 0",
+            "[[load_cases]]\nweight = 1e-16\ncom = { force = [0, 0, 1] }",
+            "load_cases[1].weight: must be between 1e-15 and 1e15, but got 1e-16",
         ),
         (
             "[[load_cases]]\ncom = { force = [0, 0, nan] }",
@@ -108,6 +134,42 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         (
             "[[load_cases]]\nunits = 'SI'\ncom = { torque = [0, 1e150, 1] }",
             "load_cases[1]: must be at most 1e+15 N and N m, but got 1e+150",
+        ),
+        (
+            "[[load_cases]]\nweight = -1\ncom = { force = [0, 0, 1] }",
+            "load_cases[1].weight: must be at least 0, but got -1",
+        ),
+        (
+            "[[load_cases]]\nname = ''\ncom = { force = [0, 0, 1] }",
+            f'load_cases[1].name: {NAME}, but got ""',
+        ),
+        (
+            "[[load_cases]]\nname = 'a<b'\ncom = { force = [0, 0, 1] }",
+            f'load_cases[1].name: {NAME}, but got "a<b"',
+        ),
+        (
+            "[[load_cases]]\nname = 'a\\nb'\ncom = { force = [0, 0, 1] }",
+            f'load_cases[1].name: {NAME}, but got "a\\\\nb"',
+        ),
+        ("[[load_cases]]\nname = 3\ncom = { force = [0, 0, 1] }", "load_cases[1].name: must be a text, but got 3"),
+        (
+            "[[load_cases]]\nname = 'push'\ncarries_weight = true\n" * 2,
+            'load_cases[2].name: must be another than that of load_cases[1], but got "push"',
+        ),
+        (
+            "[[load_cases]]\ncarries_weight = 1",
+            "load_cases[1].carries_weight: must be true or false, but got 1",
+        ),
+        (
+            "[[load_cases]]\ncarries_weight = false",
+            "load_cases[1]: must have `end_effector`, `com`, `carries_weight` or several, but got none",
+        ),
+        (
+            "[[load_cases]]\nunits = 'SI'\ncarries_weight = true\n[module]\nmass = 1e15",
+            [
+                "load_cases[0]: must be at most 1e+15 N and N m, but got 1.0 weights",
+                "load_cases[1]: must be at most 1e+15 N and N m, but got 0.0 and the weight, 4.905e+16 N",
+            ],
         ),
         (
             CAPSULE + "segments = [[1e-320, 0, 0]]",
@@ -143,6 +205,10 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[module]\nmass = '0.2'", 'module.mass: must be a number, but got "0.2"'),
         ("[module]\nmass = true", "module.mass: must be a number, but got true"),
         ("[module]\nmass = 2024-01-01", 'module.mass: must be a number, but got "2024-01-01"'),
+        (
+            "[end_effector]\nrod = 'bent'",
+            'end_effector.rod: must be "none" or "straight", but got "bent"',
+        ),
         ("[end_effector]\nexclusion = 1", "end_effector.exclusion: must be true or false, but got 1"),
         ("[end_effector]\nexclusion = 'no'", 'end_effector.exclusion: must be true or false, but got "no"'),
         ("[end_effector]\nstand_off = -0.1", "end_effector.stand_off: must be at least 0, but got -0.1"),
@@ -167,7 +233,10 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[[exposure]]\nkind = 3", f"exposure[0].kind: {KIND} 3"),
         ("[[exposure]]\nradius = 0.1", "exposure[0].kind: is required, but missing"),
         ("[exposure]\nkind = 'local'", 'exposure: must be a list, but got {"kind": "local"}'),
-        ("[[load_cases]]", "load_cases[1]: must have `end_effector`, `com` or both, but got neither"),
+        (
+            "[[load_cases]]",
+            "load_cases[1]: must have `end_effector`, `com`, `carries_weight` or several, but got none",
+        ),
         (
             "[[load_cases]]\ncom = 3",
             "load_cases[1].com: must be a table of named fields, but got 3",
@@ -272,7 +341,8 @@ def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:
     assert messages(tmp_path, text) == [
         "modules: must be at least 1, but got 0",
         "module.mass: must be greater than 0, but got -1",
-        "load_cases[0].gravty: unknown field; valid names are units, end_effector, com, weight",
+        "load_cases[0].gravty: unknown field; "
+        "valid names are name, units, end_effector, com, carries_weight, weight",
         'search.root: must be "free" or "paper", but got "x"',
     ]
     text = "task_seed = 4\n" + TASK.replace("= 5", "= [6, 4]") + CONE + "[end_effector]\nposition = 'com'"
@@ -280,6 +350,13 @@ def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:
         "modules",
         "task_seed",
         "exposure[0]",
+    ]
+
+
+def test_some_load_case_weighs_something(tmp_path: Path) -> None:
+    weightless = TASK + "weight = 0.0\n"
+    assert messages(tmp_path, weightless) == [
+        "load_cases: must have a weight greater than 0 in at least one entry, but got 0 in each"
     ]
 
 

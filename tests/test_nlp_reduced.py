@@ -144,7 +144,9 @@ def by_least_squares(point):
         c = 2 * weight / (4 * n * weights.sum())
         rows_of = np.vstack([math.sqrt(c / 2) * np.eye(4 * n), math.sqrt(RHO) * (scale[:, None] * (shift @ A))])
         asked = np.concatenate([np.zeros(4 * n), math.sqrt(RHO) * scale * (shift @ b_k)])
-        least = lsq_linear(rows_of, asked, (0.0, task.max_thrust_to_weight), tol=1e-14, method="bvls")
+        least = lsq_linear(
+            rows_of, asked, (task.min_thrust_to_weight, task.max_thrust_to_weight), tol=1e-14, method="bvls"
+        )
         total += 2 * least.cost
     return total
 

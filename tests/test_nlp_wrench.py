@@ -79,7 +79,7 @@ def test_the_check_and_the_audit_measure_the_same(topology, seed, position):
     ours = {check.name: check for check in violations(point)}
     theirs = {row.name: row for row in residuals(design, platform(design))}
     for k in range(len(EVERYTHING)):
-        force, torque = names.force(k), names.torque(k)
+        force, torque = names.force(f"load case {k}"), names.torque(f"load case {k}")
         of_torque = [theirs[torque], theirs[f"{torque} about the end-effector"]]
         for name, rows in ((force, [theirs[force]]), (torque, of_torque)):
             assert {ours[name].unit} == {row.unit for row in rows}

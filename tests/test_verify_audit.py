@@ -256,3 +256,12 @@ def test_importing_the_audit_loads_neither_solver_nor_search():
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert answer.stdout.split("\n")[0] == "True [] True"
+
+
+def test_a_load_case_is_told_by_its_name() -> None:
+    result = audit(design(FAN, {"load_cases": [{**HOVER, "name": "hold"}]}, hinges=(0.0, 0.0)))
+    assert {"load case 0 (hold), force", "load case 0 (hold), largest rotor input"} <= {
+        row.name for row in result.residuals
+    }
+    assert result.flight is not None
+    assert [case.name for case in result.flight.cases] == ["hover", "load case 0 (hold)"]

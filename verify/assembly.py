@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
-from topo_search.model import Assembly, BoltedJoint, Design, EndEffectorSheet, FreeConnector, Mount, Rod
+from topo_search.model import (
+    Assembly,
+    BoltedJoint,
+    Design,
+    EndEffectorSheet,
+    FreeConnector,
+    Mount,
+    Residual,
+    Rod,
+    Status,
+)
 from topo_search.model.room import LARGE, packed_width
 from topo_search.model.value import Vector
 from verify.bodies import Array
@@ -57,6 +68,22 @@ def nearest_available(connectors: tuple[FreeConnector, ...]) -> Mount | None:
 def choose_mount(design: Design) -> Mount | None:
     """Return the connector of the shortest straight rod to the end-effector: clear of airflow too, if any is."""
     return nearest_available(free_connectors(design, rigid_parts(design, platform(design))))
+
+
+def rod_residuals(design: Design, parts: RigidParts, sheet: Assembly) -> Iterator[Residual]:
+    """Yield whether a straight rod reaches the end-effector, where the task asks for one."""
+    if design.task.end_effector.rod == "straight":
+        missing = 0.0 if sheet.mount is not None and parts.in_range else 1.0
+        lost = Status.VIOLATED if parts.in_range else Status.UNDECIDED
+        status = lost if missing else Status.CLEAR
+        yield Residual(
+            name="straight rod to the end-effector",
+            value=missing,
+            unit="rods missing",
+            scaled=missing,
+            tolerance=0.0,
+            status=status,
+        )
 
 
 def _rod(design: Design, parts: RigidParts, mount: Mount) -> Rod:

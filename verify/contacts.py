@@ -52,9 +52,10 @@ class RigidRequirement:
 def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterator[RigidRequirement]:
     """Yield every pair of modules as `body`, and every module against the rod from the mount as `rod`.
 
-    Both set the verdict unless the task gives body clearance up.
+    Both set the verdict unless the task gives body clearance up; the rod does where the task asks for one.
     """
     counts = design.task.body_clearance is not None
+    needs_rod = counts or design.task.end_effector.rod == "straight"
     modules, joints = parts.modules, {(h, i): ports for h, i, *ports in design.topology.edges()}
     ends = {port: _end(design, parts, port) for port in {port for ports in joints.values() for port in ports}}
     for a, b in combinations(range(len(modules)), 2):
@@ -68,7 +69,7 @@ def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterat
     for a, module in enumerate(modules):
         beside = rod.beside(a)
         if beside is not None:
-            yield RigidRequirement("rod", a, -1, module, beside, counts)
+            yield RigidRequirement("rod", a, -1, module, beside, needs_rod)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from topo_search.model import Audit, Clearance, Design, Module, Status
-from verify.assembly import assembly
+from verify.assembly import assembly, rod_residuals
 from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
 from verify.bodies import Cone
 from verify.certificate import Certificate, Solid, certify_pairs
@@ -34,6 +34,7 @@ from verify.parts import RigidParts, rigid_parts
 from verify.requirements import Requirement, Scene
 from verify.residuals import finite, residuals
 from verify.sensitivity import sensitivity
+from verify.wrench_sets import corner_residuals
 
 Asked = Requirement | RigidRequirement | BesideAirflow
 MOST_CLEARANCES = 1_000_000
@@ -56,13 +57,14 @@ def audit(design: Design) -> Audit:
 
 def _audit(design: Design, started: float) -> Audit:
     found = platform(design)
-    rows = residuals(design, found)
+    rows = (*residuals(design, found), *corner_residuals(design, found))
     scene = Scene(design, found)
     requirements = _within_most(scene.requirements(), 0)
     parts = rigid_parts(design, found)
     counts = design.task.body_clearance is not None
     beside = _within_most(beside_airflow(parts, scene.envelopes, counts=counts), len(requirements))
     sheet = assembly(design, found, parts)
+    rows = (*rows, *rod_residuals(design, parts, sheet))
     rigid = _within_most(keep_apart(design, parts, sheet.mount), len(requirements) + len(beside))
     others = len(requirements) + len(rigid) + len(beside)
     rods = _within_most(scene.rod(parts, sheet.mount), others)

@@ -114,13 +114,14 @@ class Scene:
                 yield Requirement("exterior", a, number, envelope, cone)
 
     def rod(self, parts: RigidParts, mount: Mount | None) -> Iterator[Requirement]:
-        """Yield the rod from a mount against every airflow, if there is a rod: measured, not counted."""
+        """Yield the rod from a mount against every airflow, if there is a rod; counted if the task asks for one."""
         if mount is None or not parts.in_range:
             return
         straight = straight_rod(self.design, parts, mount)
         body = Solid(ConeSphere(straight.start, straight.path, straight.radius, 0.0))
+        counts = self.design.task.end_effector.rod == "straight"
         for b, envelope in enumerate(self.envelopes):
-            yield Requirement("rod-airflow", mount.module, b, body, envelope, counts=False)
+            yield Requirement("rod-airflow", mount.module, b, body, envelope, counts=counts)
 
     def _outwards(self) -> Array | None:
         """Return p_E / ||p_E||; None where it has no direction, which the residuals report as a violation."""

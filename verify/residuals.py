@@ -62,27 +62,34 @@ def finite(value: float) -> float:
 
 def _wrenches(design: Design, platform: Platform) -> Iterator[Residual]:
     n = design.topology.n
-    for k, error in enumerate(wrench_errors(design, platform)):
+    for case, error in zip(design.task.case_labels, wrench_errors(design, platform), strict=True):
         force, torque = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
-        yield _row(f"load case {k}, force", force, "N", design.task.force_unit(n))
-        yield _row(f"load case {k}, torque", torque, "N m", design.task.torque_unit(n))
+        yield _row(f"{case}, force", force, "N", design.task.force_unit(n))
+        yield _row(f"{case}, torque", torque, "N m", design.task.torque_unit(n))
         at_tip = float(np.linalg.norm(error[3:] - np.cross(platform.p_e, error[:3])))
-        yield _row(f"load case {k}, torque about the end-effector", at_tip, "N m", design.task.torque_unit(n))
+        yield _row(f"{case}, torque about the end-effector", at_tip, "N m", design.task.torque_unit(n))
 
 
 def _inputs(design: Design) -> Iterator[Residual]:
-    limit = design.task.max_input
-    for k, u in enumerate(design.inputs):
+    limit, lowest = design.task.max_input, design.task.min_input
+    for case, u in zip(design.task.case_labels, design.inputs, strict=True):
         most, least = float(u.max()), float(u.min())
         yield _row(
-            f"load case {k}, largest rotor input",
+            f"{case}, largest rotor input",
             max(0.0, most - limit),
             "rad^2/s^2",
             limit,
             stated=most,
             derived=limit,
         )
-        yield _row(f"load case {k}, smallest rotor input", max(0.0, -least), "rad^2/s^2", limit, stated=least)
+        yield _row(
+            f"{case}, smallest rotor input",
+            max(0.0, lowest - least),
+            "rad^2/s^2",
+            limit,
+            stated=least,
+            derived=lowest or None,
+        )
 
 
 def _angles(design: Design) -> Iterator[Residual]:

@@ -11,6 +11,7 @@ from nlp.bounds.duality import dual_value, multipliers
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
+from topo_search.model.corners import cornered
 from topo_search.model.tolerances import TOLERANCE
 
 UNEVEN = 1e-3
@@ -35,8 +36,9 @@ def total_forces(task: ResolvedTask) -> Array:
 def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
     """Return a bound that no design of the task's size undercuts [rad^4/s^4].
 
-    It is the larger of the closed form, which needs no sign of a thrust, and of a dual value, which knows that
-    rotors only pull, and no more than rho u_max. Torques and all geometry but that of axes are left out.
+    It is the largest of the closed form, which needs no sign of a thrust, of a dual value, which knows that rotors
+    only pull, and no more than rho u_max, and of what rotors cost that run at their least input. Torques and all
+    geometry but that of axes are left out.
 
     Args:
         task: the task.
@@ -44,7 +46,10 @@ def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
             bound is proven of designs that produce their wrenches exactly; with `TOLERANCE` of every design whose
             audit is clear, which is lower by some 2e-6 of it where the forces are near m_t g.
     """
-    return max(closed_form(task, accuracy), _dual_bound(task, accuracy))
+    task = cornered(task)
+    idle = max(0.0, task.min_input - accuracy * task.module.max_input(task.gravity))
+    at_rest = float(_weights(task).sum()) * 4 * task.n * idle * idle * (1 - ROUNDING)
+    return max(closed_form(task, accuracy), _dual_bound(task, accuracy), at_rest)
 
 
 def bound_of(task: ResolvedTask, J: float) -> float:

@@ -38,11 +38,12 @@ def one_force(task: ResolvedTask) -> Shortfall | None:
     k, most = int(np.argmax(asked)), largest_thrust(task)
     if asked[k] * (1 - ROUNDING) - TOLERANCE * task.force_unit(task.n) <= most + unseen_thrust(task):
         return None
+    case = task.case_labels[k]
     return Shortfall(
-        names.force(k),
+        names.force(case),
         float(asked[k] - most),
         "N",
-        f"{modules(task)} can lift {asked[k] / most:.3g} times less than load case {k} asks: "
+        f"{modules(task)} can lift {asked[k] / most:.3g} times less than {case} asks: "
         f"all rotors at their limit pull with {most:.4g} N, the load case needs {asked[k]:.4g} N",
     )
 
@@ -95,7 +96,8 @@ def all_forces(task: ResolvedTask) -> Shortfall | None:
     )
     if asked - unseen - ROUNDING * float(np.sum(np.abs(nu) * np.abs(F))) <= most:
         return None
-    cases = ", ".join(str(k) for k in np.flatnonzero(lengths > SOFTENED))
+    serving = np.flatnonzero(lengths > SOFTENED)
+    cases = ", ".join(task.case_labels[k].removeprefix("load case ") for k in serving)
     return Shortfall(
         f"load cases {cases}, forces",
         asked - most,

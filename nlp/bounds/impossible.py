@@ -12,6 +12,7 @@ from nlp.bounds.shortfall import Shortfall
 from nlp.bounds.stand_off import stand_off
 from nlp.bounds.torques import torque_reach
 from topo_search.model import Infeasible, ResolvedTask, Topology
+from topo_search.model.corners import cornered
 
 
 def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> Infeasible | None:
@@ -22,6 +23,7 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
+    task = cornered(task)
     forces = one_force(task) or axes(task) or all_forces(task)
     shortfall, concerned = forces or rotors_overlap(task) or _shape(task), None
     if shortfall is None and topology is not None:

@@ -53,11 +53,12 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Shortf
     share = 1 + unseen_thrust(task) / largest_thrust(task)
     if asked[k] * (1 - ROUNDING) - _unseen(task, task.load_cases[k]) <= most * share:
         return None
+    case = task.case_labels[k]
     return Shortfall(
-        names.torque(k),
+        names.torque(case),
         asked[k] - most,
         "N m",
-        f"load case {k} asks {modules(task)} for a torque of {asked[k]:.4g} N m at least about their centre: "
+        f"{case} asks {modules(task)} for a torque of {asked[k]:.4g} N m at least about their centre: "
         f"all rotors at their limit and as far out as they can be give {most:.4g} N m",
     )
 

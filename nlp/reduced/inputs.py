@@ -2,9 +2,9 @@ r"""Rotor inputs by their dual: for a fixed platform each load case is a small c
 
 .. math::
 
-    \phi = \min_{0 \le u \le u_{max}} \tfrac{c}{2} \|u\|^2 + \rho \|A u - w\|^2
+    \phi = \min_{u_{min} \le u \le u_{max}} \tfrac{c}{2} \|u\|^2 + \rho \|A u - w\|^2
          = c \max_\mu \; \mu \cdot w - \frac{\|\mu\|^2}{2 \rho'} - \sum_j h(a_j \cdot \mu),
-    \qquad \rho' = 2 \rho / c, \quad u = \mathrm{clip}(A^T \mu, 0, u_{max}), \quad h(v) = v u - u^2 / 2
+    \qquad \rho' = 2 \rho / c, \quad u = \mathrm{clip}(A^T \mu, u_{min}, u_{max}), \quad h(v) = v u - u^2 / 2
 
 | symbol | meaning | shape |
 |---|---|---|
@@ -63,7 +63,7 @@ def effort(stated: Stated, at: Platform, moved: Moved, rho: float, mu: Array, u:
         w[4] += (bz * fx - bx * fz) / m
         w[5] += (bx * fy - by * fx) / m
         c = stated.cases.effort[k]
-        total += c * dual(A, w, 2 * rho / c, stated.rotors.u_max, mu[k], u[k])
+        total += c * dual(A, w, 2 * rho / c, stated.rotors.u_min, stated.rotors.u_max, mu[k], u[k])
         _add_gradient(stated, at, c / m, mu[k], u[k], F, T)
         tx, ty, tz = mu[k, 3], mu[k, 4], mu[k, 5]
         E[0] += c / m * (fy * tz - fz * ty)
@@ -131,7 +131,7 @@ def _add_gradient(stated: Stated, at: Platform, scale: float, mu: Array, u: Arra
 
 
 @njit(cache=True)
-def dual(A: Array, w: Array, rho: float, u_max: float, mu: Array, u: Array) -> float:
+def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, u: Array) -> float:
     """Return phi / c, with rho' for rho; mu is moved to the maximum of the dual, and u are the inputs there."""
     rotors = len(A)
     v, slope = np.empty(rotors), np.empty(rotors)
@@ -150,11 +150,11 @@ def dual(A: Array, w: Array, rho: float, u_max: float, mu: Array, u: Array) -> f
             for a in range(6):
                 s += A[r, a] * mu[a]
             v[r] = s
-            u[r] = min(max(s, 0.0), u_max)
+            u[r] = min(max(s, u_min), u_max)
             if u[r] > 0.0:
                 for a in range(6):
                     g[a] -= A[r, a] * u[r]
-            if 0.0 < s < u_max:
+            if u_min < s < u_max:
                 for a in range(6):
                     for b in range(a + 1):
                         H[a, b] += A[r, a] * A[r, b]
@@ -166,7 +166,7 @@ def dual(A: Array, w: Array, rho: float, u_max: float, mu: Array, u: Array) -> f
         for a in range(6):
             d[a] = g[a]
         solve_in_place(H, d)
-        t = _longest(A, w, rho, u_max, mu, d, v, slope)
+        t = _longest(A, w, rho, u_min, u_max, mu, d, v, slope)
         for a in range(6):
             mu[a] += t * d[a]
     value = 0.0
@@ -178,7 +178,9 @@ def dual(A: Array, w: Array, rho: float, u_max: float, mu: Array, u: Array) -> f
 
 
 @njit(cache=True)
-def _longest(A: Array, w: Array, rho: float, u_max: float, mu: Array, d: Array, v: Array, slope: Array) -> float:
+def _longest(
+    A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, d: Array, v: Array, slope: Array
+) -> float:
     """Return the step along d at which the concave dual is largest: where its piecewise linear slope is zero.
 
     Newton's method between the ends of what is known to hold the root; it ends when a piece holds its own root.
@@ -199,9 +201,11 @@ def _longest(A: Array, w: Array, rho: float, u_max: float, mu: Array, d: Array, 
             at = v[r] + t * slope[r]
             if at >= u_max:
                 value -= slope[r] * u_max
-            elif at > 0.0:
+            elif at > u_min:
                 value -= slope[r] * at
                 change += slope[r] * slope[r]
+            else:
+                value -= slope[r] * u_min
         step = value / change
         if abs(step) <= 1e-13 * (1.0 + t):
             return t

@@ -42,7 +42,7 @@ there, one along p_E; an end ball of an envelope in a cone, its axis fixed or to
 the parts of one module and the envelope of another."""
 
 LEAST_WEIGHT = 1e-4
-"""Share of the largest weight that every load case counts with at least, so that its inputs are unique."""
+"""Share of the largest weight that load cases which weigh less count with together, so that inputs are unique."""
 
 
 class Tree(NamedTuple):
@@ -65,6 +65,7 @@ class Rotors(NamedTuple):
     m_E: float
     own: Array
     """Torque of each rotor about its module's centre at unit input, shape (4, 3)."""
+    u_min: float
     u_max: float
 
 
@@ -130,7 +131,8 @@ def state(task: ResolvedTask, topology: Topology) -> Stated:
     corners = ((1, -1), (-1, -1), (-1, 1), (1, 1))
     own = np.array([[arm * y, -arm * x, (-1) ** (q + 1) * drag] for q, (x, y) in enumerate(corners)]) / 4
     m_E, fixed = task.end_effector.mass / module.mass, task.end_effector.fixed_position
-    rotors = Rotors(module.connector_distance / unit.length, m_E, own, task.max_thrust_to_weight)
+    limits = task.min_thrust_to_weight, task.max_thrust_to_weight
+    rotors = Rotors(module.connector_distance / unit.length, m_E, own, *limits)
     air = module.envelope
     geometric = n + 2 + (3 if fixed is None else 0)
     lower, upper = (np.array(side[:geometric]) for side in variable_bounds(task, topology))
@@ -165,8 +167,9 @@ def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
     f_E, tau_E = (np.array([getattr(w, name) for w in tip]) for name in ("force", "torque"))
     f_C, tau_C = (np.array([getattr(w, name) for w in com]) for name in ("force", "torque"))
     weights = np.array([case.weight for case in cases])
-    weights = np.maximum(weights / weights.max(), LEAST_WEIGHT)
-    effort = 2 * weights / (4 * n * weights.sum())
+    weights = weights / weights.max()
+    least = LEAST_WEIGHT / max(1, int(np.count_nonzero(weights < LEAST_WEIGHT)))
+    effort = 2 * np.maximum(weights, least) / (4 * n * weights.sum())
     return Cases(effort, (f_E + f_C) / unit.force, (tau_E + tau_C) / unit.torque, f_E / unit.force)
 
 

@@ -166,6 +166,6 @@ def _legend(task: ResolvedTask) -> list[Artist]:
         if any(isinstance(asked, Exterior) is is_cone for asked in task.exposure):
             entries.append(Patch(**_look(is_cone), label=words))
     for (k, force), colour in zip(_forces(task), cycle(palette.SERIES), strict=False):
-        label = f"load case {k}: {np.linalg.norm(force):.3g} N"
+        label = f"{task.case_labels[k]}: {np.linalg.norm(force):.3g} N"
         entries.append(Line2D([], [], color=colour, marker=">", label=label))
     return entries

@@ -22,6 +22,7 @@ RULES = {
     "greater_than_equal": "must be at least {ge:g}",
     "int_from_float": "must be a whole number",
     "int_type": "must be a whole number",
+    "less_than": "must be less than {lt:g}",
     "less_than_equal": "must be at most {le:g}",
     "literal_error": "must be {expected}",
     "model_attributes_type": "must be a table of named fields",

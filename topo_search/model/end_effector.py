@@ -33,6 +33,9 @@ class EndEffector(Value):
     """Whether p_E stays at least connector_distance away from every module's centre."""
     stand_off: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0.0)] = 0.0
     """Least distance of p_E from every module's centre, where it is more than the exclusion's [m]."""
+    rod: Annotated[Literal["none", "straight"], Field(exclude_if=lambda given: given == "none")] = "none"
+    """`straight`: a design needs a straight rod, clear of all parts and airflow; `none`: it is told where there is
+    none."""
     rod_radius: Positive = 0.005
     """Of the rod that carries it [m]."""
     rod_linear_density: NonNegative = 0.045

@@ -1,7 +1,7 @@
 """What a design can do beyond its task, as `flight` of `audit.json` holds it: measured, whether asked for or not.
 
 Numbers are proven: a reserve is at least what it says, and at most `..._at_most`. None: there is none, or no proof.
-Rotors run up to their largest input; `search.peak_input` is asked of the load cases alone.
+Rotors run from their least input up to their largest; `search.peak_input` is asked of the load cases alone.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class CaseFlight(Value):
     torque_reserve_at_most_Nm: Size | None = None
     torque_weakest: Vector | None = None
     load_factor: Size | None = None
-    """The whole wrench times this can be produced: what is left until a rotor saturates."""
+    """The load times this can be produced: what is left until a rotor saturates. The load is the whole wrench, or
+    what is asked for besides where the weight is carried at the COM."""
     load_factor_at_most: Size | None = None
     largest_input: Number | None = None
     """Of the design's inputs, of hover of those of least effort, over the largest input of a rotor."""

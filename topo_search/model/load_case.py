@@ -1,17 +1,35 @@
 """Load cases: the whole wrench that the rotors must produce, at the end-effector, at the COM, or both.
 
-Gravity is never added. `f_E` is the force that the platform exerts at the end-effector; carrying the weight is a
-load case (or a part of one) like any other, with the COM force [0, 0, m_t g].
+Gravity is added only where a load case says that it `carries_weight`. `f_E` is the force that the platform exerts
+at the end-effector; carrying the weight is a load case (or a part of one) like any other, with the COM force
+[0, 0, m_t g].
 """
 
 from __future__ import annotations
 
-from typing import Literal, Self
+import re
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from topo_search.model.value import Positive, Value, Vector, refuse
+from topo_search.limits import LOAD_CASES
+from topo_search.model.bad_input import shown
+from topo_search.model.force_cone import ForceCone
+from topo_search.model.value import Flag, PositiveOrZero, Value, Vector, at_most, refuse
+
+MOST = 1e15
+"""Largest component of a load case [N], [N m]: what derives from it stays finite."""
+
+Broken = Iterator[tuple[tuple[str | int, ...], str]]
+"""Fields and what is wrong with them."""
+
+
+def _name(name: str) -> str:
+    if not re.fullmatch(r"\w[\w .+-]{0,38}[\w.+]|\w", name):
+        raise ValueError("must be 1 to 40 letters, digits, spaces and any of . _ + -, a letter or digit first")
+    return name
 
 
 class Wrench(Value):
@@ -33,19 +51,32 @@ class Wrench(Value):
 class LoadCase(Value):
     """One wrench that the platform must be able to exert, and how much its effort counts."""
 
+    name: Annotated[Annotated[str, AfterValidator(_name)] | None, Field(exclude_if=lambda given: given is None)] = (
+        None
+    )
+    """What people call it; told wherever the load case is spoken of."""
     units: Literal["weight", "SI"] = "weight"
     """`weight`: forces in m_t g, torques in l_arm m_t g; `SI`: N and N m."""
     end_effector: Wrench | None = None
     """f_E, tau_E: exerted at the end-effector."""
     com: Wrench | None = None
     """f_C, tau_C: exerted at the platform's centre of mass."""
-    weight: Positive = 1.0
-    """lambda_k: weight of this case's effort in the objective."""
+    carries_weight: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
+    """Whether the platform's weight [0, 0, m_t g], whatever its size, is added to f_C; a design writes it out."""
+    weight: PositiveOrZero = 1.0
+    """lambda_k: weight of this case's effort in the objective; 0: it must be possible, and costs nothing."""
+
+    cone: Annotated[ForceCone | None, Field(exclude_if=lambda given: given is None)] = None
+    """Besides, possible: in place of the force at the end-effector, every one of this cone."""
+    vertices: Annotated[
+        tuple[Wrench, ...], at_most(LOAD_CASES, "vertices"), Field(exclude_if=lambda given: not given)
+    ] = ()
+    """Besides, possible: in place of the wrench at the end-effector, all of the convex hull of these and of it."""
 
     @model_validator(mode="after")
     def _asks_for_something(self) -> Self:
-        if self.end_effector is None and self.com is None:
-            refuse("LoadCase", ((), "must have `end_effector`, `com` or both, but got neither"))
+        if not (self.end_effector or self.com or self.carries_weight or self.cone or self.vertices):
+            refuse("LoadCase", ((), "must have `end_effector`, `com`, `carries_weight` or several, but got none"))
         return self
 
     @property
@@ -60,18 +91,63 @@ class LoadCase(Value):
 
     @property
     def largest(self) -> float:
-        """The largest component of force or torque, without sign."""
-        wrenches = self.at_end_effector, self.at_com
+        """The largest component of force or torque, without sign; the weight that it carries does not count."""
+        wrenches = [self.at_end_effector, self.at_com, *(corner.at_end_effector for corner in self.corners)]
         return max(abs(x) for wrench in wrenches for x in (*wrench.force, *wrench.torque))
 
+    @property
+    def corners(self) -> tuple[LoadCase, ...]:
+        """The corners of the set of wrenches that it stands for, but its own: load cases without weight."""
+        own = self.at_end_effector
+        cone = [own.model_copy(update={"force": force}) for force in (self.cone.corners if self.cone else ())]
+        others = dict.fromkeys(wrench for wrench in (*cone, *self.vertices) if wrench != own)
+        plain = {"name": None, "weight": 0.0, "cone": None, "vertices": ()}
+        return tuple(self.model_copy(update={**plain, "end_effector": wrench}) for wrench in others)
+
     def to_si(self, force_unit: float, torque_unit: float) -> LoadCase:
-        """Return the same load case in N and N m, given m_t g [N] and l_arm m_t g [N m]."""
-        if self.units == "SI":
-            return self
-        end_effector, com = (
-            wrench and wrench.scaled(force_unit, torque_unit) for wrench in (self.end_effector, self.com)
+        """Return the same in N and N m, the weight written out, given m_t g [N] and l_arm m_t g [N m]."""
+        case = self
+        if self.units == "weight":
+            wrenches = (
+                wrench and wrench.scaled(force_unit, torque_unit) for wrench in (self.end_effector, self.com)
+            )
+            scaled = dict(zip(("end_effector", "com"), wrenches, strict=True))
+            sets = {
+                "cone": self.cone and self.cone.scaled(force_unit),
+                "vertices": tuple(wrench.scaled(force_unit, torque_unit) for wrench in self.vertices),
+            }
+            case = self.model_copy(update={"units": "SI", **scaled, **sets})
+        if self.carries_weight:
+            x, y, z = case.at_com.force
+            com = case.at_com.model_copy(update={"force": (x, y, z + force_unit)})
+            case = case.model_copy(update={"com": com, "carries_weight": False})
+        return case
+
+
+def labels(cases: Sequence[LoadCase]) -> tuple[str, ...]:
+    """Return what load cases are called: their numbers, and the names that they have."""
+    return tuple(f"load case {k}" + (f" ({case.name})" if case.name else "") for k, case in enumerate(cases))
+
+
+def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: float) -> Broken:
+    """Yield what is wrong with load cases, each or together, for m_t g [N] and l_arm m_t g [N m]."""
+    for k, case in enumerate(cases):
+        factor, of = (max(force_unit, torque_unit), " weights") if case.units == "weight" else (1.0, "")
+        carried, also = (force_unit, f" and the weight, {force_unit:.4g} N") if case.carries_weight else (0.0, "")
+        if not case.largest * factor + carried <= MOST:
+            yield ("load_cases", k), f"must be at most {MOST:g} N and N m, but got {shown(case.largest)}{of}{also}"
+    if (number := len(cases) + sum(len(case.corners) for case in cases)) > LOAD_CASES:
+        yield (
+            ("load_cases",),
+            f"must have at most {LOAD_CASES} entries, corners of sets included, but got {number:,}",
         )
-        return LoadCase(units="SI", end_effector=end_effector, com=com, weight=self.weight)
+    names = [case.name for case in cases]
+    for k, name in enumerate(names):
+        if name is not None and (first := names.index(name)) < k:
+            text = f"must be another than that of load_cases[{first}], but got {shown(name)}"
+            yield ("load_cases", k, "name"), text
+    if not any(case.weight for case in cases):
+        yield ("load_cases",), "must have a weight greater than 0 in at least one entry, but got 0 in each"
 
 
 def ten_wrenches(task_seed: int) -> tuple[LoadCase, ...]:

@@ -7,7 +7,7 @@
 | l_c | connector_distance | m |
 | k_f | thrust_coefficient | N s^2 |
 | k_tau | torque_coefficient | N m s^2 |
-| u_max | max_thrust_to_weight m g / (4 k_f) | rad^2/s^2 |
+| u_max | max_thrust_to_weight m g / (4 k_f), or max_thrust / k_f | rad^2/s^2 |
 | r_air | airflow.start_radius | m |
 | theta_air | airflow.spread_angle_deg | deg |
 | l_air, dr_air | length of the envelope's axis, growth of its radius | m |
@@ -18,7 +18,7 @@ Defaults are this project's choice; k_f and k_tau as reported in arXiv 2602.1834
 from __future__ import annotations
 
 import math
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
@@ -26,6 +26,8 @@ from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.frame import ConvexPiece
 from topo_search.model.value import NonEmpty, Number, Positive, PositiveVector, Value, at_most, refuse
 
+AGREE = 1e-3
+"""Relative difference up to which two forms of one quantity agree: the digits of a data sheet."""
 LEAST_PART, LARGEST_PART = 1e-4, 100.0
 """Smallest and largest size of a rigid part [l_arm]."""
 
@@ -112,10 +114,37 @@ class Module(Value):
     """k_tau [N m s^2]."""
     max_thrust_to_weight: Positive = 2.5
     """Largest thrust of a module over its own weight."""
+    max_thrust: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    """Largest thrust of a rotor [N], in place of max_thrust_to_weight."""
+    torque_to_thrust: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    """Drag torque of a rotor over its thrust [m], in place of torque_coefficient."""
+    min_input: Annotated[float, Field(strict=True, ge=0, lt=1, exclude_if=lambda given: given == 0.0)] = 0.0
+    """Least share of its largest squared speed that a rotor runs at; a dead one is exempt."""
     airflow: Airflow = Airflow()
     """The airflow envelope."""
     body: Body = Body()
     """The rigid parts."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _torque_by_thrust(cls, data: Any) -> Any:
+        """Fill in the torque coefficient that `torque_to_thrust` stands for."""
+        if not isinstance(data, dict) or data.get("torque_coefficient") is not None:
+            return data
+        k_f = data.get("thrust_coefficient", cls.model_fields["thrust_coefficient"].default)
+        given = _numbers(data.get("torque_to_thrust"), k_f)
+        return data if given is None else {**data, "torque_coefficient": given[0] * given[1]}
+
+    @model_validator(mode="after")
+    def _one_torque(self) -> Self:
+        given, due = self.torque_to_thrust, self.torque_coefficient / self.thrust_coefficient
+        if given is not None and not math.isclose(given, due, rel_tol=AGREE):
+            text = (
+                f"must agree with torque_coefficient / thrust_coefficient, {due:.4g} m, but got {given}: "
+                "leave one of them out"
+            )
+            refuse("Module", (("torque_to_thrust",), text))
+        return self
 
     @model_validator(mode="after")
     def _far_end_beyond_start(self) -> Self:
@@ -170,19 +199,40 @@ class Module(Value):
         """u_max: the largest squared rotor speed [rad^2/s^2]."""
         return self.max_thrust_to_weight * self.hover_input(gravity)
 
+    @staticmethod
+    def with_thrust(data: Any, gravity: Any) -> Any:
+        """Return a module's data with the `max_thrust_to_weight` that its `max_thrust` stands for."""
+        if isinstance(data, Module):
+            if data.max_thrust is None or "max_thrust_to_weight" in data.model_fields_set:
+                return data
+            ratio = 4 * data.max_thrust / (data.mass * gravity)
+            return data.model_copy(update={"max_thrust_to_weight": ratio})
+        if not isinstance(data, dict) or data.get("max_thrust_to_weight") is not None:
+            return data
+        given = _numbers(data.get("max_thrust"), data.get("mass", Module.model_fields["mass"].default), gravity)
+        return data if given is None else {**data, "max_thrust_to_weight": 4 * given[0] / (given[1] * given[2])}
+
     @property
     def inertia(self) -> tuple[float, float, float]:
         """Ixx, Iyy, Izz about the module's centre [kg m^2]."""
         return self.body.inertia or _inertia_of_shapes(self)
 
     def resolve(self) -> Module:
-        """Return the same module with every default written out."""
+        """Return the same module with every default written out, in one form each."""
         return self.model_copy(
             update={
+                "max_thrust": None,
+                "torque_to_thrust": None,
                 "airflow": self.airflow.model_copy(update={"start_radius": self.start_radius, "reach": self.reach}),
                 "body": self.body.model_copy(update={"inertia": self.inertia}),
             }
         )
+
+
+def _numbers(*given: Any) -> tuple[float, ...] | None:
+    """Return positive numbers; None if any is none, which its own field tells."""
+    plain = all(isinstance(x, int | float) and not isinstance(x, bool) and 1e-15 <= x <= 1e15 for x in given)
+    return given if plain else None
 
 
 def _inertia_of_shapes(module: Module) -> tuple[float, float, float]:

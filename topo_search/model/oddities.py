@@ -84,7 +84,7 @@ def _module(module: Module, u_max: float) -> Iterator[Oddity]:
     drag = module.torque_coefficient / module.thrust_coefficient
     if drag > module.arm_length:
         yield Oddity(
-            "module.torque_coefficient",
+            "module.torque_coefficient" if module.torque_to_thrust is None else "module.torque_to_thrust",
             f"k_tau / k_f = {drag:.3g} m is more than the arm, {module.arm_length:g} m: is it in N m s^2/rad^2?",
         )
     if 2 * body.rotor_radius > math.sqrt(2) * module.arm_length:
@@ -138,8 +138,9 @@ def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
 def _thrust(task: Task, n: int) -> Iterator[Oddity]:
     most, weight = largest_thrust(task, n), task.force_unit(n)
     if most < weight:
+        limit = "module.max_thrust_to_weight" if task.module.max_thrust is None else "module.max_thrust"
         yield Oddity(
-            "module.max_thrust_to_weight" if task.search.peak_input == 1 else "search.peak_input",
+            limit if task.search.peak_input == 1 else "search.peak_input",
             f"all rotors together pull with {most:.4g} N at most, but {_platform(n)} weigh {weight:.4g} N",
         )
 
@@ -148,7 +149,8 @@ def _load_cases(task: Task, n: int) -> Iterator[Oddity]:
     if task.load_cases == "ten-wrenches":
         return
     weight = task.force_unit(n)
-    cases = [case.to_si(weight, task.torque_unit(n)) for case in task.load_cases]
+    unnamed = [case.model_copy(update={"name": None}) for case in task.load_cases]
+    cases = [case.to_si(weight, task.torque_unit(n)) for case in unnamed]
     for k, case in enumerate(cases):
         path = f"load_cases[{k}]"
         if case.largest == 0:
@@ -158,15 +160,16 @@ def _load_cases(task: Task, n: int) -> Iterator[Oddity]:
             yield Oddity(
                 path,
                 f"its upward force of {upwards:.4g} N is under the weight, {weight:.4g} N of {_platform(n)}; "
-                f"gravity is never added: to exert it while hovering, add {_HOVER[task.load_cases[k].units]}",
+                "gravity is added only where it is asked for: to exert it while hovering, set "
+                "carries_weight = true",
             )
         if (first := cases.index(case)) < k:
             yield Oddity(path, f"is the same as load_cases[{first}]")
     if not any(_hovers(case, weight) for case in cases):
         yield Oddity(
-            "load_cases", "none is plain hovering, com = { force = [0.0, 0.0, 1.0] }: a design need not be able to"
+            "load_cases", "none is plain hovering, carries_weight = true alone: a design need not be able to"
         )
-    weights = [case.weight for case in cases]
+    weights = [case.weight for case in cases if case.weight]
     if max(weights) > LARGEST_RATIO * min(weights):
         yield Oddity(
             "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {shown(weights)}"
@@ -197,13 +200,6 @@ def _search(task: Task) -> Iterator[Oddity]:
         yield Oddity("search.margin", "with 0, clearances that touch can be too close for the audit to call clear")
     elif margin > LARGEST_MARGIN:
         yield Oddity("search.margin", f"{margin:g} m beyond every clearance that the task asks for costs effort")
-
-
-_HOVER = {
-    "weight": "com = { force = [0.0, 0.0, 1.0] }",
-    "SI": "the weight to the force of its com",
-}
-"""What carries the platform's weight, in the units of a load case."""
 
 
 def _platform(n: int) -> str:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
@@ -24,8 +23,8 @@ from topo_search.model.end_effector import EndEffector
 from topo_search.model.exposure import LEAST_OFFSET, Directional, Exposure, needs_offset
 from topo_search.model.folds import Folds, clear_folds, common
 from topo_search.model.goals import Goals, Level
-from topo_search.model.load_case import LoadCase, ten_wrenches
-from topo_search.model.module import Module
+from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
+from topo_search.model.module import AGREE, Module
 from topo_search.model.room import body_radius
 from topo_search.model.search import Search
 from topo_search.model.tolerances import FARTHEST
@@ -40,9 +39,6 @@ from topo_search.model.value import (
     one_of,
     refuse,
 )
-
-MOST = 1e15
-"""Largest component of a load case [N], [N m]: what derives from it stays finite."""
 
 
 def _file_name(name: str) -> str:
@@ -106,6 +102,15 @@ class Task(Value):
     goals: Annotated[Goals, Field(exclude_if=lambda given: given == Goals())] = Goals()
     """What control effort is weighed against; not written where there is nothing."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _thrust_by_weight(cls, data: Any) -> Any:
+        """Fill in the ratio that `module.max_thrust` stands for."""
+        if not isinstance(data, dict) or "module" not in data:
+            return data
+        gravity = data.get("gravity", cls.model_fields["gravity"].default)
+        return {**data, "module": Module.with_thrust(data["module"], gravity)}
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         broken: list[tuple[tuple[str | int, ...], str]] = []
@@ -135,25 +140,43 @@ class Task(Value):
             text = f"`stand_off <= {farthest:g}` must hold, but got {shown(self.end_effector.stand_off)}"
             broken.append((("end_effector", "stand_off"), text))
         if self.sizes and self.load_cases != "ten-wrenches":
-            unit = max(self.force_unit(self.sizes[-1]), self.torque_unit(self.sizes[-1]))
-            for k, case in enumerate(self.load_cases):
-                factor, of = (unit, " weights") if case.units == "weight" else (1.0, "")
-                if not case.largest * factor <= MOST:
-                    text = f"must be at most {MOST:g} N and N m, but got {shown(case.largest)}{of}"
-                    broken.append((("load_cases", k), text))
-        refuse("Task", *broken, *self._broken_goals())
+            n = self.sizes[-1]
+            broken += broken_rules(self.load_cases, self.force_unit(n), self.torque_unit(n))
+        refuse("Task", *broken, *self._broken_thrust(), *self._broken_goals())
         return self
 
-    def _broken_goals(self) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    def _broken_thrust(self) -> Broken:
+        """Yield what is wrong with the limits of rotor inputs."""
+        module = self.module
+        due = module.max_thrust_to_weight * module.mass * self.gravity / 4
+        if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=AGREE):
+            text = (
+                f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}, which is {due:.4g} N a "
+                f"rotor, but got {module.max_thrust}: leave one of them out"
+            )
+            yield ("module", "max_thrust"), text
+        lowest = min((self.search.peak_input, *self.goals.peak_input))
+        if module.min_input >= lowest:
+            text = (
+                f"must be less than the largest share that rotors may use, {lowest:g}, but got {module.min_input}"
+            )
+            yield ("module", "min_input"), text
+
+    def _broken_goals(self) -> Broken:
         """Yield what is wrong with goals over several sizes, or over one."""
         if self.goals.modules and len(self.sizes) == 1:
             yield ("goals", "modules"), f"needs a range of sizes, [fewest, most], but got modules = {self.modules}"
         if self.goals.names and len(self.sizes) > 1:
-            rule = 'must be "SI" to compare efforts of several sizes, but got "weight", which grows with the size'
+            rule = (
+                'must be "SI" to compare efforts of several sizes, but got "weight", which grows with the size '
+                "(carries_weight = true adds the weight of each)"
+            )
             if self.load_cases == "ten-wrenches":
                 yield ("load_cases",), f"units {rule}"
             else:
-                in_weights = [k for k, case in enumerate(self.load_cases) if case.units == "weight"]
+                in_weights = [
+                    k for k, case in enumerate(self.load_cases) if case.units == "weight" and case.largest
+                ]
                 yield from ((("load_cases", k, "units"), rule) for k in in_weights)
 
     @property
@@ -195,6 +218,16 @@ class Task(Value):
     def max_input(self) -> float:
         """Largest squared rotor speed of a design, peak_input u_max [rad^2/s^2]."""
         return self.search.peak_input * self.module.max_input(self.gravity)
+
+    @property
+    def min_input(self) -> float:
+        """Least squared rotor speed of a design [rad^2/s^2]."""
+        return self.module.min_input * self.module.max_input(self.gravity)
+
+    @property
+    def min_thrust_to_weight(self) -> float:
+        """Least thrust of a module over its weight."""
+        return self.module.min_input * self.module.max_thrust_to_weight
 
     @property
     def tip_radius(self) -> float | None:
@@ -290,7 +323,20 @@ class ResolvedTask(Task):
         rule = 'must be "SI" in a design, but got "weight"'
         weights = [k for k, case in enumerate(self.load_cases) if case.units == "weight"]
         refuse("ResolvedTask", *((("load_cases", k, "units"), rule) for k in weights))
+        rule = "must be false in a design, the weight being written out in `com`, but got true"
+        carry = [k for k, case in enumerate(self.load_cases) if case.carries_weight]
+        refuse("ResolvedTask", *((("load_cases", k, "carries_weight"), rule) for k in carry))
         return self
+
+    @property
+    def declared(self) -> ResolvedTask:
+        """The task as it stands in a design: the same but of one whose sets of wrenches are written out."""
+        return self
+
+    @property
+    def case_labels(self) -> tuple[str, ...]:
+        """What the load cases are called wherever they are spoken of."""
+        return labels(self.load_cases)
 
 
 def _given(fields: dict[str, float | None]) -> dict[str, float]:

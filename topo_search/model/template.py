@@ -25,17 +25,25 @@ modules = 5                         # of how many the platform is made; [4, 6] a
 """
 
 TASK = """
-# Every load case is the whole wrench that the rotors produce: gravity is never added. Forces are in the platform's
-# weight m_t g and torques in arm_length m_t g, or with units = "SI" in N and N m. What is left out is zero. The
-# `weight` of a case says how much its effort counts.
+# Every load case is the whole wrench that the rotors produce. Gravity is added only where it is asked for: with
+# `carries_weight` the platform's weight, whatever its size, is part of the force at the centre of mass. Forces are
+# in the platform's weight m_t g and torques in arm_length m_t g, or with units = "SI" in N and N m. What is left
+# out is zero. The `weight` of a case says how much its effort counts; with 0 it must be possible and costs nothing.
 
 [[load_cases]]                      # push along x with a fifth of the weight, and carry the platform meanwhile
+name = "push"                       # told wherever the load case is spoken of
+carries_weight = true
 end_effector = { force = [0.2, 0.0, 0.0], torque = [0.0, 0.0, 0.0] }  # exerted by the platform, at its tool
-com = { force = [0.0, 0.0, 1.0] }   # at the centre of mass: without a lever
+com = { force = [0.0, 0.0, 0.0] }   # besides, at the centre of mass: without a lever
 weight = 1.0
+# # besides, to be possible without cost, in place of the force at the tool: every one within an angle of an axis
+# # cone = { axis = [1.0, 0.0, 0.0], half_angle_deg = 20.0, force = 0.25 }
+# # or in place of the wrench there, all of the convex hull of these and of it; corners suffice
+# # vertices = [{ force = [0.2, 0.1, 0.0] }, { force = [0.2, 0.0, 0.0], torque = [0.1, 0.0, 0.0] }]
 
-[[load_cases]]                      # hover
-com = { force = [0.0, 0.0, 1.0] }
+[[load_cases]]
+name = "hover"
+carries_weight = true
 
 # Regions at the target that no airflow may reach: none, one, or several, such as these.
 
@@ -69,6 +77,9 @@ def task_template(name: str) -> str:
     hover = {"com": {"force": [0.0, 0.0, 1.0]}}
     stated = Task.model_validate({"name": name, "modules": 5, "load_cases": [hover]})
     filled = stated.resolve(5)
+    module, k_f = filled.module, filled.module.thrust_coefficient
+    forms = {"max_thrust": k_f * filled.max_input, "torque_to_thrust": module.torque_coefficient / k_f}
+    filled = filled.model_copy(update={"module": module.model_copy(update=forms)})
     top = "\n".join(_fields(stated, filled, IN_OTHER_WORDS))
     tables = "\n".join(_tables(stated, filled, ""))
     return f"{HEAD.format(name=name)}{top}\n{TASK}{tables}\n"

@@ -91,6 +91,9 @@ Number = Annotated[float, Field(strict=True)]
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=1e15)]
 Positive = Annotated[float, Field(strict=True, gt=0), AfterValidator(_not_extreme)]
 """A physical quantity; the range keeps every number derived from a few of them finite and not zero."""
+PositiveOrZero = Annotated[
+    float, Field(strict=True, ge=0), AfterValidator(lambda value: value and _not_extreme(value))
+]
 Index = Annotated[int, Field(strict=True, ge=0, le=LARGEST_INTEGER)]
 Count = Annotated[int, Field(strict=True, ge=1, le=MODULES)]
 Flag = Annotated[bool, Field(strict=True)]

@@ -137,24 +137,23 @@ def rotor_inputs(design: Design) -> go.Figure:
     names = [f"module {i}, rotor {q}" for i in range(n) for q in range(1, 5)]
     figure = go.Figure()
     looks = zip(itertools.cycle(palette.SERIES), itertools.cycle(MARKERS), strict=False)
-    for k, (u, (colour, symbol)) in enumerate(zip(design.inputs.reshape(-1, 4 * n), looks, strict=False)):
+    for case, u, (colour, symbol) in zip(
+        design.task.case_labels, design.inputs.reshape(-1, 4 * n), looks, strict=False
+    ):
         figure.add_trace(
             go.Scatter(
                 x=x,
                 y=u / u_max,
-                name=f"load case {k}",
+                name=case,
                 mode="markers",
                 marker={"color": colour, "symbol": symbol, "size": 6 if n <= 30 else 4},
-                text=[
-                    f"{name}<br>load case {k}: {figures(value)} rad²/s²"
-                    for name, value in zip(names, u, strict=True)
-                ],
+                text=[f"{name}<br>{case}: {figures(value)} rad²/s²" for name, value in zip(names, u, strict=True)],
                 hovertemplate="%{text}, %{y:.3f} u_max<extra></extra>",
             )
         )
     share = design.task.search.peak_input
     largest = "largest input, u_max" if share == 1 else f"largest input, {share:g} u_max"
-    for bound, name in ((0.0, "least input"), (share, largest)):
+    for bound, name in ((design.task.module.min_input, "least input"), (share, largest)):
         figure.add_hline(
             bound,
             line={"color": "#000000", "width": 1.5, "dash": "dash"},

@@ -166,7 +166,7 @@ def _loads(design: Design) -> Table:
         share = effort / design.objective if design.objective else 0.0
         rows.append(
             [
-                str(k),
+                f"{k} ({case.name})" if case.name else str(k),
                 f"{float(u.min()) / u_max:.4f} u_max",
                 f"{float(u.max()) / u_max:.4f} u_max",
                 f"{figures(k_f * float(u.sum()))} N",

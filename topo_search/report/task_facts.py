@@ -44,9 +44,18 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                 ("arm length l_arm", f"{figures(module.arm_length)} m"),
                 ("connector distance l_c", f"{figures(module.connector_distance)} m"),
                 ("thrust coefficient k_f", f"{figures(module.thrust_coefficient)} N s²"),
-                ("torque coefficient k_tau", f"{figures(module.torque_coefficient)} N m s²"),
-                ("largest thrust", f"{figures(module.max_thrust_to_weight)} times the module's weight"),
+                (
+                    "torque coefficient k_tau",
+                    f"{figures(module.torque_coefficient)} N m s², "
+                    f"{figures(module.torque_coefficient / module.thrust_coefficient)} m of the thrust",
+                ),
+                (
+                    "largest thrust",
+                    f"{figures(module.max_thrust_to_weight)} times the module's weight, "
+                    f"{figures(module.thrust_coefficient * u_max)} N a rotor",
+                ),
                 ("largest input u_max", f"{figures(u_max)} rad²/s² ({_speed(u_max)})"),
+                *([("least input", f"{figures(module.min_input)} u_max")] if module.min_input else []),
                 ("input at hover", f"{figures(hover)} rad²/s² ({_speed(hover)})"),
             ),
         ),
@@ -69,6 +78,12 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                     "any" if apart is None else f"at least {figures(apart)} m",
                 ),
                 ("radius of its rod", length(task.end_effector.rod_radius)),
+                (
+                    "straight rod",
+                    "told, not asked for"
+                    if task.end_effector.rod == "none"
+                    else "needed, clear of all parts and airflow",
+                ),
             ),
         ),
         Facts("must stay out of the airflow", exposure or (("regions", "none but the platform's own modules"),)),
@@ -117,10 +132,14 @@ def requirement(asked: Local | Directional | Exterior) -> str:
 
 
 def load_cases(task: ResolvedTask) -> list[list[str]]:
-    """Return a row for each load case: number, what is exerted where, in SI and in the platform's units; weight."""
+    """Return a row for each load case: number and name, what is exerted where, in SI and relative; weight."""
     force_unit, torque_unit = task.force_unit(task.n), task.torque_unit(task.n)
     return [
-        [str(k), "; ".join(_parts(case, force_unit, torque_unit)), figures(case.weight)]
+        [
+            f"{k} ({case.name})" if case.name else str(k),
+            "; ".join(_parts(case, force_unit, torque_unit)),
+            figures(case.weight) if case.weight else "0: must be possible, costs nothing",
+        ]
         for k, case in enumerate(task.load_cases)
     ]
 
@@ -135,7 +154,20 @@ def _parts(case: LoadCase, force_unit: float, torque_unit: float) -> list[str]:
             if not is_zero(value):
                 relative = tuple(x / scale for x in value)
                 found.append(f"{name} {where} {vector(value)} {unit} = {vector(relative)} {scaled}")
-    return found or ["nothing"]
+    return [*(found or ["nothing"]), *_sets(case)]
+
+
+def _sets(case: LoadCase) -> Iterator[str]:
+    """Yield the wrenches that must be possible besides."""
+    corners = f"{counted(len(case.corners), 'corner')}, which suffice"
+    if case.cone is not None:
+        yield (
+            f"besides, at the end-effector any force up to {figures(case.cone.force)} N within "
+            f"{figures(case.cone.half_angle_deg)}° of {vector(case.cone.axis)}: {corners}"
+        )
+    if case.vertices:
+        hull = "; ".join(f"force {vector(w.force)} N, torque {vector(w.torque)} N m" for w in case.vertices)
+        yield f"besides, at the end-effector all wrenches between its own and {hull}: {corners}"
 
 
 def vector(values: Vector | tuple[float, ...]) -> str:

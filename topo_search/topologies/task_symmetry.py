@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import Directional, Exterior, LoadCase, Local, ResolvedTask
+from topo_search.model.corners import cornered
 
 Array = NDArray[np.float64]
 
@@ -106,12 +107,12 @@ class _Kind(NamedTuple):
 def improper_isometry(task: ResolvedTask) -> Array | None:
     """Return an improper isometry that maps the task onto itself, shape (3, 3), or None if there is none.
 
-    Load cases must be mapped onto load cases with the same weight (equal load cases count as one with the sum of
-    their weights), segments, convex regions, cone axes and a fixed p_E onto themselves. Balls, paths along p_E and
-    cones about the COM axis go with p_E and allow every isometry. Among several the one nearest to a plain
-    reflection is returned.
+    Load cases, and corners of those that stand for a set, must be mapped onto load cases with the same weight
+    (equal load cases count as one with the sum of their weights), segments, convex regions, cone axes and a fixed
+    p_E onto themselves. Balls, paths along p_E and cones about the COM axis go with p_E and allow every isometry.
+    Among several the one nearest to a plain reflection is returned.
     """
-    features = _features(task)
+    features = _features(cornered(task))
     regions = [feature for feature in features if feature.kind == REGION]
     kinds = _kinds(feature for feature in features if feature.kind != REGION)
     found = None

@@ -11,7 +11,7 @@
 Each b_k is first replaced by a wrench that some v produce exactly, within the audit's tolerance of it. A force f at
 the end-effector adds [f, p_E x f], so that it leaves the torque about p_E alone: with that held, the forces of A v
 less that of b_k are those that can be added. A torque leaves the force alone. Reserves and load factors are of
-rotors that run between nothing and the module's largest input.
+rotors that run between the module's least and largest input; a dead one stands still.
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ from topo_search.model import (
     Sensitivity,
     Wrench,
 )
+from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
 from verify.flight.balls import Ball, largest_balls
 from verify.flight.inputs import least_inputs
 from verify.flight.joints import joint_loads
-from verify.flight.programs import Box, Solvable, greatest, solvable
+from verify.flight.programs import LARGEST, Box, Solvable, greatest, solvable
 from verify.kinematics import Platform
 from verify.residuals import finite
 from verify.wrench import required_wrench, wrench_map
@@ -47,8 +48,6 @@ HOVER = "hover"
 AT_LIMIT = 1e-3
 """Share of its range by which an input may be off its limit and count as at it."""
 
-LARGEST = 1e6
-"""Forces in m_t g and torques in l_arm m_t g beyond it have lost the digits that programs need."""
 CASES = 20
 """Cases whose reserves are looked for at once."""
 TOGETHER = 200
@@ -97,11 +96,11 @@ class _Measured:
         self.p_E = found.p_e / task.module.arm_length
         hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, self.force)))
         self.asked = (hover, *task.load_cases)
-        self.names = (HOVER, *(f"load case {k}" for k in range(len(task.load_cases))))
+        self.names = (HOVER, *task.case_labels)
         self.b = np.array([required_wrench(case, found.p_e) / unit for case in self.asked])
         _, first, same = np.unique(np.round(self.b, 12), axis=0, return_index=True, return_inverse=True)
         self.wrenches, self.same = self.b[first], same.ravel()  # what several cases ask for is looked at once
-        self.box = Box(np.zeros(4 * n), np.ones(4 * n))
+        self.box = Box(np.full(4 * n, task.module.min_input), np.ones(4 * n))
 
     @cached_property
     def reached(self) -> Solvable:
@@ -127,9 +126,10 @@ class _Measured:
         b = self.reached.v[yes] @ self.A.T
         told = [left for k in range(0, len(b), CASES) for left in self._reserves(b[k : k + CASES])]
         rows = []
-        for name, v, row in zip(self.names, self.v, self.same, strict=True):
+        for name, case, v, row in zip(self.names, self.asked, self.v, self.same, strict=True):
             possible = True if yes[row] else False if no[row] else None
-            left = told[np.count_nonzero(yes[:row])] if possible else {}
+            place = np.count_nonzero(yes[:row])
+            left = {**told[place], **self._load_factor(b[place], case)} if possible else {}
             rows.append(CaseFlight(name=name, possible=possible, **left, **self._inputs(v)))
         return tuple(rows)
 
@@ -144,8 +144,7 @@ class _Measured:
             _ball("force", "N", force, self.force)
             | _ball("horizontal", "N", side, self.force)
             | _ball("torque", "Nm", torque, self.torque)
-            | self._load_factor(wrench)
-            for force, side, torque, wrench in zip(forces, sides, torques, b, strict=True)
+            for force, side, torque in zip(forces, sides, torques, strict=True)
         ]
 
     def rotors_out(self, cases: int) -> RotorsOut:
@@ -178,15 +177,23 @@ class _Measured:
             yes[start : start + len(dead)], no[start : start + len(dead)] = found.yes, found.no
         return yes.reshape(K, N)[self.same], no.reshape(K, N)[self.same]
 
-    def _load_factor(self, b: Array) -> dict[str, float]:
-        """Return by how much all of a wrench can grow: the greatest s of which A v = s b has a solution."""
-        largest = int(np.argmax(np.abs(b)))
-        if b[largest] == 0:
+    def _load_factor(self, b: Array, case: LoadCase) -> dict[str, float]:
+        """Return by how much a load can grow: the greatest s of which A v = w + s (b - w) has a solution.
+
+        w is the weight, where the case carries it at the COM and asks for more than that; else zero.
+        """
+        w = np.zeros(6)
+        w[2] = float(case.at_com.force[2] >= self.force * (1 - TOLERANCE))
+        if np.abs(b - w).max() <= TOLERANCE:
+            w[2] = 0.0
+        load = b - w
+        largest = int(np.argmax(np.abs(load)))
+        if load[largest] == 0:
             return {}
-        s = 1.01 * float(np.abs(self.A[largest]).sum()) / abs(float(b[largest]))  # more than any v can produce
+        most = float(np.abs(self.A[largest]).sum() + w[largest])  # of s times the load, whatever v
         c = np.append(np.zeros(self.A.shape[1]), 1.0)[None]
-        box = Box(np.append(self.box.low, 0.0), np.append(self.box.high, s))
-        found = greatest(c, np.column_stack([self.A, -b]), np.zeros((1, 6)), box)
+        box = Box(np.append(self.box.low, 0.0), np.append(self.box.high, 1.01 * most / abs(float(load[largest]))))
+        found = greatest(c, np.column_stack([self.A, -load]), w[None], box)
         at_most = {"load_factor_at_most": finite(float(found.upper[0]))}
         return at_most if np.isinf(found.attained[0]) else {"load_factor": float(found.attained[0]), **at_most}
 

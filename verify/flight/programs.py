@@ -27,6 +27,8 @@ from verify.bodies import Array
 from verify.flight.simplex import solve
 from verify.meshes import Indices
 
+LARGEST = 1e6
+"""Forces in m_t g and torques in l_arm m_t g beyond it have lost the digits that programs need."""
 RESIDUAL = 1e-9
 """By how much a primal point may miss an equation: a thousandth of TOLERANCE."""
 GAP = 1e-8

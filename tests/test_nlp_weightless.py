@@ -1,0 +1,136 @@
+"""Load cases that weigh nothing: constraints without cost, in solver, bound and audit."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from nlp.reduced.polish import polished
+from nlp_cases import HOVER, PUSH, Table, as_point, push, random_point, random_tree, solved
+from scipy.optimize import lsq_linear
+
+from nlp import lower_bound, solve
+from nlp.bounds.duality import dual_value
+from nlp.bounds.effort import closed_form
+from nlp.evaluate import asked_wrenches, wrench_matrix
+from topo_search.model import Design, ResolvedTask, Topology
+from topo_search.topologies.task_symmetry import improper_isometry
+from verify import audit
+
+TREE = Topology.from_key("a70200")
+SIDES = [
+    {"carries_weight": True, "end_effector": {"force": [0.1 * x, 0.1 * y, 0.0]}, "weight": 0.0}
+    for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1))
+]
+"""A tenth of the weight to every side at the tip, while hovering."""
+
+
+def with_sides() -> ResolvedTask:
+    return push(5, load_cases=[*PUSH, *SIDES])
+
+
+def least_squares(design: Design, k: int) -> float:
+    """The least sum of squared inputs that produce load case k, over u_max^2, by scipy."""
+    point = as_point(design)
+    units = np.repeat([design.task.force_unit(5), design.task.torque_unit(5)], 3)
+    A = wrench_matrix(point) * design.task.max_input / units[:, None]
+    w = asked_wrenches(point)[k] / units
+    stiff = 1e4
+    rows, asked = np.vstack([stiff * A, np.eye(A.shape[1])]), np.append(stiff * w, np.zeros(A.shape[1]))
+    return float(np.sum(lsq_linear(rows, asked, (0.0, 1.0), tol=1e-13).x ** 2))
+
+
+def test_a_design_produces_them_with_the_least_inputs_and_pays_nothing_for_them():
+    task = with_sides()
+    design = solved(solve(task, TREE, starts=range(6), seed=0))
+    assert audit(design).verdict == "clear"
+    u = design.inputs.reshape(7, -1)
+    assert design.objective == pytest.approx(float(np.sum(u[:3] ** 2)), rel=1e-12)
+    assert lower_bound(task) <= design.objective
+    for k in range(3, 7):
+        assert np.sum((u[k] / task.max_input) ** 2) == pytest.approx(least_squares(design, k), rel=1e-5)
+
+
+def test_the_reduced_search_states_the_same_problem():
+    """What its ends become meets every constraint, and costs no more than the best of a few starts of Ipopt."""
+    task = with_sides()
+    ends = polished(task, TREE, starts=range(40), seed=0)
+    assert ends[0].worst.met
+    best = min(end.point.objective for end in ends if end.worst.met)
+    assert best <= solved(solve(task, TREE, starts=range(6), seed=0)).objective * (1 + 1e-4)
+    assert best >= lower_bound(task)
+
+
+def test_what_cannot_be_done_is_infeasible_though_it_costs_nothing():
+    weightless: Table = {"carries_weight": True, "com": {"torque": [9.0, 0.0, 0.0]}, "weight": 0.0}
+    far = solve(push(5, load_cases=[HOVER, weightless]), TREE, starts=range(2), seed=0)
+    assert not isinstance(far, Design)
+    strong: Table = {"com": {"force": [0.0, 0.0, 3.0]}, "weight": 0.0, "name": "too strong"}
+    impossible = solve(push(5, load_cases=[HOVER, strong]), TREE, starts=range(1), seed=0)
+    assert not isinstance(impossible, Design)
+    assert impossible.status == "impossible"
+    assert impossible.worst_constraint == "load case 1 (too strong), force"
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(0, 2**32), st.integers(3, 7), st.integers(2, 4))
+def test_no_design_undercuts_the_bound_where_some_load_cases_weigh_nothing(seed, n, K):
+    """A platform with any inputs does the task of their wrenches; so with the least inputs that do."""
+    rng = np.random.default_rng(seed)
+    point = random_point(push(n, load_cases=[HOVER] * K), random_tree(n, rng), rng)
+    A, u_max = wrench_matrix(point), point.task.max_input
+    asked = rng.uniform(0.0, u_max, (K, 4 * n)) * rng.uniform(0.0, 1.0, (K, 1)) @ A.T
+    weights = np.where(np.arange(K) < rng.integers(1, K), 10 ** rng.uniform(-2, 2, K), 0.0)
+    scale = np.abs(A).max(axis=1) * u_max
+    effort = 0.0
+    for weight, wrench in zip(weights, asked, strict=True):
+        rows = 1e4 * A * u_max / scale[:, None]
+        least = lsq_linear(
+            np.vstack([rows, np.eye(4 * n)]),
+            np.append(1e4 * wrench / scale, np.zeros(4 * n)),
+            (0.0, 1.0),
+            tol=1e-13,
+        )
+        effort += weight * u_max**2 * float(np.sum(least.x**2))
+    cases = [
+        {"units": "SI", "com": {"force": w[:3].tolist()}, "weight": weight}
+        for w, weight in zip(asked, weights.tolist(), strict=True)
+    ]
+    assert closed_form(push(n, load_cases=cases)) <= effort * (1 + 1e-6)
+    assert lower_bound(push(n, load_cases=cases)) <= effort * (1 + 1e-6)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32), st.integers(2, 5))
+def test_whatever_the_multipliers_thrusts_that_cost_nothing_do_not_undercut_their_dual_value(seed, K):
+    rng = np.random.default_rng(seed)
+    n, T = 4, rng.uniform(0.3, 3.0)
+    nu, weights = rng.normal(size=(K, 3)), rng.uniform(0.1, 10.0, K)
+    weights[rng.integers(1, K) :] = 0.0
+    z = rng.normal(size=(2000, n, 3))
+    z /= np.linalg.norm(z, axis=2, keepdims=True)
+    t = z @ nu.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        best = np.where(weights > 0, np.clip(t / (2 * weights), 0.0, T), np.where(t > 0, T, 0.0))
+    s = np.where(rng.random((2000, 1, 1)) < 0.5, best, rng.uniform(0.0, T, (2000, n, K)))
+    f = np.einsum("mik,mia->mka", s, z) / n
+    effort = np.sum(weights * np.mean(s**2, axis=1), axis=1)
+    dual = dual_value(nu, f[0], weights, T) + np.sum(nu * (f - f[0]), axis=(1, 2))  # it is affine in f
+    assert np.all(effort >= dual - 1e-9 * np.abs(dual))
+
+
+def test_the_bound_knows_that_axes_must_serve_them_too():
+    """Hover alone costs the closed form; with pulls to both sides besides, not all rotors can pull straight up."""
+    both = [{"com": {"force": [x, 0.0, 1.0]}, "weight": 0.0} for x in (2.0, -2.0)]
+    alone, more = push(4, load_cases=[HOVER]), push(4, load_cases=[HOVER, *both])
+    assert lower_bound(alone) == pytest.approx(closed_form(alone))
+    assert closed_form(more) == pytest.approx(closed_form(alone))
+    assert lower_bound(more) > 1.5 * lower_bound(alone)
+
+
+def test_a_weightless_case_breaks_a_symmetry_that_it_does_not_share():
+    """Push is its own mirror image along [-1, 1, 0]: not with a side force along x alone, but with both."""
+    assert improper_isometry(push(5)) is not None
+    assert improper_isometry(push(5, load_cases=[*PUSH, SIDES[0]])) is None
+    assert improper_isometry(push(5, load_cases=[*PUSH, *SIDES[:2]])) is not None
+    counted = {**SIDES[1], "weight": 1.0}
+    assert improper_isometry(push(5, load_cases=[*PUSH, SIDES[0], counted])) is None

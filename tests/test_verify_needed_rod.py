@@ -1,0 +1,62 @@
+"""A task may ask for a straight rod: then the audit judges what it otherwise tells."""
+
+import pytest
+from verify_cases import design
+
+from topo_search.model import Status, Task, Topology
+from topo_search.model.files import to_toml
+from verify import audit
+
+ONE = Topology(((-1, -1, -1),))
+WALLS = {"hub": [0.28, 0.28, 0.5], "rotor_radius": 0.005, "rotor_height": 0.001}
+NAME = "straight rod to the end-effector"
+
+
+def judged(rod, tip, **task):
+    """The verdict, and what of the rod is not clear and counts."""
+    end_effector = {**task.pop("end_effector", {}), "rod": rod}
+    given = design(ONE, {"end_effector": end_effector, **task}, hinges=(), end_effector=tip)
+    return audit(given)
+
+
+def test_a_clear_rod_is_clear_either_way():
+    for rod in ("none", "straight"):
+        result = judged(rod, (0.0, 0.0, 0.36))
+        assert result.verdict is Status.CLEAR
+        assert [row.status for row in result.residuals if row.name == NAME] == [Status.CLEAR] * (rod == "straight")
+
+
+def test_a_rod_in_airflow_violates_where_one_is_asked_for():
+    """Below the module it passes through the airflow, on a task that gives everything else up."""
+    loose = {"search": {"body_clearance": False}, "end_effector": {"exclusion": False}}
+    plain, asked = (judged(rod, (0.0, 0.0, -0.6), **loose) for rod in ("none", "straight"))
+    assert plain.verdict is Status.CLEAR
+    assert asked.verdict is Status.VIOLATED
+    assert [pair.kind for pair in asked.pairs if pair.status is not Status.CLEAR] == ["rod-airflow"]
+
+
+@pytest.mark.parametrize("clearance", [False, None])
+def test_where_no_straight_rod_reaches_a_row_says_so(clearance):
+    blocked = {
+        "module": {"body": WALLS},
+        "end_effector": {"exclusion": False},
+        "search": {} if clearance is None else {"body_clearance": clearance},
+    }
+    plain, asked = (judged(rod, (0.0, 0.0, 0.1), **blocked) for rod in ("none", "straight"))
+    assert not [row for row in plain.residuals if row.name == NAME]
+    (row,) = (row for row in asked.residuals if row.name == NAME)
+    assert (row.status, row.value) == (Status.VIOLATED, 1.0)
+    assert asked.verdict is Status.VIOLATED
+
+
+def test_where_digits_are_lost_it_is_undecided():
+    result = judged("straight", (0.0, 0.0, 1e12), end_effector={"exclusion": False})
+    (row,) = (row for row in result.residuals if row.name == NAME)
+    assert row.status is Status.UNDECIDED
+
+
+def test_a_task_that_does_not_ask_is_written_as_before():
+    task = Task.model_validate({"name": "t", "modules": 1, "load_cases": [{"carries_weight": True}]})
+    assert "rod =" not in to_toml(task)
+    asked = task.model_copy(update={"end_effector": task.end_effector.model_copy(update={"rod": "straight"})})
+    assert 'rod = "straight"' in to_toml(asked)
