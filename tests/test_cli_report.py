@@ -23,10 +23,10 @@ def command(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "page", "title"),
     [
-        (["run"], "run/report.html", "toy: a"),
-        (["run/", "--out", "deep/page.html"], "deep/page.html", "toy: a"),
-        (["mine.json"], "mine.html", "push: a0"),
-        (["mine.json", "--out", "mine.page"], "mine.page", "push: a0"),
+        (["run"], "run/report.html", "toy: 3 modules, a"),
+        (["run/", "--out", "deep/page.html"], "deep/page.html", "toy: 3 modules, a"),
+        (["mine.json"], "mine.html", "push: 1 module, a0"),
+        (["mine.json", "--out", "mine.page"], "mine.page", "push: 1 module, a0"),
     ],
 )
 def test_the_page_is_where_it_says(command, tmp_path, words, page, title):

@@ -124,7 +124,6 @@ def test_text_summary_and_page_of_an_audit_tell_of_it(capsys: pytest.CaptureFixt
         assert f"  {line}" in text
         assert f"- {line}" in summary
         assert f"{line[0].upper()}{line[1:]}." in page.text
-    assert f"It {lines[0]}." in page.text
     for cell in ("load case 0", "port +x of module 0 to module 1", "about the hinge", "any side force"):
         assert cell in page.text
 

@@ -29,11 +29,11 @@ def audited():
 
 def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
     page = Reader(toy_page(tmp_path / "run", modules=(2, 3), starts=4, seed=5))
-    (best,) = re.findall(r"best platform for toy is (\w+), of 2 modules, the smallest size asked for:", page.text)
+    (best,) = re.findall(r"With 2 modules, the smallest size asked for, (\w+) is the best found", page.text)
     rows = json.loads(page.data["ranking-data"])["rows"]
     assert rows[0][0] == best
     assert {row[1] for row in rows} == {2, 3}
-    assert "its audit is clear" in page.text
+    assert "audit: clear" in page.text
     assert "topo-search run task.toml --symmetry c2 --starts 4 --seed 5" in page.text
     assert 'name = "toy"' in page.text
     for part in ("view", "inputs", "progress-2", "progress-3"):
@@ -59,7 +59,7 @@ def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):
 def test_a_run_whose_designs_do_not_pass_says_so(tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_VIOLATED", "*")
     page = Reader(toy_page(tmp_path / "run"))
-    assert "none passed its audit" in page.text
+    assert "None of the designs that were found for toy passed its audit" in page.text
 
 
 def test_a_proof_is_told(tmp_path, monkeypatch):
@@ -78,8 +78,8 @@ def test_a_run_that_was_cut_short_says_so(tmp_path):
 def test_the_page_of_a_design_has_its_clearances_and_no_ranking(audited):
     made, verdict = audited
     page = Reader(render(design_page(made, verdict, "mine.json")))
-    assert f"its audit is {verdict.verdict}" in page.text
-    assert "any platform of 5 modules needs at least 90.68 %" in page.text
+    assert f"audit: {verdict.verdict}" in page.text
+    assert "Proven gap 9.32 %" in page.text
     assert "topo-search audit mine.json" in page.text
     assert "ranking-data" not in page.data
     cells = [json.loads(page.data[name]) for name in page.data if name.startswith("clearances-")]

@@ -33,11 +33,6 @@ def gap_percent(gap: float, decimals: int = 2) -> str:
     return f"{_percent(gap, decimals)} %"
 
 
-def needed_percent(gap: float, decimals: int = 2) -> str:
-    """Return in percent how much of the effort any design needs at least: what `gap_percent` leaves."""
-    return f"{100 - _percent(gap, decimals)} %"
-
-
 def _percent(gap: float, decimals: int) -> Decimal:
     percent = Decimal(f"{100 * gap if gap > SOLVER_PRECISION else 0.0:.{CERTAIN}f}")
     return percent.quantize(Decimal(1).scaleb(-decimals), ROUND_CEILING)

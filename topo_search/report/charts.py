@@ -15,7 +15,7 @@ from plotly.subplots import make_subplots
 from topo_search.export import palette
 from topo_search.model import Audit, Clearance, Design
 from topo_search.model.proven import at_least, at_most
-from topo_search.report.wording import figures, length
+from topo_search.report.wording import clearance, figures, length
 from topo_search.study import Solve
 
 IN_CELLS = 10
@@ -74,7 +74,7 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
         shown = np.log10(np.clip(pair.analytic_m, DECADES[0], DECADES[-1]))
         shades[i, j] = shown if pair.status == "clear" else NOT_CLEAR
         hover[i, j] = _described(pair)
-        written[i, j] = length(pair.analytic_m)
+        written[i, j] = clearance(pair)
     text = {"text": written, "texttemplate": "%{text}"} if max(n, len(columns)) <= IN_CELLS else {}
     ticks = {NOT_CLEAR: "not clear", **{float(np.log10(x)): length(x) for x in DECADES}}
     figure = go.Figure(
@@ -126,7 +126,7 @@ def _described(pair: Clearance) -> str:
     """Return one clearance in full, for the pointer."""
     lower = "none" if pair.lower_m is None else length(at_least(pair.lower_m, 3))
     upper = "none" if pair.upper_m is None else length(at_most(pair.upper_m, 3))
-    return f"{pair.name}<br>{pair.status}, {length(pair.analytic_m)}<br>proven: {lower} to {upper}"
+    return f"{pair.name}<br>{pair.status}, {clearance(pair)}<br>proven: {lower} to {upper}"
 
 
 def rotor_inputs(design: Design) -> go.Figure:

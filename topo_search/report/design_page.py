@@ -7,13 +7,12 @@ from typing import Any
 from topo_search.model import Audit, Design, ResolvedTask, Task
 from topo_search.model.files import to_toml
 from topo_search.model.oddities import oddities
-from topo_search.model.proven import at_least, gap_percent, needed_percent
+from topo_search.model.proven import at_least, gap_percent
 from topo_search.report.design_part import design_part
+from topo_search.report.headline import checked, headline
 from topo_search.report.page import Page, Reproduction, Table, TaskPart
 from topo_search.report.task_facts import facts, load_cases
-from topo_search.report.wording import figures, modules
-
-EFFORT = "J = Σ_k λ_k ‖u_k‖²"
+from topo_search.report.wording import EFFORT, figures, modules
 
 
 def design_page(design: Design, audit: Audit, file: str) -> Page:
@@ -24,12 +23,15 @@ def design_page(design: Design, audit: Audit, file: str) -> Page:
         audit: its audit.
         file: the name of its file, for the commands.
     """
-    key, task = design.topology.key, design.task
+    task = design.task
     return Page(
-        title=f"{task.name}: {key}",
-        answer=f"{key} is a platform of {modules(task.n)} for {task.name}: {effort(design)}; {verdict(audit)}."
-        f"{weakest(audit)}",
-        notes=("This page is about one design; it says nothing about other trees of modules.",),
+        title=title(task.name, task.n),
+        key=design.topology.key,
+        verdict=str(audit.verdict),
+        checked=checked(audit),
+        answer="One design: this page says nothing about other trees of modules.",
+        tiles=headline(design, audit, design.gap, "a single design"),
+        notes=(),
         bound=bound(design.lower_bound, design.gap, task.n),
         task=task_part(task, task),
         design=design_part(design, audit),
@@ -38,38 +40,16 @@ def design_page(design: Design, audit: Audit, file: str) -> Page:
     )
 
 
+def title(name: str, n: int) -> str:
+    """Return what a page is about: its task and size."""
+    return f"{name}: {modules(n)}"
+
+
 def task_part(task: ResolvedTask, stated: Task) -> TaskPart:
     """Return the task as it was understood, and what is odd about it as it was stated."""
     columns = ("load case", "the rotors together produce", "weight λ")
     warnings = tuple(map(str, oddities(stated)))
     return TaskPart(facts(task), Table(columns, load_cases(task), frozenset({0, 2})), warnings)
-
-
-def effort(design: Design) -> str:
-    """Return the control effort, and how much of it nothing could save."""
-    text = f"its control effort is J = {figures(design.objective)} rad⁴/s⁴"
-    if design.gap is None:
-        return text
-    return (
-        f"{text}, of which any platform of {modules(design.topology.n)} needs at least {needed_percent(design.gap)}"
-    )
-
-
-def verdict(audit: Audit) -> str:
-    """Return what the audit found in a few words."""
-    wrong = sum(pair.status != "clear" for pair in audit.pairs) + sum(
-        row.status != "clear" for row in audit.residuals
-    )
-    checked = len(audit.pairs) + len(audit.residuals)
-    if audit.verdict == "clear":
-        counts = f"all {len(audit.pairs)} clearances are proven, all {len(audit.residuals)} other numbers hold"
-        return f"its audit is clear: {counts}"
-    return f"its audit is {audit.verdict}: {wrong} of {checked} checks are not clear"
-
-
-def weakest(audit: Audit | None) -> str:
-    """Return what a pilot has to know first, in a sentence; nothing if the audit does not tell."""
-    return "" if audit is None or audit.flight is None else f" It {audit.flight.weakest_point}."
 
 
 def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ...]:

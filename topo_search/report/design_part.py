@@ -14,11 +14,12 @@ from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
 from topo_search.report.flight_part import flight_part
+from topo_search.report.headline import closest
 from topo_search.report.page import Chart, DesignPart, Table
 from topo_search.report.scene import scene
 from topo_search.report.task_facts import vector
 from topo_search.report.tree_svg import tree_svg
-from topo_search.report.wording import counted, figures, length, modules
+from topo_search.report.wording import EFFORT, clearance, counted, figures, length, modules
 
 NEAREST = 12
 """Number of clear pairs in the table of the nearest."""
@@ -31,11 +32,9 @@ def design_part(design: Design, audit: Audit | None) -> DesignPart:
     at = poses_to_draw(design)
     assembly = None if audit is None else audit.assembly
     pairs = () if audit is None else audit.pairs
-    closest = min(pairs, key=lambda pair: pair.analytic_m, default=None)
     return DesignPart(
         heading=f"{design.topology.key}, {modules(design.topology.n)}",
-        verdict=None if audit is None else str(audit.verdict),
-        scene=Chart("view", "The platform in the axes of the task", scene(design, at, closest, assembly)),
+        scene=Chart("view", "The platform in the axes of the task", scene(design, at, closest(audit), assembly)),
         tree=Markup(tree_svg(design, assembly)),
         joints=_joints(design),
         rod=None if assembly is None else _rod(assembly),
@@ -50,6 +49,7 @@ def design_part(design: Design, audit: Audit | None) -> DesignPart:
         errors=None if audit is None else _errors(audit),
         residuals=None if audit is None else _residuals(audit),
         inputs=Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
+        effort=f"Control effort {EFFORT} = {figures(design.objective, 5)} rad⁴/s⁴.",
         loads=_loads(design),
         flight=None if audit is None or audit.flight is None else flight_part(audit.flight),
     )
@@ -89,7 +89,7 @@ def _nearest(pairs: tuple[Clearance, ...]) -> Table:
         [
             pair.name,
             str(pair.status),
-            length(pair.analytic_m),
+            clearance(pair),
             "" if pair.lower_m is None else length(at_least(pair.lower_m, 3)),
             "" if pair.upper_m is None else length(at_most(pair.upper_m, 3)),
         ]

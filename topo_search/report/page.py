@@ -44,6 +44,18 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Tile:
+    """A figure of the headline."""
+
+    name: str
+    figure: str
+    meaning: str
+    """Of the figure, in a few words."""
+    status: str = ""
+    """A verdict that colours it; empty for none."""
+
+
+@dataclass(frozen=True)
 class TaskPart:
     """The task as understood."""
 
@@ -69,8 +81,6 @@ class DesignPart:
     """All that is shown of one design."""
 
     heading: str
-    verdict: str | None
-    """Of its audit; None if there is none."""
     scene: Chart
     tree: Markup
     joints: Table
@@ -84,6 +94,8 @@ class DesignPart:
     """How much error in building it the clearances survive."""
     residuals: Table | None
     inputs: Chart
+    effort: str
+    """J in figures."""
     loads: Table
     flight: FlightPart | None
 
@@ -136,8 +148,16 @@ class Page:
     """Everything that a page says."""
 
     title: str
+    """Task and size."""
+    key: str | None
+    """Of the tree that is shown; None if there is none."""
+    verdict: str | None
+    """Of its audit; None if there is none."""
+    checked: str
+    """What the audit checked; empty without one."""
     answer: str
     """In one sentence."""
+    tiles: tuple[Tile, ...]
     notes: tuple[str, ...]
     """What limits it."""
     bound: tuple[str, ...]

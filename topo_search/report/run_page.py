@@ -12,11 +12,22 @@ from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_toml
 from topo_search.model.proven import at_least, gap_percent
 from topo_search.report.charts import progress
-from topo_search.report.design_page import bound, effort, task_part, verdict, weakest
+from topo_search.report.design_page import bound, task_part, title
 from topo_search.report.design_part import design_part
 from topo_search.report.front_part import front_part
+from topo_search.report.headline import checked, headline
 from topo_search.report.near_ties import near_tie_cells, near_tie_columns
-from topo_search.report.page import Chart, NearTies, Page, Reproduction, RunPart, Table, json_in_script, render
+from topo_search.report.page import (
+    Chart,
+    NearTies,
+    Page,
+    Reproduction,
+    RunPart,
+    Table,
+    Tile,
+    json_in_script,
+    render,
+)
 from topo_search.report.wording import counted, figures, modules
 from topo_search.study import NEAR, REPORT, Answer, Row, RunFolder, SizeAnswer, answer_of
 
@@ -70,10 +81,17 @@ def _page(folder: RunFolder, answer: Answer) -> Page:
     n = shown.modules if shown else request.task.sizes[0]
     size = next(size for size in answer.sizes if size.modules == n)
     design, audit = (None, None) if shown is None else _read(folder, shown)
+    tiles: tuple[Tile, ...] = ()
+    if design is not None and shown is not None:
+        tiles = headline(design, audit, shown.gap, f"{counted(_settled(answer), 'candidate')} solved")
     return Page(
-        title=f"{request.task.name}: {shown.key if shown else 'no design'}",
-        answer=_answer(answer, request.task.name, design, audit),
-        notes=tuple(note for size in answer.sizes for note in _limits(size)),
+        title=title(request.task.name, n),
+        key=shown.key if shown else None,
+        verdict=None if audit is None else str(audit.verdict),
+        checked="" if audit is None else checked(audit),
+        answer=_answer(answer, request.task.name, shown, size),
+        tiles=tiles,
+        notes=tuple(note for size in answer.sizes for note in _limits(size, shown)),
         bound=bound(size.lower_bound, shown.gap if shown else None, n),
         task=task_part(request.task.resolve(n), request.task),
         design=None if design is None else design_part(design, audit),
@@ -92,30 +110,28 @@ def _read(folder: RunFolder, row: Row) -> tuple[Design | None, Audit | None]:
     )
 
 
-def _answer(answer: Answer, name: str, design: Design | None, audit: Audit | None) -> str:
+def _settled(answer: Answer) -> int:
+    """Return how many candidates of all sizes were solved."""
+    return sum(size.settled for size in answer.sizes)
+
+
+def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> str:
     """Return the answer in one sentence."""
-    if design is None:
+    if shown is None:
         reasons = "; ".join(f"with {modules(size.modules)}, {size.reason}" for size in answer.sizes)
         return f"No design was found for {name}: {reasons}."
-    tried = sum(size.settled for size in answer.sizes)
-    if answer.best is None or audit is None:
-        found = f"Designs were found for {name}, but none passed its audit; the one with the least effort is"
-        checked = "it was not audited" if audit is None else verdict(audit)
-    else:
-        found = f"Of {counted(tried, 'candidate')}, the best platform for {name} is"
-        if answer.levels:
-            found = f"Of {counted(len(answer.points), 'design')} on the front of {name}, that of least effort is"
-        checked = verdict(audit)
-    size = modules(design.topology.n)
-    if answer.smallest:
-        size += f", {answer.smallest}"
-    return f"{found} {design.topology.key}, of {size}: {effort(design)}; {checked}.{weakest(audit)}"
+    if answer.best is None:
+        return f"None of the designs that were found for {name} passed its audit; {shown.key} needs the least."
+    if answer.levels:
+        return f"Of {counted(len(answer.points), 'design')} on the front, {shown.key} takes the least effort."
+    smallest = f"With {modules(shown.modules)}, {answer.smallest}, " if answer.smallest else ""
+    return f"{smallest}{shown.key} is {size.statement}."
 
 
-def _limits(size: SizeAnswer) -> list[str]:
-    """Return what a reader of one size's answer has to know."""
+def _limits(size: SizeAnswer, shown: Row | None) -> list[str]:
+    """Return what a reader of one size's answer has to know beyond the headline."""
     found = [f"{modules(size.modules)}: {size.quotient}."]
-    if size.statement is not None and size.best is not None:
+    if size.statement is not None and size.best is not None and size.best != shown:
         found.append(f"{modules(size.modules)}: {size.best.key} is {size.statement}.")
     if not size.complete:
         reached = f" after {counted(size.starts, 'start')} of each candidate" if size.starts else ""

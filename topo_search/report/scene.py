@@ -19,7 +19,7 @@ from topo_search.model import Assembly, Clearance, Design, Directional, Exterior
 from topo_search.model.arrays import Array
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.closest import closest_points
-from topo_search.report.wording import length
+from topo_search.report.wording import clearance
 
 CLOSE = 2.0
 """Distance of the viewer, in edges of a cube as large as what is shown."""
@@ -197,7 +197,7 @@ def _end_effector(design: Design, at: Poses, foot: Array | None) -> list[Any]:
 def _closest(pair: Clearance, ends: Array) -> list[Any]:
     """Return the mark between the two volumes that come closest."""
     spare = " beyond the least distance" if pair.kind in ("separation", "exclusion") else ""
-    text = f"closest pair: {length(pair.analytic_m)}{spare}, {pair.name}"
+    text = f"closest pair: {clearance(pair)}{spare}, {pair.name}"
     return [
         go.Scatter3d(
             **_columns(ends),

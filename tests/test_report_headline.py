@@ -1,0 +1,85 @@
+"""The headline of the page: each tile says what the design, its audit or its row says, rounded to the safe side."""
+
+import numpy as np
+import pytest
+from report_cases import design
+
+from topo_search.compose import audit
+from topo_search.model import Audit, Design, Topology
+from topo_search.report.headline import checked, closest, headline
+
+
+@pytest.fixture(scope="module")
+def audited() -> tuple[Design, Audit]:
+    made = design(Topology.from_key("af0000"), "push")
+    return made, audit(made)
+
+
+def told(made: Design, found: Audit | None, gap: float | None = None) -> dict[str, tuple[str, str]]:
+    return {tile.name: (tile.figure, tile.meaning) for tile in headline(made, found, gap, "28 candidates solved")}
+
+
+def test_throttle_is_input_over_the_largest_input(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    u_max = 2.5 * 0.24 * 9.81 / (4 * 3.87e-7)
+    u = np.array(made.rotor_speeds_squared) / u_max
+    peak, mean = told(made, found)["Peak throttle"]
+    assert 0 <= float(peak.removesuffix(" %")) - 100 * u.max() < 0.11
+    assert f"mean {100 * u.mean():.3g} %" in mean
+
+
+def test_the_least_clearance_is_the_least_of_all_pairs(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    least = min(pair.analytic_m for pair in found.pairs)
+    nearest = closest(found)
+    assert nearest is not None
+    assert nearest.analytic_m == least < 0
+    figure, meaning = told(made, found)["Least clearance"]
+    assert meaning == nearest.name
+    size, unit = figure.replace("−", "-").split()
+    assert float(size) * {"mm": 1e-3, "cm": 1e-2, "m": 1}[unit] <= least
+    (status,) = (tile.status for tile in headline(made, found, None, "") if tile.name == "Least clearance")
+    assert status == "violated"
+
+
+def test_a_gap_is_told_as_the_ranking_tells_it(audited: tuple[Design, Audit]) -> None:
+    assert told(*audited, 0.088901)["Proven gap"][0] == "8.90 %"
+    assert "Proven gap" not in told(*audited)
+
+
+def test_what_the_audit_does_not_tell_has_no_tile(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    assert set(told(made, None)) == {"Modules", "Peak throttle"}
+    assert "One rotor dead" not in told(made, found.model_copy(update={"flight": None}))
+
+
+def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    assert found.flight is not None
+    hover = found.flight.hover.model_copy(
+        update={"possible": True, "horizontal_reserve_N": 1.2999, "horizontal_weakest": (0.0, -1.0, 0.0)}
+    )
+    for changed, expected in (
+        (hover, ("1.2 N", "side force at the tip in hover, towards -y")),
+        (hover.model_copy(update={"possible": False}), ("none", "cannot hover")),
+        (hover.model_copy(update={"possible": None}), ("none", "hover is undecided")),
+    ):
+        flight = found.flight.model_copy(update={"cases": (changed, *found.flight.cases[1:])})
+        assert told(made, found.model_copy(update={"flight": flight}))["Weakest reserve"] == expected
+
+
+def test_a_rod_is_told_with_its_mount(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    assert found.flight is not None
+    flight = found.flight.model_copy(update={"rod_length_m": None})
+    figure, _ = told(made, found.model_copy(update={"flight": flight}))["Rod"]
+    assert figure == "none"
+
+
+def test_what_is_not_clear_is_counted(audited: tuple[Design, Audit]) -> None:
+    _, found = audited
+    wrong = sum(pair.status != "clear" for pair in found.pairs)
+    wrong += sum(residual.status != "clear" for residual in found.residuals)
+    assert checked(found) == f"{wrong} of {len(found.pairs) + len(found.residuals)} checks are not clear"
+    fine = found.model_copy(update={"verdict": "clear"})
+    assert checked(fine).startswith(f"all {len(found.pairs)} clearances are proven")
