@@ -11,12 +11,13 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from topo_search.export.allocation import Allocation
 from topo_search.model import Audit, Design, Task
 from topo_search.model.files import examples, read_task
 from topo_search.model.template import task_template
 
 PICTURES = Path(__file__).parents[1] / "notebooks/pictures"
-SCHEMAS = {"task": Task, "design": Design, "audit": Audit}
+SCHEMAS = {"task": Task, "design": Design, "audit": Audit, "allocation": Allocation}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

@@ -4,10 +4,14 @@ A shell starts background jobs with Ctrl-C ignored, which child processes inheri
 """
 
 import signal
+from pathlib import Path
 
 import pytest
 from dask_cluster import Cluster
 from hypothesis import HealthCheck, settings
+
+from topo_search.model import Design
+from topo_search.model.files import read_json
 
 settings.register_profile("suite", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("suite")
@@ -29,3 +33,9 @@ def log(tmp_path, monkeypatch):
     path.touch()
     monkeypatch.setenv("TOY_LOG", str(path))
     return path
+
+
+@pytest.fixture(scope="session")
+def solved_push() -> Design:
+    """The winner of push, `topo-search solve push --topology a70010`: every limit is met to the last digit."""
+    return read_json(Design, Path(__file__).parent / "designs/push-a70010.json")

@@ -128,10 +128,13 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
         (["design.json", "--out", "new"], "but got new"),
         (
             ["design.json", "--out", "new.png", "--format", "pdf"],
-            "'pdf' is not one of 'assembly', 'csv', 'glb', 'mjcf', 'parquet', 'png', 'stl', 'svg', 'urdf'",
+            "'pdf' is not one of 'allocation', 'assembly', 'csv', 'glb', 'kit', 'mjcf', 'parquet', 'png', "
+            "'rotors', 'stl', 'svg', 'urdf'",
         ),
         (["design.json", "--out", "new.png", "--parts", "all"], "--parts: must be left out unless"),
         (["design.json", "--out", "."], "is a directory"),
+        (["design.json", "--out", ".", "--format", "kit"], "or that of a kit, but . holds half.json"),
+        (["design.json", "--out", "half.json", "--format", "kit"], "must be a folder for --format kit"),
         (["design.json"], "Missing option '--out'"),
     ],
 )
@@ -166,3 +169,27 @@ def test_help_loads_no_library_and_has_an_example():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "set()"
     assert "Example: topo-search export" in done.stdout
+
+
+def test_a_kit_is_a_folder_that_is_written_whole_again(command, tmp_path):
+    result = command("design.json", "--format", "kit", "--out", "lab/kit")
+    names = result.stdout.removeprefix("the kit is in lab/kit: ").strip().split(", ")
+    assert result.exit_code == 0
+    kit = tmp_path / "lab/kit"
+    assert sorted(str(path.relative_to(kit)) for path in kit.rglob("*") if path.is_file()) == sorted(names)
+    assert read_json(Design, kit / "design.json") == read_json(Design, tmp_path / "design.json")
+    before = {name: (kit / name).read_bytes() for name in names}
+    (kit / "rotors.csv").write_text("old")
+    assert command("design.json", "--format", "kit", "--out", "lab/kit").exit_code == 0
+    assert {name: (kit / name).read_bytes() for name in names} == before
+
+
+def test_parts_of_the_kit_are_exported_alone(command, tmp_path):
+    assert command("design.json", "--format", "kit", "--out", "kit").exit_code == 0
+    for kind, name in (
+        ("allocation", "allocation.json"),
+        ("allocation", "allocation.csv"),
+        ("rotors", "rotors.csv"),
+    ):
+        assert command("design.json", "--format", kind, "--out", name).exit_code == 0
+        assert (tmp_path / name).read_bytes() == (tmp_path / "kit" / name).read_bytes()

@@ -30,6 +30,8 @@ SUFFIXES = {
 PICTURES = ("png", "svg")
 SOLIDS = ("glb", "stl")
 TABLES = ("assembly", "csv", "parquet")
+KIT = ("kit", "allocation", "rotors")
+"""The lab kit, and its parts that are files of their own."""
 AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
 
@@ -39,7 +41,7 @@ AUDIT = "topo-search/audit"
 @click.option(
     "--format",
     "kind",
-    type=click.Choice(sorted({*SUFFIXES.values(), *TABLES})),
+    type=click.Choice(sorted({*SUFFIXES.values(), *TABLES, *KIT})),
     help="Kind of file (default: by the end of --out's name).",
 )
 @click.option(
@@ -49,10 +51,10 @@ AUDIT = "topo-search/audit"
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=click.Path(path_type=Path),
     required=True,
-    metavar="FILE",
-    help="Where to write it; a file that is there is replaced.",
+    metavar="FILE|DIR",
+    help="Where to write it; a file that is there is replaced, and so is the kit in a folder.",
 )
 def export(source: str, kind: Any, parts: Any, out: Path) -> None:
     """Export a design, an audit or a run to other tools.
@@ -65,6 +67,9 @@ def export(source: str, kind: Any, parts: Any, out: Path) -> None:
     urdf          a robot description with a frame at every rotor
     csv, parquet  a table: candidates of a run, clearances of an audit; a design is audited first
     assembly      the assembly sheet as CSV: what to bolt to what, at which angle, in which order
+    kit           a folder for the lab: the design, how its rotors act on it, a model for MuJoCo
+    allocation    the 6 x 4n matrix from rotor inputs to force and torque, with mass and inertia (.json, .csv)
+    rotors        the rotors as CSV: position, axis, spin, coefficients
 
     Pictures and parquet need the extra `viz`. A design need not be audited, nor pass its audit.
 
@@ -75,6 +80,8 @@ def export(source: str, kind: Any, parts: Any, out: Path) -> None:
         from topo_search.model.files import read_json
 
         asked: Any = kind or SUFFIXES.get(out.suffix.lower())
+        if kind != "kit" and out.is_dir():
+            raise BadInput("--out", [Fault("", f"must be a file unless --format is kit, but {out} is a directory")])
         if asked is None:
             rule = f"must end in {', '.join(SUFFIXES)}, or --format be given, but got {out.name}"
             raise BadInput("--out", [Fault("", rule)])
@@ -82,13 +89,16 @@ def export(source: str, kind: Any, parts: Any, out: Path) -> None:
             raise BadInput(
                 "--parts", [Fault("", f"must be left out unless the file is a glb or stl, but got {parts}")]
             )
+        if asked == "kit":
+            _write_kit(read_json(Design, source), out)
+            return
         options.require_writable(out)
         with needs_extras(f"--format {asked}"):
             if asked in TABLES:
                 _write_table(source, asked, out)
             else:
                 _write(read_json(Design, source), asked, parts, out)
-        what = "table" if asked in TABLES else "picture" if asked in PICTURES else "design"
+        what = "table" if asked in (*TABLES, *KIT) else "picture" if asked in PICTURES else "design"
         click.echo(f"the {what} is in {out}")
 
 
@@ -113,10 +123,25 @@ def _write(design: Design, kind: Any, parts: Any, out: Path) -> None:
             from topo_search.export.solids import stl
 
             write_atomically(out, stl(design, parts or "platform"))
+        case "allocation" | "rotors":
+            from topo_search.export.allocation import allocation
+            from topo_search.model.files import to_json
+
+            acts = allocation(design)
+            as_table = acts.rotor_csv if kind == "rotors" else acts.csv
+            write_atomically(out, to_json(acts) if out.suffix.lower() == ".json" else as_table())
         case _:
             from topo_search.export.picture import draw
 
             draw(design, out, format=kind)
+
+
+def _write_kit(design: Design, folder: Path) -> None:
+    """Write the kit of a design and name its files."""
+    from topo_search.export.kit.folder import write_kit
+
+    names = write_kit(design, folder)
+    click.echo(f"the kit is in {folder}: {', '.join(names)}")
 
 
 def _write_table(source: str, kind: Any, out: Path) -> None:
