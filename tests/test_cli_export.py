@@ -122,14 +122,14 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
         ([".", "--out", "new.png"], ".: must be a regular file, but is a folder"),
         (
             ["design.json", "--out", "new.pdf"],
-            "--out: must end in .csv, .glb, .mjcf, .xml, .parquet, .png, .stl, .svg, .urdf, or --format be given, "
-            "but got new.pdf",
+            "--out: must end in .csv, .glb, .mjcf, .xml, .parquet, .params, .png, .stl, .svg, .urdf, or --format "
+            "be given, but got new.pdf",
         ),
         (["design.json", "--out", "new"], "but got new"),
         (
             ["design.json", "--out", "new.png", "--format", "pdf"],
             "'pdf' is not one of 'allocation', 'assembly', 'csv', 'glb', 'kit', 'mjcf', 'parquet', 'png', "
-            "'rotors', 'stl', 'svg', 'urdf'",
+            "'px4', 'rotors', 'stl', 'svg', 'urdf'",
         ),
         (["design.json", "--out", "new.png", "--parts", "all"], "--parts: must be left out unless"),
         (["design.json", "--out", "."], "is a directory"),
@@ -193,3 +193,15 @@ def test_parts_of_the_kit_are_exported_alone(command, tmp_path):
     ):
         assert command("design.json", "--format", kind, "--out", name).exit_code == 0
         assert (tmp_path / name).read_bytes() == (tmp_path / "kit" / name).read_bytes()
+
+
+def test_more_rotors_than_px4_takes_are_refused_alone_and_left_out_of_a_kit(command, tmp_path, solved_push):
+    (tmp_path / "push.json").write_text(to_json(solved_push))
+    why = "PX4 takes at most 12 rotors, but the platform has 20; use allocation.json"
+    alone = command("push.json", "--out", "push.params")
+    assert (alone.exit_code, alone.stdout) == (2, "")
+    assert why in alone.stderr
+    kit = command("push.json", "--format", "kit", "--out", "kit")
+    assert kit.exit_code == 0
+    assert f"platform.params is left out: {why}" in kit.stderr
+    assert not (tmp_path / "kit/platform.params").exists()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained, needs_extras
+from topo_search.cli.errors import explained, needs_extras, note
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,6 +21,7 @@ SUFFIXES = {
     ".mjcf": "mjcf",
     ".xml": "mjcf",
     ".parquet": "parquet",
+    ".params": "px4",
     ".png": "png",
     ".stl": "stl",
     ".svg": "svg",
@@ -30,7 +31,7 @@ SUFFIXES = {
 PICTURES = ("png", "svg")
 SOLIDS = ("glb", "stl")
 TABLES = ("assembly", "csv", "parquet")
-KIT = ("kit", "allocation", "rotors")
+KIT = ("kit", "allocation", "rotors", "px4")
 """The lab kit, and its parts that are files of their own."""
 AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
@@ -67,9 +68,10 @@ def export(source: str, kind: Any, parts: Any, out: Path) -> None:
     urdf          a robot description with a frame at every rotor
     csv, parquet  a table: candidates of a run, clearances of an audit; a design is audited first
     assembly      the assembly sheet as CSV: what to bolt to what, at which angle, in which order
-    kit           a folder for the lab: the design, how its rotors act on it, a model for MuJoCo
+    kit           a folder for the lab: the design, how its rotors act on it, PX4's parameters, a model for MuJoCo
     allocation    the 6 x 4n matrix from rotor inputs to force and torque, with mass and inertia (.json, .csv)
     rotors        the rotors as CSV: position, axis, spin, coefficients
+    px4           parameters of PX4's control allocation, for at most 12 rotors (.params)
 
     Pictures and parquet need the extra `viz`. A design need not be audited, nor pass its audit.
 
@@ -123,6 +125,11 @@ def _write(design: Design, kind: Any, parts: Any, out: Path) -> None:
             from topo_search.export.solids import stl
 
             write_atomically(out, stl(design, parts or "platform"))
+        case "px4":
+            from topo_search.export.allocation import allocation
+            from topo_search.export.kit.px4 import px4_parameters
+
+            write_atomically(out, px4_parameters(allocation(design)))
         case "allocation" | "rotors":
             from topo_search.export.allocation import allocation
             from topo_search.model.files import to_json
@@ -140,8 +147,10 @@ def _write_kit(design: Design, folder: Path) -> None:
     """Write the kit of a design and name its files."""
     from topo_search.export.kit.folder import write_kit
 
-    names = write_kit(design, folder)
-    click.echo(f"the kit is in {folder}: {', '.join(names)}")
+    kit = write_kit(design, folder)
+    click.echo(f"the kit is in {folder}: {', '.join(kit.files)}")
+    for text in kit.notes:
+        note(text)
 
 
 def _write_table(source: str, kind: Any, out: Path) -> None:
