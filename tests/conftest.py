@@ -3,6 +3,7 @@
 A shell starts background jobs with Ctrl-C ignored, which child processes inherit: tests that send it need it back.
 """
 
+import os
 import signal
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from topo_search.model.files import read_json
 settings.register_profile("suite", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("suite")
 signal.signal(signal.SIGINT, signal.default_int_handler)
+os.environ.setdefault("MUJOCO_GL", "egl")  # films need no display
 
 
 @pytest.fixture(scope="session")
@@ -39,3 +41,9 @@ def log(tmp_path, monkeypatch):
 def solved_push() -> Design:
     """The winner of push, `topo-search solve push --topology a70010`: every limit is met to the last digit."""
     return read_json(Design, Path(__file__).parent / "designs/push-a70010.json")
+
+
+@pytest.fixture(scope="session")
+def wall_press() -> Design:
+    """A design that was asked for reserves: `tests/designs/wall-press.toml` says how it was made."""
+    return read_json(Design, Path(__file__).parent / "designs/wall-press.json")
