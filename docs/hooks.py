@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,15 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from topo_search.export.allocation import Allocation
 from topo_search.model import Audit, Design, Task
 from topo_search.model.files import examples, read_task
 from topo_search.model.template import task_template
+from topo_search.simulation.result import FlightResult, ScenarioResult
 
 PICTURES = Path(__file__).parents[1] / "notebooks/pictures"
-SCHEMAS = {"task": Task, "design": Design, "audit": Audit}
+FLIGHTS = Path(__file__).parents[1] / "notebooks/results"
+SCHEMAS = {"task": Task, "design": Design, "audit": Audit, "allocation": Allocation, "flight": FlightResult}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -53,4 +57,34 @@ def _shown(name: str) -> str:
     return f"## {name}\n\n{sizes} modules, `topo-search run {name}`:\n\n```toml\n{text}```\n"
 
 
-GENERATED = {"task file": _task_file, "gallery": _gallery}
+def _flight(name: str) -> str:
+    """Return the table of a flight that was kept, its plot, and what rotors can do in hover."""
+    result = FlightResult.model_validate_json((FLIGHTS / f"flight-{name}.json").read_text(encoding="utf-8"))
+    names = ("scenario", "verdict", "error", "tilt", "force error", "at largest thrust", "why")
+    head = f"| {' | '.join(names)} |\n{'|---' * len(names)}|"
+    rows = "\n".join(_scenario(one) for one in result.scenarios)
+    summary = (
+        f"In hover rotors can push {100 * result.weakest_force_share:.3g} % of the weight sideways in the weakest "
+        f"direction; {result.rotors_out} of {result.rotors} single rotors may be dead in hover."
+    )
+    plot = f"![Error, tilt and largest thrust of every flight](../pictures/flight-{name}.png)"
+    return f"{head}\n{rows}\n\n{summary}\n\n{plot}"
+
+
+def _scenario(one: ScenarioResult) -> str:
+    numbers = (
+        (one.drift_m, 100.0, " cm"),
+        (one.tilt_deg, 1.0, " deg"),
+        (one.force_error_share, 100.0, " %"),
+        (one.saturated_share, 100.0, " %"),
+    )
+    cells = ["" if value is None else f"{scale * value:.2f}{unit}" for value, scale, unit in numbers]
+    return f"| {' | '.join((one.name, one.verdict, *cells, one.reason or ''))} |"
+
+
+GENERATED = {
+    "task file": _task_file,
+    "gallery": _gallery,
+    "flight of push": partial(_flight, "push-a70010"),
+    "flight of wall press": partial(_flight, "wall-press"),
+}

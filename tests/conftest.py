@@ -8,6 +8,7 @@ among four threads, each of which waits for the others.
 import os
 import signal
 import sys
+from pathlib import Path
 
 import pytest
 from dask_cluster import Cluster
@@ -17,9 +18,19 @@ from topo_search.child import ONE_THREAD
 
 assert "numpy" not in sys.modules  # it reads the environment as it is loaded
 os.environ.update(ONE_THREAD)
+
+from topo_search.model import Design  # noqa: E402
+from topo_search.model.files import read_json  # noqa: E402
+
+ROOM = Path(__file__).parents[1] / "nlp/reduced"
+CHANGED = max(source.stat().st_mtime for source in ROOM.glob("*.py"))
+for kept in ROOM.glob("__pycache__/*.nb[ci]"):  # numba does not see changes in files that a function calls into
+    if kept.stat().st_mtime < CHANGED:
+        kept.unlink(missing_ok=True)
 settings.register_profile("suite", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("suite")
 signal.signal(signal.SIGINT, signal.default_int_handler)
+os.environ.setdefault("MUJOCO_GL", "egl")  # films need no display
 
 
 @pytest.fixture(scope="session")
@@ -37,3 +48,15 @@ def log(tmp_path, monkeypatch):
     path.touch()
     monkeypatch.setenv("TOY_LOG", str(path))
     return path
+
+
+@pytest.fixture(scope="session")
+def solved_push() -> Design:
+    """The winner of push, `topo-search solve push --topology a70010`: every limit is met to the last digit."""
+    return read_json(Design, Path(__file__).parent / "designs/push-a70010.json")
+
+
+@pytest.fixture(scope="session")
+def wall_press() -> Design:
+    """A design that was asked for reserves: `tests/designs/wall-press.toml` says how it was made."""
+    return read_json(Design, Path(__file__).parent / "designs/wall-press.json")

@@ -1,6 +1,7 @@
 """`topo-search export`: what it writes, and what it says when it cannot."""
 
 import io
+import math
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -13,8 +14,9 @@ from click.testing import CliRunner
 from toy_problem import toy_run
 
 from topo_search.cli import main
-from topo_search.model import Design, Topology
+from topo_search.model import Design, Status, Topology
 from topo_search.model.files import read_json, read_task, to_json
+from topo_search.model.topology import PORT_NAMES
 from verify import audit
 
 
@@ -122,16 +124,22 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
         ([".", "--out", "new.png"], ".: must be a regular file, but is a folder"),
         (
             ["design.json", "--out", "new.pdf"],
-            "--out: must end in .csv, .glb, .mjcf, .xml, .parquet, .png, .stl, .svg, .urdf, or --format be given, "
-            "but got new.pdf",
+            "--out: must end in .csv, .glb, .html, .mjcf, .xml, .parquet, .params, .png, .stl, .svg, .urdf, or "
+            "--format be given, but got new.pdf",
         ),
         (["design.json", "--out", "new"], "but got new"),
         (
             ["design.json", "--out", "new.png", "--format", "pdf"],
-            "'pdf' is not one of 'assembly', 'csv', 'glb', 'mjcf', 'parquet', 'png', 'stl', 'svg', 'urdf'",
+            "'pdf' is not one of 'allocation', 'assembly', 'brackets', 'csv', 'glb', 'kit', 'mjcf', 'parquet', "
+            "'parts', 'png', 'px4', 'rotors', 'sheet', 'stl', 'svg', 'urdf'",
         ),
         (["design.json", "--out", "new.png", "--parts", "all"], "--parts: must be left out unless"),
         (["design.json", "--out", "."], "is a directory"),
+        (["design.json", "--out", ".", "--format", "kit"], "or that of a kit, but . holds half.json"),
+        (["design.json", "--out", "half.json", "--format", "kit"], "must be a folder for this format"),
+        (["design.json", "--out", ".", "--format", "brackets"], "or one of STL files, but . holds design.json"),
+        (["design.json", "--out", "new.png", "--angle-step", "1"], "belongs to a kit and its parts, but got"),
+        (["design.json", "--out", "new", "--format", "kit", "--angle-step", "0"], "is not in the range 0<x<=45"),
         (["design.json"], "Missing option '--out'"),
     ],
 )
@@ -166,3 +174,102 @@ def test_help_loads_no_library_and_has_an_example():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "set()"
     assert "Example: topo-search export" in done.stdout
+
+
+def test_a_kit_is_a_folder_that_is_written_whole_again(command, tmp_path):
+    result = command("design.json", "--format", "kit", "--out", "lab/kit")
+    names = result.stdout.removeprefix("the kit is in lab/kit: ").strip().split(", ")
+    assert result.exit_code == 0
+    kit = tmp_path / "lab/kit"
+    assert sorted(str(path.relative_to(kit)) for path in kit.rglob("*") if path.is_file()) == sorted(names)
+    assert read_json(Design, kit / "design.json") == read_json(Design, tmp_path / "design.json")
+    before = {name: (kit / name).read_bytes() for name in names}
+    (kit / "rotors.csv").write_text("old")
+    assert command("design.json", "--format", "kit", "--out", "lab/kit").exit_code == 0
+    assert {name: (kit / name).read_bytes() for name in names} == before
+
+
+def test_parts_of_the_kit_are_exported_alone(command, tmp_path):
+    assert command("design.json", "--format", "kit", "--out", "kit").exit_code == 0
+    for kind, name in (
+        ("allocation", "allocation.json"),
+        ("allocation", "allocation.csv"),
+        ("rotors", "rotors.csv"),
+    ):
+        assert command("design.json", "--format", kind, "--out", name).exit_code == 0
+        assert (tmp_path / name).read_bytes() == (tmp_path / "kit" / name).read_bytes()
+
+
+def test_more_rotors_than_px4_takes_are_refused_alone_and_left_out_of_a_kit(command, tmp_path, solved_push):
+    (tmp_path / "push.json").write_text(to_json(solved_push))
+    why = "PX4 takes at most 12 rotors, but the platform has 20; use allocation.json"
+    alone = command("push.json", "--out", "push.params")
+    assert (alone.exit_code, alone.stdout) == (2, "")
+    assert why in alone.stderr
+    kit = command("push.json", "--format", "kit", "--out", "kit")
+    assert kit.exit_code == 0
+    assert f"platform.params is left out: {why}" in kit.stderr
+    assert not (tmp_path / "kit/platform.params").exists()
+
+
+def test_brackets_alone_take_the_place_of_older_ones(command, tmp_path):
+    assert command("design.json", "--format", "brackets", "--out", "stl").exit_code == 0
+    name = "bracket_01_module0-port0_module1-port2_+22.918deg.stl"
+    assert [path.name for path in (tmp_path / "stl").iterdir()] == [name]
+    (tmp_path / "stl" / "bracket_02_old.stl").write_text("")
+    assert (
+        command("design.json", "--format", "brackets", "--out", "stl").stdout
+        == f"the brackets are in stl: {name}\n"
+    )
+    assert [path.name for path in (tmp_path / "stl").iterdir()] == [name]
+
+
+def test_a_kit_of_rounded_angles_says_what_rounding_changed(command, tmp_path, solved_push):
+    (tmp_path / "push.json").write_text(to_json(solved_push))
+    result = command("push.json", "--format", "kit", "--out", "kit", "--angle-step", "0.5")
+    assert result.exit_code == 0
+    built = read_json(Design, tmp_path / "kit/design.json")
+    steps = [math.degrees(alpha) / 0.5 for alpha in built.hinge_angles_rad]
+    assert steps == pytest.approx([round(step) for step in steps], abs=1e-9)
+    assert steps != pytest.approx([math.degrees(alpha) / 0.5 for alpha in solved_push.hinge_angles_rad], abs=1e-2)
+    found, before = audit(built), audit(solved_push)
+    assert all(row.status is Status.CLEAR for row in found.residuals)  # the inputs fit the new angles
+    more = 100 * (built.objective / solved_push.objective - 1)
+    least = [1000 * min(pair.analytic_m for pair in each.pairs) for each in (found, before)]
+    said = (
+        f"control effort {more:+.3g} %.",
+        f"Audit: {found.verdict} (before: clear); least clearance {least[0]:.3g} mm (before: {least[1]:.3g} mm).",
+    )
+    page = (tmp_path / "kit/assembly.html").read_text()
+    for text in said:
+        assert text in result.stdout
+        assert text in page
+    assert sorted(path.name.split("_")[-1] for path in (tmp_path / "kit/brackets").glob("bracket*")) == sorted(
+        f"{0.5 * round(step):+.3f}deg.stl" for step in steps
+    )
+
+
+def test_angles_that_leave_a_load_case_out_of_reach_are_refused(command, tmp_path, solved_push):
+    (tmp_path / "push.json").write_text(to_json(solved_push))
+    result = command("push.json", "--format", "kit", "--out", "kit", "--angle-step", "45")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("--angle-step: load case 2 is out of reach of the rotors with angles to 45 deg")
+    assert not (tmp_path / "kit").exists()
+
+
+def test_the_sheet_has_a_step_for_every_joint_and_its_numbers(command, tmp_path, solved_push):
+    (tmp_path / "push.json").write_text(to_json(solved_push))
+    assert command("push.json", "--out", "sheet.html").exit_code == 0
+    page = ElementTree.fromstring((tmp_path / "sheet.html").read_text().split("\n", 1)[1])
+    text = " ".join("".join(page.itertext()).split())
+    for step, ((h, i, a, b), alpha) in enumerate(
+        zip(solved_push.topology.edges(), solved_push.hinge_angles_rad, strict=True), start=1
+    ):
+        assert f"Step {step}: module {i} by its port {b}" in text
+        assert f"to port {a} ({PORT_NAMES[a]}) of module {h}, at {math.degrees(alpha):+.3f} deg" in text
+    rod = audit(solved_push).assembly.end_effector.rod
+    assert f"cut to {1000 * rod.length_m:.1f} mm" in text
+    x, y, z = rod.direction_in_module
+    out = {0: x, 1: y, 2: -x, 3: -y}[solved_push.mount.port]
+    assert f"{1000 * rod.length_m * out:.1f} mm outwards" in text
+    assert f"and {1000 * rod.length_m * z:.1f} mm up." in text

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -252,6 +253,57 @@ def solve(
         time_limit=time_limit,
         progress=progress,
     )
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """A design whose hinge angles are multiples of a step, beside the one that it was made of."""
+
+    design: Design
+    audit: Audit
+    before: Audit
+    step_deg: float
+    """[deg]"""
+    effort: float
+    """Its control effort over that before."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What changed, a sentence each."""
+        least = (min((pair.analytic_m for pair in each.pairs), default=None) for each in (self.before, self.audit))
+        was, now = ("none" if one is None else f"{1000 * one:.3g} mm" for one in least)
+        return (
+            f"Hinge angles are rounded to {self.step_deg:g} deg, and the inputs found again for them: "
+            f"control effort {100 * (self.effort - 1):+.3g} %.",
+            f"Audit: {self.audit.verdict} (before: {self.before.verdict}); least clearance {now} (before: {was}).",
+        )
+
+
+def rounded(design: Design, step_deg: float) -> Rounded:
+    """Round the hinge angles of a design, find the inputs for them and audit it again.
+
+    The root's orientation stays: nothing is bolted at that angle, an autopilot holds it.
+
+    Args:
+        design: the design.
+        step_deg: hinge angles become multiples of it [deg].
+
+    Raises:
+        BadInput: with these angles rotors can no longer produce a load case.
+        RuntimeError: an audit failed, with the reason.
+    """
+    from nlp.refit import NotPossible, refit
+
+    angles = [math.radians(step_deg * round(math.degrees(alpha) / step_deg)) for alpha in design.hinge_angles_rad]
+    try:
+        found = refit(design, angles)
+    except NotPossible as error:
+        raise BadInput(
+            "--angle-step", [Fault("", f"{error} with angles to {step_deg:g} deg; choose less")]
+        ) from None
+    before, after = (audit(each) for each in (design, found))
+    effort = found.objective / design.objective if design.objective else 1.0
+    return Rounded(found, after, before, step_deg, effort)
 
 
 def audit(design: Design) -> Audit:

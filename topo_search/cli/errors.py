@@ -19,7 +19,7 @@ INPUT_OUTPUT = 74
 """EX_IOERR of <sysexits.h>: the disk is full, or fails."""
 
 
-EXTRAS = {"distributed": "cluster", "matplotlib": "viz", "pyarrow": "viz"}
+EXTRAS = {"distributed": "cluster", "matplotlib": "viz", "mujoco": "sim", "PIL": "sim", "pyarrow": "viz"}
 """The extra that brings a library."""
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
 
 
-def _number(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+def number(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
     """Refuse NaN, which lies in every range."""
     if value is not None and math.isnan(value):
         raise click.BadParameter("must be a number, but got nan", context, parameter)
@@ -47,7 +47,7 @@ seed = click.option(
 time_limit = click.option(
     "--time-limit",
     type=click.FloatRange(0, SECONDS, min_open=True),
-    callback=_number,
+    callback=number,
     metavar="SECONDS",
     help="Stop after this time with the best design so far, audited; every tree gets a few starts first.",
 )

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
-
-from topo_search.model.csv_text import harmless
+from topo_search.model.csv_text import csv_text
 from topo_search.model.design import Mount
 from topo_search.model.value import Index, Number, Value, Vector
 
@@ -97,27 +94,24 @@ class Assembly(Value):
 
     def csv(self) -> str:
         """Return the sheet as a table: one row a joint, then one for the rod; its child is the end-effector."""
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(
-            [
-                "step",
-                "module",
-                "port",
-                "child",
-                "child_port",
-                "angle_deg",
-                "rod_length_m",
-                "rod_x",
-                "rod_y",
-                "rod_z",
-            ]
+        head = (
+            "step",
+            "module",
+            "port",
+            "child",
+            "child_port",
+            "angle_deg",
+            "rod_length_m",
+            "rod_x",
+            "rod_y",
+            "rod_z",
         )
-        for step, joint in enumerate(self.joints, start=1):
-            row = (joint.module, joint.port, joint.child, joint.child_port, joint.angle_deg)
-            table.writerow([*map(harmless, (step, *row)), "", "", "", ""])
+        rows: list[tuple[object, ...]] = [
+            (step, joint.module, joint.port, joint.child, joint.child_port, joint.angle_deg, "", "", "", "")
+            for step, joint in enumerate(self.joints, start=1)
+        ]
         tip = self.end_effector
         if tip is not None and tip.mount is not None and tip.rod is not None:
             mount = (len(self.joints) + 1, tip.mount.module, tip.mount.port, "end-effector", "", "")
-            table.writerow(map(harmless, [*mount, tip.rod.length_m, *tip.rod.direction_in_module]))
-        return text.getvalue()
+            rows.append((*mount, tip.rod.length_m, *tip.rod.direction_in_module))
+        return csv_text(head, rows)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeVar
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """What a text begins with that a spreadsheet takes for a formula, and runs."""
@@ -22,3 +25,12 @@ def harmless(cell: Cell) -> Cell | str:
     except ValueError:
         return f"'{cell}"
     return cell
+
+
+def csv_text(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Return a table as the text of a CSV file."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(head)
+    table.writerows([harmless(cell) for cell in row] for row in rows)
+    return text.getvalue()

@@ -23,6 +23,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
+from topo_search.model.bracket import Bracket
 from topo_search.model.frame import ConvexPiece
 from topo_search.model.value import NonEmpty, Number, Positive, PositiveVector, Value, at_most, refuse
 
@@ -124,6 +125,8 @@ class Module(Value):
     """The airflow envelope."""
     body: Body = Body()
     """The rigid parts."""
+    bracket: Annotated[Bracket, Field(exclude_if=lambda given: given == Bracket())] = Bracket()
+    """What holds bolted modules at their angle in the lab kit; not written where it is the default."""
 
     @model_validator(mode="before")
     @classmethod

@@ -1,0 +1,157 @@
+"""Brackets read back from their STL files, as a printer gets them: put together they are the platform."""
+
+import io
+import math
+
+import networkx as nx
+import numpy as np
+import pytest
+import trimesh
+from export_cases import random_design, rod_ends, with_rod
+from numpy.typing import NDArray
+
+from topo_search.export.kit.brackets import Part, bracket, brackets, mount
+from topo_search.model import BadInput, Design, Task, Topology
+from topo_search.model.bracket import Bracket
+from topo_search.topologies import sample
+from verify.kinematics import PORT_DIRECTIONS, platform
+
+Array = NDArray[np.float64]
+TREES = [
+    Topology.from_key("a10"),
+    *(tree for n in (5, 12) for tree in sample(n, 2, n)),
+    *sample(6, 2, 3, connectors="any"),
+]
+
+
+def read(part: Part) -> trimesh.Trimesh:
+    """A solid as its file holds it, in metres."""
+    mesh = trimesh.load_mesh(io.BytesIO(part.stl()), file_type="stl")
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume > 0
+    assert mesh.body_count == 1
+    return mesh.apply_scale(1e-3)
+
+
+def outlines(mesh: trimesh.Trimesh, normal: Array, offset: float) -> list[Array]:
+    """The closed outlines of what a solid has in a plane, each by its corners."""
+    flat = (np.abs(mesh.triangles @ normal - offset) < 1e-7).all(axis=1)
+    edges = np.sort(mesh.faces[flat][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    unique, count = np.unique(edges, axis=0, return_counts=True)
+    graph = nx.Graph(unique[count == 1].tolist())
+    return [mesh.vertices[sorted(corners)] for corners in nx.connected_components(graph)]
+
+
+def mating_face(mesh: trimesh.Trimesh, marks: int, bolt: float) -> tuple[Array, Array, Array]:
+    """Centre, outward normal and upward direction of the outermost face with four bolt holes and some marks."""
+    found = []
+    for facet, normal in zip(mesh.facets, mesh.facets_normal, strict=True):
+        offset = float(normal @ mesh.triangles_center[facet[0]])
+        holes = sorted(outlines(mesh, normal, offset), key=lambda loop: np.ptp(loop, axis=0).max())[:-1]
+        if len(holes) == 4 + marks:
+            centres = np.array([hole.mean(axis=0) for hole in holes])
+            radius = np.linalg.norm(holes[-1] - centres[-1], axis=1)
+            np.testing.assert_allclose(radius, bolt / 2, atol=1e-6)
+            middle = centres[marks:].mean(axis=0)
+            up = centres[:marks].mean(axis=0) - middle
+            found.append((float(normal @ middle), middle, normal, up / np.linalg.norm(up)))
+    return max(found, key=lambda face: face[0])[1:]
+
+
+def module_behind(face: tuple[Array, Array, Array], port: int, distance: float) -> Array:
+    """Pose of the module that is bolted to a face by a port, (4, 4)."""
+    centre, normal, up = face
+    towards = -normal  # from the module's centre to its port
+    axes = np.stack([towards, np.cross(up, towards), up], axis=1)
+    e = PORT_DIRECTIONS[port]
+    own = np.stack([e, np.cross([0, 0, 1], e), [0, 0, 1]], axis=1)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = axes @ own.T, centre + distance * normal
+    return pose
+
+
+@pytest.mark.parametrize("tree", TREES, ids=lambda tree: tree.key)
+def test_brackets_put_together_are_the_platform(tree: Topology) -> None:
+    design = random_design(tree, 11)
+    at, module = platform(design), design.task.module
+    distance, bolt = module.connector_distance - module.bracket.set_back, module.bracket.bolt_diameter
+    root = np.eye(4)
+    root[:3, :3] = at.poses.R[0]
+    poses = [root]
+    for part, (h, _, a, b) in zip(brackets(design), tree.edges(), strict=True):
+        mesh = read(part)
+        parent = module_behind(mating_face(mesh, 1, bolt), a, distance)
+        child = module_behind(mating_face(mesh, 2, bolt), b, distance)
+        poses.append(poses[h] @ np.linalg.inv(parent) @ child)
+    for i, pose in enumerate(poses):
+        np.testing.assert_allclose(pose[:3, 3], at.poses.p[i], atol=1e-4)
+        np.testing.assert_allclose(pose[:3, :3], at.poses.R[i], atol=1e-4)
+
+
+@pytest.mark.parametrize("degrees", [-90.0, -60.0, -1e-3, 0.0, 1e-3, 33.0, 90.0])
+@pytest.mark.parametrize("sizes", [Bracket(), Bracket(bolt_circle=0.05, bolt_diameter=0.006, thickness=0.001)])
+def test_any_fold_is_a_closed_solid_that_keeps_off_both_modules(degrees: float, sizes: Bracket) -> None:
+    mesh = read(Part("", bracket(sizes, math.radians(degrees))))
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    for normal in ([-1.0, 0.0, 0.0], [c, 0.0, -s]):
+        assert (mesh.vertices @ normal).max() == pytest.approx(sizes.set_back, abs=1e-7)
+    flanges = 2 * (2 * sizes.half_width) ** 2 * sizes.thickness
+    assert 0.8 * flanges < mesh.volume < 8 * flanges
+
+
+def test_names_tell_joint_and_angle() -> None:
+    design = random_design(Topology.from_key("a300"), 3).model_copy(
+        update={"hinge_angles_rad": (math.radians(12.3456), math.radians(-84.5))}
+    )
+    assert [part.file for part in brackets(design)] == [
+        "bracket_01_module0-port0_module1-port2_+12.346deg.stl",
+        "bracket_02_module0-port1_module2-port3_-84.500deg.stl",
+    ]
+
+
+@pytest.mark.parametrize("tree", TREES, ids=lambda tree: tree.key)
+def test_the_bore_of_the_mount_is_where_the_rod_is(tree: Topology) -> None:
+    design = with_rod(random_design(tree, 4))
+    module, (i, port) = design.task.module, tree.free_connectors[-1]
+    sideways = np.random.default_rng(tree.n).uniform(-1, 1, 3)
+    away = platform(design).poses.R[i] @ (PORT_DIRECTIONS[port] + 0.6 * sideways)  # not back through its own flange
+    tip = tuple((rod_ends(design)[0] + 0.4 * away).tolist())
+    design = design.model_copy(update={"end_effector_m": tip})
+    part = mount(design)
+    assert part is not None
+    assert design.mount is not None
+    mesh = read(part)
+    bolted = module_behind(
+        mating_face(mesh, 1, module.bracket.bolt_diameter),
+        design.mount.port,
+        module.connector_distance - module.bracket.set_back,
+    )
+    v = platform(design).poses.R[i].T @ away / np.linalg.norm(away)
+    radius = design.task.end_effector.rod_radius
+    inside = (mesh.vertices - bolted[:3, 3]) @ bolted[:3, :3]
+    c = module.connector_distance * PORT_DIRECTIONS[design.mount.port]
+    along = (inside - c) @ v
+    off = np.linalg.norm(inside - c - along[:, None] * v, axis=1)
+    bore = along[np.abs(off - radius) < 2e-6]
+    assert len(bore) >= 100
+    assert bore.min() == pytest.approx(0, abs=1e-5)
+    assert bore.max() == pytest.approx(6 * radius, abs=1e-5)
+    assert not np.any((off < radius - 2e-6) & (along > 1e-5))  # nothing is in the rod's way
+
+
+def test_brackets_as_large_as_modules_are_refused() -> None:
+    design = random_design(Topology.from_key("a10"), 1, {"module": {"bracket": {"bolt_circle": 0.28}}})
+    with pytest.raises(BadInput, match=r"module.bracket: must be smaller: .* got 0.1516 for a connector_distance"):
+        brackets(design)
+    with pytest.raises(ValueError, match=r"bolt_circle > 2 sqrt\(2\) bolt_diameter"):
+        Bracket(bolt_circle=0.005)
+
+
+def test_a_task_states_its_brackets_and_one_that_does_not_stays_as_it_was() -> None:
+    case = {"com": {"force": [0.0, 0.0, 1.0]}}
+    plain = Task.model_validate({"name": "a", "modules": 2, "load_cases": [case]})
+    assert "bracket" not in plain.model_dump()["module"]
+    own = Task.model_validate({**plain.model_dump(), "module": {"bracket": {"wall": 0.004}}})
+    assert own.model_dump()["module"]["bracket"]["wall"] == 0.004
+    assert isinstance(random_design(Topology.from_key("a10"), 1), Design)

@@ -1,0 +1,176 @@
+"""Flights: a design with reserves holds, one without fails, and the table says why."""
+
+import csv
+import io
+import json
+import sys
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from export_cases import random_design
+from PIL import Image
+
+from topo_search.cli import main
+from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
+from topo_search.model.files import to_json
+from topo_search.simulation.campaign import fly_all
+from topo_search.simulation.fly import Options
+from topo_search.simulation.plant import Errors
+from topo_search.simulation.result import FlightResult
+from topo_search.simulation.scenarios import unbalanced
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch, wall_press):
+    """The command in an empty folder with a design."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "wall.json").write_text(to_json(wall_press))
+    return lambda *words: CliRunner().invoke(main, ["fly", *words], catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def flown(wall_press: Design):
+    """All flights of a design with reserves."""
+    return fly_all(wall_press, Options(), rotor_out=True)
+
+
+def test_a_design_with_reserves_holds_everything(flown) -> None:
+    result = flown.result
+    assert result.verdict == "held"
+    by_name = {one.name: one for one in result.scenarios}
+    assert by_name["hover"].drift_m < 0.01
+    for side in ("+x", "+y", "-x", "-y"):
+        assert by_name[f"return from {side}"].settled_s < 3
+    for how in ("load at the tip", "wall"):
+        pressed = by_name[f"load case 0, {how}"]
+        assert pressed.force_error_share < 0.05
+        assert pressed.force_N == pytest.approx(0.2 * 9.81 * (5 * 0.24 + 0.048), rel=0.05)
+    assert by_name["load case 1"].reason == "it is hover, which is flown above"
+    assert "accelerate the platform by [2.94, 0.00, 0.00] m/s^2" in by_name["load case 2"].reason
+    assert {one.verdict for one in result.scenarios} == {"held", "not flown"}
+    assert all((one.saturated_share or 0) <= 0.05 for one in result.scenarios)
+    assert result.scenarios[-1].name.endswith("dies")
+    assert result.rotors_out == result.rotors == 20
+
+
+def test_a_rotor_that_dies_is_felt_and_made_good(flown) -> None:
+    scenario, track = flown.flown[-1]
+    shares, t = np.array(track.shares), np.array(track.time)
+    assert shares[t < 1, scenario.dead].mean() > 0.1
+    assert np.all(shares[t > 1.2, scenario.dead] == 0)
+    assert max(track.tilt) > 0.5
+    assert track.tilt[-1] < 0.2
+
+
+def test_the_winner_of_push_fails_and_the_reason_is_its_lack_of_force(solved_push: Design) -> None:
+    result = fly_all(solved_push, Options(), only=("return from", "load case")).result
+    assert result.verdict == "not held"
+    back = {one.name.removeprefix("return from "): one for one in result.scenarios[:4]}
+    assert {one.verdict for one in back.values()} == {"not held"}
+    assert all(one.saturated_share > 0.3 for one in back.values())
+    assert "a rotor at its largest thrust for" in back["-y"].reason
+    for side in ("+x", "+y"):  # it is pulled back, where rotors have nothing left
+        assert back[side].drift_m > 0.1
+        assert "rotors could not produce what the controller asked for" in back[side].reason
+        assert back[side].missed_share > 0.5
+    assert result.weakest_force_share < 0.02
+    assert [one.verdict for one in result.scenarios if one.name.startswith("load")] == ["not flown"] * 3
+
+
+def test_the_same_seed_flies_the_same(wall_press: Design) -> None:
+    runs = [
+        fly_all(wall_press, Options(Errors(model=0.02, noise=1.0, seed=seed)), only=("hover",)).result.scenarios[0]
+        for seed in (1, 1, 2)
+    ]
+    assert runs[0] == runs[1] != runs[2]
+    assert {run.verdict for run in runs} == {"held"}
+
+
+def test_without_noise_a_hover_stands_still(wall_press: Design) -> None:
+    (hover,) = fly_all(wall_press, Options(Errors(noise=0.0)), only=("hover",)).result.scenarios
+    assert hover.drift_m < 1e-5
+    assert hover.tilt_deg < 1e-3
+
+
+def test_what_is_no_steady_flight_is_told_by_its_balance(wall_press: Design) -> None:
+    W = wall_press.task.force_unit(5)
+    tip = Wrench(force=(1.0, 0.0, 0.0), torque=(0.1, 0.0, 0.0))
+    steady = LoadCase(units="SI", end_effector=tip, com=Wrench(force=(0.0, 0.0, W)))
+    assert unbalanced(wall_press, steady) is None
+    whole = LoadCase(units="SI", end_effector=Wrench(force=(1.0, 0.0, W)))
+    assert "would accelerate the platform by [0.00, 0.00, -9.81] m/s^2" in str(unbalanced(wall_press, whole))
+    turns = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, W), torque=(0.1, 0.0, 0.0)))
+    assert unbalanced(wall_press, turns) == "no steady flight: nothing takes up the torque at the centre of mass"
+
+
+def test_who_cannot_hover_is_not_flown() -> None:
+    tilted = random_design(Topology.from_key("a0"), 1)
+    with pytest.raises(BadInput, match=r"drawn: cannot hover in the attitude of its task: .* nothing is flown"):
+        fly_all(tilted, Options())
+
+
+def test_one_module_hovers_but_cannot_hold_its_place_level() -> None:
+    task = {"end_effector": {"mass": 0.0}}
+    level = random_design(Topology.from_key("a0"), 1, task).model_copy(
+        update={"root_orientation_rad": (0.0, 0.0, 0.0)}
+    )
+    result = fly_all(level, Options(), only=("return from +x",)).result
+    assert (result.verdict, result.weakest_force_N, result.rotors_out) == ("not held", 0.0, 0)
+
+
+def test_files_and_answer_of_the_command(command, tmp_path) -> None:
+    words = ("wall.json", "--out", "flight", "--video", "film.gif", "--only", "return from +x", "--seed", "3")
+    result = command(*words)
+    assert result.exit_code == 0
+    assert result.stdout.splitlines()[1].split()[:4] == ["return", "from", "+x", "held"]
+    assert result.stdout.endswith("in simulation: held\n")
+    assert "no downwash" in result.stdout
+    assert result.stderr == "return from +x: held\n"
+    read = FlightResult.model_validate_json((tmp_path / "flight/flight.json").read_text())
+    assert read.options["seed"] == 3
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "flight/flight.csv").read_text())))
+    assert {row["scenario"] for row in rows} == {"return from +x"}
+    assert [float(row["time_s"]) for row in rows] == pytest.approx(np.arange(250) * 0.02)
+    assert float(rows[0]["error_x_m"]) == pytest.approx(0.1, abs=1e-3)
+    late = [row for row in rows if float(row["time_s"]) >= 3]
+    drift = max(np.linalg.norm([float(row[f"error_{axis}_m"]) for axis in "xyz"]) for row in late)
+    assert drift == pytest.approx(read.scenarios[0].drift_m, rel=0.05)
+    with Image.open(tmp_path / "flight/flight.png") as plot:
+        assert plot.size[0] > 800
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.n_frames == 63
+        assert len(film.convert("RGB").getcolors(1 << 20)) > 50  # something is to be seen
+
+
+def test_json_and_status_of_a_flight_that_fails(command, tmp_path, solved_push) -> None:
+    (tmp_path / "push.json").write_text(to_json(solved_push))
+    result = command("push.json", "--only", "return from +x", "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["verdict"] == "not held"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["none.json"], "none.json: no such file"),
+        (["wall.json", "--video", "film.mp4"], "--video: must end in .gif, but got film.mp4"),
+        (["wall.json", "--only", "loop"], "must begin the name of a scenario, one of hover, return from +x,"),
+        (["wall.json", "--model-error", "0.9"], "is not in the range 0<=x<=0.5"),
+        (["wall.json", "--noise", "nan"], "must be a number, but got nan"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_two(command, tmp_path, words, said) -> None:
+    result = command(*words)
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.split())
+    assert {path.name for path in tmp_path.iterdir()} == {"wall.json"}
+
+
+def test_without_the_simulator_the_answer_is_how_to_install_it(command, monkeypatch) -> None:
+    for name in [name for name in sys.modules if name.startswith("topo_search.simulation.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    result = command("wall.json")
+    assert result.exit_code == 2
+    assert result.stderr.endswith('needs mujoco, which is not installed; type: pip install "topo-search[sim]"\n')

@@ -1,0 +1,158 @@
+"""`topo-search fly`: a design in closed loop, in simulation."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from topo_search.cli import options
+from topo_search.cli.errors import explained, needs_extras, note
+
+if TYPE_CHECKING:
+    from topo_search.model import Design
+    from topo_search.simulation.result import FlightResult, ScenarioResult
+
+NOT_HELD = 1
+LARGEST_ERROR = 0.5
+
+
+@click.command(epilog="Example: topo-search fly runs/push-*/best.json --out flight --video flight.gif")
+@click.argument("design", metavar="DESIGN.json")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Folder for flight.json, flight.csv and flight.png.",
+)
+@options.out("--video", "video", "A film of some of the flights (.gif), rendered without a display.")
+@options.seed
+@click.option(
+    "--noise",
+    type=click.FloatRange(0, 100),
+    callback=options.number,
+    default=1.0,
+    show_default=True,
+    help="Factor on the sensors' noise.",
+)
+@click.option(
+    "--model-error",
+    type=click.FloatRange(0, LARGEST_ERROR),
+    callback=options.number,
+    default=0.0,
+    show_default=True,
+    help="Standard deviation of masses and thrusts from what the controller knows, relative.",
+)
+@click.option("--rotor-out", is_flag=True, help="The death of a rotor has to be survived; else it is only told.")
+@click.option("--only", multiple=True, metavar="NAME", help="Fly the scenarios that begin so (repeatable).")
+@options.as_json
+def fly(
+    design: str,
+    out: Path | None,
+    video: Path | None,
+    seed: int,
+    noise: float,
+    model_error: float,
+    rotor_out: bool,
+    only: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Fly a design in simulation: closed loop, limits of rotors, motor lag, noise.
+
+    Hover; the way back from 10 cm and 10 degrees, from four sides; a gust; every load case that carries the
+    weight, with its load at the end-effector and, if it is a push, against a wall; a rotor that dies. A load case
+    that is no steady flight is said to be so. It is evidence from a simulation that has no downwash, and changes
+    nothing in the audit. Needs the extra `sim`.
+
+    Exit status: 0 every scenario held; 1 one was not; 2 bad input, or the extra is missing.
+    """
+    with explained():
+        from topo_search.model import Design
+        from topo_search.model.files import read_json
+
+        read = read_json(Design, design)
+        for option, path in (("--video", video), ("--out", out and out / "flight.json")):
+            if path is not None:
+                options.require_writable(path, option)
+        if video is not None:
+            os.environ.setdefault("MUJOCO_GL", "egl")
+        with needs_extras("fly"):
+            result = _fly(read, out, video, (seed, noise, model_error), rotor_out, only)
+        if as_json:
+            options.echo_json(result.model_dump(mode="json"))
+        else:
+            _print(result)
+        if result.verdict != "held":
+            raise SystemExit(NOT_HELD)
+
+
+def _fly(
+    design: Design,
+    out: Path | None,
+    video: Path | None,
+    conditions: tuple[int, float, float],
+    rotor_out: bool,
+    only: tuple[str, ...],
+) -> FlightResult:
+    """Fly, and write the files; ModuleNotFoundError names a library that is missing."""
+    from topo_search.model.files import to_json, write_atomically
+    from topo_search.simulation import files
+    from topo_search.simulation.campaign import fly_all
+    from topo_search.simulation.fly import Options
+    from topo_search.simulation.plant import Errors
+
+    seed, noise, model_error = conditions
+    film = None if video is None else files.film(video, files.radius(design))
+    campaign = fly_all(
+        design,
+        Options(Errors(model_error, noise, seed)),
+        rotor_out=rotor_out,
+        only=only,
+        tell=lambda one: note(f"{one.name}: {one.verdict}"),
+        watch=lambda scenario: None if film is None else film.watch(scenario.name),
+    )
+    if out is not None:
+        write_atomically(out / "flight.csv", files.course(campaign.flown))
+        if campaign.flown:
+            write_atomically(out / "flight.png", files.plot(campaign.flown, campaign.result))
+        write_atomically(out / "flight.json", to_json(campaign.result))
+    if video is not None and film is not None:
+        write_atomically(video, film.gif())
+    return campaign.result
+
+
+def _print(result: FlightResult) -> None:
+    """Print the table."""
+    head = ("scenario", "verdict", "drift", "tilt", "force error", "at limit", "short", "largest")
+    rows = [head, *(_row(one) for one in result.scenarios)]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
+    for row in rows:
+        click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    for one in result.scenarios:
+        if one.reason is not None:
+            click.echo(f"{one.name}: {one.verdict}{'' if one.counts else ' (does not count)'}: {one.reason}")
+    x, y, _ = result.weakest_direction
+    click.echo(
+        f"in hover rotors can push {result.weakest_force_N:.3g} N sideways in the weakest direction "
+        f"[{x:.2f}, {y:.2f}], {100 * result.weakest_force_share:.3g} % of the weight; "
+        f"{result.rotors_out} of {result.rotors} single rotors "
+        "may be dead"
+    )
+    if result.rod_mass_kg > 0:
+        click.echo(f"simulated with the rod's {1000 * result.rod_mass_kg:.3g} g, which the model leaves out")
+    click.echo("\n".join(result.notes))
+    click.echo(f"in simulation: {result.verdict}")
+
+
+def _row(one: ScenarioResult) -> tuple[str, ...]:
+    def share(value: float | None) -> str:
+        return "" if value is None else f"{100 * value:.1f} %"
+
+    drift = "" if one.drift_m is None else f"{100 * one.drift_m:.2f} cm"
+    tilt = "" if one.tilt_deg is None else f"{one.tilt_deg:.2f} deg"
+    return (
+        *(one.name, one.verdict, drift, tilt, share(one.force_error_share), share(one.saturated_share)),
+        *(share(one.missed_share), share(one.largest_input)),
+    )

@@ -1,0 +1,190 @@
+r"""What a flight controller needs to know of a platform: how its rotors push and turn it, and what it weighs.
+
+.. math::
+
+    w = B u = B_T T, \qquad B = k_f B_T, \qquad
+    B_T[:, j] = (z_j, \; o_j \times z_j + s_j \tfrac{k_\tau}{k_f} z_j)
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| w | force, then torque about the COM, in the axes of the task | (6,) | N, N m |
+| u; T = k_f u | squared rotor speeds; thrusts; j = 4 i + q - 1, rotor q = 1..4 of module i | (4n,) | rad^2/s^2; N |
+| o_j, z_j | position of rotor j from the COM; its thrust axis | (3,) | m, - |
+| s_j = (-1)^q | sign of the drag torque along z_j: +1 for a rotor that turns clockwise seen against z_j | | |
+| J | inertia about the COM: modules by their own, the end-effector a point; the rod has none | (3, 3) | kg m^2 |
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from topo_search.export.parts import ROTOR_ANGLES, ROTOR_SPINS
+from topo_search.export.poses import Poses, poses
+from topo_search.model.arrays import Array
+from topo_search.model.csv_text import csv_text
+from topo_search.model.design import Design
+from topo_search.model.value import Index, Number, Value, Vector
+
+ROWS = ("force_x_N", "force_y_N", "force_z_N", "torque_x_Nm", "torque_y_Nm", "torque_z_Nm")
+"""Names of the components of w."""
+RANK_TOLERANCE = 1e-9
+"""Singular values below this share of the largest are zero: a flat platform has some that rounding leaves."""
+UNITS = {
+    "matrix": "N and N m per rad^2/s^2",
+    "pseudo_inverse": "rad^2/s^2 per N and per N m",
+    "thrust_matrix": "N and N m per N",
+    "thrust_pseudo_inverse": "N per N and per N m",
+    "rotors": "positions in m, thrusts in N, speeds in rad/s",
+}
+FRAME = (
+    "Axes of the task (z up). Origin of forces, torques, rotor positions and inertia: the centre of mass. com_m is "
+    "the centre of mass from the centre of module 0, in the same axes."
+)
+
+Row = tuple[Number, ...]
+
+
+class Rotor(Value):
+    """One rotor, in the axes of the task."""
+
+    name: str
+    """As in the exported models for simulators."""
+    module: Index
+    rotor: Index
+    """0..3; the paper's q less one."""
+    position_m: Vector
+    """From the COM."""
+    axis: Vector
+    """Unit vector that the thrust pulls along."""
+    spin: Literal[-1, 1]
+    """1: counter-clockwise seen against the thrust axis (from above a rotor that pulls up); -1: clockwise."""
+    thrust_coefficient: Number
+    """k_f [N s^2]."""
+    torque_coefficient: Number
+    """k_tau [N m s^2]; the drag torque acts against the spin."""
+    largest_thrust_N: Number
+
+
+class Allocation(Value):
+    """The file `allocation.json`."""
+
+    format: Literal["topo-search/allocation"] = "topo-search/allocation"
+    version: Literal[1] = 1
+    matrix: tuple[Row, ...]
+    """B, (6, 4n): from squared speeds."""
+    pseudo_inverse: tuple[Row, ...]
+    """Of `matrix`, (4n, 6): the squared speeds of least norm, limits aside."""
+    thrust_matrix: tuple[Row, ...]
+    """B_T, (6, 4n): from thrusts."""
+    thrust_pseudo_inverse: tuple[Row, ...]
+    """Of `thrust_matrix`, (4n, 6)."""
+    rank: Index
+    """Of the matrix: 6 if the platform is fully actuated."""
+    rows: tuple[str, ...] = ROWS
+    """What the rows of the matrices are."""
+    units: dict[str, str] = UNITS
+    frame: str = FRAME
+    largest_input: Number
+    """Largest squared speed of a rotor [rad^2/s^2]; the least is 0."""
+    mass_kg: Number
+    com_m: Vector
+    inertia_kg_m2: tuple[Vector, Vector, Vector]
+    """J."""
+    principal_moments_kg_m2: Vector
+    """Ascending."""
+    principal_axes: tuple[Vector, Vector, Vector]
+    """A unit vector each, right-handed."""
+    rotors: tuple[Rotor, ...]
+    """In the order of the columns."""
+
+    def csv(self) -> str:
+        """Return the matrix from squared speeds as a table, a row for each component of the wrench."""
+        head = ("component", *(rotor.name for rotor in self.rotors))
+        return csv_text(head, [(name, *row) for name, row in zip(self.rows, self.matrix, strict=True)])
+
+    def rotor_csv(self) -> str:
+        """Return the rotors as a table."""
+        head = ("column", "name", "module", "rotor", "x_m", "y_m", "z_m", "axis_x", "axis_y", "axis_z", "spin")
+        rows = [
+            (
+                *(j, one.name, one.module, one.rotor, *one.position_m, *one.axis, one.spin),
+                *(one.thrust_coefficient, one.torque_coefficient, one.largest_thrust_N),
+            )
+            for j, one in enumerate(self.rotors)
+        ]
+        return csv_text((*head, "thrust_coefficient_Ns2", "torque_coefficient_Nms2", "largest_thrust_N"), rows)
+
+
+def allocation(design: Design) -> Allocation:
+    """Return how the rotors of a design act on it."""
+    task, module, at = design.task, design.task.module, poses(design)
+    k_f, k_tau = module.thrust_coefficient, module.torque_coefficient
+    o, n = rotor_positions(design, at), design.topology.n
+    z, s = np.repeat(at.z, 4, axis=0), np.tile(ROTOR_SPINS, n)
+    B_T = np.concatenate([z, np.cross(o, z) + (s * k_tau / k_f)[:, None] * z], axis=1).T
+    inverse = np.linalg.pinv(B_T, rcond=RANK_TOLERANCE)
+    J = inertia(design, at)
+    moments, axes = np.linalg.eigh(J)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    u_max = module.max_input(task.gravity)
+    rotors = [
+        Rotor(
+            name=f"module_{j // 4}_rotor_{j % 4 + 1}",
+            module=j // 4,
+            rotor=j % 4,
+            position_m=_vector(o[j]),
+            axis=_vector(z[j]),
+            spin=-1 if s[j] > 0 else 1,
+            thrust_coefficient=k_f,
+            torque_coefficient=k_tau,
+            largest_thrust_N=k_f * u_max,
+        )
+        for j in range(4 * n)
+    ]
+    return Allocation(
+        matrix=_rows(k_f * B_T),
+        pseudo_inverse=_rows(inverse / k_f),
+        thrust_matrix=_rows(B_T),
+        thrust_pseudo_inverse=_rows(inverse),
+        rank=int(np.linalg.matrix_rank(B_T, rtol=RANK_TOLERANCE)),
+        largest_input=u_max,
+        mass_kg=task.total_mass(n),
+        com_m=_vector(at.p_com),
+        inertia_kg_m2=_square(J),
+        principal_moments_kg_m2=_vector(moments),
+        principal_axes=_square(axes.T),
+        rotors=tuple(rotors),
+    )
+
+
+def rotor_positions(design: Design, at: Poses) -> Array:
+    """Return o_j, shape (4n, 3) [m]."""
+    arm = design.task.module.arm_length
+    delta = arm * np.array([[np.cos(angle), np.sin(angle), 0.0] for angle in ROTOR_ANGLES])
+    return np.asarray((at.p[:, None] - at.p_com + np.einsum("nxy,qy->nqx", at.R, delta)).reshape(-1, 3))
+
+
+def inertia(design: Design, at: Poses) -> Array:
+    """Return J, shape (3, 3) [kg m^2]."""
+    task = design.task
+    J = np.einsum("nxk,k,nyk->xy", at.R, task.module.inertia, at.R)
+    masses = [*[task.module.mass] * len(at.p), task.end_effector.mass]
+    for m, r in zip(masses, [*(at.p - at.p_com), at.p_E], strict=True):
+        J = J + m * (r @ r * np.eye(3) - np.outer(r, r))
+    return np.asarray((J + J.T) / 2)
+
+
+def _rows(matrix: Array) -> tuple[Row, ...]:
+    return tuple(tuple(row) for row in matrix.tolist())
+
+
+def _vector(v: Array) -> Vector:
+    x, y, z = v.tolist()
+    return x, y, z
+
+
+def _square(matrix: Array) -> tuple[Vector, Vector, Vector]:
+    x, y, z = (_vector(row) for row in matrix)
+    return x, y, z

@@ -1,0 +1,181 @@
+r"""Brackets and the rod's mount as solids to print, in millimetres, each in a frame of its own.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| h, i, a, alpha | parent, child, the parent's port, the hinge angle of their joint | | -, rad |
+| c | the connector, origin of a bracket's frame: x away from the parent's centre, z the parent's z | | |
+| phi | turn about y from the parent's flange to the child's: alpha at ports 0 and 3, -alpha at 1 and 2 | | rad |
+| r, d, t, w | half width and set-back of a flange, its thickness, wall (`model.bracket`) | | m |
+| v | direction of the rod in the frame of the connector that holds it | (3,) | |
+
+R_h H_a(alpha) = R_h R_z(a pi/2) R_y(phi) R_z(-a pi/2), so the same solid fits all four ports. The outer face of the
+parent's flange is the plane x = -d, that of the child's x = d after the turn. Towards z, a flange has one mark hole
+(the parent's) or two (the child's): where both modules have their upper sides.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from manifold3d import Manifold, Mesh, OpType
+from trimesh import Trimesh
+
+from topo_search.export.meshes import placed
+from topo_search.export.poses import PORTS, poses, rotation, rotation_to
+from topo_search.export.rod import rod_of
+from topo_search.model.arrays import Array
+from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.bracket import Bracket
+from topo_search.model.design import Design
+from topo_search.model.module import Module
+
+MILLIMETRES = 1000.0
+SIDES = 64
+"""Sides of a round hole: its corners lie on the circle."""
+TURNS = (1.0, -1.0, -1.0, 1.0)
+"""phi over alpha at the ports 0..3."""
+GRIP = 6.0
+"""Length of the socket that holds the rod, over the rod's radius."""
+DIGITS = 3
+"""Of angles in names [deg]."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A solid to print."""
+
+    file: str
+    mesh: Trimesh
+    """In millimetres."""
+
+    @property
+    def volume_cm3(self) -> float:
+        """[cm^3]."""
+        return float(self.mesh.volume) / 1000.0
+
+    def stl(self) -> bytes:
+        """Return the content of a binary STL file."""
+        content = self.mesh.export(file_type="stl")
+        assert isinstance(content, bytes)  # as STL is
+        return content
+
+
+def brackets(design: Design) -> list[Part]:
+    """Return the bracket of every joint, in the order of assembly.
+
+    Raises:
+        BadInput: there is no room for them between a connector and the modules' centres.
+    """
+    module = design.task.module
+    require_room(module)
+    parts = []
+    edges = zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
+    for step, ((h, i, a, b), alpha) in enumerate(edges, start=1):
+        angle = f"{math.degrees(alpha):+.{DIGITS}f}deg"
+        name = f"bracket_{step:02d}_module{h}-port{a}_module{i}-port{b}_{angle}.stl"
+        parts.append(Part(name, bracket(module.bracket, TURNS[a] * alpha)))
+    return parts
+
+
+def mount(design: Design) -> Part | None:
+    """Return the mount of the end-effector's rod; None without one."""
+    at = poses(design)
+    rod = rod_of(design, at)
+    if rod is None or design.mount is None:
+        return None
+    require_room(design.task.module)
+    i, a = design.mount.module, design.mount.port
+    v = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
+    grip = min(GRIP * rod.radius, rod.length)
+    return Part(f"rod-mount_module{i}-port{a}.stl", _mount(design.task.module.bracket, v, rod.radius, grip))
+
+
+def require_room(module: Module) -> None:
+    """Refuse brackets that reach the modules' centres."""
+    d, l_c = module.bracket.set_back, module.connector_distance
+    if d >= l_c:
+        rule = (
+            "must be smaller: `bolt_circle / 2 + bolt_diameter / 2 + thickness + 2 wall < connector_distance` must "
+            f"hold, but got {d:.6g} for a connector_distance of {l_c:g}"
+        )
+        raise BadInput("the design's task", [Fault("module.bracket", rule)])
+
+
+def connector_turn(port: int) -> Array:
+    """Return the axes of a connector's frame in those of its module, (3, 3)."""
+    x = PORTS[port]
+    return np.stack([x, np.cross([0.0, 0.0, 1.0], x), [0.0, 0.0, 1.0]], axis=1)
+
+
+def bracket(sizes: Bracket, phi: float) -> Trimesh:
+    """Return the bracket for a turn phi, closed, in millimetres."""
+    r, d, t, w = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness, sizes.wall))
+    turned = placed(rotation("y", phi), np.zeros(3))  # as d > r, neither end reaches beyond the other's mating face
+    flange = _box((-d, -r, -r), (-d + t, r, r))
+    mirrored = _box((d - t, -r, -r), (d, r, r))
+    solid = flange + _moved(mirrored, turned)
+    for y in (-r, r - w):
+        ends = [_box((x, y, -r), (x + t, y + w, r)) for x in (-d, d - t)]
+        solid += Manifold.batch_hull([ends[0], _moved(ends[1], turned)])
+    solid -= _holes(sizes, -d, t, marks=1)
+    solid -= _moved(_holes(sizes, d - t, t, marks=2), turned)
+    return _mesh(solid)
+
+
+def bolt_places(sizes: Bracket) -> Array:
+    """Return where the bolts of a flange are in its plane, (4, 2): along y and z [m]."""
+    s = sizes.bolt_circle / 2 / math.sqrt(2)
+    return np.array([[s, s], [-s, s], [-s, -s], [s, -s]])
+
+
+def mark_places(sizes: Bracket, marks: int) -> Array:
+    """Return where the mark holes of a flange are in its plane, (marks, 2): along y and z [m]."""
+    apart = sizes.bolt_diameter
+    return np.array([[(k - (marks - 1) / 2) * apart, sizes.bolt_circle / 2] for k in range(marks)])
+
+
+def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
+    """Return the flange with a socket for the rod, which begins at c and leaves along v."""
+    r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
+    bore, outside = MILLIMETRES * radius, MILLIMETRES * (radius + sizes.wall)
+    reach = MILLIMETRES * grip
+    along = placed(rotation_to(v), np.zeros(3))
+    foot = _moved(Manifold.cylinder(t, min(outside, r), circular_segments=SIDES), _x_from_z(-d))
+    ball = Manifold.sphere(outside, SIDES)
+    solid = _box((-d, -r, -r), (-d + t, r, r)) + Manifold.batch_hull([foot, ball])
+    solid += _moved(Manifold.cylinder(reach, outside, circular_segments=SIDES), along)
+    solid -= _box((-6 * d, -6 * d, -6 * d), (-d, 6 * d, 6 * d))
+    solid -= _moved(Manifold.cylinder(2 * reach, bore, circular_segments=SIDES), along)
+    return _mesh(solid - _holes(sizes, -d, t, marks=1))
+
+
+def _holes(sizes: Bracket, x: float, t: float, *, marks: int) -> Manifold:
+    """Return bolts and marks through a flange from x to x + t."""
+    spaced = [(place, sizes.bolt_diameter / 2) for place in bolt_places(sizes)]
+    spaced += [(place, sizes.bolt_diameter / 4) for place in mark_places(sizes, marks)]
+    holes = []
+    for (y, z), radius in spaced:
+        hole = Manifold.cylinder(t + 2.0, MILLIMETRES * radius, circular_segments=SIDES)
+        holes.append(_moved(hole, _x_from_z(x - 1.0)).translate((0.0, MILLIMETRES * y, MILLIMETRES * z)))
+    return Manifold.batch_boolean(holes, OpType.Add)
+
+
+def _x_from_z(x: float) -> Array:
+    """Return what puts a solid that stands on z = 0 with its foot at x, upwards being +x."""
+    return placed(rotation("y", math.pi / 2), np.array([x, 0.0, 0.0]))
+
+
+def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Manifold:
+    size = np.subtract(high, low)
+    return Manifold.cube(tuple(size.tolist())).translate(low)
+
+
+def _moved(solid: Manifold, pose: Array) -> Manifold:
+    return solid.transform(pose[:3])
+
+
+def _mesh(solid: Manifold) -> Trimesh:
+    mesh: Mesh = solid.to_mesh()
+    return Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts, process=False)

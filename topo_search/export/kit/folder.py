@@ -1,0 +1,130 @@
+"""The folder of a kit: what is in it, and how it is written again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from topo_search.export.allocation import Allocation, allocation
+from topo_search.export.kit.brackets import Part, brackets, mount
+from topo_search.export.kit.parts_list import parts_csv, parts_list
+from topo_search.export.kit.px4 import px4_parameters, too_many
+from topo_search.export.kit.sheet import sheet
+from topo_search.export.mjcf import mjcf
+from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.design import Design
+from topo_search.model.files import to_json, write_atomically
+
+DESIGN, ALLOCATION, PARAMETERS = "design.json", "allocation.json", "platform.params"
+SHEET, PARTS, BRACKETS = "assembly.html", "parts.csv", "brackets"
+FILES = (DESIGN, ALLOCATION, "allocation.csv", "rotors.csv", PARAMETERS, SHEET, PARTS, "platform.xml")
+"""What a kit may hold, besides the folder of brackets."""
+
+
+@dataclass(frozen=True)
+class Kit:
+    """What was written."""
+
+    files: tuple[str, ...]
+    """Names in the folder, in the order of writing."""
+    notes: tuple[str, ...]
+    """What was left out, and why."""
+
+
+def write_kit(design: Design, folder: Path, notes: Sequence[str] = ()) -> Kit:
+    """Write the kit of a design.
+
+    What an older kit left in the folder goes; `design.json` comes last, so that a folder that has it is whole.
+
+    Args:
+        design: the design.
+        folder: where to.
+        notes: what the assembly sheet says first.
+
+    Raises:
+        BadInput: the folder holds something else, a number is beyond what PX4 takes, or brackets do not fit.
+    """
+    require_kit_folder(folder)
+    acts = allocation(design)
+    left_out = too_many(acts)
+    own = () if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
+    contents = dict(_contents(design, acts, (*notes, *own)))
+    for old in (*(folder / name for name in FILES), *(folder / BRACKETS).glob("*.stl")):
+        old.unlink(missing_ok=True)
+    for name, content in contents.items():
+        write_atomically(folder / name, content)
+    return Kit(tuple(contents), own)
+
+
+def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
+    """Write the brackets and the rod's mount alone, in place of all STL files of a folder; return their names.
+
+    Raises:
+        BadInput: the folder holds something else, or brackets do not fit.
+    """
+    _require_only(folder, lambda path: path.suffix == ".stl", "a new or empty folder, or one of STL files")
+    parts = _printed(design)
+    for old in folder.glob("*.stl"):
+        old.unlink()
+    for part in parts:
+        write_atomically(folder / part.file, part.stl())
+    return tuple(part.file for part in parts)
+
+
+def write_part(design: Design, kind: Literal["allocation", "rotors", "px4", "sheet", "parts"], out: Path) -> None:
+    """Write a part of the kit that is one file; an allocation whose name ends in .json as JSON, else as a table.
+
+    Raises:
+        BadInput: there are more rotors than PX4 takes, a number is beyond its range, or brackets do not fit.
+    """
+    write_atomically(out, _part(design, kind, as_json=out.suffix.lower() == ".json"))
+
+
+def _part(design: Design, kind: str, *, as_json: bool) -> str:
+    if kind in ("sheet", "parts"):
+        joints, held = brackets(design), mount(design)
+        rows = parts_list(design, joints, held)
+        return parts_csv(rows) if kind == "parts" else sheet(design, joints, held, rows, ())
+    acts = allocation(design)
+    if kind == "px4":
+        return px4_parameters(acts)
+    if kind == "rotors":
+        return acts.rotor_csv()
+    return to_json(acts) if as_json else acts.csv()
+
+
+def require_kit_folder(folder: Path) -> None:
+    """Refuse a folder whose files are not those of a kit."""
+    _require_only(folder, lambda path: path.name in (*FILES, BRACKETS), "a new or empty folder, or that of a kit")
+
+
+def _require_only(folder: Path, known: Callable[[Path], bool], what: str) -> None:
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise BadInput("--out", [Fault("", f"must be a folder for this format, but got the file {folder}")])
+    if others := sorted(path.name for path in folder.iterdir() if not known(path)):
+        raise BadInput("--out", [Fault("", f"must be {what}, but {folder} holds {others[0]}")])
+
+
+def _printed(design: Design) -> list[Part]:
+    held = mount(design)
+    return [*brackets(design), *([] if held is None else [held])]
+
+
+def _contents(design: Design, acts: Allocation, notes: Sequence[str]) -> Iterator[tuple[str, str | bytes]]:
+    yield ALLOCATION, to_json(acts)
+    yield "allocation.csv", acts.csv()
+    yield "rotors.csv", acts.rotor_csv()
+    if too_many(acts) is None:
+        yield PARAMETERS, px4_parameters(acts)
+    joints, held = brackets(design), mount(design)
+    for part in (*joints, *([] if held is None else [held])):
+        yield f"{BRACKETS}/{part.file}", part.stl()
+    rows = parts_list(design, joints, held)
+    yield PARTS, parts_csv(rows)
+    yield SHEET, sheet(design, joints, held, rows, notes)
+    yield "platform.xml", mjcf(design)
+    yield DESIGN, to_json(design)

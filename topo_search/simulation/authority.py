@@ -1,0 +1,54 @@
+"""What rotors can do in hover, before anything is flown: the reason why a flight fails is often there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.optimize import linprog
+
+from topo_search.model.arrays import Array
+from topo_search.simulation.controller import Allocator
+from topo_search.simulation.plant import Nominal
+
+DIRECTIONS = 24
+"""Horizontal directions that are tried."""
+MET = 1e-3
+"""What least squares may leave of the hovering wrench, in weights and arm lengths times weights."""
+
+
+def weakest_force(nominal: Nominal) -> tuple[float, Array]:
+    """Return the least horizontal force that can be added to hover at the COM [N], and its direction, (3,).
+
+    Of DIRECTIONS evenly spaced ones; each is a linear program over the thrusts.
+    """
+    N, W = nominal.B.shape[1], nominal.weight
+    hover = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    scale = np.repeat([1.0, nominal.arm], 3) * W
+    found = []
+    for k in range(DIRECTIONS):
+        angle = 2 * math.pi * k / DIRECTIONS
+        d = np.array([math.cos(angle), math.sin(angle), 0.0])
+        A = np.column_stack([nominal.B * nominal.largest_thrust / scale[:, None], -np.append(d, np.zeros(3))])
+        answer = linprog(np.append(np.zeros(N), -1.0), A_eq=A, b_eq=hover, bounds=[(0, 1)] * N + [(0, None)])
+        found.append((W * float(answer.x[-1]) if answer.status == 0 else 0.0, k, d))
+    force, _, d = min(found, key=lambda one: one[:2])
+    return force, d
+
+
+def hover_shortfall(nominal: Nominal, dead: int | None = None) -> tuple[float, float]:
+    """Return what is missing of hover, in weights and arm lengths times weights, and the largest thrust's share."""
+    allocator = Allocator(nominal)
+    if dead is not None:
+        allocator.limit[dead] = 0.0
+    T, missing = allocator.thrusts(np.array([0.0, 0.0, nominal.weight, 0.0, 0.0, 0.0]))
+    short = np.abs(missing) / nominal.weight / np.repeat([1.0, nominal.arm], 3)
+    return float(short.max()), float(T.max()) / nominal.largest_thrust
+
+
+def hardest_rotor(nominal: Nominal) -> tuple[int, int]:
+    """Return the rotor whose death leaves least, and how many single rotors may be dead in hover."""
+    found = [hover_shortfall(nominal, rotor) for rotor in range(nominal.B.shape[1])]
+    survived = sum(short <= MET for short, _ in found)
+    worst = max(range(len(found)), key=lambda rotor: (max(found[rotor][0], MET), found[rotor][1]))
+    return worst, survived

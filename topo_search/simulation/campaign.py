@@ -1,0 +1,126 @@
+"""All flights of a design: which are flown, in which order, and what all of them say together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import version
+
+from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.design import Design
+from topo_search.simulation.authority import MET, hardest_rotor, hover_shortfall, weakest_force
+from topo_search.simulation.fly import Options, Track, Watch, fly, judged
+from topo_search.simulation.plant import Nominal, nominal
+from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult
+from topo_search.simulation.scenarios import (
+    Scenario,
+    case_names,
+    dead_rotor,
+    gust,
+    held,
+    hovering,
+    unbalanced,
+)
+
+Flown = tuple[Scenario, Track]
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What was flown."""
+
+    result: FlightResult
+    flown: tuple[Flown, ...]
+
+
+def fly_all(
+    design: Design,
+    options: Options,
+    *,
+    rotor_out: bool = False,
+    only: tuple[str, ...] = (),
+    tell: Callable[[ScenarioResult], None] = lambda _: None,
+    watch: Callable[[Scenario], Watch | None] = lambda _: None,
+) -> Campaign:
+    """Fly everything that can be flown with a design.
+
+    Args:
+        design: the design.
+        options: how.
+        rotor_out: whether the death of a rotor has to be survived.
+        only: beginnings of the names of scenarios; none: all.
+        tell: is told of every scenario as it ends.
+        watch: returns what watches a scenario.
+
+    Raises:
+        BadInput: the rotors cannot carry the weight at all, or no scenario begins as asked.
+    """
+    known = nominal(design)
+    _require_hover(design, known)
+    force, d = weakest_force(known)
+    rotor, survived = hardest_rotor(known)
+    results: list[ScenarioResult] = []
+    flown: list[Flown] = []
+    for each in _planned(design, rotor, rotor_out):
+        if only and not each.name.startswith(only):
+            continue
+        if isinstance(each, ScenarioResult):
+            result = each
+        else:
+            track, lost = fly(design, each, options, watch(each))
+            flown.append((each, track))
+            result = judged(each, track, lost)
+        results.append(result)
+        tell(result)
+    if not results:
+        names = ", ".join(each.name for each in _planned(design, rotor, rotor_out))
+        raise BadInput("--only", [Fault("", f"must begin the name of a scenario, one of {names}; got {only[0]}")])
+    bad = any(one.counts and one.verdict == "not held" for one in results)
+    rod = known.mass - design.task.total_mass(design.topology.n)
+    return Campaign(
+        FlightResult(
+            verdict="not held" if bad else "held",
+            scenarios=tuple(results),
+            weakest_force_N=force,
+            weakest_force_share=force / known.weight,
+            weakest_direction=(float(d[0]), float(d[1]), float(d[2])),
+            rotors_out=survived,
+            rotors=known.B.shape[1],
+            mass_kg=known.mass,
+            rod_mass_kg=rod,
+            options={
+                "seed": options.errors.seed,
+                "noise": options.errors.noise,
+                "model_error": options.errors.model,
+                "motor_lag_s": options.lag,
+                "position_bandwidth_rad_s": options.bandwidths.position,
+                "attitude_bandwidth_rad_s": options.bandwidths.attitude,
+            },
+            versions={name: version(name) for name in ("mujoco", "casadi", "numpy")},
+            notes=(NO_DOWNWASH,),
+        ),
+        tuple(flown),
+    )
+
+
+def _planned(design: Design, rotor: int, rotor_out: bool) -> list[Scenario | ScenarioResult]:
+    """Return all scenarios in order; those that are not flown as their results."""
+    planned: list[Scenario | ScenarioResult] = [*hovering(), gust()]
+    for name, case in zip(case_names(design), design.task.load_cases, strict=True):
+        if (why := unbalanced(design, case)) is not None:
+            planned.append(ScenarioResult(name=name, verdict="not flown", reason=why))
+            continue
+        planned += held(name, case) or [
+            ScenarioResult(name=name, verdict="not flown", reason="it is hover, which is flown above")
+        ]
+    return [*planned, dead_rotor(rotor, counts=rotor_out)]
+
+
+def _require_hover(design: Design, known: Nominal) -> None:
+    short, _ = hover_shortfall(known)
+    if short > MET:
+        rule = (
+            f"cannot hover in the attitude of its task: within their limits rotors leave {100 * short:.3g} % of "
+            "the weight, or of the arm length times it, unbalanced; nothing is flown"
+        )
+        raise BadInput(design.task.name, [Fault("", rule)])

@@ -1,0 +1,141 @@
+"""The files of a flight: the course of every scenario as a table and as a plot, and a video."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from topo_search.export import palette
+from topo_search.export.poses import poses
+from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.csv_text import csv_text
+from topo_search.model.design import Design
+from topo_search.simulation.campaign import Flown
+from topo_search.simulation.fly import Watch
+from topo_search.simulation.plant import Plant
+from topo_search.simulation.result import FlightResult
+
+ROWS_EVERY = 4
+"""Steps of the controller a row of the table: 50 Hz."""
+FRAMES_EVERY = 16
+"""Steps of the controller a frame: 12.5 Hz, in real time."""
+WIDTH, HEIGHT = 400, 300
+"""Of a frame [pixels]."""
+FILMED = ("return from +x", "load case", "rotor")
+"""Scenarios that are filmed, by the beginnings of their names."""
+
+
+def course(flown: Sequence[Flown]) -> str:
+    """Return the course of the flights as CSV."""
+    head = ("scenario", "time_s", "error_x_m", "error_y_m", "error_z_m", "tilt_deg", "force_x_N", "force_y_N")
+    rows = [
+        (
+            *(scenario.name, round(track.time[k], 6), *track.error[k].tolist(), track.tilt[k]),
+            *(*track.force[k].tolist(), float(track.shares[k].max()), float(track.shares[k].mean())),
+            float(np.linalg.norm(track.missing[k][:3])),
+        )
+        for scenario, track in flown
+        for k in range(0, len(track.time), ROWS_EVERY)
+    ]
+    return csv_text((*head, "force_z_N", "largest_input", "mean_input", "missing_force_share"), rows)
+
+
+def plot(flown: Sequence[Flown], result: FlightResult) -> bytes:
+    """Return a picture (PNG) of the flights: a row each with error, tilt and largest thrust."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 1.7 * len(flown) + 0.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(flown), 3, squeeze=False, sharex="row")
+    verdicts = {one.name: one for one in result.scenarios}
+    for row, (scenario, track) in zip(axes, flown, strict=True):
+        e = 100 * np.linalg.norm(track.error, axis=1)
+        curves = (e, np.array(track.tilt), np.array([share.max() for share in track.shares]))
+        limits = (100 * scenario.largest_drift, scenario.largest_tilt, 1.0)
+        names = ("error [cm]", "tilt [deg]", "largest thrust / limit")
+        for axis, curve, limit, name in zip(row, curves, limits, names, strict=True):
+            axis.plot(track.time, curve, color=palette.MODULE, linewidth=1)
+            axis.axhline(limit, color=palette.END_EFFECTOR, linewidth=0.8, linestyle="--")
+            axis.axvspan(0, scenario.judged_from, color="0.93")
+            axis.set_ylabel(name, fontsize=8)
+            axis.set_ylim(bottom=0)
+            axis.tick_params(labelsize=8)
+        row[0].set_title(f"{scenario.name}: {verdicts[scenario.name].verdict}", fontsize=9, loc="left")
+    axes[-1][1].set_xlabel("time [s]; grey: not judged; dashed: limit", fontsize=8)
+    text = io.BytesIO()
+    figure.savefig(text, format="png", dpi=110, metadata={"Software": None})
+    return text.getvalue()
+
+
+class Film:
+    """Frames of some scenarios, rendered without a display."""
+
+    def __init__(self, radius: float) -> None:
+        """Begin a film of something of a radius [m]; BadInput where nothing can be rendered."""
+        self.radius = radius
+        self.frames: list[Any] = []
+
+    def watch(self, name: str) -> Watch | None:
+        """Return what films a scenario; None if it is not one of those."""
+        return self._watch() if name.startswith(FILMED) else None
+
+    def _watch(self) -> Watch:
+        import mujoco
+        from PIL import Image
+
+        renderers: list[Any] = []
+        camera = mujoco.MjvCamera()
+        camera.distance, camera.elevation, camera.azimuth = 3.2 * self.radius, -20.0, 135.0
+        count = 0
+
+        def see(plant: Plant, t: float) -> None:
+            nonlocal count
+            if not renderers:
+                renderers.append(mujoco.Renderer(plant.model, HEIGHT, WIDTH))
+            if count % FRAMES_EVERY == 0:
+                renderers[0].update_scene(plant.data, camera)
+                self.frames.append(Image.fromarray(renderers[0].render()))
+            count += 1
+
+        return see
+
+    def gif(self) -> bytes:
+        """Return the film as the content of a GIF file."""
+        content = io.BytesIO()
+        first, *rest = self.frames
+        first.save(content, format="GIF", save_all=True, append_images=rest, duration=80, loop=0, optimize=False)
+        return content.getvalue()
+
+
+def film(path: Path, radius: float) -> Film:
+    """Return a film to be written to a file.
+
+    Raises:
+        BadInput: the name is not that of a GIF, or nothing can be rendered here.
+    """
+    if path.suffix.lower() != ".gif":
+        raise BadInput("--video", [Fault("", f"must end in .gif, but got {path.name}")])
+    import mujoco
+
+    try:
+        model = mujoco.MjModel.from_xml_string("<mujoco/>")
+        mujoco.Renderer(model, 8, 8).close()
+    except (mujoco.FatalError, ImportError, AttributeError, RuntimeError) as error:
+        how = os.environ.get("MUJOCO_GL", "not set")
+        rule = f"nothing can be rendered here (MUJOCO_GL is {how}; egl needs no display): {error}"
+        raise BadInput("--video", [Fault("", rule)]) from None
+    return Film(radius)
+
+
+def radius(design: Design) -> float:
+    """Return how far the parts of a design reach from its centre of mass [m]."""
+    at, module = poses(design), design.task.module
+    reach = max(module.arm_length + module.body.rotor_radius, module.connector_distance)
+    apart = np.linalg.norm(np.concatenate([at.p - at.p_com, at.p_E[None]]), axis=1)
+    return float(apart.max()) + reach

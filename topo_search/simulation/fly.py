@@ -1,0 +1,221 @@
+"""The closed loop, one scenario at a time, and what it showed.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| e | distance of the COM from its reference; in a wall's direction contact holds it | | m |
+| tilt | angle between the platform's attitude and the task's axes | | deg |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from topo_search.model.arrays import Array
+from topo_search.model.design import Design
+from topo_search.simulation.controller import Allocator, Bandwidths, Controller, Reference
+from topo_search.simulation.plant import STEP, Errors, Plant, cross
+from topo_search.simulation.result import ScenarioResult
+from topo_search.simulation.scenarios import APPROACH, RAMP, TILT, Scenario, gust_wrench
+
+EVERY = 5
+"""Steps of the simulation a step of the controller: 200 Hz."""
+LAG = 0.05
+"""Time constant of a rotor's thrust [s]."""
+TOLD = 0.1
+"""After which the controller knows that a rotor is dead [s]."""
+NOISE = (1e-3, 5e-3, math.radians(0.1), math.radians(0.5))
+"""Standard deviation of position [m], velocity [m/s], attitude [rad] and rate [rad/s]."""
+AT_LIMIT = 0.999
+MISSED = 0.01
+"""What rotors may leave of a wrench and count as meeting it, in weights and arm lengths times weights."""
+LARGEST_SATURATION = 0.05
+FORCE_WITHIN = 0.05
+GONE, OVER = 1.0, 60.0
+"""Errors at which a platform counts as lost [m], [deg]."""
+SPEED = 0.02
+"""At which a platform approaches a wall [m/s]."""
+
+Watch = Callable[[Plant, float], None]
+"""Is told of every step of the controller: the plant and the time."""
+
+
+@dataclass(eq=False)
+class Track:
+    """What is recorded at every step of the controller."""
+
+    time: list[float] = field(default_factory=list)
+    error: list[Array] = field(default_factory=list)
+    """Of the COM, world axes [m]."""
+    tilt: list[float] = field(default_factory=list)
+    force: list[Array] = field(default_factory=list)
+    """On the environment at the end-effector [N]."""
+    shares: list[Array] = field(default_factory=list)
+    """Commanded thrusts over the largest."""
+    missing: list[Array] = field(default_factory=list)
+    """Of the wrench that was asked for, in weights and arm lengths times weights."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the flights are made."""
+
+    errors: Errors = field(default_factory=Errors)
+    bandwidths: Bandwidths = field(default_factory=Bandwidths)
+    lag: float = LAG
+
+
+def fly(
+    design: Design, scenario: Scenario, options: Options, watch: Watch | None = None
+) -> tuple[Track, str | None]:
+    """Fly a scenario and return its track, and when it ended before its time, why."""
+    plant = Plant(design, options.errors, scenario.wall)
+    rng = np.random.default_rng([options.errors.seed, 1])
+    nominal, allocator = plant.nominal, Allocator(plant.nominal)
+    controller = Controller(nominal, options.bandwidths, EVERY * STEP)
+    home = nominal.com.copy()  # the design's COM is the origin
+    quaternion = np.array([1.0, 0.0, 0.0, 0.0])
+    if scenario.axis.any():
+        mujoco.mju_axisAngle2Quat(quaternion, scenario.axis, math.radians(TILT))
+    plant.place(home + scenario.start, quaternion)
+    plant.thrusts[:] = allocator.thrusts(np.array([0, 0, nominal.weight, 0, 0, 0.0]))[0]
+    track = Track()
+    for k in range(round(scenario.seconds / (EVERY * STEP))):
+        t = k * EVERY * STEP
+        reference = _reference(scenario, home, t, nominal.tip)
+        dead = scenario.dead if scenario.dead is not None and t >= scenario.dead_at else None
+        if dead is not None and t >= scenario.dead_at + TOLD:
+            allocator.limit[dead] = 0.0
+        seen = _noisy(plant.state, options.errors.noise, rng)
+        asked = controller.wrench(seen, reference)
+        T, missing = allocator.thrusts(asked)
+        scaled = missing / nominal.weight / np.repeat([1.0, nominal.arm], 3)
+        controller.learn(seen, reference, bool(np.abs(scaled).max() <= MISSED))
+        share = T / nominal.largest_thrust
+        if dead is not None:
+            T[dead] = 0.0
+        load, wind = _environment(scenario, t), np.zeros(6)
+        if scenario.gust is not None and scenario.gust[0] <= t < scenario.gust[1]:
+            wind = gust_wrench(nominal)
+        for _ in range(EVERY):
+            plant.step(T, options.lag, load, wind)
+        _record(track, scenario, plant, reference, t, share, scaled)
+        if watch is not None:
+            watch(plant, t)
+        if np.linalg.norm(track.error[-1]) > GONE or track.tilt[-1] > OVER:
+            return track, f"lost after {t:.1f} s"
+    return track, None
+
+
+def judged(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
+    """Return what a flight showed."""
+    t, tilt = np.array(track.time), np.array(track.tilt)
+    e = np.linalg.norm(track.error, axis=1)
+    late = t >= scenario.judged_from
+    shares, missing = np.array(track.shares), np.abs(track.missing).max(axis=1)
+    saturated = float((shares >= AT_LIMIT).mean(axis=0).max())
+    missed = float((missing > MISSED).mean())
+    within = (e <= scenario.largest_drift) & (tilt <= scenario.largest_tilt)
+    settled = _settled(t, within)
+    force = error = None
+    if scenario.force > 0 and late.any():
+        along = np.array(track.force)[late].mean(axis=0)
+        force = float(along @ scenario.exerted[:3]) / scenario.force
+        error = float(np.linalg.norm(along - scenario.exerted[:3])) / scenario.force
+        if scenario.wall is not None:  # friction may take up the rest
+            error = abs(force / scenario.force - 1)
+    why = [] if lost is None else [lost]
+    drift = float(e[late].max()) if late.any() else float(e.max())
+    tilted = float(tilt[late].max()) if late.any() else float(tilt.max())
+    if lost is None and drift > scenario.largest_drift:
+        why.append(f"{100 * drift:.3g} cm away, more than {100 * scenario.largest_drift:g} cm")
+    if lost is None and tilted > scenario.largest_tilt:
+        why.append(f"tilted by {tilted:.3g} deg, more than {scenario.largest_tilt:g} deg")
+    if error is not None and error > FORCE_WITHIN:
+        why.append(f"force off by {100 * error:.2g} %, more than {100 * FORCE_WITHIN:g} %")
+    if saturated > LARGEST_SATURATION:
+        why.append(f"a rotor at its largest thrust for {100 * saturated:.3g} % of the time")
+    if why and missed > 0:
+        short = np.mean(track.missing, axis=0)
+        why.append(
+            f"rotors could not produce what the controller asked for {100 * missed:.3g} % of the time, short of "
+            f"{np.linalg.norm(short[:3]):.2g} of the weight on average"
+        )
+    return ScenarioResult(
+        name=scenario.name,
+        verdict="not held" if why else "held",
+        reason="; ".join(why) or None,
+        counts=scenario.counts,
+        seconds=float(t[-1]),
+        drift_m=drift,
+        tilt_deg=tilted,
+        settled_s=settled,
+        force_N=force,
+        force_error_share=error,
+        saturated_share=saturated,
+        missed_share=missed,
+        largest_input=float(shares.max()),
+    )
+
+
+def _settled(t: Array, within: Array) -> float | None:
+    """Return from when on all is within its limits; None: it never is to stay."""
+    outside = np.flatnonzero(np.logical_not(within))
+    if not len(outside):
+        return 0.0
+    return None if outside[-1] == len(t) - 1 else float(t[outside[-1] + 1])
+
+
+def _reference(scenario: Scenario, home: Array, t: float, tip: Array) -> Reference:
+    """Return where the platform is to be, and what it is to exert."""
+    share = float(np.clip((t - scenario.ramp_at) / RAMP, 0.0, 1.0))
+    f, tau = share * scenario.exerted[:3], share * scenario.exerted[3:]
+    wrench = np.concatenate([f, tau + cross(tip, f)])
+    if scenario.wall is None:
+        return Reference(home, wrench, np.zeros(3))
+    ahead = min(SPEED * t, APPROACH)
+    free = scenario.wall.towards if t >= scenario.ramp_at else np.zeros(3)
+    return Reference(home + ahead * scenario.wall.towards, wrench, free)
+
+
+def _environment(scenario: Scenario, t: float) -> Array:
+    """Return the load on the end-effector; a wall pushes back by itself."""
+    share = float(np.clip((t - scenario.ramp_at) / RAMP, 0.0, 1.0))
+    return np.zeros(6) if scenario.wall is not None else -share * scenario.exerted
+
+
+def _record(
+    track: Track, scenario: Scenario, plant: Plant, reference: Reference, t: float, share: Array, missing: Array
+) -> None:
+    p, _, R, _ = plant.state
+    kept = np.eye(3) - np.outer(reference.free, reference.free)
+    track.time.append(t)
+    track.error.append(kept @ (p - reference.position))
+    track.tilt.append(math.degrees(math.acos(float(np.clip((np.trace(R) - 1) / 2, -1.0, 1.0)))))
+    exerted = plant.contact_force if scenario.wall is not None else _produced(plant)
+    track.force.append(exerted)
+    track.shares.append(share)
+    track.missing.append(missing)
+
+
+def _produced(plant: Plant) -> Array:
+    """Return the force of the rotors less the weight, world axes, (3,) [N]."""
+    F = plant.R @ (plant.nominal.B @ (plant.thrusts * plant.gain))[:3]
+    return np.asarray(F + plant.model.body_mass.sum() * plant.model.opt.gravity)
+
+
+def _noisy(
+    state: tuple[Array, Array, Array, Array], factor: float, rng: np.random.Generator
+) -> tuple[Array, Array, Array, Array]:
+    """Return a state as sensors tell it."""
+    p, v, R, omega = state
+    draws = factor * np.array(NOISE)[:, None] * rng.standard_normal((4, 3))
+    quaternion, turn = np.zeros(4), np.zeros(9)
+    angle = float(np.linalg.norm(draws[2]))
+    mujoco.mju_axisAngle2Quat(quaternion, draws[2] / angle if angle else np.array([0.0, 0.0, 1.0]), angle)
+    mujoco.mju_quat2Mat(turn, quaternion)
+    return p + draws[0], v + draws[1], R @ turn.reshape(3, 3), omega + draws[3]

@@ -1,0 +1,74 @@
+"""What flights showed, as `flight.json` holds it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from topo_search.model.html import heading, paragraph, table
+from topo_search.model.value import Flag, Index, Number, Value, Vector
+
+Verdict = Literal["held", "not held", "not flown"]
+
+
+class ScenarioResult(Value):
+    """One scenario."""
+
+    name: str
+    verdict: Verdict
+    reason: str | None = None
+    """Why it was not held, or not flown."""
+    counts: Flag = True
+    """Whether the verdict of the whole depends on it."""
+    seconds: Number = 0.0
+    """Simulated [s]."""
+    drift_m: Number | None = None
+    """Largest error of position while it was judged [m]."""
+    tilt_deg: Number | None = None
+    """Largest error of attitude while it was judged [deg]."""
+    settled_s: Number | None = None
+    """When errors had come within the limits to stay [s]."""
+    force_N: Number | None = None
+    """Mean force on the environment while it was judged, along the one asked for [N]."""
+    force_error_share: Number | None = None
+    """Mean error of that force, over the force asked for."""
+    saturated_share: Number | None = None
+    """Share of the time in which the rotor that was most at its largest thrust was there."""
+    missed_share: Number | None = None
+    """Share of the time in which rotors could not produce the wrench that the controller asked for."""
+    largest_input: Number | None = None
+    """Largest thrust that was commanded, over the largest of a rotor."""
+
+
+class FlightResult(Value):
+    """The file `flight.json`."""
+
+    format: Literal["topo-search/flight"] = "topo-search/flight"
+    version: Literal[1] = 1
+    verdict: Literal["held", "not held"]
+    """Whether every scenario that was flown and counts was held."""
+    scenarios: tuple[ScenarioResult, ...]
+    weakest_force_N: Number
+    """The least force that rotors can add in hover, of horizontal directions in steps of 15 deg [N]."""
+    weakest_force_share: Number
+    """The same over the weight."""
+    weakest_direction: Vector
+    rotors_out: Index
+    """How many single rotors may be dead in hover, by the same least squares as in flight."""
+    rotors: Index
+    mass_kg: Number
+    """Simulated, with the rod's."""
+    rod_mass_kg: Number
+    """The model leaves it out."""
+    options: dict[str, Number]
+    versions: dict[str, str]
+    notes: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        """Show a notebook the table."""
+        columns = ("scenario", "verdict", "drift [m]", "tilt [deg]", "force error", "saturated", "missed", "why")
+        shown = ("name", "verdict", "drift_m", "tilt_deg", "force_error_share", "saturated_share", "missed_share")
+        rows = [(*(getattr(one, name) for name in shown), one.reason) for one in self.scenarios]
+        return heading(f"flight in simulation: {self.verdict}") + table(columns, rows) + paragraph(NO_DOWNWASH)
+
+
+NO_DOWNWASH = "The simulator has no downwash: that is what the airflow envelopes of the audit stand for."

@@ -1,0 +1,122 @@
+"""What is flown: where the platform starts, what it is asked, what pushes it, and what counts as held."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from topo_search.model.arrays import Array
+from topo_search.model.design import Design
+from topo_search.model.load_case import LoadCase
+from topo_search.simulation.plant import Nominal, Wall
+
+BALANCED = 1e-6
+"""Largest part of a load case's COM wrench that the weight leaves unbalanced [m_t g, l_arm m_t g]."""
+APPROACH = 0.03
+"""Gap between the tip and a wall at first [m]."""
+RAMP = 1.5
+"""In which a load is put on [s]."""
+AWAY, TILT = 0.10, 10.0
+"""Start of a return [m], [deg]."""
+GUST_FORCE, GUST_TORQUE = 0.05, 0.02
+"""Of a gust [m g], [l_arm m g]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """One flight."""
+
+    name: str
+    seconds: float
+    judged_from: float
+    """From here on drift and tilt count [s]."""
+    start: Array = field(default_factory=lambda: np.zeros(3))
+    """Of the COM [m]."""
+    axis: Array = field(default_factory=lambda: np.zeros(3))
+    """Unit vector about which the platform is tilted at first; zero: it is not."""
+    exerted: Array = field(default_factory=lambda: np.zeros(6))
+    """Wrench on the environment at the end-effector, world axes, (6,), ramped over RAMP from `ramp_at` on."""
+    ramp_at: float = 1.0
+    gust: tuple[float, float] | None = None
+    """From when to when [s]."""
+    wall: Wall | None = None
+    dead: int | None = None
+    """Rotor that dies at `dead_at`."""
+    dead_at: float = 1.0
+    largest_drift: float = 0.01
+    """[m]"""
+    largest_tilt: float = 2.0
+    """[deg]"""
+    counts: bool = True
+
+    @property
+    def force(self) -> float:
+        """Size of the force that is asked for [N]."""
+        return float(np.linalg.norm(self.exerted[:3]))
+
+
+def hovering() -> list[Scenario]:
+    """Return hover, and returns from four sides, tilted about four axes."""
+    found = [Scenario("hover", 5.0, 1.0)]
+    for number, name in enumerate(("+x", "+y", "-x", "-y")):
+        angle = number * math.pi / 2
+        start = AWAY * np.array([math.cos(angle), math.sin(angle), 0.0])
+        axis = np.array([-math.sin(angle), math.cos(angle), 0.0])
+        found.append(Scenario(f"return from {name}", 5.0, 3.0, start=start, axis=axis))
+    return found
+
+
+def gust() -> Scenario:
+    """Return a step of force and torque that lasts a second."""
+    return Scenario("gust", 6.0, 5.0, gust=(1.0, 2.0))
+
+
+def gust_wrench(nominal: Nominal) -> Array:
+    """Return the wrench of a gust about the COM, (6,)."""
+    W = nominal.weight
+    return np.array([GUST_FORCE * W, 0.0, 0.0, 0.0, 0.0, GUST_TORQUE * nominal.arm * W])
+
+
+def dead_rotor(rotor: int, *, counts: bool) -> Scenario:
+    """Return hover in which a rotor dies; what is lost of height and attitude has three seconds to heal."""
+    name = f"rotor {rotor % 4} of module {rotor // 4} dies"
+    return Scenario(name, 8.0, 4.0, dead=rotor, counts=counts)
+
+
+def case_names(design: Design) -> list[str]:
+    """Return a name for every load case."""
+    return [f"load case {k}" for k in range(len(design.task.load_cases))]
+
+
+def unbalanced(design: Design, case: LoadCase) -> str | None:
+    """Return why a load case is no steady flight; None if the weight is all that its COM wrench carries."""
+    task, n = design.task, design.topology.n
+    W, unit = task.force_unit(n), task.torque_unit(n)
+    left = np.array(case.at_com.force) - [0.0, 0.0, W]
+    turning = np.array(case.at_com.torque)
+    if np.abs(left).max() <= BALANCED * W and np.abs(turning).max() <= BALANCED * unit:
+        return None
+    if np.abs(left).max() > BALANCED * W:
+        a = ", ".join(f"{x:.2f}" for x in left / task.total_mass(n))
+        return (
+            "no steady flight: beside the end-effector's wrench and the weight the rotors' force would accelerate "
+            f"the platform by [{a}] m/s^2; a case to be flown carries the weight at the centre of mass"
+        )
+    return "no steady flight: nothing takes up the torque at the centre of mass"
+
+
+def held(name: str, case: LoadCase) -> list[Scenario]:
+    """Return a load case held against a load on the end-effector, and if it is a push, against a wall as well."""
+    wrench = np.array([*case.at_end_effector.force, *case.at_end_effector.torque])
+    if not wrench.any():
+        return []
+    found = [Scenario(f"{name}, load at the tip", 6.0, 3.5, exerted=wrench)]
+    force = np.linalg.norm(wrench[:3])
+    if force > 0 and not wrench[3:].any():
+        wall = Wall(wrench[:3] / force, APPROACH)
+        found.append(
+            Scenario(f"{name}, wall", 8.0, 5.5, exerted=wrench, wall=wall, ramp_at=3.0, largest_drift=0.02)
+        )
+    return found
