@@ -8,6 +8,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from nlp.point import Point, fixed_end_effector
+from nlp.program import program
+from nlp.starts import draw, generator
+from nlp.trial import Trial
 from topo_search.model import Design, Infeasible, ResolvedTask, Task, Topology
 
 Array = NDArray[np.float64]
@@ -147,3 +150,11 @@ def solved(result: Design | Infeasible) -> Design:
     """The result, which must be a design."""
     assert isinstance(result, Design), result.message
     return result
+
+
+def placed(task: ResolvedTask, topology: Topology, starts: int) -> Trial:
+    """The best of some starts from which Ipopt solves the whole problem, without the reduced search."""
+    ready = program(task, topology)
+    origins = [draw(task, topology, generator(task, topology, s, 0)) for s in range(starts)]
+    found = [Trial.of(s, origin, ready.solve(origin)) for s, origin in enumerate(origins)]
+    return min(found, key=lambda trial: trial.rank)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from nlp.reduced.polish import polished
-from nlp_cases import HOVER, PUSH, push, random_point, random_tree, solved
+from nlp_cases import HOVER, PUSH, placed, push, random_point, random_tree, solved
 from scipy.optimize import linprog, lsq_linear
 
 from nlp import lower_bound, solve
 from nlp.assembled import AssembledProgram
 from nlp.evaluate import violations, worst, wrench_matrix
 from nlp.finish import finish
+from nlp.reduced.trials import trials
 from nlp.starts import draw, generator
 from topo_search.model import Design, ResolvedTask, Topology
 from verify import audit
@@ -42,8 +42,8 @@ def test_a_design_keeps_to_it_and_the_audit_holds_it_to_that():
 
 def test_the_reduced_search_and_the_assembled_program_keep_to_it():
     task = idle()
-    best = solved(solve(task, TREE, starts=range(4), seed=0)).objective
-    ends = [end.point for end in polished(task, TREE, starts=range(40), seed=0) if end.worst.met]
+    best = placed(task, TREE, 4).objective
+    ends = [end.point for end in trials(task, TREE, starts=range(4), seed=0, near=()) if end.worst.met]
     rounds = finish(AssembledProgram(task, TREE).solve(draw(task, TREE, generator(task, TREE, 0, seed=0))).point)
     assert worst(violations(rounds)).met
     for point in (*ends, rounds):

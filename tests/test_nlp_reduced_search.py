@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from nlp_cases import BOX, GENTLE_PUSH, HOVER, push
+from nlp_cases import BOX, GENTLE_PUSH, HOVER, placed, push
 
 from nlp import solve
 from nlp.evaluate import violations, worst
-from nlp.program import program
 from nlp.reduced import trials as reduced_trials
 from nlp.reduced.draws import draws
 from nlp.reduced.expressed import reason_against
 from nlp.reduced.search import ends, point_of
 from nlp.reduced.stated import state
 from nlp.reduced.trials import DEEP, trials
-from nlp.starts import draw, generator
 from nlp.trial import Trial
 from topo_search.model import Design, Topology
 
@@ -49,13 +47,9 @@ def test_ends_are_next_to_designs() -> None:
 def test_a_polished_design_is_as_good_as_what_starts_of_ipopt_find(task) -> None:
     found = best(searched(task, range(4)))
     assert found.worst.met
-    ready = program(task, TREE)
-    placed = [
-        Trial.of(s, origin, ready.solve(origin))
-        for s, origin in ((s, draw(task, TREE, generator(task, TREE, s, 0))) for s in range(4))
-    ]
-    assert best(placed).worst.met
-    assert found.objective <= 1.001 * best(placed).objective
+    other = placed(task, TREE, 4)
+    assert other.worst.met
+    assert found.objective <= 1.001 * other.objective
 
 
 def test_the_same_seed_gives_the_same_points_to_the_last_bit() -> None:
