@@ -1,0 +1,47 @@
+"""Compiled code is kept with a digest of the sources it was made from, and made again after a change."""
+
+from types import SimpleNamespace
+
+import pytest
+from nlp_cases import push
+
+import nlp
+from nlp.reduced import compiled
+from topo_search.model import Task
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """A folder for what is kept, in the place of the installation's."""
+    monkeypatch.setattr(compiled, "descents", SimpleNamespace(stats=SimpleNamespace(cache_path=str(tmp_path))))
+    return tmp_path
+
+
+def told(task: Task) -> list[str]:
+    found: list[str] = []
+    nlp.prepare(task, found.append)
+    return found
+
+
+def test_it_is_told_once_that_code_is_compiled(kept):
+    (kept / "other.function-1.py311.nbc").touch()
+    (first,) = told(push(3))
+    assert "compiling the solver, once an installation" in first
+    (kept / "search.descents-1.py311.1.nbc").touch()  # as numba would
+    assert told(push(3)) == []
+    assert (kept / "other.function-1.py311.nbc").exists()
+
+
+def test_what_was_compiled_from_other_sources_is_dropped(kept):
+    assert told(push(3))
+    stale = [kept / "search.descents-1.py311.1.nbc", kept / "inputs.dual-1.py311.nbi"]
+    for path in stale:
+        path.touch()
+    (kept / compiled.MARK).write_text("of other sources")
+    assert told(push(3))
+    assert not any(path.exists() for path in stale)
+
+
+def test_nothing_is_compiled_for_a_task_that_the_reduced_search_does_not_express(kept):
+    assert told(push(12)) == []
+    assert list(kept.iterdir()) == []
