@@ -143,7 +143,7 @@ def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, tol
         (["run", "toy.toml", "--strategy", "optuna", "--trials", 10**20], "is not in the range"),
         (
             ["run", "toy.toml", "--modules", "3-20"],
-            "at most 10,000,000 candidates, but 13 modules have 1.1e+7; choose the strategy `optuna`",
+            "at most 2,000,000 candidates, but 13 modules have 1.1e+7; choose the strategy `optuna`",
         ),
         (["run", "toy.toml", "--time-limit", "0"], "0.0 is not in the range"),
         (["run", "toy.toml", "--out", "toy.toml"], "is a file"),

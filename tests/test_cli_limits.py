@@ -134,7 +134,7 @@ def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
             ["run", "push", "--strategy", "optuna", "--trials", "100001"],
             "'--trials': 100001 is not in the range 1<=x<=100000",
         ),
-        (["run", "push", "--modules", "13"], "at most 10,000,000 candidates, but 13 modules have 1.1e+7"),
+        (["run", "push", "--modules", "13"], "at most 2,000,000 candidates, but 13 modules have 1.1e+7"),
         ([*SCALING, "--workers", "1000000000"], "'--workers': 1000000000 is not in the range 1<=x<=256"),
         ([*SCALING, "--starts", "10001"], "'--starts': 10001 is not in the range 1<=x<=10000"),
         ([*SCALING, "--time-limit", "1e300"], "1e+300 is not in the range 0<x<=1000000000"),

@@ -299,6 +299,25 @@ def test_a_task_in_a_run_s_folder_opens_no_other_file(tmp_path):
         pass
 
 
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        (b"a" + b".a" * 100_000 + b" = 1", "must have at most 30 parts in a key"),
+        (b"x = " + b"[" * 2000 + b"]" * 2000, "must have fewer brackets within each other"),
+        (b"[" * 60_000, "must have at most 50,000 lists, but has 60,000"),
+        (b"#" * 1_100_000, "must have at most 1,048,576 bytes, but has 1,100,000"),
+        (b"name = '\xff'", "must be UTF-8 text, but got the byte 0xff at offset 8"),
+        (b"name =", "is not a TOML file, or only a part of one"),
+    ],
+)
+def test_a_task_in_a_run_s_folder_is_within_the_limits_of_tasks(tmp_path, text, rule):
+    toy_run(tmp_path)
+    (tmp_path / "task.toml").write_bytes(text)
+    with pytest.raises(BadInput, match=rf"task\.toml: {rule}"), RunFolder.found(tmp_path):
+        pass
+    assert (tmp_path / "task.toml").read_bytes() == text
+
+
 FALSE = {
     "under its bound": ("objective = 0.87 * lower_bound", "under the bound of"),
     "another objective": ("objective = objective * (1 + 1e-9)", "objective is not that of its design"),

@@ -14,6 +14,8 @@ DESIGN_BYTES = 8 * MIB
 """Of a design's file; one of 200 modules and 200 load cases has about half as many."""
 RESULT_BYTES = 64 * MIB
 """Of any other file that the program wrote: audits and the tables of experiments."""
+RUN_BYTES = 1024 * MIB
+"""Of a file in a run's folder that is compared with what the run wrote."""
 MESH_BYTES = 16 * MIB
 """Of an STL or OBJ file."""
 
@@ -52,8 +54,8 @@ STARTS = 10_000
 """Of a topology."""
 TRIALS = 100_000
 """Candidates that a sampler proposes."""
-CANDIDATES = 10_000_000
-"""Of one size in an exhaustive search, which keeps each of them in memory and in its ledger."""
+CANDIDATES = 2_000_000
+"""Of one size in an exhaustive search: their table stays within RUN_BYTES."""
 TREES = 10_000
 """Of one size in an experiment."""
 CELLS = 20_000

@@ -9,16 +9,16 @@ from __future__ import annotations
 import csv
 import io
 import os
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
-from topo_search.limits import STARTS, TRIALS
+from topo_search.limits import STARTS, TASK_BYTES, TRIALS
 from topo_search.model import BadInput, Fault, Task
 from topo_search.model.csv_text import harmless
 from topo_search.model.files import to_toml, validate
+from topo_search.model.parsing import NotParsed, toml_data
 from topo_search.study.identity import Request, installed
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import blank
@@ -260,13 +260,16 @@ def _last_request(path: Path, place: Place, ledger: Ledger) -> Request:
 
 def _read_task(path: Path, place: Place) -> Task:
     """Return the task as the run wrote it: it names no other file."""
-    content, name = place.read(TASK), str(path / TASK)
+    content, name = place.read(TASK, most_bytes=TASK_BYTES), str(path / TASK)
     if content is None:
         raise BadInput(name, [Fault("", "no such file")])
     try:
-        data = tomllib.loads(content.decode())
-    except (ValueError, RecursionError) as error:
-        raise BadInput(name, [Fault("", f"is not a TOML file, or only a part of one: {error}")]) from None
+        data = toml_data(content.decode())
+    except UnicodeDecodeError as error:
+        rule = f"must be UTF-8 text, but got the byte {content[error.start]:#04x} at offset {error.start}"
+        raise BadInput(name, [Fault("", rule)]) from None
+    except NotParsed as error:
+        raise BadInput(name, [Fault("", str(error))]) from None
     return validate(Task, data, name)
 
 

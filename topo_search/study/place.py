@@ -9,12 +9,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Self
 
+from topo_search.limits import RUN_BYTES
 from topo_search.model import BadInput, Fault
 
 PARTIAL = ".topo-search-partial"
 """A file that is being written. There is one at a time, so that the next run removes what a killed one left."""
-MOST_BYTES = 1 << 30
-"""Of a file that is read from a run's folder: a terabyte in place of a task is refused."""
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
 
 
@@ -44,11 +43,12 @@ class Place:
         """Return the names of all that is in the folder itself."""
         return sorted(os.listdir(self._handle))
 
-    def read(self, name: str) -> bytes | None:
+    def read(self, name: str, *, most_bytes: int = RUN_BYTES) -> bytes | None:
         """Return the content of a file; None if there is none of this name.
 
         Raises:
-            BadInput: it is no regular file, or one of its folders is none; nothing is opened then.
+            BadInput: it is no regular file, or one of its folders is none; nothing is opened then. Or it is larger
+                than `most_bytes`.
         """
         try:
             with self._within(name) as (folder, last):
@@ -59,9 +59,12 @@ class Place:
             raise self._refused(name, error) from None
         with os.fdopen(handle, "rb") as stream:
             status = os.fstat(handle)
-            if not stat.S_ISREG(status.st_mode) or status.st_size > MOST_BYTES:
+            if not stat.S_ISREG(status.st_mode):
                 raise self._refused(name, None)
-            return stream.read(MOST_BYTES)
+            if status.st_size > most_bytes:
+                rule = f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}; it is left as it is"
+                raise BadInput(str(self.path / name), [Fault("", rule)])
+            return stream.read(most_bytes)
 
     def write(self, name: str, content: bytes, *, lasting: bool = True) -> None:
         """Write a file so that a reader sees the old one or the whole new one, whatever happens in between.
