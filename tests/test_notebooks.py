@@ -42,7 +42,7 @@ def book(request: pytest.FixtureRequest) -> Path:
 
 
 def test_they_are_numbered():
-    assert [book.name[:2] for book in BOOKS] == [f"{number}_" for number in range(1, 8)]
+    assert [book.name[:2] for book in BOOKS] == [f"{number}_" for number in range(1, 9)]
 
 
 def test_git_holds_no_output_and_no_path_of_a_machine(book):
