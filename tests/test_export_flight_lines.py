@@ -55,7 +55,7 @@ def told(**fields: object) -> Flight:
 
 def test_the_lines_are_rounded_to_the_side_on_which_they_are_proven() -> None:
     assert list(flight_lines(told())) == [
-        "hovers; weakest side force at the tip 0.11 N towards -y; survives 7 of 8 single rotor failures",
+        "hovers; weakest side force at the tip 0.119 N towards -y; survives 7 of 8 single rotor failures",
         "least torque that can be added in hover: 0.25 N m about [0.60, 0.00, 0.80]",
         "load factor until a rotor saturates: 1.024, in load case 0",
         "hover with one rotor dead: survives 7 of 8, not rotor 3 of module 1",

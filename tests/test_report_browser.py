@@ -1,18 +1,24 @@
 """The page in Chromium itself: it draws without an error or a network, turns, sorts, and fits a phone and paper."""
 
+import itertools
 import re
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
 from report_cases import design, grown, toy_page
 
 from topo_search.compose import audit
+from topo_search.export.poses import poses
 from topo_search.model import Topology
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
+from topo_search.report.scene import scene
 
 pytestmark = pytest.mark.browser
 
@@ -34,6 +40,14 @@ async () => {
 
 PATIENCE_MS = 300_000
 """For a page to load: on a busy machine without a graphics card it takes its time."""
+
+
+def until(page: Page, expression: str) -> None:
+    """Wait until an expression is true: the page's own policy keeps Playwright from waiting inside of it."""
+    end = time.monotonic() + PATIENCE_MS / 1000
+    while not page.evaluate(expression):
+        assert time.monotonic() < end, expression
+        page.wait_for_timeout(100)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +84,7 @@ def opened(browser: Browser, tmp_path: Path) -> Iterator[Open]:
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("request", lambda request: wrong.append(request.url) if request.url.startswith("http") else None)
         page.goto(path.as_uri())
-        page.wait_for_function("document.querySelectorAll('[data-figure]:not(.js-plotly-plot)').length === 0")
+        until(page, "document.querySelectorAll('.plot:not(.js-plotly-plot)').length === 0")
         return page
 
     yield open_text
@@ -108,6 +122,117 @@ def test_the_view_turns(opened: Open, five: str) -> None:
     assert view.screenshot() != seen
 
 
+def parts(page: Page) -> dict[str, dict[str, object]]:
+    """Return what is drawn in 3-D, by its part of the picture."""
+    found = page.evaluate(
+        "document.getElementById('view').data.map(t => [t.meta.part, {points: t.x.length, opacity: t.opacity ?? 1,"
+        " intensity: t.intensity ?? null, name: t.name, x: t.type === 'mesh3d' ? [...t.x] : null}])"
+    )
+    return dict(found)
+
+
+def spans(page: Page) -> list[float]:
+    """Return how far the axes of the picture reach."""
+    axes = "document.getElementById('view').layout.scene"
+    return [page.evaluate(f"{axes}.{axis}axis.range[1] - {axes}.{axis}axis.range[0]") for axis in "xyz"]
+
+
+def test_the_view_opens_on_the_platform_and_shows_what_is_chosen(opened: Open) -> None:
+    made = design(Topology.from_key("af0000"), "push-two-paths")
+    page = opened(render(design_page(made, audit(made), "mine.json")))
+    first, near = parts(page), spans(page)
+    assert first["airflow"]["opacity"] == 0.06
+    assert {"regions", "modules", "tip"} <= {*first}
+    assert "closest" not in first
+    whole = {trace.meta["part"]: trace for trace in scene(made, poses(made)).data}
+    assert first["modules"]["x"] == pytest.approx(whole["modules"].x.tolist(), abs=2e-5)
+
+    page.click("[data-choice=airflow]")
+    assert {"closest", "airflow"} <= {*parts(page)}
+    assert spans(page)[2] > near[2] + 0.5  # the jets are over a metre long
+    assert page.get_attribute("[data-choice=airflow]", "aria-pressed") == "true"
+    assert page.get_attribute("[data-choice=platform]", "aria-pressed") == "false"
+
+    page.click("[data-choice=platform]")
+    assert spans(page) == pytest.approx(near)
+
+    page.click("[data-choice=case][data-number='1']")
+    shown = parts(page)
+    assert shown["case"]["name"] == "load case 1"
+    throttle = 100 * made.inputs[1] / made.task.module.max_input(9.81)
+    assert set(np.round(shown["rotors"]["intensity"], 2)) == set(np.round(throttle.ravel(), 2))
+    assert "load case 1: force" in page.inner_text(".told")
+
+    page.click("[data-choice=assembly]")
+    assert page.inner_text(".told").startswith("Step 1 of 6: Start with module 0")
+    one = parts(page)["modules"]["points"]
+    for step in range(2, 6):
+        page.click("[data-step='1']")
+        assert parts(page)["modules"]["points"] == step * one
+    assert "tip" not in parts(page)
+    page.click("[data-step='1']")
+    assert "tip" in parts(page)
+    page.click("[data-step='-1']")
+    assert page.inner_text(".told").startswith("Step 5 of 6")
+
+
+def test_labels_do_not_lie_over_each_other(opened: Open, five: str) -> None:
+    page = opened(five)
+    labels = page.locator("#platform .labels text")
+    assert labels.all_text_contents() == ["0", "1", "2", "3", "4", "tip", "centre of mass"]
+    boxes = page.evaluate(
+        "[...document.querySelectorAll('#platform .labels text')].map(t => t.getBoundingClientRect().toJSON())"
+    )
+    for one, other in itertools.combinations(boxes, 2):
+        across = min(one["right"], other["right"]) - max(one["left"], other["left"])
+        down = min(one["bottom"], other["bottom"]) - max(one["top"], other["top"])
+        assert across <= 1 or down <= 1
+
+
+def test_the_pointer_on_a_module_shows_its_numbers(opened: Open, five: str) -> None:
+    page = opened(five)
+    view = page.locator("#view")
+    view.scroll_into_view_if_needed()
+    box = view.bounding_box()
+    assert box is not None
+    lines = page.locator("#platform .labels line")
+    x, y = (float(lines.nth(1).get_attribute(name) or 0) for name in ("x1", "y1"))
+    told = page.locator("#view .hovertext")
+    end = time.monotonic() + PATIENCE_MS / 1000
+    while not told.count():
+        assert time.monotonic() < end
+        for aside in (0, 3, -3):
+            page.mouse.move(box["x"] + x + aside, box["y"] + y + aside)
+            page.wait_for_timeout(100)
+    text = " ".join(told.all_text_contents())
+    assert re.search(r"module \d", text)
+    assert "throttle" in text
+
+
+def test_keys_turn_the_view(opened: Open, five: str) -> None:
+    page = opened(five)
+    page.focus("#view")
+    for key in ("ArrowLeft", "ArrowUp", "+"):
+        before = page.evaluate(CAMERA, "view")
+        page.keyboard.press(key)
+        assert page.evaluate(CAMERA, "view") != before
+
+
+def test_the_page_is_dark_where_the_reader_wants_it(opened: Open, five: str) -> None:
+    page = opened(five)
+    ink = "document.getElementById('inputs').layout.font.color"
+    ground = "getComputedStyle(document.body).backgroundColor"
+    assert (page.evaluate(ink), page.evaluate(ground)) == ("#222222", "rgb(255, 255, 255)")
+    page.emulate_media(color_scheme="dark")
+    until(page, f"{ink} === '#e8eaed'")
+    assert page.evaluate(ground) == "rgb(22, 25, 30)"
+    page.click("#theme")
+    assert (page.evaluate(ink), page.evaluate(ground)) == ("#222222", "rgb(255, 255, 255)")
+    page.click("#theme")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert page.evaluate(ink) == "#222222"
+
+
 def test_the_table_sorts_and_filters(opened: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOY_NONE", "a3010")
     page = opened(toy_page(tmp_path / "run", modules=4, starts=4))
@@ -136,9 +261,67 @@ def test_the_table_sorts_and_filters(opened: Open, tmp_path: Path, monkeypatch: 
     assert column(page, "status") == ["infeasible"]
 
 
-def test_a_phone_scrolls_down_only(opened: Open, five: str) -> None:
+def test_a_row_shows_its_design_beside_the_best(opened: Open, tmp_path: Path) -> None:
+    page = opened(toy_page(tmp_path / "run", modules=4, starts=4))
+    ranked = column(page, "tree")
+    openers = page.locator("#ranking tbody button")
+    assert openers.all_inner_texts() == ranked[:10]
+    assert page.locator("#beside").is_hidden()
+
+    page.locator("#ranking tbody tr").nth(3).locator("td").nth(2).click()
+    assert page.inner_text("#beside h3") == f"{ranked[3]} beside the best, {ranked[0]}"
+    assert page.locator("#ranking tr[aria-current]").inner_text().startswith(ranked[3])
+    trees = page.locator("#beside .tree svg")
+    assert [trees.nth(i).get_attribute("aria-label") for i in range(2)] == [
+        f"tree of the 4 modules, {key}" for key in (ranked[0], ranked[3])
+    ]
+    until(page, "document.querySelectorAll('#beside .js-plotly-plot').length === 2")
+
+    drawn = "[...document.querySelectorAll('#beside .plot')].map(p => p.data.map(t => t.meta.part))"
+    page.locator("#beside [data-choice=airflow]").first.click()  # both show the same
+    for button in page.locator("#beside [data-choice=airflow]").all():
+        assert button.get_attribute("aria-pressed") == "true"
+    page.locator("#beside [data-choice=case]").last.click()
+    assert all("case" in parts and "airflow" not in parts for parts in page.evaluate(drawn))
+
+    page.click("#beside [data-move='1']")
+    assert page.inner_text("#beside h3").startswith(ranked[4])
+    page.click("#beside [data-close]")
+    assert page.locator("#beside").is_hidden()
+    assert page.locator("#ranking tr[aria-current]").count() == 0
+
+    openers.nth(0).focus()
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    assert page.inner_text("#beside h3").startswith(ranked[1])
+    page.locator("#ranking tbody tr").nth(12).click()  # of which the page has no design
+    assert page.inner_text("#beside h3").startswith(ranked[1])
+
+
+def test_on_a_phone_nothing_runs_off_the_screen(opened: Open, five: str, tmp_path: Path) -> None:
     page = opened(five, width=360)
     assert page.evaluate("document.documentElement.scrollWidth") == 360
+    text = "section :is(td, th, p, li, dd, dt, h2, h3, caption, figcaption, label, button)"
+    beyond = f"[...document.querySelectorAll('{text}')].filter(e => e.offsetParent && e.innerText.trim() && " + (
+        "getComputedStyle(e.closest('thead') ?? e).position !== 'absolute' && "
+        "e.getBoundingClientRect().right > innerWidth + 1).map(e => e.outerHTML)"
+    )
+    assert page.evaluate(beyond) == []
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1200, "light"), (360, "dark")])
+def test_everybody_can_read_the_page(
+    opened: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int, scheme: str
+) -> None:
+    """By axe-core: contrast, names of what can be seen or pressed, order of headings, reach by keys."""
+    monkeypatch.setenv("TOY_NONE", "a3010")
+    page = opened(toy_page(tmp_path / "run", modules=4, starts=4), width=width)
+    page.emulate_media(color_scheme=scheme)
+    page.locator("#ranking tbody button").nth(2).click()
+    until(page, "document.querySelectorAll('#beside .js-plotly-plot').length === 2")
+    violations = Axe().run(page).response["violations"]
+    assert [(one["id"], [node["html"][:200] for node in one["nodes"]]) for one in violations] == []
+    assert page.evaluate("document.documentElement.scrollWidth") == width
 
 
 def test_a_hundred_modules_are_a_few_meshes(opened: Open) -> None:

@@ -6,7 +6,10 @@ from report_cases import design
 
 from topo_search.compose import audit
 from topo_search.model import Audit, Design, Topology
+from topo_search.report.flight_part import cases
 from topo_search.report.headline import checked, closest, headline
+from topo_search.report.near_ties import near_tie_cells
+from topo_search.study import Row
 
 
 @pytest.fixture(scope="module")
@@ -60,12 +63,29 @@ def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:
         update={"possible": True, "horizontal_reserve_N": 1.2999, "horizontal_weakest": (0.0, -1.0, 0.0)}
     )
     for changed, expected in (
-        (hover, ("1.2 N", "side force at the tip in hover, towards -y")),
+        (hover, ("1.29 N", "side force at the tip in hover, towards -y")),
         (hover.model_copy(update={"possible": False}), ("none", "cannot hover")),
         (hover.model_copy(update={"possible": None}), ("none", "hover is undecided")),
     ):
         flight = found.flight.model_copy(update={"cases": (changed, *found.flight.cases[1:])})
         assert told(made, found.model_copy(update={"flight": flight}))["Weakest reserve"] == expected
+
+
+def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    assert found.flight is not None
+    hover = found.flight.hover.model_copy(
+        update={"possible": True, "horizontal_reserve_N": 0.106211, "load_factor": 1.0245}
+    )
+    flight = found.flight.model_copy(update={"cases": (hover,), "hinge_tolerance_deg": 0.0079366})
+    figure, _ = told(made, found.model_copy(update={"flight": flight}))["Weakest reserve"]
+    row = cases(flight).rows[0]
+    assert figure == row[4] == "0.106 N"
+    assert f"weakest side force at the tip {figure}" in flight.weakest_point
+    stated = Row("af0000", 5, 1, "feasible", 1, 1.0, load_factor=1.0245, hinge_tolerance_deg=0.0079366)
+    cells = near_tie_cells(stated, stated)
+    assert row[8] == cells[5] == "1.024"
+    assert cells[7] == "0.00793°"
 
 
 def test_a_rod_is_told_with_its_mount(audited: tuple[Design, Audit]) -> None:

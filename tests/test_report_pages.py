@@ -9,10 +9,12 @@ from report_cases import Reader, design, grown, toy_page
 from toy_problem import toy_run
 
 from topo_search.compose import audit
+from topo_search.export import palette
 from topo_search.export.poses import poses
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.model.topology import PORT_NAMES
+from topo_search.report.charts import clearance_matrices
 from topo_search.report.closest import closest_points
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
@@ -84,7 +86,7 @@ def test_the_page_of_a_design_has_its_clearances_and_no_ranking(audited):
     assert "ranking-data" not in page.data
     cells = [json.loads(page.data[name]) for name in page.data if name.startswith("clearances-")]
     assert len(cells) == 5
-    hover = [text for matrix in cells for trace in matrix["data"] for row in trace["customdata"] for text in row]
+    hover = [text for matrix in cells for row in matrix["data"][0]["customdata"] for text in row]
     described = {text.split("<br>")[0] for text in hover if text}
     # of the parts of a module beside another one's airflow the cell has the nearest
     cell = {(p.kind, p.a, p.b, p.kind != "rotor-airflow" and p.segment) for p in verdict.pairs}
@@ -174,3 +176,37 @@ def test_a_distance_that_is_marked_is_told_from_a_gap(audited):
         pair = next(pair for pair in verdict.pairs if pair.kind == kind).model_copy(update={"analytic_m": 1e-3})
         mark = scene(made, poses(made), pair).data[-1]
         assert mark.name.startswith(f"closest pair: {told} of modules")
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of #rrggbb (WCAG 2.2)."""
+    channels = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def contrast(one: str, other: str) -> float:
+    low, high = sorted(map(luminance, (one, other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_only_critical_clearances_have_a_colour_and_all_can_be_read(audited):
+    made, found = audited
+    pair = next(pair for pair in found.pairs if pair.kind == "airflow" and (pair.a, pair.b) == (0, 1))
+    changed = [
+        pair.model_copy(update={"a": a, "b": b, "status": status, "analytic_m": size})
+        for a, b, status, size in ((0, 1, "clear", 0.0101), (0, 2, "clear", 0.00999), (1, 2, "violated", -0.1))
+    ]
+    _, figure = next(iter(clearance_matrices(made, found.model_copy(update={"pairs": tuple(changed)}))))
+    heat, text = figure.data
+    assert [heat.z[i][j] for i, j in ((0, 1), (1, 0), (0, 2), (2, 1))] == [0, 0, 1, 2]
+    assert np.isnan(heat.z[3][4])
+    assert text.textfont.size >= 11
+    told = dict(
+        zip(zip(text.y, text.x, strict=True), zip(text.text, text.textfont.color, strict=True), strict=True)
+    )
+    assert [told["0", "1"][0], told["0", "2"][0], told["1", "2"][0]] == ["10.1", "9.99", "−100"]
+    grounds = ["#ffffff", palette.TIGHT, palette.NOT_CLEAR]
+    for (i, j), ground in zip((("0", "1"), ("0", "2"), ("1", "2")), grounds, strict=True):
+        assert contrast(told[i, j][1], ground) >= 4.5
+    assert heat.showscale is False

@@ -15,6 +15,7 @@ END_EFFECTOR = "#009e73"
 CENTRE_OF_MASS = "#f0e442"
 OFFSET = "#56b4e9"
 CLOSEST_PAIR = "#000000"
+WRENCH = "#000000"
 BLOCKED_PORT = "#f0e442"
 
 VERDICTS = {"clear": "#009e73", "undecided": "#e69f00", "violated": "#d55e00", "inconsistent": "#000000"}
@@ -23,3 +24,10 @@ STATUSES = {"feasible": "#009e73", "infeasible": "#e69f00", "impossible": "#cc79
 """Of candidates, always beside the word."""
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 """Lines and points of one chart, told apart by their markers too."""
+
+CELL = "rgba(128, 128, 128, 0.12)"
+TIGHT = "#ffd166"
+NOT_CLEAR = "#a84700"
+"""Cells of a matrix of clearances: plain, tight, not clear."""
+IN_CELLS = ("#222222", "#221c10", "#fffffe")
+"""Text in them, with a contrast of 4.5 at least."""

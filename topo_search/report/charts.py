@@ -3,35 +3,33 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from plotly.colors import sequential
 from plotly.subplots import make_subplots
 
 from topo_search.export import palette
 from topo_search.model import Audit, Clearance, Design
 from topo_search.model.proven import at_least, at_most
-from topo_search.report.wording import clearance, figures, length
+from topo_search.report.wording import clearance, figures, length, millimetres
 from topo_search.study import Solve
 
-IN_CELLS = 10
-"""Most rows and columns of a matrix whose values are written into its cells."""
-DECADES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-"""Lengths at the colour bar of a matrix [m]."""
-NOT_CLEAR = -4.5
-"""Where the colour bar has the colour of what is not clear [log10 m]."""
+IN_CELLS = 7
+"""Most rows and columns of a matrix whose values are written into its cells, so that they fit."""
+TIGHT = 0.01
+"""A clearance up to this has a colour [m]."""
+LEVELS = ((0.0, palette.CELL), (1 / 3, palette.CELL), (1 / 3, palette.TIGHT), (2 / 3, palette.TIGHT))
+"""Of a colour scale, with what is not clear on top: only what is critical has a colour."""
 MOST_POINTS = 4000
 """Of one chart; of more solves, evenly many are left out."""
 MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
 PAIRWISE = {
-    "airflow": "airflow envelopes, clearance of each pair",
-    "separation": "module centres, distance beyond the least one",
-    "body": "bodies, clearance of each pair",
-    "rotor-airflow": "rotors, hubs and arms (rows) beside other modules' airflow (columns)",
+    "airflow": "airflow envelopes, clearance of each pair [mm]",
+    "separation": "module centres, distance beyond the least one [mm]",
+    "body": "bodies, clearance of each pair [mm]",
+    "rotor-airflow": "rotors, hubs and arms (rows) beside other modules' airflow (columns) [mm]",
 }
 
 
@@ -51,7 +49,7 @@ def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.F
         columns = list(dict.fromkeys(_requirement(pair) for pair in rest))
         modules = (pair.b if pair.kind == "rod-airflow" else pair.a for pair in rest)
         cells = {(i, columns.index(_requirement(pair))): pair for i, pair in zip(modules, rest, strict=True)}
-        yield "modules against requirements", _matrix(cells, n, columns, "")
+        yield "modules against requirements [mm]", _matrix(cells, n, columns, "")
 
 
 def _requirement(pair: Clearance) -> str:
@@ -66,20 +64,18 @@ def _requirement(pair: Clearance) -> str:
 
 
 def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[str], title: str) -> go.Figure:
-    """Return a matrix with colours by the logarithm of the clearance; what is not clear has one of its own."""
-    shades = np.full((n, len(columns)), np.nan)
+    """Return a matrix of clearances in millimetres; what is tight or not clear has a colour."""
+    levels = np.full((n, len(columns)), np.nan)
     hover = np.full((n, len(columns)), "", dtype=object)
-    written = hover.copy()
+    written: list[tuple[str, str, str, str]] = []
     for (i, j), pair in cells.items():
-        shown = np.log10(np.clip(pair.analytic_m, DECADES[0], DECADES[-1]))
-        shades[i, j] = shown if pair.status == "clear" else NOT_CLEAR
+        level = 2 if pair.status != "clear" else int(pair.analytic_m <= TIGHT)
+        levels[i, j] = level
         hover[i, j] = _described(pair)
-        written[i, j] = clearance(pair)
-    text = {"text": written, "texttemplate": "%{text}"} if max(n, len(columns)) <= IN_CELLS else {}
-    ticks = {NOT_CLEAR: "not clear", **{float(np.log10(x)): length(x) for x in DECADES}}
+        written.append((columns[j], str(i), millimetres(pair), palette.IN_CELLS[level]))
     figure = go.Figure(
         go.Heatmap(
-            z=shades.astype(np.float32),
+            z=levels.astype(np.float32),
             x=list(columns),
             y=[str(i) for i in range(n)],
             customdata=hover,
@@ -87,18 +83,16 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
             hoverongaps=False,
             xgap=1,
             ygap=1,
-            colorscale=_colours(),
-            zmin=NOT_CLEAR,
-            zmax=0,
-            colorbar={
-                "tickvals": list(ticks),
-                "ticktext": list(ticks.values()),
-                "thickness": 12,
-                "outlinewidth": 0,
-            },
-            **text,
+            colorscale=[*LEVELS, (2 / 3, palette.NOT_CLEAR), (1.0, palette.NOT_CLEAR)],
+            zmin=0,
+            zmax=2,
+            showscale=False,
         )
     )
+    if written and max(n, len(columns)) <= IN_CELLS:
+        x, y, text, colours = (list(column) for column in zip(*written, strict=True))
+        look = {"size": 12, "color": colours}
+        figure.add_trace(go.Scatter(x=x, y=y, text=text, textfont=look, mode="text", hoverinfo="skip"))
     figure.update_layout(
         xaxis={"type": "category", "title": {"text": title}, "constrain": "domain", "showgrid": False},
         yaxis={
@@ -109,17 +103,9 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
             "constrain": "domain",
             "showgrid": False,
         },
+        showlegend=False,
     )
     return figure
-
-
-def _colours() -> list[tuple[float, str]]:
-    """Return a colour scale from NOT_CLEAR to 0: vermilion, then from the least length shown on blue to yellow."""
-    least = 1 - math.log10(DECADES[0]) / NOT_CLEAR
-    wrong = palette.VERDICTS["violated"]
-    clear = sequential.Cividis
-    shades = [(least + (1 - least) * k / (len(clear) - 1), colour) for k, colour in enumerate(clear)]
-    return [(0.0, wrong), (least / 2, wrong), (least / 2, clear[0]), *shades]
 
 
 def _described(pair: Clearance) -> str:
@@ -247,8 +233,10 @@ def styled(figure: go.Figure) -> go.Figure:
         template="plotly_white",
         font={"family": "system-ui, sans-serif", "size": 13, "color": "#222222"},
         paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        modebar={"bgcolor": "rgba(0,0,0,0)", "color": "#777777", "activecolor": "#0072b2"},
         autosize=True,
     )
     if not figure.layout.scene.aspectmode:
-        figure.update_layout(margin={"l": 60, "r": 20, "t": 16, "b": 50})
+        figure.update_layout(margin={"l": 60, "r": 20, "t": 36, "b": 50})
     return figure

@@ -10,8 +10,9 @@ from topo_search.model.oddities import oddities
 from topo_search.model.proven import at_least, gap_percent
 from topo_search.report.design_part import design_part
 from topo_search.report.headline import checked, headline
-from topo_search.report.page import Page, Reproduction, Table, TaskPart
+from topo_search.report.page import Page, Reproduction, Table, TaskPart, json_in_script
 from topo_search.report.task_facts import facts, load_cases
+from topo_search.report.view import shared_meshes
 from topo_search.report.wording import EFFORT, figures, modules
 
 
@@ -35,6 +36,7 @@ def design_page(design: Design, audit: Audit, file: str) -> Page:
         bound=bound(design.lower_bound, design.gap, task.n),
         task=task_part(task, task),
         design=design_part(design, audit),
+        meshes=json_in_script(shared_meshes(design)),
         run=None,
         reproduction=_reproduction(design, audit, file),
     )

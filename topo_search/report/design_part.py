@@ -14,11 +14,10 @@ from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
 from topo_search.report.flight_part import flight_part
-from topo_search.report.headline import closest
 from topo_search.report.page import Chart, DesignPart, Table
-from topo_search.report.scene import scene
 from topo_search.report.task_facts import vector
 from topo_search.report.tree_svg import tree_svg
+from topo_search.report.view import view
 from topo_search.report.wording import EFFORT, clearance, counted, figures, length, modules
 
 NEAREST = 12
@@ -34,7 +33,7 @@ def design_part(design: Design, audit: Audit | None) -> DesignPart:
     pairs = () if audit is None else audit.pairs
     return DesignPart(
         heading=f"{design.topology.key}, {modules(design.topology.n)}",
-        scene=Chart("view", "The platform in the axes of the task", scene(design, at, closest(audit), assembly)),
+        view=view("view", design, at, audit, forces=True),
         tree=Markup(tree_svg(design, assembly)),
         joints=_joints(design),
         rod=None if assembly is None else _rod(assembly),
@@ -44,7 +43,7 @@ def design_part(design: Design, audit: Audit | None) -> DesignPart:
             Chart(f"clearances-{number}", caption, figure)
             for number, (caption, figure) in enumerate(clearance_matrices(design, audit))
         ),
-        nearest=_nearest(pairs) if pairs else None,
+        nearest=nearest(pairs) if pairs else None,
         findings=() if audit is None else _findings(audit),
         errors=None if audit is None else _errors(audit),
         residuals=None if audit is None else _residuals(audit),
@@ -80,7 +79,7 @@ def _rod(assembly: Assembly) -> str | None:
     )
 
 
-def _nearest(pairs: tuple[Clearance, ...]) -> Table:
+def nearest(pairs: tuple[Clearance, ...]) -> Table:
     """Return what is not clear, the deepest first, and the nearest pairs that are."""
     nearest_first = sorted(pairs, key=lambda pair: pair.analytic_m)
     wrong = [pair for pair in nearest_first if pair.status != Status.CLEAR]

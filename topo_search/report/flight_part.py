@@ -15,10 +15,11 @@ from topo_search.report.wording import figures
 def flight_part(found: Flight) -> FlightPart:
     """Return all that is shown of it."""
     first, *others = (f"{line[0].upper()}{line[1:]}." for line in flight_lines(found))
-    return FlightPart(first, _cases(found), tuple(others), _joints(found))
+    return FlightPart(first, cases(found), tuple(others), _joints(found))
 
 
-def _cases(found: Flight) -> Table:
+def cases(found: Flight) -> Table:
+    """Return a row for hover and each load case: what can be added to it, and where least."""
     columns = (
         "case",
         "possible",
@@ -33,6 +34,14 @@ def _cases(found: Flight) -> Table:
         "at a limit",
     )
     return Table(columns, [_case(case) for case in found.cases], frozenset({2, 4, 6, 8, 9, 10}))
+
+
+def reserves(found: Flight) -> Table:
+    """Return the same in brief, for two designs side by side."""
+    chosen = (0, 2, 4, 6, 8)
+    whole = cases(found)
+    rows = [[row[column] for column in chosen] for row in whole.rows]
+    return Table(tuple(whole.columns[column] for column in chosen), rows, frozenset({1, 2, 3, 4}))
 
 
 def _case(case: CaseFlight) -> list[str]:

@@ -68,7 +68,7 @@ def _reserves(flight: Flight) -> Iterator[Tile]:
         yield Tile("Weakest reserve", "none", "cannot hover" if hover.possible is False else "hover is undecided")
     elif hover.horizontal_reserve_N is not None:
         towards = "" if hover.horizontal_weakest is None else f", towards {direction(hover.horizontal_weakest)}"
-        size = f"{figures(at_least(hover.horizontal_reserve_N, 2), 2)} N"
+        size = f"{figures(at_least(hover.horizontal_reserve_N, 3), 3)} N"
         yield Tile("Weakest reserve", size, f"side force at the tip in hover{towards}")
     open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
     yield Tile("One rotor dead", f"{out.survive} of {out.of}", f"failures that it can hover on with{open_}")

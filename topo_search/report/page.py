@@ -17,6 +17,9 @@ from topo_search.export import palette
 from topo_search.report.charts import styled
 from topo_search.report.task_facts import Facts
 
+SCRIPTS = ("figures.js", "labels.js", "view.js", "beside.js", "ranking.js", "page.js")
+"""The page's own, in the order in which they run."""
+
 
 @dataclass(frozen=True)
 class Chart:
@@ -31,6 +34,28 @@ class Chart:
     def data(self) -> Markup:
         """The figure as JSON inside a script element."""
         return in_script(styled(self.figure).to_json())
+
+
+@dataclass(frozen=True)
+class View:
+    """A design in 3-D, with what can be chosen to be shown of it."""
+
+    name: str
+    """Of its element: letters, digits and dashes."""
+    caption: str
+    value: dict[str, Any]
+    """What the page's script draws it from."""
+    cases: tuple[str, ...]
+    """The load cases."""
+    listed: bool
+    """Whether they are so many that they are chosen from a list."""
+    forces: bool
+    """Whether the forces that can be added at the end-effector can be shown."""
+
+    @property
+    def data(self) -> Markup:
+        """What the page's script draws it from, as JSON inside a script element."""
+        return json_in_script(self.value)
 
 
 @dataclass(frozen=True)
@@ -81,7 +106,7 @@ class DesignPart:
     """All that is shown of one design."""
 
     heading: str
-    scene: Chart
+    view: View
     tree: Markup
     joints: Table
     rod: str | None
@@ -101,6 +126,21 @@ class DesignPart:
 
 
 @dataclass(frozen=True)
+class Card:
+    """What is shown of a design beside the winner."""
+
+    key: str
+    heading: str
+    view: View
+    tree: Markup
+    figures: tuple[Tile, ...]
+    nearest: Table | None
+    """The least clearances."""
+    cases: Table | None
+    """What is left in hover and every load case."""
+
+
+@dataclass(frozen=True)
 class NearTies:
     """Designs of one size that cost about the same."""
 
@@ -116,6 +156,8 @@ class RunPart:
     near_ties: tuple[NearTies, ...]
     candidates: Markup
     """Columns and rows of the ranking as JSON inside a script element."""
+    cards: tuple[Card, ...]
+    """Of the best designs, the winner first."""
     progress: tuple[Chart, ...]
     reasons: Table | None
     """Why candidates have no design."""
@@ -164,6 +206,8 @@ class Page:
     """The lower bound and what it means, a paragraph each."""
     task: TaskPart
     design: DesignPart | None
+    meshes: Markup
+    """What every module has a copy of, as JSON inside a script element."""
     run: RunPart | None
     reproduction: Reproduction
     front: FrontPart | None = None
@@ -181,7 +225,11 @@ def render(page: Page) -> str:
     )
     template = environment.get_template("page.html.j2")
     return template.render(
-        page=page, palette=palette, style=_own("page.css"), script=_own("page.js"), plotly=Markup(get_plotlyjs())
+        page=page,
+        palette=palette,
+        style=_own("page.css"),
+        script=Markup("\n").join(map(_own, SCRIPTS)),
+        plotly=Markup(get_plotlyjs()),
     )
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_toml
 from topo_search.model.proven import at_least, gap_percent
+from topo_search.report.cards import cards, rows_to_show
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, task_part, title
 from topo_search.report.design_part import design_part
@@ -18,6 +19,7 @@ from topo_search.report.front_part import front_part
 from topo_search.report.headline import checked, headline
 from topo_search.report.near_ties import near_tie_cells, near_tie_columns
 from topo_search.report.page import (
+    Card,
     Chart,
     NearTies,
     Page,
@@ -28,6 +30,7 @@ from topo_search.report.page import (
     json_in_script,
     render,
 )
+from topo_search.report.view import shared_meshes
 from topo_search.report.wording import counted, figures, modules
 from topo_search.study import NEAR, REPORT, Answer, Row, RunFolder, SizeAnswer, answer_of
 
@@ -95,7 +98,8 @@ def _page(folder: RunFolder, answer: Answer) -> Page:
         bound=bound(size.lower_bound, shown.gap if shown else None, n),
         task=task_part(request.task.resolve(n), request.task),
         design=None if design is None else design_part(design, audit),
-        run=_run_part(folder, answer),
+        meshes=json_in_script({} if design is None else shared_meshes(design)),
+        run=_run_part(folder, answer, shown),
         reproduction=_reproduction(folder),
     )
 
@@ -142,7 +146,14 @@ def _limits(size: SizeAnswer, shown: Row | None) -> list[str]:
     return found
 
 
-def _run_part(folder: RunFolder, answer: Answer) -> RunPart:
+def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[Card]:
+    """Yield what is shown of the best designs beside the one that the page is about."""
+    if shown is not None:
+        read = ((row, *_read(folder, row)) for row in rows_to_show(answer, shown))
+        yield from cards(((row, design, audit) for row, design, audit in read if design is not None), shown)
+
+
+def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> RunPart:
     rows = [row for size in answer.sizes for row in folder.ledger.ranked(size.modules)]
     charts = []
     for size in answer.sizes:
@@ -154,6 +165,7 @@ def _run_part(folder: RunFolder, answer: Answer) -> RunPart:
         sizes=_sizes(answer),
         near_ties=tuple(_near_ties(size) for size in answer.sizes if len(size.near_ties) > 1),
         candidates=json_in_script({"columns": COLUMNS, "rows": [_cells(row) for row in rows]}),
+        cards=tuple(_cards(folder, answer, shown)),
         progress=tuple(charts),
         reasons=_reasons(folder, rows),
         remarks=tuple(remark for size in answer.sizes for remark in size.remarks),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,24 +16,24 @@ from topo_search.export.regions import cone_axis, cone_slant, paths, polytope
 from topo_search.export.viewpoint import azimuth_deg, towards_viewer
 from topo_search.model import Assembly, Clearance, Design, Directional, Exterior
 from topo_search.model.arrays import Array
+from topo_search.model.module import Module
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.closest import closest_points
+from topo_search.report.traces import MATT, columns, drawn_lines, drawn_mesh, drawn_points, triangles
 from topo_search.report.wording import clearance
 
 CLOSE = 2.0
 """Distance of the viewer, in edges of a cube as large as what is shown."""
 NUMBERED = 30
 """Most modules that carry their number in the picture; more are named where the pointer is."""
-AROUND = "around the platform"
-"""Marks what the page leaves out to show the platform alone."""
-MATT = {"ambient": 0.65, "diffuse": 0.6, "specular": 0.05, "roughness": 0.9}
-GHOSTLY = {"ambient": 0.8, "diffuse": 0.4, "specular": 0.0, "roughness": 1.0}
+AXIS = 1.8
+"""Length of a drawn thrust axis [l_arm]."""
 
 
 def scene(
     design: Design, at: Poses, closest: Clearance | None = None, assembly: Assembly | None = None
 ) -> go.Figure:
-    """Return the figure of a design.
+    """Return the figure of a design; each trace's `meta` says which `part` it is, and of which `mesh` copies.
 
     Args:
         design: any design.
@@ -50,7 +49,7 @@ def scene(
     figure.add_traces(_end_effector(design, at, foot))
     if closest is not None:
         figure.add_traces(_closest(closest, np.stack(closest_points(design, at, closest, foot))))
-    axis = {"backgroundcolor": "white", "gridcolor": "#dddddd", "zerolinecolor": "#bbbbbb", "showspikes": False}
+    axis = {"showbackground": False, "gridcolor": "#dddddd", "zerolinecolor": "#bbbbbb", "showspikes": False}
     figure.update_layout(
         scene={
             "aspectmode": "data",
@@ -66,63 +65,77 @@ def scene(
     return figure
 
 
+def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
+    """Return what every module has a copy of, in its own frame: by the name that `meta` of a trace gives.
+
+    Args:
+        module: the module.
+        sides: number of sides of a circle.
+    """
+    envelope, l_arm = module.envelope, module.arm_length
+    far, up = np.array([0.0, 0.0, -envelope.length]), np.array([0.0, 0.0, 1.0])
+    head = outlines.cone(AXIS * l_arm * up, -up, math.radians(14), 0.4 * l_arm, sides=8)
+    return {
+        "airflow": cone_sphere(np.zeros(3), envelope.start_radius, far, envelope.end_radius, sides=sides),
+        "modules": frame(module),
+        "rotors": rotors(module, sides=sides),
+        "axes": triangles(head),
+    }
+
+
+def sides(n: int) -> int:
+    """Return the number of sides of a circle: fewer than in files for other programs, fewest for many modules."""
+    return 24 if n <= NUMBERED else 12
+
+
 def _volumes(design: Design, at: Poses) -> list[Any]:
     """Return the airflow envelopes and the exposure regions."""
-    envelope = design.task.module.envelope
-    ends = at.p - envelope.length * at.z
-    airflow = [
-        cone_sphere(p, envelope.start_radius, end, envelope.end_radius, sides=_sides(design))
-        for p, end in zip(at.p, ends, strict=True)
-    ]
-    traces = [_mesh("airflow envelopes", airflow, palette.AIRFLOW, opacity=0.22, meta=AROUND)]
+    traces = [_copies("airflow", "airflow envelopes", design, at, palette.AIRFLOW, opacity=0.22)]
     apex = at.end_effector
     kept_out: list[Trimesh] = []
     cones: list[Trimesh] = []
     for requirement in design.task.exposure:
         if isinstance(requirement, Exterior):
             d, theta = cone_axis(requirement, at), math.radians(requirement.half_angle_deg)
-            cones.append(_triangles(outlines.cone(apex, d, theta, cone_slant(design, at))))
+            cones.append(triangles(outlines.cone(apex, d, theta, cone_slant(design, at))))
             continue
         r = requirement.radius
         if r is None:
-            corners, triangles, *_ = polytope(requirement)
-            kept_out.append(Trimesh(apex + corners, triangles))
+            corners, faces, *_ = polytope(requirement)
+            kept_out.append(Trimesh(apex + corners, faces))
             continue
         along = paths(requirement, at) if isinstance(requirement, Directional) else [np.zeros(3)]
         kept_out += [cone_sphere(apex, r, apex + path, r) for path in along]
-    if kept_out:
-        traces.append(_mesh("to be kept out of the airflow", kept_out, palette.EXPOSURE, opacity=0.4, meta=AROUND))
-    if cones:
-        traces.append(_mesh("cone to hold all airflow", cones, palette.EXPOSURE, opacity=0.15, meta=AROUND))
+    for part, words, found, opacity in (
+        ("regions", "to be kept out of the airflow", kept_out, 0.4),
+        ("cones", "cone to hold all airflow", cones, 0.15),
+    ):
+        if found:
+            traces.append(drawn_mesh(words, joined(found), palette.EXPOSURE, part, opacity=opacity))
     return traces
 
 
 def _platform(design: Design, at: Poses, connectors: Array) -> list[Any]:
     """Return the modules with their rotors, axes and joints."""
     module, topology = design.task.module, design.topology
-    here = [placed(R, p) for R, p in zip(at.R, at.p, strict=True)]
-    bodies, discs = (
-        [mesh.copy().apply_transform(pose) for pose in here]
-        for mesh in (frame(module), rotors(module, sides=_sides(design)))
-    )
     joints = [np.stack([at.p[h], connectors[h, a], at.p[i]]) for h, i, a, _ in topology.edges()]
-    tips = at.p + 1.8 * module.arm_length * at.z
-    head, slim = 0.4 * module.arm_length, math.radians(14)
-    heads = [_triangles(outlines.cone(tip, -z, slim, head, sides=8)) for tip, z in zip(tips, at.z, strict=True)]
+    tips = at.p + AXIS * module.arm_length * at.z
+    axes = list(np.stack([at.p, tips], axis=1))
+    grouped = {"legendgroup": "axes"}
     traces = [
-        _mesh("modules", bodies, palette.MODULE, flatshading=True, lighting=MATT),
-        _mesh("rotors", discs, palette.ROTOR, flatshading=True, lighting=MATT),
-        _lines("rotor axes", list(np.stack([at.p, tips], axis=1)), palette.THRUST_AXIS, 5, legendgroup="axes"),
-        _mesh("rotor axes", heads, palette.THRUST_AXIS, lighting=MATT, legendgroup="axes", showlegend=False),
+        _copies("modules", "modules", design, at, palette.MODULE, flatshading=True, lighting=MATT),
+        _copies("rotors", "rotors", design, at, palette.ROTOR, flatshading=True, lighting=MATT),
+        drawn_lines("rotor axes", axes, palette.THRUST_AXIS, 5, "axes", **grouped),
+        _copies("axes", "rotor axes", design, at, palette.THRUST_AXIS, lighting=MATT, showlegend=False, **grouped),
     ]
     if joints:
-        traces.append(_lines("joints", joints, palette.CONNECTOR, 8))
+        traces.append(drawn_lines("joints", joints, palette.CONNECTOR, 8, "joints"))
     numbers = [
         f"module {i}<br>thrust axis [{x:.3f}, {y:.3f}, {z:.3f}]" for i, (x, y, z) in enumerate(at.z.tolist())
     ]
     traces.append(
         go.Scatter3d(
-            **_columns(tips + 0.2 * module.arm_length * at.z),
+            **columns(tips + 0.2 * module.arm_length * at.z),
             name="module numbers",
             mode="markers+text" if topology.n <= NUMBERED else "markers",
             marker={"size": 2, "color": palette.THRUST_AXIS},
@@ -131,9 +144,17 @@ def _platform(design: Design, at: Poses, connectors: Array) -> list[Any]:
             textfont={"size": 14, "color": "#000000"},
             hovertext=numbers,
             hoverinfo="text",
+            meta={"part": "numbers"},
         )
     )
     return traces
+
+
+def _copies(mesh: str, name: str, design: Design, at: Poses, colour: str, **options: Any) -> Any:
+    """Return every module's copy of one of the `meshes`, as one trace."""
+    one = meshes(design.task.module, sides=sides(design.topology.n))[mesh]
+    copies = [one.copy().apply_transform(placed(R, p)) for R, p in zip(at.R, at.p, strict=True)]
+    return drawn_mesh(name, joined(copies), colour, mesh, **options, meta={"part": mesh, "mesh": mesh})
 
 
 def _free_connectors(design: Design, connectors: Array, assembly: Assembly | None) -> list[Any]:
@@ -157,7 +178,8 @@ def _free_connectors(design: Design, connectors: Array, assembly: Assembly | Non
                 f"module {i}, port {PORT_NAMES[port]}: {f'blocked by {obstacles[i, port]}' if blocked else 'free'}"
                 for i, port in places
             ]
-            traces.append(_points(name, connectors[tuple(zip(*places, strict=True))], colour, told))
+            spots = connectors[tuple(zip(*places, strict=True))]
+            traces.append(drawn_points(name, spots, colour, told, "connectors"))
     return traces
 
 
@@ -168,26 +190,38 @@ def _end_effector(design: Design, at: Poses, foot: Array | None) -> list[Any]:
     if foot is not None:
         r = design.task.end_effector.rod_radius
         rod.append(
-            _mesh(
+            drawn_mesh(
                 "rod of the end-effector",
-                [cone_sphere(foot, r, at.end_effector, r, sides=12)],
+                cone_sphere(foot, r, at.end_effector, r, sides=12),
                 palette.END_EFFECTOR,
+                "rod",
                 lighting=MATT,
             )
         )
     return [
         *rod,
-        _lines(
-            "p_E: end-effector from the centre of mass", [np.stack([at.p_com, at.end_effector])], palette.OFFSET, 8
+        drawn_lines(
+            "p_E: end-effector from the centre of mass",
+            [np.stack([at.p_com, at.end_effector])],
+            palette.OFFSET,
+            8,
+            "tip",
         ),
-        _points(
-            "centre of mass", at.p_com[None], palette.CENTRE_OF_MASS, ["centre of mass"], symbol="circle", size=8
+        drawn_points(
+            "centre of mass",
+            at.p_com[None],
+            palette.CENTRE_OF_MASS,
+            ["centre of mass"],
+            "tip",
+            symbol="circle",
+            size=8,
         ),
-        _points(
+        drawn_points(
             "end-effector",
             at.end_effector[None],
             palette.END_EFFECTOR,
             [f"end-effector, p_E = [{p_E}] m from the centre of mass"],
+            "tip",
             symbol="circle",
             size=8,
         ),
@@ -200,50 +234,13 @@ def _closest(pair: Clearance, ends: Array) -> list[Any]:
     text = f"closest pair: {clearance(pair)}{spare}, {pair.name}"
     return [
         go.Scatter3d(
-            **_columns(ends),
+            **columns(ends),
             name=text,
             mode="lines+markers",
             line={"color": palette.CLOSEST_PAIR, "width": 6},
             marker={"color": palette.CLOSEST_PAIR, "size": 6, "symbol": "diamond"},
             hovertext=text,
             hoverinfo="text",
+            meta={"part": "closest"},
         )
     ]
-
-
-def _sides(design: Design) -> int:
-    """Return the number of sides of a circle: fewer than in files for other programs, fewest for many modules."""
-    return 24 if design.topology.n <= NUMBERED else 12
-
-
-def _triangles(corners: Array) -> Trimesh:
-    """Return triangles, (t, 3, 3), as a mesh."""
-    return Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False)
-
-
-def _mesh(name: str, meshes: list[Trimesh], colour: str, **options: Any) -> Any:
-    mesh = joined(meshes)
-    vertices, (i, j, k) = mesh.vertices, mesh.faces.astype(np.int32).T
-    given = {"lighting": GHOSTLY, "hoverinfo": "skip", "showlegend": True, **options}
-    return go.Mesh3d(**_columns(vertices), i=i, j=j, k=k, name=name, color=colour, **given)
-
-
-def _lines(name: str, lines: Sequence[Array], colour: str, width: float, **options: Any) -> Any:
-    broken = np.concatenate([np.concatenate([line, np.full((1, 3), np.nan)]) for line in lines])
-    look = {"color": colour, "width": width}
-    return go.Scatter3d(**_columns(broken), name=name, mode="lines", line=look, hoverinfo="skip", **options)
-
-
-def _points(
-    name: str, points: Array, colour: str, texts: Sequence[str], *, symbol: str = "square", size: float = 4
-) -> Any:
-    look = {"color": colour, "size": size, "symbol": symbol, "line": {"color": "#000000", "width": 1}}
-    return go.Scatter3d(
-        **_columns(points), name=name, mode="markers", marker=look, hovertext=texts, hoverinfo="text"
-    )
-
-
-def _columns(points: Array) -> dict[str, Any]:
-    """Return points as a trace takes them: single precision is finer than a picture shows."""
-    x, y, z = points.astype(np.float32).T
-    return {"x": x, "y": y, "z": z}

@@ -38,3 +38,8 @@ def length(metres: float) -> str:
 def clearance(pair: Clearance) -> str:
     """Return a clearance in figures, the same wherever the page tells it: rounded down."""
     return length(at_least(pair.analytic_m, 3))
+
+
+def millimetres(pair: Clearance) -> str:
+    """Return the same figures in millimetres, without the unit."""
+    return f"{at_least(1000 * pair.analytic_m, 3):g}".replace("-", "−")

@@ -1,0 +1,128 @@
+"""What the page draws the picture in 3-D from: copies, arrows of load cases, steps of assembly, numbers."""
+
+import numpy as np
+import pytest
+from report_cases import design, grown
+
+from topo_search.compose import audit
+from topo_search.export.poses import poses
+from topo_search.model import Audit, Design, LoadCase, Topology, Wrench
+from topo_search.report.arrows import arrows, reach, ring, straight
+from topo_search.report.scene import scene
+from topo_search.report.view import shared_meshes, view
+
+
+@pytest.fixture(scope="module")
+def audited() -> tuple[Design, Audit]:
+    made = design(Topology.from_key("af0000"), "push-two-paths")
+    return made, audit(made)
+
+
+def with_cases(*cases: LoadCase) -> Design:
+    made = design(Topology.from_key("a300"), "push")
+    inputs = [list(made.rotor_speeds_squared[0])] * len(cases)
+    return Design.model_validate(
+        {
+            **made.model_dump(),
+            "task": {**made.task.model_dump(), "load_cases": cases},
+            "rotor_speeds_squared": inputs,
+        }
+    )
+
+
+def test_copies_of_a_mesh_lie_where_the_whole_picture_has_them(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    at = poses(made)
+    whole = {trace.meta["part"]: trace for trace in scene(made, at).data if "mesh" in trace.meta}
+    written = shared_meshes(made)
+    assert set(written) == {trace.meta["mesh"] for trace in whole.values()}
+    for name, mesh in written.items():
+        corners = np.array([mesh[axis] for axis in "xyz"])
+        placed = np.concatenate([R @ corners + p[:, None] for R, p in zip(at.R, at.p, strict=True)], axis=1)
+        trace = next(trace for trace in whole.values() if trace.type == "mesh3d" and trace.meta["mesh"] == name)
+        np.testing.assert_allclose(placed, [trace.x, trace.y, trace.z], atol=2e-5)
+        assert len(trace.i) == made.topology.n * len(mesh["i"])
+    left_out = [trace for trace in view("view", made, at, found).value["data"] if "mesh" in trace["meta"]]
+    assert len(left_out) == 4
+    assert not any("x" in trace for trace in left_out)
+
+
+def test_an_arrow_begins_and_ends_where_it_says() -> None:
+    start, direction = np.array([0.1, 0.2, 0.3]), np.array([0.6, 0.0, -0.8])
+    mesh, end = straight(start, direction, 0.5, 1.0)
+    np.testing.assert_allclose(end, [0.4, 0.2, -0.1])
+    along = (mesh.vertices - start) @ direction
+    assert (along.min(), along.max()) == pytest.approx((0.0, 0.5))
+
+
+def test_a_torque_turns_by_the_right_hand_rule() -> None:
+    axis = np.array([0.0, -0.6, 0.8])
+    mesh, beside = ring(np.zeros(3), axis, 1.0, 1.0)
+    assert abs(beside @ axis) < 1e-12
+    head = mesh.vertices[len(mesh.vertices) - 1 :: -1][:11].mean(axis=0)
+    turned = np.arctan2(np.cross(beside, head) @ axis, beside @ head)
+    assert -np.pi / 2 < turned < 0  # past three quarters of a full turn
+
+
+def test_the_largest_force_has_the_longest_arrow() -> None:
+    made = with_cases(
+        LoadCase(units="SI", end_effector=Wrench(force=(3.0, 0.0, 4.0), torque=(0.0, 0.2, 0.0))),
+        LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, 2.5))),
+        LoadCase(units="SI", com=Wrench()),
+    )
+    at = poses(made)
+    first, second, nothing = arrows(made, at)
+    (force, end), (torque, _) = first.ends
+    assert (force, torque, second.ends[0][0]) == ("5 N", "0.2 N m", "2.5 N")
+    assert "force 5 N, along [0.6, 0, 0.8], at the end-effector; torque 0.2 N m" in first.told
+    lengths = [
+        float(np.linalg.norm(np.array(tip) - start))
+        for tip, start in ((end, at.end_effector), (second.ends[0][1], at.p_com))
+    ]
+    assert lengths[0] == pytest.approx(2 * lengths[1], rel=1e-3)
+    assert lengths[0] == pytest.approx(0.6 * reach(made, at), rel=1e-3)
+    assert (nothing.told, nothing.traces) == ("nothing", ())
+
+
+def test_an_assembly_has_a_step_for_each_module_and_the_rod(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    steps = view("view", made, poses(made), found).value["steps"]
+    assert len(steps) == made.topology.n + 1
+    for (h, i, *_), step in zip(made.topology.edges(), steps[1:-1], strict=True):
+        assert f"of module {i} to port" in step
+        assert f"of module {h};" in step
+    mount = found.assembly.mount
+    assert ("rod" in steps[-1]) == (mount is None or f"of module {mount.module}" in steps[-1])
+    assert "no straight rod is known" in view("view", made, poses(made), None).value["steps"][-1]
+
+
+def test_the_pointer_tells_a_modules_least_clearance(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    told = view("view", made, poses(made), found).value["modules"]
+    assert len(told) == made.topology.n
+    least = min(found.pairs, key=lambda pair: pair.analytic_m)
+    assert any(f": {least.name}" in text for text in told)
+    for i, text in enumerate(told):
+        assert text.startswith(f"<b>module {i}</b><br>")
+        assert ("joint bears up to" in text) == (i > 0)
+
+
+def test_throttles_are_shares_of_the_largest_input(audited: tuple[Design, Audit]) -> None:
+    made, _ = audited
+    found = np.array(view("view", made, poses(made), None).value["throttle"])
+    assert found.shape == (len(made.task.load_cases), 5, 4)
+    np.testing.assert_allclose(found, made.inputs / made.task.module.max_input(9.81), atol=1e-4)
+
+
+@pytest.mark.parametrize(("number", "listed"), [(12, False), (13, True)])
+def test_many_load_cases_are_a_list(number: int, listed: bool) -> None:
+    cases = [LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, 1.0 + k))) for k in range(number)]
+    made = with_cases(*cases)
+    found = view("view", made, poses(made), None)
+    assert (found.listed, len(found.cases)) == (listed, number)
+
+
+def test_many_modules_have_no_labels() -> None:
+    for n, numbered in ((9, True), (31, False)):
+        made = design(grown(n), "push")
+        assert view("view", made, poses(made), None).value["numbered"] is numbered

@@ -1,0 +1,124 @@
+// The ranking: sorted and filtered here, with as many rows in the document as are looked at.
+const FIRST = 100;
+const ON_A_PHONE = ["tree", "J / bound", "gap [%]", "audit"]; // what fits on its screen
+
+function written(value) {
+  return typeof value === "number" && value >= 1e6 ? value.toExponential(4) : value;
+}
+
+function rest(name) {
+  return ON_A_PHONE.includes(name) ? "" : " rest";
+}
+
+function ranking(table, beside) {
+  const { columns, rows } = read("ranking-data");
+  const place = Object.fromEntries(columns.map(([name], i) => [name, i]));
+  const words = document.getElementById("words");
+  const choices = { status: document.getElementById("status"), audit: document.getElementById("audit") };
+  const more = document.getElementById("more");
+  const texts = rows.map((row) => row.join(" ").toLowerCase());
+  const order = rows.map((_, i) => i);
+  const used = columns.map((_, i) => rows.some((row) => row[i] !== null));
+  let all = false;
+
+  for (const [name, select] of Object.entries(choices)) {
+    const values = new Set(rows.map((row) => row[place[name]]).filter((value) => value !== null));
+    for (const value of [...values].sort()) select.add(new Option(value, value));
+  }
+
+  const heading = table.tHead.insertRow();
+  columns.forEach(([name, kind], i) => {
+    if (!used[i]) return;
+    const cell = document.createElement("th");
+    const button = document.createElement("button");
+    cell.scope = "col";
+    cell.className = kind + rest(name);
+    button.type = "button";
+    button.textContent = name;
+    button.addEventListener("click", () => sort(i, cell));
+    cell.append(button);
+    heading.append(cell);
+  });
+
+  function sort(i, cell) {
+    const up = cell.getAttribute("aria-sort") !== "ascending";
+    for (const other of heading.cells) other.removeAttribute("aria-sort");
+    cell.setAttribute("aria-sort", up ? "ascending" : "descending");
+    const sign = up ? 1 : -1;
+    order.sort((a, b) => {
+      const [x, y] = [rows[a][i], rows[b][i]];
+      if (x === null || y === null) return (x === null) - (y === null) || a - b; // empty cells come last
+      const difference = columns[i][1] === "number" ? x - y : x < y ? -1 : x > y ? 1 : 0;
+      return sign * difference || a - b;
+    });
+    show();
+  }
+
+  function show() {
+    const wanted = words.value.toLowerCase();
+    const found = order.filter(
+      (i) =>
+        texts[i].includes(wanted) &&
+        Object.entries(choices).every(([name, select]) => !select.value || rows[i][place[name]] === select.value),
+    );
+    const body = document.createElement("tbody");
+    for (const i of all ? found : found.slice(0, FIRST)) {
+      const line = body.insertRow();
+      const key = rows[i][place.tree];
+      if (key === beside?.key) line.setAttribute("aria-current", "true");
+      columns.forEach(([name, kind], j) => {
+        if (!used[j]) return;
+        const cell = line.insertCell();
+        const value = rows[i][j];
+        if (name === "tree" && beside?.has(key)) cell.append(opener(key));
+        else cell.textContent = value === null ? "" : written(value);
+        cell.className = (name === "audit" && value !== null ? value : kind) + rest(name);
+      });
+    }
+    table.tBodies[0].replaceWith(body);
+    const hidden = found.length - body.rows.length;
+    document.getElementById("shown").textContent = `${body.rows.length} of ${rows.length} candidates shown`;
+    more.hidden = hidden === 0;
+    more.textContent = `Show ${hidden} more`;
+  }
+
+  // A row is opened by its tree's key; arrow keys go from one such row to the next.
+  function opener(key) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = key;
+    button.setAttribute("aria-label", `${key}: show beside the best`);
+    return button;
+  }
+
+  table.addEventListener("click", (event) => {
+    const button = event.target.closest("tbody tr")?.querySelector("button");
+    if (button) beside.show(button.textContent);
+  });
+  table.addEventListener("keydown", (event) => {
+    const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    const openers = [...table.tBodies[0].querySelectorAll("button")];
+    const next = openers[openers.indexOf(event.target) + by];
+    if (!by || !next || !openers.includes(event.target)) return;
+    event.preventDefault();
+    next.focus();
+  });
+  if (beside) {
+    beside.chosen = (key) => {
+      for (const line of table.tBodies[0].rows) {
+        const same = key !== null && line.cells[0].textContent === key;
+        if (same) line.setAttribute("aria-current", "true");
+        else line.removeAttribute("aria-current");
+      }
+    };
+  }
+
+  words.addEventListener("input", show);
+  for (const select of Object.values(choices)) select.addEventListener("change", show);
+  document.getElementById("filter").addEventListener("submit", (event) => event.preventDefault());
+  more.addEventListener("click", () => {
+    all = true;
+    show();
+  });
+  show();
+}

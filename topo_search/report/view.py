@@ -1,0 +1,173 @@
+"""The picture in 3-D of one design as the page takes it: traces, poses, throttles, load cases, steps of assembly.
+
+What every module has a copy of is written once, in the module's frame; the page's script places the copies.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+from trimesh import Trimesh
+
+from topo_search.export import palette
+from topo_search.export.meshes import cone_sphere
+from topo_search.export.poses import Poses
+from topo_search.model import Assembly, Audit, Design
+from topo_search.model.proven import at_least, at_most
+from topo_search.model.topology import PORT_NAMES
+from topo_search.report.arrows import arrows, metres_per_newton
+from topo_search.report.charts import styled
+from topo_search.report.force_polytope import force_polytope
+from topo_search.report.headline import closest
+from topo_search.report.page import View
+from topo_search.report.scene import NUMBERED, meshes, scene, sides
+from topo_search.report.traces import drawn_mesh
+from topo_search.report.wording import clearance, figures, length, modules
+
+PLACED = ("x", "y", "z", "i", "j", "k")
+"""What a trace of copies is without on the page."""
+BUTTONS = 12
+"""Most load cases that have a button each; of more, one is chosen from a list."""
+
+
+def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: bool = False) -> View:
+    """Return the picture of a design.
+
+    Args:
+        name: of its element.
+        design: any design.
+        at: its poses.
+        audit: its audit.
+        forces: whether to draw what can be added at the end-effector in hover, which takes a second or more.
+    """
+    assembly = None if audit is None else audit.assembly
+    figure = json.loads(styled(scene(design, at, closest(audit), assembly)).to_json())
+    traces = [_without_copies(trace) for trace in figure["data"] if trace["meta"]["part"] != "numbers"]
+    layout = {key: value for key, value in figure["layout"].items() if key != "template"}
+    cases = list(arrows(design, at))
+    u_max = design.task.module.max_input(design.task.gravity)
+    value = {
+        "data": traces,
+        "layout": layout,
+        "R": at.R.round(7).tolist(),
+        "p": at.p.round(6).tolist(),
+        "numbered": design.topology.n <= NUMBERED,
+        "marks": [["tip", at.end_effector.round(6).tolist()], ["centre of mass", at.p_com.round(6).tolist()]],
+        "modules": _modules(design, at, audit),
+        "throttle": (design.inputs / u_max).round(4).tolist(),
+        "cases": [
+            {
+                "name": case.name,
+                "told": case.told,
+                "ends": case.ends,
+                "traces": [json.loads(trace.to_json()) for trace in case.traces],
+            }
+            for case in cases
+        ],
+        "steps": _steps(design, assembly),
+        "forces": _forces(design, at, audit) if forces else None,
+    }
+    return View(
+        name=name,
+        caption=f"{design.topology.key}, a platform of {modules(design.topology.n)}, in the axes of the task",
+        value=value,
+        cases=tuple(case.name for case in cases),
+        listed=len(cases) > BUTTONS,
+        forces=value["forces"] is not None,
+    )
+
+
+def shared_meshes(design: Design) -> dict[str, Any]:
+    """Return what every module of a design has a copy of, as its corners and triangles in the module's frame."""
+    found = {}
+    for name, mesh in meshes(design.task.module, sides=sides(design.topology.n)).items():
+        corners, faces = mesh.vertices.round(5).T.tolist(), mesh.faces.T.tolist()
+        found[name] = dict(zip(PLACED, (*corners, *faces), strict=True))
+    return found
+
+
+def _forces(design: Design, at: Poses, audit: Audit | None) -> dict[str, Any] | None:
+    """Return the forces that can be added at the end-effector in hover, to the scale of the load cases' arrows."""
+    found = force_polytope(design, at)
+    if found is None:
+        return None
+    scale = metres_per_newton(design, at)
+    corners = Trimesh(at.end_effector + scale * found.vertices, found.triangles, process=False)
+    words = "forces that can be added in hover"
+    traces = [drawn_mesh(words, corners, palette.OFFSET, "forces", opacity=0.35, flatshading=True)]
+    told = "All forces that can be added at the tip in hover, to the scale of the load cases' arrows."
+    reserve = None if audit is None or audit.flight is None else audit.flight.hover.force_reserve_N
+    if reserve is not None:
+        ball = cone_sphere(at.end_effector, scale * reserve, at.end_effector, scale * reserve, sides=16)
+        traces.append(drawn_mesh("in every direction", ball, palette.END_EFFECTOR, "forces"))
+        told += f" The ball: {figures(at_least(reserve, 3), 3)} N can be added in every direction."
+    return {"told": told, "traces": [json.loads(trace.to_json()) for trace in traces]}
+
+
+def _without_copies(trace: dict[str, Any]) -> dict[str, Any]:
+    copied = "mesh" in trace["meta"]
+    return {key: value for key, value in trace.items() if not (copied and key in PLACED)}
+
+
+def _modules(design: Design, at: Poses, audit: Audit | None) -> list[str]:
+    """Return what the pointer tells of each module."""
+    hinges = {
+        i: f"port {PORT_NAMES[b]} bolted to port {PORT_NAMES[a]} of module {h}, "
+        f"hinge {figures(math.degrees(alpha), 3)}°"
+        for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
+    }
+    return [
+        "<br>".join([f"<b>module {i}</b>", hinges.get(i, "the root"), *_place(at, i), *_audited(audit, i)])
+        for i in range(design.topology.n)
+    ]
+
+
+def _place(at: Poses, i: int) -> list[str]:
+    """Return where a module is, and where it pulls."""
+    return [
+        f"centre {_vector(at.p[i])} m",
+        f"thrust axis {_vector(at.z[i])}",
+    ]
+
+
+def _audited(audit: Audit | None, i: int) -> list[str]:
+    """Return a module's least clearance and the largest moment in its joint, as the audit knows them."""
+    if audit is None:
+        return []
+    told = []
+    between = ("airflow", "separation", "body", "rotor-airflow")
+    own = [pair for pair in audit.pairs if pair.a == i or (pair.b == i and pair.kind in (*between, "rod-airflow"))]
+    if own:
+        least = min(own, key=lambda pair: pair.analytic_m)
+        told.append(f"least clearance {clearance(least)}: {least.name}")
+    loads = [] if audit.flight is None else [load for load in audit.flight.joints if load.child == i]
+    if loads:
+        worst = max(loads, key=lambda load: load.moment_Nm)
+        told.append(f"joint bears up to {figures(at_most(worst.moment_Nm, 3), 3)} N m, in {worst.case}")
+    return told
+
+
+def _steps(design: Design, assembly: Assembly | None) -> list[str]:
+    """Return what is done at each step of the assembly, the root first and the rod, if there is one, last."""
+    told = ["Start with module 0, the root."]
+    for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
+        told.append(
+            f"Bolt port {PORT_NAMES[b]} of module {i} to port {PORT_NAMES[a]} of module {h}; "
+            f"set the hinge to {figures(math.degrees(alpha), 5)}°."
+        )
+    sheet = None if assembly is None else assembly.end_effector
+    if sheet is not None and sheet.mount is not None and sheet.rod is not None:
+        told.append(
+            f"Fix the rod of {length(sheet.rod.length_m)} to port {PORT_NAMES[sheet.mount.port]} of module "
+            f"{sheet.mount.module}; it carries the end-effector."
+        )
+    else:
+        told.append("Mount the end-effector; no straight rod is known to carry it.")
+    return told
+
+
+def _vector(values: np.ndarray[Any, Any]) -> str:
+    return f"[{', '.join(f'{x:.3f}' for x in (values + 0.0).tolist())}]".replace("-", "−")
