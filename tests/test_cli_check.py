@@ -72,6 +72,18 @@ def test_sets_of_wrenches_are_told_with_their_corners() -> None:
     assert "all wrenches between its own and force [0, 6.12, 4.9] N, torque [0, 0, 0] N m: 1 corner" in second
 
 
+def test_reserves_are_told_where_they_are_asked_for() -> None:
+    title = "possible beyond the load cases"
+    assert title not in groups("push")
+    level = ("--set", "flight.directions=horizontal")
+    told = groups("push", "--set", "flight.force_reserve=0.1", "--set", "flight.torque_reserve=0.05", *level)[title]
+    assert told == {
+        "around": "hover",
+        "reserve of force": "any horizontal force of 1.224 N = 0.1 m_t g at the end-effector",
+        "reserve of torque": "any of 0.06121 N m",
+    }
+
+
 def test_goals_are_told_where_there_are_any() -> None:
     title = "goals beside effort"
     assert title not in groups("push")

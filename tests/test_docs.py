@@ -36,8 +36,9 @@ def test_the_tasks_of_the_readme_are_read():
 
 
 def test_the_task_with_sets_of_wrenches_is_read_and_its_corners_counted():
-    (text,) = blocks("toml", "how-to/load-cases.md")
-    task = Task.model_validate(tomllib.loads(text))
+    text, reserves = blocks("toml", "how-to/load-cases.md")
+    task = Task.model_validate({**tomllib.loads(text), **tomllib.loads(reserves)})
+    assert task.resolve(4).flight.force_reserve == pytest.approx(0.1 * task.force_unit(4))
     press, screw, hover = task.resolve(4).load_cases
     assert [len(case.corners) for case in (press, screw, hover)] == [9, 2, 0]
     assert math.hypot(*press.corners[1].at_end_effector.force) == pytest.approx(2.69, abs=5e-3)

@@ -25,7 +25,7 @@ from verify.compound_certificate import certify_compounds, compound_evidence
 from verify.cone_certificate import certify_inside
 from verify.contacts import RigidRequirement, allowed_contacts, keep_apart
 from verify.evidence import evidence
-from verify.flight import flight
+from verify.flight import flight, reserve_residuals
 from verify.hull_certificate import certify_outside
 from verify.hulls import Hull
 from verify.interference import interference, percent_of_deepest
@@ -75,19 +75,20 @@ def _audit(design: Design, started: float) -> Audit:
         *certify_beside(beside, parts),
         *_certificates(rods),
     ]
-    statuses = [row.status for row in rows]
-    statuses += [c.status for requirement, c in zip(asked, certificates, strict=True) if requirement.counts]
+    statuses = [c.status for requirement, c in zip(asked, certificates, strict=True) if requirement.counts]
     mount, module = sheet.mount, design.task.module
     holder = 0 if mount is None else mount.module
     pairs = tuple(_clearance(*row, module, parts) for row in zip(asked, certificates, strict=True))
     errors = sensitivity(design, found, scene, requirements, holder)
+    measured = flight(design, found, sheet, errors)
+    rows = (*rows, *reserve_residuals(design, measured))
     return Audit(
-        verdict=Status.worst(statuses),
+        verdict=Status.worst([*(row.status for row in rows), *statuses]),
         pairs=pairs,
         residuals=rows,
         interference=interference(pairs),
         sensitivity=errors,
-        flight=flight(design, found, sheet, errors),
+        flight=measured,
         assembly=sheet,
         allowed_contacts=allowed_contacts(design, sheet.mount),
         versions=dict(_versions()),

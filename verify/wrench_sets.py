@@ -39,7 +39,8 @@ def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
         found = solvable(A, b, box)
         error = found.v @ A.T - b
         about_tip = error[:, 3:] - np.cross(platform.p_e / task.module.arm_length, error[:, :3])
-        yes, no = found.yes & np.all(np.abs(about_tip) <= TOLERANCE, axis=1), found.no
+        parts = np.linalg.norm([error[:, :3], error[:, 3:], about_tip], axis=2)
+        yes, no = found.yes & np.all(parts <= TOLERANCE, axis=0), found.no
         missed = np.abs(error).max(axis=1)
     else:  # the digits that programs need are lost
         yes, no, missed = np.zeros(len(b), dtype=bool), np.zeros(len(b), dtype=bool), np.zeros(len(b))

@@ -23,7 +23,7 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    task = cornered(task)
+    task = cornered(task.declared, inner=True)
     forces = one_force(task) or axes(task) or all_forces(task)
     shortfall, concerned = forces or rotors_overlap(task) or _shape(task), None
     if shortfall is None and topology is not None:

@@ -25,6 +25,7 @@ from topo_search.model.folds import Folds, clear_folds, common
 from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AGREE, Module
+from topo_search.model.reserves import AskedFlight, broken_reserves
 from topo_search.model.room import body_radius
 from topo_search.model.search import Search
 from topo_search.model.tolerances import FARTHEST
@@ -97,6 +98,8 @@ class Task(Value):
     """Regions that must stay out of the airflow."""
     search: Search = Search()
     """What the search may do."""
+    flight: Annotated[AskedFlight, Field(exclude_if=lambda given: given == AskedFlight())] = AskedFlight()
+    """What a design must be able to do beyond its load cases; not written where there is nothing."""
     tolerances: Annotated[Tolerances, Field(exclude_if=lambda given: given == Tolerances())] = Tolerances()
     """Errors in building that the audit reckons with; not written where there are none."""
     goals: Annotated[Goals, Field(exclude_if=lambda given: given == Goals())] = Goals()
@@ -141,7 +144,10 @@ class Task(Value):
             broken.append((("end_effector", "stand_off"), text))
         if self.sizes and self.load_cases != "ten-wrenches":
             n = self.sizes[-1]
-            broken += broken_rules(self.load_cases, self.force_unit(n), self.torque_unit(n))
+            units = self.force_unit(n), self.torque_unit(n)
+            broken += broken_rules(self.load_cases, *units)
+            corners = sum(1 + len(case.corners) for case in self.load_cases)
+            broken += broken_reserves(self.flight, corners, *units)
         refuse("Task", *broken, *self._broken_thrust(), *self._broken_goals())
         return self
 
@@ -307,6 +313,7 @@ class Task(Value):
                 "load_cases": tuple(case.to_si(*units) for case in cases),
                 "task_seed": None,
                 "search": search,
+                "flight": self.flight.to_si(*units),
                 "goals": Goals(),
             }
         )
@@ -324,6 +331,8 @@ class ResolvedTask(Task):
         weights = [k for k, case in enumerate(self.load_cases) if case.units == "weight"]
         refuse("ResolvedTask", *((("load_cases", k, "units"), rule) for k in weights))
         rule = "must be false in a design, the weight being written out in `com`, but got true"
+        if self.flight.asks and self.flight.units != "SI":
+            refuse("ResolvedTask", (("flight", "units"), 'must be "SI" in a design, but got "weight"'))
         carry = [k for k, case in enumerate(self.load_cases) if case.carries_weight]
         refuse("ResolvedTask", *((("load_cases", k, "carries_weight"), rule) for k in carry))
         return self

@@ -87,6 +87,7 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
             ),
         ),
         Facts("must stay out of the airflow", exposure or (("regions", "none but the platform's own modules"),)),
+        *_flight(task),
         Facts("search", _search(task)),
         *_tolerances(task),
     )
@@ -196,6 +197,22 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         ("centres of modules not bolted together", centres),
         ("hinge angles", in_words(folds, "°") if folds else "none, lest rotors touch or get into airflow"),
     )
+
+
+def _flight(task: ResolvedTask) -> Iterator[Facts]:
+    """Yield what a design must be able to do beyond its load cases, if the task asks for anything."""
+    asked = task.flight
+    if asked.asks:
+        around = "hover" if asked.around == "hover" else "hover and every load case that carries the weight"
+        which = "any horizontal force" if asked.directions == "horizontal" else "any force"
+        weights = asked.force_reserve / task.force_unit(task.n), asked.torque_reserve / task.torque_unit(task.n)
+        rows = [("around", around)]
+        if asked.force_reserve:
+            size = f"{figures(asked.force_reserve)} N = {figures(weights[0], 3)} m_t g"
+            rows.append(("reserve of force", f"{which} of {size} at the end-effector"))
+        if asked.torque_reserve:
+            rows.append(("reserve of torque", f"any of {figures(asked.torque_reserve)} N m"))
+        yield Facts("possible beyond the load cases", tuple(rows))
 
 
 def _tolerances(task: ResolvedTask) -> Iterator[Facts]:

@@ -5,6 +5,7 @@ Reserves of force and torque around hover and every load case, load factors, dea
 
 from __future__ import annotations
 
+from verify.flight.asked import reserve_residuals
 from verify.flight.measured import flight
 
-__all__ = ["flight"]
+__all__ = ["flight", "reserve_residuals"]

@@ -1,0 +1,116 @@
+"""Reserves that a task asks for: corners around balls and discs, units, and what is wrong with them."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from topo_search.model import BadInput, ResolvedTask, Task
+from topo_search.model.corners import cornered
+from topo_search.model.files import to_toml, validate
+from topo_search.model.reserves import UNSEEN, centres, reserve_corners
+
+HOVER = {"carries_weight": True}
+PUSH = {"name": "push", "carries_weight": True, "units": "SI", "end_effector": {"force": [2.0, 0.0, 0.0]}}
+FREE = {"com": {"force": [0.2, 0.0, 0.5]}}
+
+
+def task(flight: dict[str, Any], *cases: dict[str, Any], **fields: Any) -> Task:
+    data = {"name": "t", "modules": 4, "load_cases": list(cases) or [HOVER], "flight": flight, **fields}
+    return validate(Task, data, "t")
+
+
+def inradius(points: np.ndarray) -> float:
+    return float(-ConvexHull(points).equations[:, -1].max())
+
+
+@pytest.mark.parametrize("inner", [False, True])
+def test_corners_are_around_the_ball_and_points_for_proofs_within_it(inner: bool) -> None:
+    resolved = task({"force_reserve": 0.3, "torque_reserve": 0.2}).resolve(4)
+    F, T = resolved.force_unit(4), resolved.torque_unit(4)
+    corners = [corner for _, corner in reserve_corners(resolved, inner=inner)]
+    assert {corner.at_com.force for corner in corners} == {(0.0, 0.0, F)}
+    assert {corner.weight for corner in corners} == {0.0}
+    force = np.array([c.at_end_effector.force for c in corners[:12]]) / F
+    torque = np.array([c.at_end_effector.torque for c in corners[12:]]) / T
+    assert not np.any([c.at_end_effector.torque for c in corners[:12]])
+    assert len(torque) == 12
+    for points, r in ((force, 0.3), (torque, 0.2)):
+        if inner:
+            assert np.linalg.norm(points, axis=1) == pytest.approx(np.full(12, r - UNSEEN), rel=1e-12)
+        else:
+            assert inradius(points) == pytest.approx(r, rel=1e-9)
+            assert np.linalg.norm(points, axis=1).max() == pytest.approx(1.2584 * r, rel=1e-4)
+
+
+def test_corners_of_a_disc_are_level() -> None:
+    resolved = task({"force_reserve": 0.5, "units": "SI", "directions": "horizontal"}).resolve(4)
+    force = np.array([corner.at_end_effector.force for _, corner in reserve_corners(resolved, inner=False)])
+    assert len(force) == 8
+    assert not force[:, 2].any()
+    assert inradius(force[:, :2]) == pytest.approx(0.5, rel=1e-9)
+    assert np.hypot(*force[:, :2].T) == pytest.approx(np.full(8, 0.5 / math.cos(math.pi / 8)))
+
+
+def test_reserves_are_around_hover_or_all_cases_that_carry_the_weight() -> None:
+    for around, names in (("hover", ["hover"]), ("all", ["hover", "load case 0 (push)", "load case 2"])):
+        resolved = task({"force_reserve": 0.1, "around": around}, PUSH, FREE, HOVER).resolve(4)
+        assert [label for _, label, _ in centres(resolved)] == names
+    labels = cornered(resolved).case_labels
+    assert labels[3] == "hover, force reserve 0"
+    assert labels[15] == "load case 0 (push), force reserve 0"
+    assert len(labels) == 3 + 36
+    (_, _, push) = centres(resolved)[1]
+    assert push.at_end_effector.force == (2.0, 0.0, 0.0)
+
+
+def test_proofs_leave_reserves_out_that_inputs_beyond_the_peak_may_keep() -> None:
+    resolved = task({"force_reserve": 0.1}, search={"peak_input": 0.9}).resolve(4)
+    assert cornered(resolved, inner=True) is resolved
+    assert len(cornered(resolved).load_cases) == 13
+
+
+def test_reserves_in_weights_grow_with_the_platform_and_a_design_has_newtons() -> None:
+    stated = task({"force_reserve": 0.1, "torque_reserve": 0.05}, modules=[3, 6])
+    for n in (3, 6):
+        asked = stated.resolve(n).flight
+        assert asked.units == "SI"
+        assert asked.force_reserve == pytest.approx(0.1 * stated.force_unit(n))
+        assert asked.torque_reserve == pytest.approx(0.05 * stated.torque_unit(n))
+    resolved = stated.resolve(3)
+    assert Task.model_validate_json(resolved.model_dump_json()).resolve(3) == resolved
+    assert "[flight]" in to_toml(stated)
+    assert "flight" not in task({}).resolve(4).model_dump_json()
+    assert "flight" not in task({"units": "weight", "around": "all"}).resolve(4).model_dump_json()
+    with pytest.raises(BadInput, match=r'flight.units: must be "SI" in a design'):
+        validate(ResolvedTask, {**resolved.model_dump(mode="json"), "flight": {"force_reserve": 0.1}}, "design")
+
+
+@pytest.mark.parametrize(
+    ("flight", "fault"),
+    [
+        ({"force_reserve": -0.1}, "flight.force_reserve: must be at least 0, but got -0.1"),
+        ({"torque_reserve": "x"}, 'flight.torque_reserve: must be a number, but got "x"'),
+        ({"directions": "up"}, 'flight.directions: must be "all" or "horizontal", but got "up"'),
+        ({"around": "cases"}, 'flight.around: must be "hover" or "all", but got "cases"'),
+        ({"units": "N"}, 'flight.units: must be "weight" or "SI", but got "N"'),
+        ({"reserve": 1}, "flight.reserve: unknown field; did you mean `force_reserve`?"),
+        (
+            {"force_reserve": 1e15},
+            "flight.force_reserve: must be at most 1e+15 N and N m, but got 1e+15 weights",
+        ),
+    ],
+)
+def test_what_is_wrong_with_reserves_is_told(flight: dict[str, Any], fault: str) -> None:
+    with pytest.raises(BadInput) as told:
+        task(flight)
+    (one,) = map(str, told.value.faults)
+    assert one.startswith(fault)
+
+
+def test_too_many_corners_are_refused() -> None:
+    cases = [{"carries_weight": True, "com": {"torque": [1e-3 * k, 0.0, 0.0]}} for k in range(16)]
+    with pytest.raises(BadInput, match=r"flight: must ask for at most 200 wrenches with all load cases, .* 220"):
+        task({"force_reserve": 0.1, "around": "all"}, *cases)

@@ -1,0 +1,111 @@
+"""Reserves in solver, bounds and audit."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from nlp_cases import HOVER, push, solved
+from verify_cases import changed
+
+from nlp import lower_bound, prove_impossible, solve
+from nlp.bounds.effort import closed_form
+from topo_search.model import Status, Topology
+from topo_search.topologies.task_symmetry import improper_isometry
+from verify import audit
+
+LOW, HIGH = Topology.from_key("a300"), Topology.from_key("aa00")
+GENTLE = {"carries_weight": True, "end_effector": {"force": [0.1, 0.0, 0.0]}}
+
+
+def asked(n: int = 3, **flight: Any) -> Any:
+    return push(n, load_cases=[HOVER], **({"flight": flight} if flight else {}))
+
+
+def rows(design: Any) -> dict[str, Any]:
+    return {row.name: row for row in audit(design).residuals if "reserve" in row.name}
+
+
+def test_a_design_keeps_a_reserve_that_it_would_not_keep_unasked() -> None:
+    plain = solved(solve(asked(), LOW, starts=range(3), seed=0))
+    more = solved(solve(asked(force_reserve=0.1, directions="horizontal"), LOW, starts=range(6), seed=0))
+    without = audit(plain).flight
+    assert without is not None
+    assert without.hover.horizontal_reserve_N < 0.02 * plain.task.force_unit(3)
+    assert audit(more).verdict == "clear"
+    (row,) = rows(more).values()
+    assert row.name == "hover, horizontal force reserve"
+    assert row.derived >= row.stated == pytest.approx(0.1 * more.task.force_unit(3))
+    assert more.objective >= plain.objective
+    assert lower_bound(more.task) <= more.objective
+    assert more.inputs.shape == (1, 3, 4)
+
+
+def test_the_audit_judges_what_is_asked_against_what_it_measured() -> None:
+    """By reserves between none and more than there is; a design that does not know of them is judged the same."""
+    design = solved(solve(asked(force_reserve=0.1, directions="horizontal"), LOW, starts=range(6), seed=0))
+    found = audit(design).flight
+    assert found is not None
+    most = {
+        "force": found.hover.force_reserve_N,
+        "horizontal force": found.hover.horizontal_reserve_N,
+        "torque": found.hover.torque_reserve_Nm,
+    }
+    for name, size in most.items():
+        assert size is not None
+        field = "torque_reserve" if name == "torque" else "force_reserve"
+        directions = "horizontal" if name == "horizontal force" else "all"
+        for share, status in ((0.9, Status.CLEAR), (1.1, Status.VIOLATED)):
+            reserve = share * size + 1e-4 * (share > 1)
+            flight = {"units": "SI", "directions": directions, field: reserve}
+            judged = audit(changed(design, task={**design.task.model_dump(mode="json"), "flight": flight}))
+            (row,) = (row for row in judged.residuals if row.name == f"hover, {name} reserve")
+            assert row.status is status
+            assert judged.verdict is status
+
+
+def test_around_all_the_cases_that_carry_the_weight_count_too() -> None:
+    task = push(3, load_cases=[GENTLE, HOVER], flight={"torque_reserve": 0.01, "around": "all"})
+    design = solved(solve(task, LOW, starts=range(6), seed=0))
+    assert set(rows(design)) == {f"{name}, torque reserve" for name in ("hover", "load case 0", "load case 1")}
+    assert audit(design).verdict == "clear"
+
+
+def test_bounds_count_on_points_of_the_ball_alone() -> None:
+    """Hover costs the closed form whatever reserve is asked for, and a bound with it is no less, nor above it here.
+
+    With a horizontal reserve as large as the weight the axes must lean, which the bound knows.
+    """
+    assert lower_bound(asked(force_reserve=0.05)) == pytest.approx(closed_form(asked()), rel=2e-3)
+    wide = asked(force_reserve=1.0, directions="horizontal")
+    assert lower_bound(wide) > 1.02 * closed_form(asked())
+    assert closed_form(wide) == pytest.approx(closed_form(asked()))
+
+
+def test_more_reserve_than_all_rotors_have_is_impossible_by_proof_and_a_little_less_is_not() -> None:
+    """All rotors pull with 2.5 weights of the modules: what the weight leaves of it can be added upwards."""
+    left = 3 * 0.24 * 2.5 / (3 * 0.24 + 0.048) - 1
+    proof = prove_impossible(asked(force_reserve=1.2 * left))
+    assert proof is not None
+    assert proof.worst_constraint.startswith("hover, force reserve")
+    assert prove_impossible(asked(1, force_reserve=0.01)) is not None  # one module has one axis
+    within = asked(force_reserve=left / 1.2584 * 1.1)  # its corners are beyond, the ball is not
+    assert prove_impossible(within) is None or "corner" not in str(prove_impossible(within))
+
+
+def test_a_disc_keeps_a_mirror_that_it_has_and_a_ball_of_corners_may_not() -> None:
+    assert improper_isometry(push(3, load_cases=[GENTLE], flight={"force_reserve": 0.1})) is not None
+    level = {"force_reserve": 0.1, "directions": "horizontal"}
+    diagonal = [{"carries_weight": True, "end_effector": {"force": [0.1, 0.1, 0.0]}}]
+    assert improper_isometry(push(3, load_cases=diagonal, flight=level)) is not None
+    turned = [{"carries_weight": True, "end_effector": {"force": [0.1, 0.03, 0.0]}}]
+    assert improper_isometry(push(3, load_cases=turned)) is not None
+    assert improper_isometry(push(3, load_cases=turned, flight=level)) is None
+
+
+def test_numbers_without_a_proof_are_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    design = solved(solve(asked(force_reserve=0.05, directions="horizontal"), LOW, starts=range(4), seed=0))
+    monkeypatch.setattr("verify.design_audit.flight", lambda *given: None)
+    (row,) = rows(design).values()
+    assert row.status is Status.UNDECIDED
+    assert audit(design).verdict == "undecided"
+    assert np.isfinite(row.value)
