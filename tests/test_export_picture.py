@@ -16,7 +16,7 @@ from report_cases import grown
 from topo_search.export import outlines, parts
 from topo_search.export.picture import draw, figure_of, title
 from topo_search.export.poses import poses
-from topo_search.export.scene import Scene
+from topo_search.export.scene import Scene, wrenches
 from topo_search.export.tree_layout import flat_layout, layered_layout
 from topo_search.model import BadInput, Design, Module, Topology
 from topo_search.model.files import examples, read_task
@@ -62,6 +62,33 @@ def test_the_legend_explains_the_exposure(name: str) -> None:
     assert ("cone to hold all airflow" in texts) == ("exterior" in name)
 
 
+def test_load_cases_are_arrows_in_their_colours() -> None:
+    made = design(CROSS)
+    at = poses(made)
+    found = wrenches(made, at)
+    assert [(k, torque) for k, torque, _, _ in found] == [(0, False), (1, False), (2, False)]
+    weight = np.array(made.task.load_cases[2].at_com.force)
+    for k, place in ((0, at.end_effector), (1, at.end_effector), (2, at.p_com)):
+        case = made.task.load_cases[k]
+        force = np.array(case.at_end_effector.force) + np.array(case.at_com.force)
+        np.testing.assert_allclose(found[k][2], place)
+        np.testing.assert_allclose(found[k][3], force / np.linalg.norm(weight))
+    texts = [text.get_text() for text in figure_of(made).legends[0].get_texts()]
+    assert texts.count("load case 0") == texts.count("load case 2") == 1
+
+
+def test_torques_are_drawn_and_what_has_no_colour_is_left_out() -> None:
+    made = design(CROSS, "ten-wrenches")
+    found = wrenches(made, poses(made))
+    assert {k for k, *_ in found} == set(range(5))
+    torques = [float(np.linalg.norm(v)) for _, torque, _, v in found if torque]
+    assert len(torques) == 5
+    assert max(torques) <= 1
+    close = Scene(Figure(), (0.0, 0.0, 1.0, 1.0), made, poses(made))
+    close.load_cases()
+    assert len(close.axes.collections) == 5 + 5 + 5  # arrows of forces and torques, rings
+
+
 def test_several_requirements_and_a_path_along_p_e(tmp_path: Path) -> None:
     several = (
         'exposure=[{kind="local"}, {kind="directional", along="end_effector", length=0.5}, '
@@ -101,7 +128,7 @@ def test_the_format_is_given_or_told_by_the_name(tmp_path: Path) -> None:
 
 
 def test_the_title_names_size_objective_and_gap() -> None:
-    assert title(design(CROSS)) == r"push   $n$ = 5   $J$ = 1.234$\times$10$^{13}$ rad$^4$/s$^4$   gap 9.4 %"
+    assert title(design(CROSS)) == r"push   $n$ = 5   $J$ = 1.234$\times$10$^{13}$ rad$^4$/s$^4$   gap 9.32 %"
     assert "gap" not in title(design(CROSS, gap=None))
 
 

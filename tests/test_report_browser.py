@@ -12,6 +12,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
 from report_cases import design, grown, toy_page
+from verify_cases import design as solved
 
 from topo_search.compose import audit
 from topo_search.export.poses import poses
@@ -174,6 +175,18 @@ def test_the_view_opens_on_the_platform_and_shows_what_is_chosen(opened: Open) -
     assert "tip" in parts(page)
     page.click("[data-step='-1']")
     assert page.inner_text(".told").startswith("Step 5 of 6")
+
+
+def test_forces_that_can_be_added_are_shown_at_the_tip(opened: Open) -> None:
+    able = {"module": {"max_thrust_to_weight": 4.0}}
+    made = solved(Topology.from_key("af0000"), able, hinges=(-0.5, 0.6, 0.5, -0.6), end_effector=(0.1, 0.05, 0.3))
+    page = opened(render(design_page(made, audit(made), "mine.json")))
+    assert "forces" not in parts(page)
+    page.click("[data-choice=forces]")
+    assert "forces" in parts(page)
+    assert "can be added in every direction" in page.inner_text(".told")
+    page.click("[data-choice=platform]")
+    assert "forces" not in parts(page)
 
 
 def test_labels_do_not_lie_over_each_other(opened: Open, five: str) -> None:

@@ -24,6 +24,8 @@ STATUSES = {"feasible": "#009e73", "infeasible": "#e69f00", "impossible": "#cc79
 """Of candidates, always beside the word."""
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 """Lines and points of one chart, told apart by their markers too."""
+CASES = ("#000000", "#cc79a7", "#009e73", "#e69f00", "#56b4e9")
+"""Arrows of load cases beside thrust axes and joints."""
 
 CELL = "rgba(128, 128, 128, 0.12)"
 TIGHT = "#ffd166"

@@ -17,7 +17,7 @@ from matplotlib.patches import Patch
 
 from topo_search.export import palette
 from topo_search.export.figure_file import content, save
-from topo_search.export.scene import Scene
+from topo_search.export.scene import Scene, wrenches
 from topo_search.export.tree_plot import draw_tree
 from topo_search.export.viewpoint import poses_to_draw
 from topo_search.model.design import Design
@@ -63,13 +63,18 @@ def figure_of(design: Design) -> Figure:
     whole.finish()
     close = Scene(figure, (0.57, 0.47, 0.42, 0.45), design, at)
     close.platform()
+    close.load_cases()
     close.finish()
     close.number_modules()
     draw_tree(figure.add_axes((0.62, 0.11, 0.35, 0.30)), design)
-    for x, y, text in ((0.29, 0.915, "airflow"), (0.79, 0.915, "platform"), (0.79, 0.43, _short(design))):
+    for x, y, text in (
+        (0.29, 0.915, "airflow"),
+        (0.79, 0.915, "platform and load cases"),
+        (0.79, 0.43, _short(design)),
+    ):
         figure.text(x, y, text, fontsize=9, ha="center")
     figure.suptitle(title(design), y=0.98, fontsize=11)
-    figure.legend(handles=_legend(design), loc="lower center", ncols=6, frameon=False)
+    figure.legend(handles=_legend(design), loc="lower center", ncols=7, frameon=False)
     return figure
 
 
@@ -82,7 +87,7 @@ def title(design: Design) -> str:
         rf"$J$ = {mantissa}$\times$10$^{{{int(exponent)}}}$ rad$^4$/s$^4$",
     ]
     if design.gap is not None:
-        parts.append(f"gap {gap_percent(design.gap, 1)}")
+        parts.append(f"gap {gap_percent(design.gap)}")
     return "   ".join(parts)
 
 
@@ -108,6 +113,10 @@ def _legend(design: Design) -> list[Artist]:
         dot(palette.END_EFFECTOR, "end-effector"),
         dot(palette.CENTRE_OF_MASS, "centre of mass"),
         Line2D([], [], color=palette.OFFSET, linewidth=2.5, label="$p_E$"),
+    ]
+    entries += [
+        Line2D([], [], color=palette.CASES[k], marker=">", label=f"load case {k}")
+        for k in sorted({k for k, *_ in wrenches(design, poses_to_draw(design))})
     ]
     cones = [isinstance(requirement, Exterior) for requirement in design.task.exposure]
     if not all(cones):

@@ -27,6 +27,8 @@ MARGIN = np.array([1.3, 0.8])
 """Left for the labels of the axes, in width and height [in]."""
 ASIDE = np.array(sorted(itertools.product(range(-6, 7), repeat=2), key=lambda step: math.hypot(*step)))
 """Where a number may move to, nearest first, in font sizes."""
+ARROW = 0.5
+"""Length of the arrow of the largest force, and of the largest torque, over the size of the platform."""
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
 """Keeps a number readable over whatever lies behind it."""
 
@@ -102,6 +104,19 @@ class Scene:
         self._lines([np.stack([at.p_com, at.end_effector])], palette.OFFSET, 2.5)
         for place, colour in ((at.p_com, palette.CENTRE_OF_MASS), (at.end_effector, palette.END_EFFECTOR)):
             self.axes.plot(*place[:, None], "o", color=colour, markeredgecolor="black", markersize=7, zorder=8)
+
+    def load_cases(self) -> None:
+        """Draw forces as arrows, and torques as dashed ones through a ring, in the colour of their load case."""
+        module = self.design.task.module
+        reach = float(np.ptp(np.vstack([self.at.p, self.at.end_effector]), axis=0).max()) + 2 * module.arm_length
+        for k, is_torque, place, share in wrenches(self.design, self.at):
+            arrow, colour = ARROW * reach * share, palette.CASES[k]
+            look = {"linewidth": 1.8, "linestyle": "dashed" if is_torque else "solid"}
+            self.axes.quiver(*place, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **look)
+            self._keep([place + arrow])
+            if is_torque:
+                ring = outlines.circle(place + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
+                self._lines([ring], colour, 1.4)
 
     def finish(self) -> None:
         """Set equal scales on all axes, so large that everything drawn fits into the part."""
@@ -215,6 +230,23 @@ class Scene:
 
     def _keep(self, drawn: list[Array]) -> None:
         self._drawn.extend(np.asarray(points).reshape(-1, 3) for points in drawn)
+
+
+def wrenches(design: Design, at: Poses) -> list[tuple[int, bool, Array, Array]]:
+    """Return number, whether it is a torque, place (3,) [m] and vector of what the first load cases exert.
+
+    Vectors are over the largest force, or the largest torque, of all load cases; of more load cases than there are
+    colours for, the others are left out.
+    """
+    found = [
+        (k, name == "torque", place, np.array(getattr(wrench, name)))
+        for k, case in enumerate(design.task.load_cases)
+        for wrench, place in ((case.at_end_effector, at.end_effector), (case.at_com, at.p_com))
+        for name in ("force", "torque")
+    ]
+    largest = [max(np.linalg.norm(v) for _, kind, _, v in found if kind == torque) for torque in (False, True)]
+    shown = [one for one in found if one[3].any() and one[0] < len(palette.CASES)]
+    return [(k, torque, place, v / largest[torque]) for k, torque, place, v in shown]
 
 
 def _overlap(at: Array, taken: list[Array], size: float) -> bool:
