@@ -1,10 +1,10 @@
 r"""The least inputs of a platform whose angles are given: one small convex problem a load case.
 
-.. math:: \min_{0 \le v \le 1} \tfrac12 \|v\|^2 \quad \text{subject to} \quad A v = b_k
+.. math:: \min_{v_{min} \le v \le 1} \tfrac12 \|v\|^2 \quad \text{subject to} \quad A v = b_k
 
 | symbol | meaning | shape |
 |---|---|---|
-| v | inputs over the largest that a design may use | (4n,) |
+| v, v_min | inputs over the largest that a design may use; the least that a rotor runs at | (4n,) |
 | A | wrench of the rotors at v about W's origin, in weights and arm lengths times weights | (6, 4n) |
 | b_k | what load case k asks for, in the same units | (6,) |
 
@@ -45,7 +45,7 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
     point = Point(task, topology, root, alpha, p_E, design.inputs)
     units = np.repeat([task.force_unit(topology.n), task.torque_unit(topology.n)], 3)
     A = wrench_matrix(point) * task.max_input / units[:, None]
-    u = task.max_input * _least(A, asked_wrenches(point) / units)
+    u = task.max_input * _least(A, asked_wrenches(point) / units, task.min_input / task.max_input)
     found = finish(Point(task, topology, root, alpha, p_E, u.reshape(point.u.shape)))
     off = np.abs(found.u.reshape(len(u), -1) / task.max_input @ A.T - asked_wrenches(point) / units).max(axis=1)
     if off.max() > WRENCH_TOLERANCE:
@@ -63,14 +63,14 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
     )
 
 
-def _least(A: Array, b: Array) -> Array:
+def _least(A: Array, b: Array, lowest: float) -> Array:
     """Return the least inputs of every load case, shape (K, 4n); NotPossible names one that has none."""
     N = A.shape[1]
     options = {"error_on_fail": False, "print_time": False}
     solve = ca.conic("least", "daqp", {"h": ca.Sparsity.diag(N), "a": ca.Sparsity.dense(6, N)}, options)
     found = []
     for k, b_k in enumerate(b):
-        answer = solve(h=ca.DM.eye(N), g=0, a=A, lba=b_k, uba=b_k, lbx=0, ubx=1)
+        answer = solve(h=ca.DM.eye(N), g=0, a=A, lba=b_k, uba=b_k, lbx=lowest, ubx=1)
         if not solve.stats()["success"]:
             raise NotPossible(f"load case {k} is out of reach of the rotors")
         found.append(np.asarray(answer["x"]).ravel())

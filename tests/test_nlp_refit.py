@@ -1,12 +1,14 @@
 """Inputs found again for given angles: least, within limits, and as good as those that a search found."""
 
+import math
+
 import numpy as np
 import pytest
 from export_cases import random_design
 from scipy.optimize import minimize
 
 from nlp.refit import NotPossible, refit
-from topo_search.model import Design, Topology
+from topo_search.model import Design, Status, Topology
 from verify import audit
 from verify.kinematics import platform
 from verify.wrench import wrench_map
@@ -56,3 +58,14 @@ def test_an_end_effector_fixed_from_the_centre_of_mass_stays_there() -> None:
     )
     found = refit(design, [0.0])
     np.testing.assert_allclose(platform(found).p_e, [0.5, 0.1, 0.0], atol=1e-12)
+
+
+def test_rotors_that_never_stop_keep_their_least_input(solved_push: Design) -> None:
+    module = solved_push.task.module.model_copy(update={"min_input": 0.002})
+    asked = solved_push.model_copy(update={"task": solved_push.task.model_copy(update={"module": module})})
+    assert solved_push.inputs.min() < asked.task.min_input
+    angles = [math.radians(0.5 * round(math.degrees(alpha) / 0.5)) for alpha in asked.hinge_angles_rad]
+    found = refit(asked, angles)
+    assert found.inputs.min() >= asked.task.min_input * (1 - 1e-9)
+    assert all(row.status is Status.CLEAR for row in audit(found).residuals)
+    assert found.objective >= refit(solved_push, angles).objective

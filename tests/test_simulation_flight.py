@@ -174,3 +174,11 @@ def test_without_the_simulator_the_answer_is_how_to_install_it(command, monkeypa
     result = command("wall.json")
     assert result.exit_code == 2
     assert result.stderr.endswith('needs mujoco, which is not installed; type: pip install "topo-search[sim]"\n')
+
+
+def test_a_named_load_case_is_called_by_its_name(wall_press: Design) -> None:
+    first, *others = wall_press.task.load_cases
+    cases = (first.model_copy(update={"name": "press"}), *others)
+    named = wall_press.model_copy(update={"task": wall_press.task.model_copy(update={"load_cases": cases})})
+    result = fly_all(named, Options(), only=("load case 0 (press), load",)).result
+    assert [one.name for one in result.scenarios] == ["load case 0 (press), load at the tip"]

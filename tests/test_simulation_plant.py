@@ -107,16 +107,17 @@ def test_errors_of_the_model_are_drawn_by_the_seed(wall_press: Design) -> None:
 
 def test_thrusts_are_the_least_squares_within_limits(wall_press: Design) -> None:
     known = nominal(wall_press)
-    allocator = Allocator(known)
     rng = np.random.default_rng(3)
     scale = np.repeat([1.0, TORQUE_FIRST / known.arm], 3) / known.weight
     A = np.vstack([scale[:, None] * known.B * known.largest_thrust, math.sqrt(EFFORT) * np.eye(20)])
     for k in range(20):
         wrench = known.weight * (rng.uniform(-0.6, 0.6, 6) * np.repeat([1.0, known.arm], 3) + [0, 0, 1, 0, 0, 0])
+        allocator = Allocator(known)
         upper = np.ones(20)
         if k % 2:
-            upper[rng.integers(20)] = 1e-12
-        allocator.limit = np.where(upper < 1, 0.0, 1.0)
+            dead = int(rng.integers(20))
+            allocator.bury(dead)
+            upper[dead] = 1e-12
         T, missing = allocator.thrusts(wrench)
         best = lsq_linear(A, np.append(scale * wrench, np.zeros(20)), (0, upper), method="bvls")
         np.testing.assert_allclose(T / known.largest_thrust, best.x, atol=1e-6)
@@ -151,3 +152,19 @@ def test_authority_in_hover_tells_a_weak_design_from_a_strong_one(solved_push: D
         assert (missing < 1e-3) == possible
     assert hardest_rotor(strong)[1] == 20
     assert hover_shortfall(strong)[0] < 1e-4
+
+
+def test_rotors_that_never_stop_do_not_stop_unless_they_are_dead(wall_press: Design) -> None:
+    module = wall_press.task.module.model_copy(update={"min_input": 0.35})
+    design = wall_press.model_copy(update={"task": wall_press.task.model_copy(update={"module": module})})
+    known = nominal(design)
+    assert known.least_share == pytest.approx(0.35, rel=1e-12)
+    allocator = Allocator(known)
+    allocator.bury(7)
+    hover = np.array([0, 0, known.weight, 0, 0, 0.0])
+    T, _ = allocator.thrusts(hover)
+    freely, _ = Allocator(nominal(wall_press)).thrusts(hover)
+    assert freely.min() < 0.35 * known.largest_thrust
+    assert T[7] == 0
+    assert np.delete(T, 7).min() >= 0.35 * known.largest_thrust * (1 - 1e-9)
+    assert weakest_force(known)[0] <= weakest_force(nominal(wall_press))[0]

@@ -87,7 +87,9 @@ class Allocation(Value):
     units: dict[str, str] = UNITS
     frame: str = FRAME
     largest_input: Number
-    """Largest squared speed of a rotor [rad^2/s^2]; the least is 0."""
+    """Largest squared speed of a rotor [rad^2/s^2]."""
+    least_input: Number
+    """Least squared speed of a rotor that runs [rad^2/s^2]."""
     mass_kg: Number
     com_m: Vector
     inertia_kg_m2: tuple[Vector, Vector, Vector]
@@ -150,6 +152,7 @@ def allocation(design: Design) -> Allocation:
         thrust_pseudo_inverse=_rows(inverse),
         rank=int(np.linalg.matrix_rank(B_T, rtol=RANK_TOLERANCE)),
         largest_input=u_max,
+        least_input=task.min_input,
         mass_kg=task.total_mass(n),
         com_m=_vector(at.p_com),
         inertia_kg_m2=_square(J),

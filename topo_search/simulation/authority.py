@@ -30,7 +30,9 @@ def weakest_force(nominal: Nominal) -> tuple[float, Array]:
         angle = 2 * math.pi * k / DIRECTIONS
         d = np.array([math.cos(angle), math.sin(angle), 0.0])
         A = np.column_stack([nominal.B * nominal.largest_thrust / scale[:, None], -np.append(d, np.zeros(3))])
-        answer = linprog(np.append(np.zeros(N), -1.0), A_eq=A, b_eq=hover, bounds=[(0, 1)] * N + [(0, None)])
+        answer = linprog(
+            np.append(np.zeros(N), -1.0), A_eq=A, b_eq=hover, bounds=[(nominal.least_share, 1)] * N + [(0, None)]
+        )
         found.append((W * float(answer.x[-1]) if answer.status == 0 else 0.0, k, d))
     force, _, d = min(found, key=lambda one: one[:2])
     return force, d
@@ -40,7 +42,7 @@ def hover_shortfall(nominal: Nominal, dead: int | None = None) -> tuple[float, f
     """Return what is missing of hover, in weights and arm lengths times weights, and the largest thrust's share."""
     allocator = Allocator(nominal)
     if dead is not None:
-        allocator.limit[dead] = 0.0
+        allocator.bury(dead)
     T, missing = allocator.thrusts(np.array([0.0, 0.0, nominal.weight, 0.0, 0.0, 0.0]))
     short = np.abs(missing) / nominal.weight / np.repeat([1.0, nominal.arm], 3)
     return float(short.max()), float(T.max()) / nominal.largest_thrust

@@ -8,13 +8,13 @@ from importlib.metadata import version
 
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
+from topo_search.model.load_case import labels
 from topo_search.simulation.authority import MET, hardest_rotor, hover_shortfall, weakest_force
 from topo_search.simulation.fly import Options, Track, Watch, fly, judged
 from topo_search.simulation.plant import Nominal, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult
 from topo_search.simulation.scenarios import (
     Scenario,
-    case_names,
     dead_rotor,
     gust,
     held,
@@ -106,7 +106,7 @@ def fly_all(
 def _planned(design: Design, rotor: int, rotor_out: bool) -> list[Scenario | ScenarioResult]:
     """Return all scenarios in order; those that are not flown as their results."""
     planned: list[Scenario | ScenarioResult] = [*hovering(), gust()]
-    for name, case in zip(case_names(design), design.task.load_cases, strict=True):
+    for name, case in zip(labels(design.task.load_cases), design.task.load_cases, strict=True):
         if (why := unbalanced(design, case)) is not None:
             planned.append(ScenarioResult(name=name, verdict="not flown", reason=why))
             continue

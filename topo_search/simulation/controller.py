@@ -18,7 +18,7 @@ r"""A pose controller for a platform that is fully actuated, and the thrusts tha
 The least squares weigh forces by the weight m g and torques by l_arm m g, torques ten times as much, for a platform
 that turns away loses its forces as well; a little effort is weighed so that the answer is unique:
 
-.. math:: \min_{0 \le s \le s_{max}} \| Q (B T_{max} s - w) \|^2 + \epsilon \|s\|^2
+.. math:: \min_{s_{min} \le s \le 1} \| Q (B T_{max} s - w) \|^2 + \epsilon \|s\|^2
 """
 
 from __future__ import annotations
@@ -111,12 +111,16 @@ class Allocator:
         self._hessian = ca.DM(self._scaled.T @ self._scaled + EFFORT * np.eye(N))
         shapes = {"h": ca.Sparsity.dense(N, N), "a": ca.Sparsity(0, N)}
         self._solve = ca.conic("allocate", "daqp", shapes, {"print_time": False})
-        self.limit = np.ones(N)
-        """Largest share of every rotor; 0 of one that is known to be dead."""
+        self.least, self.largest = np.full(N, nominal.least_share), np.ones(N)
+        """Shares between which every rotor runs."""
+
+    def bury(self, rotor: int) -> None:
+        """Take a rotor for dead from now on."""
+        self.least[rotor] = self.largest[rotor] = 0.0
 
     def thrusts(self, wrench: Array) -> tuple[Array, Array]:
         """Return the thrusts (N,) [N], and what is missing of the wrench (6,)."""
         g = -self._scaled.T @ (self._scale * wrench)
-        answer = self._solve(h=self._hessian, g=g, lbx=0, ubx=self.limit)
-        T = self.nominal.largest_thrust * np.clip(np.asarray(answer["x"]).ravel(), 0.0, self.limit)
+        answer = self._solve(h=self._hessian, g=g, lbx=self.least, ubx=self.largest)
+        T = self.nominal.largest_thrust * np.clip(np.asarray(answer["x"]).ravel(), self.least, self.largest)
         return T, wrench - self.nominal.B @ T

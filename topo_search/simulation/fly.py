@@ -89,7 +89,7 @@ def fly(
         reference = _reference(scenario, home, t, nominal.tip)
         dead = scenario.dead if scenario.dead is not None and t >= scenario.dead_at else None
         if dead is not None and t >= scenario.dead_at + TOLD:
-            allocator.limit[dead] = 0.0
+            allocator.bury(dead)
         seen = _noisy(plant.state, options.errors.noise, rng)
         asked = controller.wrench(seen, reference)
         T, missing = allocator.thrusts(asked)

@@ -57,6 +57,8 @@ class Nominal:
     J: Array
     B: Array
     largest_thrust: float
+    least_share: float
+    """Least thrust of a rotor that runs, over the largest."""
     gravity: float
     arm: float
     """l_arm, the scale of torques [m]."""
@@ -165,6 +167,7 @@ def nominal(design: Design) -> Nominal:
         J=read_only(J),
         B=read_only(B),
         largest_thrust=acts.rotors[0].largest_thrust_N,
+        least_share=acts.least_input / acts.largest_input,
         gravity=design.task.gravity,
         arm=design.task.module.arm_length,
         tip=read_only(at.p_E - c),

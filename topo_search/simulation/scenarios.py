@@ -85,11 +85,6 @@ def dead_rotor(rotor: int, *, counts: bool) -> Scenario:
     return Scenario(name, 8.0, 4.0, dead=rotor, counts=counts)
 
 
-def case_names(design: Design) -> list[str]:
-    """Return a name for every load case."""
-    return [f"load case {k}" for k in range(len(design.task.load_cases))]
-
-
 def unbalanced(design: Design, case: LoadCase) -> str | None:
     """Return why a load case is no steady flight; None if the weight is all that its COM wrench carries."""
     task, n = design.task, design.topology.n
