@@ -4,6 +4,8 @@
 """
 
 from nlp.bounds import lower_bound, prove_impossible
+from nlp.bounds.branch.proof import prove_chunk
+from nlp.bounds.branch.stated import centre as proof_root
 from nlp.solve import DEFAULT_STARTS, solve
 
-__all__ = ["DEFAULT_STARTS", "lower_bound", "prove_impossible", "solve"]
+__all__ = ["DEFAULT_STARTS", "lower_bound", "proof_root", "prove_chunk", "prove_impossible", "solve"]
