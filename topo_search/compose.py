@@ -165,6 +165,8 @@ def prove(
         WorkersLost: as of `search`.
     """
     observer = observer or Silent()
+    if not Path(folder).is_dir():
+        raise BadInput(str(folder), [Fault("", "is no run's folder: there is no such folder")])
     with RunFolder.found(Path(folder)) as found:
         versions = found.request.versions
     with _engine(workers, dask, dask_tls, versions, observer) as engine:

@@ -80,8 +80,8 @@ def prove(
         else:
             columns = (looked_at[name].tolist() for name in ("key", "proof", "proven_bound"))
             for key, proof, bound in zip(*columns, strict=True):
-                by = f", J >= {bound:.6g} rad^4/s^4" if proof and bound > 0 else ""
-                click.echo(f"{key}: {proof or 'not looked at'}{by}")
+                by = f", J >= {bound:.6g} rad^4/s^4" if bound > 0 else ""
+                click.echo(f"{key}: {proof if isinstance(proof, str) else 'not looked at'}{by}")
             for size in answer.sizes:
                 if size.proven is not None:
                     click.echo(size.proven)
