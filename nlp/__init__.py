@@ -4,6 +4,10 @@
 """
 
 from nlp.bounds import lower_bound, prove_impossible
+from nlp.bounds.branch.proof import prove_chunk
+from nlp.bounds.branch.stated import centre as proof_root
 from nlp.solve import default_starts, prepare, solve
 
-__all__ = ["default_starts", "lower_bound", "prepare", "prove_impossible", "solve"]
+__all__ = [
+    "default_starts", "lower_bound", "prepare", "proof_root", "prove_chunk", "prove_impossible", "solve",
+]  # fmt: skip

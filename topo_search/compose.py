@@ -43,6 +43,7 @@ from topo_search.study import (
     run,
     solve_single,
 )
+from topo_search.study import prove as prove_run
 from topo_search.topologies import Symmetry
 
 
@@ -60,6 +61,9 @@ VERBS = Verbs(solve=_solve, audit=verify.audit, lower_bound=nlp.lower_bound, pro
 
 DEFAULT_TRIALS = 512
 """Candidates that are proposed when not all are solved and nobody says otherwise."""
+
+DEFAULT_GAP = 0.003
+"""To which a tree is proven that cannot be excluded."""
 
 RUNS = Path("runs")
 """Where runs go unless another folder is named."""
@@ -128,6 +132,56 @@ def search(
     with _engine(workers, dask, dask_tls, request.versions, observer) as engine:
         return run(
             request, path, VERBS, engine=engine, time_limit=time_limit, observer=observer, report=_write_page
+        )
+
+
+def prove(
+    folder: str | Path,
+    *,
+    gap: float = DEFAULT_GAP,
+    topology: str | None = None,
+    workers: int | None = None,
+    dask: str | None = None,
+    dask_tls: Certificates | None = None,
+    time_limit: float = math.inf,
+    observer: Observer | None = None,
+) -> Answer:
+    """Prove by branch and bound that no tree of a run can beat its best design, or by how little one can.
+
+    What is proven of every tree goes to `proof/KEY` and `candidates.csv` in the run's folder, chunk by chunk; the
+    same call resumes a stopped one.
+
+    Args:
+        folder: of the run.
+        gap: how far, as a share, the bound of a tree may stay under its own best effort, where that cannot be above
+            the effort of the best.
+        topology: key of the one tree to look at; default: all.
+        workers: worker processes; default: the cores available. They change nothing but the time it takes.
+        dask: as of `search`.
+        dask_tls: as of `search`.
+        time_limit: seconds after which no more is searched.
+        observer: is told of the progress.
+
+    Raises:
+        BadInput: it is no run's folder, has no audited design or no such tree, or another process works in it.
+        WorkersLost: as of `search`.
+    """
+    observer = observer or Silent()
+    if not Path(folder).is_dir():
+        raise BadInput(str(folder), [Fault("", "is no run's folder: there is no such folder")])
+    with RunFolder.found(Path(folder)) as found:
+        versions = found.request.versions
+    with _engine(workers, dask, dask_tls, versions, observer) as engine:
+        return prove_run(
+            Path(folder),
+            nlp.prove_chunk,
+            nlp.proof_root,
+            gap=gap,
+            key=topology,
+            engine=engine,
+            observer=observer,
+            time_limit=time_limit,
+            report=_write_page,
         )
 
 

@@ -11,6 +11,7 @@ from topo_search.cli.experiment import experiment
 from topo_search.cli.export import export
 from topo_search.cli.fly import fly
 from topo_search.cli.init import init
+from topo_search.cli.prove import prove
 from topo_search.cli.report import report
 from topo_search.cli.run import run
 from topo_search.cli.solve import solve
@@ -26,5 +27,5 @@ def main() -> None:
     """Find the best topology of a modular aerial manipulator for a task, and audit it exactly."""
 
 
-for command in (run, solve, audit, topologies, export, fly, report, experiment, examples, init, check):
+for command in (run, solve, audit, prove, topologies, export, fly, report, experiment, examples, init, check):
     main.add_command(command)

@@ -69,6 +69,8 @@ def _print_size(size: SizeAnswer) -> None:
         click.echo(f"time limit reached{reached}; run the same command to continue")
     if size.statement is not None and size.best is not None:
         click.echo(f"{size.best.key} is {size.statement}")
+    if size.proven is not None:
+        click.echo(size.proven)
     for remark in size.remarks:
         click.echo(remark)
     if size.reason is not None:

@@ -21,6 +21,7 @@ from topo_search.model.flight import CaseFlight, Flight, JointLoad, RotorsOut
 from topo_search.model.infeasible import Infeasible, Shortfall
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
 from topo_search.model.module import AirflowEnvelope, Module
+from topo_search.model.proof import Chunk, Proof
 from topo_search.model.search import Search
 from topo_search.model.task import ResolvedTask, Task, Tolerances
 from topo_search.model.topology import Topology
@@ -34,6 +35,7 @@ __all__ = [
     "BadInput",
     "BoltedJoint",
     "CaseFlight",
+    "Chunk",
     "Clearance",
     "Design",
     "Directional",
@@ -53,6 +55,7 @@ __all__ = [
     "Mount",
     "Obstacle",
     "Pair",
+    "Proof",
     "Residual",
     "ResolvedTask",
     "Rod",

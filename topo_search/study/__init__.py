@@ -8,6 +8,7 @@ from topo_search.study.identity import LARGER_MARGINS, Request, Sampler, Strateg
 from topo_search.study.ledger import Ledger
 from topo_search.study.lost import LedgerLost
 from topo_search.study.observer import Observer, Silent
+from topo_search.study.proving import prove
 from topo_search.study.row import COLUMNS, Row, Solve
 from topo_search.study.runner import answer_of, run
 from topo_search.study.single import Solved, solve_single
@@ -36,6 +37,7 @@ __all__ = [
     "audit_best",
     "front",
     "larger_margin",
+    "prove",
     "run",
     "solve_single",
 ]

@@ -73,6 +73,8 @@ class SizeAnswer:
     """Whether it is proven that no topology of this size can do the task."""
     statement: str | None
     """What is known of the best design: of how many candidates it is the best, and what is proven of all others."""
+    proven: str | None = None
+    """What branch and bound proves of all trees of this size, and of which problem; None while it was not asked."""
 
     def _repr_html_(self) -> str:
         """Show a notebook the best designs of this size."""

@@ -14,10 +14,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
+from pydantic import ValidationError
+
 from topo_search.limits import STARTS, TASK_BYTES, TRIALS
-from topo_search.model import BadInput, Fault, Task
+from topo_search.model import BadInput, Fault, Proof, Task
+from topo_search.model.bad_input import faults_of
 from topo_search.model.csv_text import harmless
-from topo_search.model.files import to_toml, validate
+from topo_search.model.files import to_json, to_toml, validate
 from topo_search.model.parsing import NotParsed, toml_data
 from topo_search.study.identity import Request, installed
 from topo_search.study.ledger import Ledger
@@ -25,6 +28,7 @@ from topo_search.study.ledger_file import blank
 from topo_search.study.lock import HOLDER, LOCK, ReadOnlyFolder, locked
 from topo_search.study.own_files import contents
 from topo_search.study.place import PARTIAL, Place
+from topo_search.study.proofs import Standing, cells, standing
 from topo_search.study.row import COLUMNS, Row
 
 LEDGER = "ledger.sqlite"
@@ -34,6 +38,8 @@ FRONT = "front.csv"
 RESULTS = ("best.json", "candidates.csv", FRONT, REPORT, TASK)
 """Files that tell of a run; with a range of sizes there is a `best-nN.json` of each besides."""
 LEFT = "it is left as it is"
+PROOFS = "proof"
+"""The folder of the proofs, one file a candidate that was looked at."""
 PARTS = ("designs", "audits")
 """Folders with a file a candidate."""
 
@@ -173,8 +179,8 @@ class RunFolder:
         writer = csv.writer(table, lineterminator="\n")
         writer.writerow(COLUMNS)
         for n in self.request.task.sizes:
-            for row in self.ledger.ranked(n):
-                writer.writerow([harmless(getattr(row, name)) for name in COLUMNS])
+            for row, stands in self.standings(n):
+                writer.writerow([harmless(cell) for cell in cells(row, stands)])
         self.keep("candidates.csv", table.getvalue())
         self._write_best()
         for part in PARTS:
@@ -192,6 +198,36 @@ class RunFolder:
         files.keep(self._place, contents(texts()), lasting=False)
         for part in PARTS:
             files.remove(self._place, [name for name in files.within(self._level + part) if name not in valid])
+
+    def standings(self, n: int) -> Iterator[tuple[Row, Standing]]:
+        """Yield every ranked candidate of n modules with what is proven of it."""
+        proofs, best = self.proofs(n), self.ledger.best_clear(n)
+        for row in self.ledger.ranked(n):
+            yield row, standing(row, proofs.get(row.key), None if best is None else best.objective)
+
+    def keep_proof(self, proof: Proof) -> None:
+        """Write the proof of one tree, or as much of it as there is."""
+        self._place.make(f"{self._level}{PROOFS}")
+        self.keep(f"{PROOFS}/{proof.topology_key}", to_json(proof))
+
+    def proofs(self, n: int) -> dict[str, Proof]:
+        """Return the proofs of candidates of n modules by key: those of this very task.
+
+        Raises:
+            BadInput: one of them is damaged.
+        """
+        task, found = self.request.contexts(n)[0].task, dict[str, Proof]()
+        for name in self.ledger.files.within(f"{self._level}{PROOFS}"):
+            content = self._place.read(name)
+            if content is None:
+                continue
+            try:
+                proof = Proof.model_validate_json(content)
+            except ValidationError as error:
+                raise BadInput(str(self._place.path / name), faults_of(error, Proof)) from None
+            if proof.task == task:
+                found[proof.topology_key] = proof
+        return found
 
     def _write_best(self) -> None:
         """Write `best.json`, and `best-nN.json` of every size where there are several."""

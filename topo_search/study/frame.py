@@ -11,6 +11,7 @@ import pandas as pd
 from topo_search.model import Infeasible
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import FRONT_COLUMNS, Point
+from topo_search.study.proofs import cells
 from topo_search.study.row import COLUMNS, FLIGHT, Solve
 
 
@@ -24,13 +25,15 @@ def candidates(path: Path) -> pd.DataFrame:
     """
     with RunFolder.found(path) as folder:
         rows = [
-            [*(getattr(row, name) for name in COLUMNS), number]
+            [*cells(row, stands), number]
             for number, level in enumerate(folder.levels())
             for n in level.request.task.sizes
-            for row in level.ledger.ranked(n)
+            for row, stands in level.standings(n)
         ]
         goals = folder.request.task.goals.names
-    numbers = dict.fromkeys(("objective", "lower_bound", "gap", "violation", *FLIGHT), "float64")
+    numbers = dict.fromkeys(
+        ("objective", "lower_bound", "gap", "violation", *FLIGHT, "proven_bound", "proven_gap"), "float64"
+    )
     frame = pd.DataFrame(rows, columns=[*COLUMNS, "level"]).astype(numbers)
     return frame if goals else frame.drop(columns="level")
 

@@ -17,6 +17,8 @@ FLIGHT = (
     "rod_length_m",
 )
 """Of an audited design, what its audit says of it beyond the task."""
+PROVEN = ("proven_bound", "proven_gap", "proof")
+"""Of a candidate, what branch and bound proves: read from its proof, not from its row in the ledger."""
 COLUMNS = (
     "key",
     "modules",
@@ -34,6 +36,7 @@ COLUMNS = (
     "audit",
     "starts_at_best",
     *FLIGHT,
+    *PROVEN,
 )
 """The columns of `candidates.csv`."""
 

@@ -8,6 +8,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from topo_search.study.ledger import Ledger
 from topo_search.study.lock import ReadOnlyFolder
 from topo_search.study.lost import KEPT, LedgerLost
 from topo_search.study.observer import Observer
+from topo_search.study.proofs import proven_sentence
 from topo_search.study.pruning import record_pruned, rests_on_an_audited_design
 from topo_search.study.row import row_of
 
@@ -267,7 +269,16 @@ def answer_of(folder: RunFolder) -> Answer:
 
 def _sizes(folder: RunFolder) -> tuple[SizeAnswer, ...]:
     """Read the answer of a task without goals."""
-    return tuple(_sum_up(folder.ledger, folder.request, n) for n in folder.request.task.sizes)
+    return tuple(_proven(folder, _sum_up(folder.ledger, folder.request, n)) for n in folder.request.task.sizes)
+
+
+def _proven(folder: RunFolder, answer: SizeAnswer) -> SizeAnswer:
+    """Return the answer of one size with what branch and bound proves of it."""
+    proofs = folder.proofs(answer.modules)
+    if not proofs:
+        return answer
+    task, rows = folder.request.contexts(answer.modules)[0].task, list(folder.ledger.ranked(answer.modules))
+    return replace(answer, proven=proven_sentence(rows, proofs, answer.best, task, answer.candidates))
 
 
 def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:

@@ -1,0 +1,324 @@
+r"""A lower bound on the effort of every design whose angles lie in a box.
+
+**Duality.** For any multipliers y_k = (nu_k, mu_k) of force and torque and any design of angles theta
+
+.. math::
+
+    J \ge \sum_k y_k \cdot b_k(\theta) - \sum_{j,k} \psi_k(a_j(\theta) \cdot y_k) =: D(\theta; y), \qquad
+    \psi_k(t) = \max_{0 \le u \le U} t u - \lambda_k u^2
+
+The balance of load case k has p'_E x g_k in its torque; it cancels in the sum where sum_k g_k x mu_k = 0, so
+that no box for p'_E is needed. b_k . y_k is const + sum_i p_i . s with s = sum_k h_k x mu_k.
+
+**Interpolation.** In every single angle a, the others held, t = a_j . y_k is A + alpha cos x + beta sin x, x
+from the middle of the box and |x| <= rho. It exceeds the line through its values at x = -rho and rho by
+alpha (cos x - cos rho) + beta (sin x - x sin rho / rho)
+<= max(0, alpha) (1 - cos rho) + |beta| rho^3 / (9 sqrt 3): sin x - x sin rho / rho is the integral of Green's
+function of the interval with sin s <= s, and (x rho^2 - x^3) / 6 is greatest at x = rho / sqrt 3. One angle
+after the other, for interpolation averages: in the whole box t is at most its multilinear interpolant plus
+E = sum_a (max(0, alpha_a) (1 - cos rho_a) + |beta_a| rho_a^3 / (9 sqrt 3)), with the largest alpha_a, beta_a
+over the other angles. As psi is convex and nondecreasing, psi(t) is at most the interpolant of psi(t(v) + E), so
+
+    D >= const + min over vertices v of sum_i (p_i(v) . s - E_i - sum_jk psi_k(t_jk(v) + E_jk)).
+
+**Minimum.** What module i adds depends on the root's angles and the hinges on its path alone. So for each of the 8
+vertices of the root the minimum over hinges is taken from the leaves of the tree inwards, not over all 2^A
+vertices.
+
+**Remainders.** For rotor j of module i, about the axis (omega, c) of angle a with nu' = nu + mu x c, tau its torque
+about c: 4 alpha = nu'_# . z + mu_# . tau (# across omega), 4 beta = nu' . omega x z + mu . omega x tau. Both are
+known at the middle. One more angle b changes them by rho_b (|nu'_outer| + |mu| (|c_a - c_b| + |tau_inner|)) at
+most, the outer and the inner of a and b; and they are never more than |nu'| + |mu| |tau|. Distances are those of
+the tree stretched out, and |nu'| is that at the middle plus |mu| times how far c moves.
+
+**Rounding.** Frames are products of at most A + 1 rotations, each of whose entries is off by 4 eps at most (eps =
+2^-53: one rounding of each sine, product and sum), so an entry of a frame by under 8 (A + 1) eps, a position by
+that times the path's length, and t by under 100 (A + 1) eps (|nu| + |mu| L), L the longest lever. psi' <= U, and
+sums of 4 n K + n + 6 K terms are off by that many eps of the sum of their sizes, none of which is above
+U (|nu| + |mu| L) or the sizes of b . y. For A <= 20 and n K <= 1000 that is under 1e-12 of these in all; `Slack`
+takes ROUNDING = 1e-11 of them, beside the audit's tolerance, which is 1e-6 of the same and alone a hundred
+thousand times as large. Ends of boxes are floats, and neighbours share them, so boxes leave no gap. What the
+condition on mu misses costs |sum_k g_k x mu_k| |p'_E|, and |p'_E| is bounded by what an audit lets pass.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from nlp.bounds.branch.frames import Axes, Frames
+from nlp.bounds.branch.multipliers import missed
+from nlp.bounds.branch.stated import Stated
+from topo_search.model.arrays import Array
+
+CUBIC = 1 / (9 * math.sqrt(3))
+"""Of rho^3, see the module's docstring."""
+MISSED = 1e-14
+"""Share of |g_k| |mu_k| that rounding takes from what is told of the condition on mu."""
+
+
+class Sums(NamedTuple):
+    """What evaluating a box needs room for, and what it leaves."""
+
+    E: Array
+    """Remainders of one module's rotors, shape (K, 4)."""
+    y: Array
+    """Multipliers in the root's frame, shape (K, 6)."""
+    least: Array
+    """Least sums over the modules beyond, for every frame: (frames,)."""
+    slope: Array
+    """How D changes at the middle, by angle, shape (A,)."""
+    spread: Array
+    """What remainders take of D, by angle, shape (A,)."""
+    away: Array
+    """(A,): |nu'| of a load case about every axis."""
+    drift: Array
+    """(A,): how far the point of every axis moves in the box."""
+
+
+@njit(cache=True)
+def sums(stated: Stated) -> Sums:
+    """Return room for one box at a time."""
+    K, A, count = len(stated.loads.f), len(stated.levers.between), stated.tree.first[-1]
+    return Sums(
+        np.zeros((K, 4)), np.zeros((K, 6)), np.zeros(count), np.zeros(A), np.zeros(A), np.zeros(A), np.zeros(A)
+    )
+
+
+@njit(cache=True)
+def bound(
+    stated: Stated,
+    y: Array,
+    roots: Array,
+    middle: Frames,
+    axes: Axes,
+    vertices: Frames,
+    rho: Array,
+    work: Sums,
+) -> float:
+    """Return the lower bound of a box with multipliers y, in effort units.
+
+    Args:
+        stated: the task and the tree.
+        y: multipliers in W.
+        roots: root orientations at the middle and at the 8 vertices, shape (9, 3, 3).
+        middle: frames at the middle of the box.
+        axes: the angles' axes there.
+        vertices: frames at the vertices of the hinges.
+        rho: half widths [rad].
+        work: room; its `slope` and `spread` say what a split of each angle might gain.
+    """
+    n, tree = len(stated.tree.parent), stated.tree
+    constant = _constant(stated, y)
+    work.slope[:] = 0.0
+    work.spread[:] = 0.0
+    _drifts(stated, rho, work.drift)
+    remainders, least_of = np.zeros((n, len(y), 4)), np.zeros(n)
+    _turn(roots[0], y, work.y)
+    sx, sy, sz = _lever_force(stated, y)
+    s = _into(roots[0], sx, sy, sz)
+    for i in range(n):
+        _remainders(stated, i, work, middle, axes, rho)
+        remainders[i] = work.E
+        least_of[i] = _centre_remainder(stated, i, s, middle, axes, rho, work)
+    result = math.inf
+    for vertex in range(8):
+        R = roots[1 + vertex]
+        _turn(R, y, work.y)
+        s = _into(R, sx, sy, sz)
+        for i in range(n - 1, -1, -1):
+            for v in range(tree.first[i], tree.first[i + 1]):
+                added = vertices.p[v, 0] * s[0] + vertices.p[v, 1] * s[1] + vertices.p[v, 2] * s[2] - least_of[i]
+                work.least[v] = added - _psi(stated, work.y, vertices, v, remainders[i])
+        for i in range(n - 1, 0, -1):
+            h = tree.parent[i]
+            for v in range(tree.first[h + 1] - tree.first[h]):
+                at = tree.first[i] + 2 * v
+                work.least[tree.first[h] + v] += min(work.least[at], work.least[at + 1])
+        result = min(result, work.least[0])
+    return constant + result
+
+
+@njit(cache=True)
+def _constant(stated: Stated, y: Array) -> float:
+    """Return what of D no angle changes, less what the audit lets pass and rounding take."""
+    total, loads, slack = 0.0, stated.loads, stated.slack
+    for k in range(len(y)):
+        nu2, mu2 = 0.0, 0.0
+        for l in range(3):
+            total += loads.f[k, l] * y[k, l] + loads.t[k, l] * y[k, 3 + l]
+            nu2 += y[k, l] ** 2
+            mu2 += y[k, 3 + l] ** 2
+        nu, mu = math.sqrt(nu2), math.sqrt(mu2)
+        g = math.sqrt(loads.g[k, 0] ** 2 + loads.g[k, 1] ** 2 + loads.g[k, 2] ** 2)
+        total -= slack.force[k] * nu + slack.torque[k] * mu + slack.tip * MISSED * g * mu
+    a, b, c = missed(stated, y)
+    return total - slack.tip * math.sqrt(a * a + b * b + c * c)
+
+
+@njit(cache=True)
+def _turn(R: Array, y: Array, into: Array) -> None:
+    """Fill multipliers seen in a root's frame, R^T nu and R^T mu."""
+    for k in range(len(y)):
+        for l in range(3):
+            into[k, l] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
+            into[k, 3 + l] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
+
+
+@njit(cache=True)
+def _into(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return R^T of a vector."""
+    return (
+        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
+        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
+        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
+    )
+
+
+@njit(cache=True)
+def _lever_force(stated: Stated, y: Array) -> tuple[float, float, float]:
+    """Return s = sum_k h_k x mu_k in W."""
+    x, y_, z = 0.0, 0.0, 0.0
+    for k in range(len(y)):
+        hx, hy, hz = stated.loads.h[k]
+        mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
+        x, y_, z = x + hy * mz - hz * my, y_ + hz * mx - hx * mz, z + hx * my - hy * mx
+    return x, y_, z
+
+
+@njit(cache=True)
+def _psi(stated: Stated, y: Array, at: Frames, v: int, E: Array) -> float:
+    """Return the sum of psi_k(t + E) over the rotors of one module, frame v."""
+    xx, xy, xz = at.x[v]
+    yx, yy, yz = at.y[v]
+    zx, zy, zz = at.z[v]
+    px, py, pz = at.p[v]
+    total, U = 0.0, stated.u_max
+    for k in range(len(y)):
+        mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
+        nx, ny, nz = y[k, 0] + my * pz - mz * py, y[k, 1] + mz * px - mx * pz, y[k, 2] + mx * py - my * px
+        force = nx * zx + ny * zy + nz * zz
+        about_x = mx * xx + my * xy + mz * xz
+        about_y = mx * yx + my * yy + mz * yz
+        about_z = mx * zx + my * zy + mz * zz
+        weight = stated.loads.weight[k]
+        for q in range(4):
+            t = 0.25 * (
+                force + stated.own[q, 0] * about_x + stated.own[q, 1] * about_y + stated.own[q, 2] * about_z
+            )
+            t += E[k, q]
+            if t > 0.0:
+                u = U if t >= 2 * weight * U else t / (2 * weight)
+                total += u * (t - weight * u)
+    return total
+
+
+@njit(cache=True)
+def _drifts(stated: Stated, rho: Array, drift: Array) -> None:
+    """Fill how far the points of the axes move at most, in W."""
+    tree, between = stated.tree, stated.levers.between
+    drift[:] = 0.0
+    for i in range(1, len(tree.parent)):
+        for outer in range(2 + tree.depth[i]):
+            b = tree.path[i, outer]
+            drift[i + 2] += rho[b] * between[b, i + 2]
+
+
+@njit(cache=True)
+def _remainders(stated: Stated, i: int, work: Sums, middle: Frames, axes: Axes, rho: Array) -> None:
+    """Fill E of the rotors of module i, and add to `slope` and `spread` what they change."""
+    path, count = stated.tree.path[i], stated.tree.depth[i] + 3
+    between, lever, U = stated.levers.between, stated.levers.rotor[i], stated.u_max
+    xx, xy, xz = middle.x[i]
+    yx, yy, yz = middle.y[i]
+    zx, zy, zz = middle.z[i]
+    px, py, pz = middle.p[i]
+    t, slopes, parts = np.zeros(4), np.zeros((count, 4)), np.zeros((count, 4))
+    for k in range(len(work.y)):
+        nx, ny, nz = work.y[k, 0], work.y[k, 1], work.y[k, 2]
+        mx, my, mz = work.y[k, 3], work.y[k, 4], work.y[k, 5]
+        mu = math.sqrt(mx * mx + my * my + mz * mz)
+        for at in range(count):
+            a = path[at]
+            cx, cy, cz = axes.c[a]
+            fx, fy, fz = nx + my * cz - mz * cy, ny + mz * cx - mx * cz, nz + mx * cy - my * cx
+            work.away[a] = math.sqrt(fx * fx + fy * fy + fz * fz) + mu * work.drift[a]
+        for at in range(count):
+            a = path[at]
+            wx, wy, wz = axes.omega[a]
+            cx, cy, cz = axes.c[a]
+            fx, fy, fz = nx + my * cz - mz * cy, ny + mz * cx - mx * cz, nz + mx * cy - my * cx
+            along, turning = fx * wx + fy * wy + fz * wz, mx * wx + my * wy + mz * wz
+            ox, oy, oz = mx - turning * wx, my - turning * wy, mz - turning * wz  # mu across omega
+            dx, dy, dz = px - cx, py - cy, pz - cz
+            Tx, Ty, Tz = dy * zz - dz * zy, dz * zx - dx * zz, dx * zy - dy * zx
+            alpha = (fx - along * wx) * zx + (fy - along * wy) * zy + (fz - along * wz) * zz
+            alpha += ox * Tx + oy * Ty + oz * Tz
+            vx, vy, vz = my * wz - mz * wy, mz * wx - mx * wz, mx * wy - my * wx  # mu x omega
+            beta = (fy * wz - fz * wy) * zx + (fz * wx - fx * wz) * zy + (fx * wy - fy * wx) * zz
+            beta += vx * Tx + vy * Ty + vz * Tz
+            more = 0.0
+            for other in range(count):
+                if other != at:
+                    b = path[other]
+                    outer, inner = (b, a) if other < at else (a, b)
+                    more += rho[b] * (work.away[outer] + mu * (between[a, b] + lever[inner]))
+            most = work.away[a] + mu * lever[a]
+            flat, cubic = 1 - math.cos(rho[a]), CUBIC * rho[a] ** 3
+            for q in range(4):
+                own_x, own_y, own_z = stated.own[q]
+                al = alpha + own_x * (ox * xx + oy * xy + oz * xz)
+                al += own_y * (ox * yx + oy * yy + oz * yz) + own_z * (ox * zx + oy * zy + oz * zz)
+                be = beta + own_x * (vx * xx + vy * xy + vz * xz)
+                be += own_y * (vx * yx + vy * yy + vz * yz) + own_z * (vx * zx + vy * zy + vz * zz)
+                slopes[at, q] = 0.25 * be
+                al, be = min(al + more, most), min(abs(be) + more, most)
+                parts[at, q] = 0.25 * (max(al, 0.0) * flat + be * cubic)
+        about_x = mx * xx + my * xy + mz * xz
+        about_y = mx * yx + my * yy + mz * yz
+        about_z = mx * zx + my * zy + mz * zz
+        force = (nx + my * pz - mz * py) * zx + (ny + mz * px - mx * pz) * zy + (nz + mx * py - my * px) * zz
+        weight = stated.loads.weight[k]
+        for q in range(4):
+            own_x, own_y, own_z = stated.own[q]
+            t[q] = 0.25 * (force + own_x * about_x + own_y * about_y + own_z * about_z)
+            E = 0.0
+            for at in range(count):
+                E += parts[at, q]
+            work.E[k, q] = E
+            if t[q] + E > 0.0:
+                u = U if t[q] + E >= 2 * weight * U else (t[q] + E) / (2 * weight)
+                for at in range(count):
+                    work.slope[path[at]] -= u * slopes[at, q]
+                    work.spread[path[at]] += u * parts[at, q]
+
+
+@njit(cache=True)
+def _centre_remainder(
+    stated: Stated, i: int, s: tuple[float, float, float], middle: Frames, axes: Axes, rho: Array, work: Sums
+) -> float:
+    """Return by how much p_i . s is below its interpolant at most: as the rotors' remainders, for -s."""
+    path, count, lever = stated.tree.path[i], stated.tree.depth[i] + 3, stated.levers.centre[i]
+    size, total = math.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2), 0.0
+    for at in range(count):
+        a = path[at]
+        wx, wy, wz = axes.omega[a]
+        dx, dy, dz = middle.p[i, 0] - axes.c[a, 0], middle.p[i, 1] - axes.c[a, 1], middle.p[i, 2] - axes.c[a, 2]
+        along = dx * wx + dy * wy + dz * wz
+        alpha = -((dx - along * wx) * s[0] + (dy - along * wy) * s[1] + (dz - along * wz) * s[2])
+        beta = (wy * dz - wz * dy) * s[0] + (wz * dx - wx * dz) * s[1] + (wx * dy - wy * dx) * s[2]
+        more = 0.0
+        for other in range(count):
+            if other != at:
+                b = path[other]
+                more += rho[b] * size * lever[a if other < at else b]
+        most = size * lever[a]
+        part = max(0.0, min(alpha + more, most)) * (1 - math.cos(rho[a]))
+        part += min(abs(beta) + more, most) * CUBIC * rho[a] ** 3
+        work.slope[a] += beta
+        work.spread[a] += part
+        total += part
+    return total

@@ -1,0 +1,193 @@
+r"""Boxes of hinge angles in which two modules are too close to each other everywhere.
+
+Take a point on the airflow axis of each of two modules i and j, at the shares eta and gamma of its length. Their
+squared distance is a first harmonic in every hinge between them: of the two points one is turned about the hinge's
+axis, the other held, and |A|^2 + |B|^2 - 2 A . B from a point of the axis has A . B alone change. So the
+interpolation of `nlp.bounds.branch.box` holds: the squared distance is at most its greatest value at the
+vertices of the hinges between plus sum_a (max(0, alpha_a) (1 - cos rho_a) + |beta_a| rho_a^3 / (9 sqrt 3)),
+where alpha = -2 A_# . B_# and beta = -2 B . (omega x A) at the middle, both more by 2 rho_b |A| |B| for another
+hinge b, the lengths from its axis and from that of a on the far side, and never more than 2 |A| |B|. Where that
+is under the squared sum of the radii at the two points, the envelopes overlap in all of the box; likewise
+centres, against the distance that is asked of them. It does not matter how the two points were chosen.
+
+What an audit calls clear is clear to the last digit, so that only rounding is left to allow for: coordinates and
+with them squared distances are off by less than 1e-13 of the squared length of the tree stretched out with both
+axes (compare `nlp.bounds.branch.box`), and MARGIN of that is taken.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from nlp.bounds.branch.box import CUBIC
+from nlp.bounds.branch.frames import Axes, Frames
+from nlp.bounds.branch.stated import Stated
+from topo_search.model.arrays import Array
+
+MARGIN = 1e-11
+"""Share of the largest squared length by which two modules must be too close."""
+NOWHERE, AT_MIDDLE, ALL_OVER = 0, 1, 2
+ROUNDS = 20
+"""Of the search for the two points."""
+
+
+@njit(cache=True)
+def crowded(stated: Stated, middle: Frames, axes: Axes, vertices: Frames, rho: Array, gain: Array) -> int:
+    """Return NOWHERE, AT_MIDDLE or ALL_OVER: where in a box of hinges two modules are too close.
+
+    Args:
+        stated: the task and the tree.
+        middle: frames at the middle of the box.
+        axes: the hinges' axes there.
+        vertices: frames at the vertices of the hinges.
+        rho: half widths, shape (A,) [rad].
+        gain: is filled with what each hinge's remainder takes, where they are too close at the middle alone.
+    """
+    tree, room, n = stated.tree, stated.room, len(stated.tree.parent)
+    found = NOWHERE
+    gain[:] = 0.0
+    for i in range(n):
+        for j in range(i + 1, n):
+            if room.airflow:
+                eta, gamma = _nearest(stated, middle, i, j)
+                radii = 2 * room.start_radius + (eta + gamma) * room.growth
+                found = max(found, _too_close(stated, middle, axes, vertices, rho, i, j, eta, gamma, radii, gain))
+            if found < ALL_OVER and room.apart > 0.0 and not (room.airflow and tree.bolted[i, j]):
+                apart = _too_close(stated, middle, axes, vertices, rho, i, j, 0.0, 0.0, room.apart, gain)
+                found = max(found, apart)
+            if found == ALL_OVER:
+                return ALL_OVER
+    return found
+
+
+@njit(cache=True)
+def _nearest(stated: Stated, at: Frames, i: int, j: int) -> tuple[float, float]:
+    """Return shares of the two axes where the envelopes are about deepest in each other."""
+    L, grow = stated.room.length, stated.room.growth
+    zi, zj = at.z[i], at.z[j]
+    w0, w1, w2 = at.p[i, 0] - at.p[j, 0], at.p[i, 1] - at.p[j, 1], at.p[i, 2] - at.p[j, 2]
+    along_i, along_j = w0 * zi[0] + w1 * zi[1] + w2 * zi[2], w0 * zj[0] + w1 * zj[1] + w2 * zj[2]
+    cosine = zi[0] * zj[0] + zi[1] * zj[1] + zi[2] * zj[2]
+    r = 2 * stated.room.start_radius
+    # f = |w - eta L zi + gamma L zj|^2 - (r + (eta + gamma) grow)^2, by one share after the other
+    square = L * L - grow * grow
+    mixed = -(L * L * cosine + grow * grow)
+    eta = gamma = 0.0
+    if square <= 0.0:
+        return eta, gamma
+    for _ in range(ROUNDS):
+        eta = min(1.0, max(0.0, (L * along_i + r * grow - mixed * gamma) / square))
+        gamma = min(1.0, max(0.0, (-L * along_j + r * grow - mixed * eta) / square))
+    return eta, gamma
+
+
+@njit(cache=True)
+def _too_close(
+    stated: Stated,
+    middle: Frames,
+    axes: Axes,
+    vertices: Frames,
+    rho: Array,
+    i: int,
+    j: int,
+    eta: float,
+    gamma: float,
+    radii: float,
+    gain: Array,
+) -> int:
+    """Return where in the box two points are nearer than so much."""
+    tree, L = stated.tree, stated.room.length
+    down_i, down_j = eta * L, gamma * L
+    A, B = np.empty(3), np.empty(3)
+    _point(middle, i, down_i, A)
+    _point(middle, j, down_j, B)
+    stretched = 2 * stated.l_c * (tree.depth[i] + tree.depth[j]) + down_i + down_j
+    limit = radii * radii - MARGIN * (1 + stretched * stretched)
+    if _squared(A, B) >= limit:
+        return NOWHERE
+    shared = 0  # hinges on both paths, which come first
+    while shared < min(tree.depth[i], tree.depth[j]) and tree.path[i, 3 + shared] == tree.path[j, 3 + shared]:
+        shared += 1
+    for side in range(2):
+        near, far, of_near, of_far = (i, j, A, B) if side == 0 else (j, i, B, A)
+        down_near, down_far = (down_i, down_j) if side == 0 else (down_j, down_i)
+        for at in range(shared, tree.depth[near]):
+            part = _remainder(stated, axes, rho, near, far, shared, at, of_near, of_far, down_near, down_far)
+            gain[tree.path[near, 3 + at]] += part
+            limit -= part
+    if _squared(A, B) >= limit:
+        return AT_MIDDLE
+    for v in range(2 ** (tree.depth[i] - shared)):
+        _point(vertices, tree.first[i] + v, down_i, A)
+        for w in range(2 ** (tree.depth[j] - shared)):
+            _point(vertices, tree.first[j] + w, down_j, B)
+            if _squared(A, B) >= limit:
+                return AT_MIDDLE
+    return ALL_OVER
+
+
+@njit(cache=True)
+def _remainder(
+    stated: Stated,
+    axes: Axes,
+    rho: Array,
+    near: int,
+    far: int,
+    shared: int,
+    at: int,
+    A: Array,
+    B: Array,
+    down_near: float,
+    down_far: float,
+) -> float:
+    """Return what the hinge at a place of one module's path takes; A is a point of that module, B of the other."""
+    tree, l_c = stated.tree, stated.l_c
+    a = tree.path[near, 3 + at]
+    wx, wy, wz = axes.omega[a]
+    Ax, Ay, Az = A[0] - axes.c[a, 0], A[1] - axes.c[a, 1], A[2] - axes.c[a, 2]
+    Bx, By, Bz = B[0] - axes.c[a, 0], B[1] - axes.c[a, 1], B[2] - axes.c[a, 2]
+    along_A, along_B = Ax * wx + Ay * wy + Az * wz, Bx * wx + By * wy + Bz * wz
+    alpha = -2 * (Ax * Bx + Ay * By + Az * Bz - along_A * along_B)
+    beta = -2 * ((wy * Az - wz * Ay) * Bx + (wz * Ax - wx * Az) * By + (wx * Ay - wy * Ax) * Bz)
+    # from the hinge before the module at place `at`, l_c from its centre and from its parent's
+    to_near = _reach(l_c, tree.depth[near] - 1 - at, down_near)
+    to_far = _reach(l_c, at - shared + tree.depth[far] - shared, down_far)
+    more = 0.0
+    for other in range(shared, tree.depth[near]):
+        if other > at:
+            inner = _reach(l_c, tree.depth[near] - 1 - other, down_near)
+            more += 2 * rho[tree.path[near, 3 + other]] * inner * to_far
+        elif other < at:
+            beyond = _reach(l_c, other - shared + tree.depth[far] - shared, down_far)
+            more += 2 * rho[tree.path[near, 3 + other]] * beyond * to_near
+    for other in range(shared, tree.depth[far]):
+        inner = _reach(l_c, tree.depth[far] - 1 - other, down_far)
+        more += 2 * rho[tree.path[far, 3 + other]] * inner * to_near
+    most = 2 * to_near * to_far
+    part: float = max(0.0, min(alpha + more, most)) * (1 - math.cos(rho[a]))
+    part += min(abs(beta) + more, most) * CUBIC * rho[a] ** 3
+    return part
+
+
+@njit(cache=True)
+def _reach(l_c: float, modules: int, down: float) -> float:
+    """Return how far a point on a module's axis is at most from a hinge, with so many modules between."""
+    if modules == 0:  # at a right angle to the arm
+        return math.hypot(l_c, down)
+    return l_c * (1 + 2 * modules) + down
+
+
+@njit(cache=True)
+def _point(at: Frames, frame: int, down: float, into: Array) -> None:
+    for k in range(3):
+        into[k] = at.p[frame, k] - down * at.z[frame, k]
+
+
+@njit(cache=True)
+def _squared(A: Array, B: Array) -> float:
+    x, y, z = A[0] - B[0], A[1] - B[1], A[2] - B[2]
+    squared: float = x * x + y * y + z * z
+    return squared

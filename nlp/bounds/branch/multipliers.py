@@ -1,0 +1,263 @@
+r"""Good multipliers of force and torque for fixed angles: a concave problem, by a damped semismooth Newton method.
+
+.. math::
+
+    D(y) = b \cdot y - \sum_{j,k} \psi_k(a_j \cdot y_k) - \frac{1}{2} \sum_{k,l} r_l y_{kl}^2
+    \qquad \text{where} \qquad \sum_k g_k \times \mu_k = 0
+
+Nothing that is proven rests on them being the best: any will do (`nlp.bounds.branch.box`). Of weights next to
+nothing psi has a kink, on which the method stalls: here they count as more.
+
+| symbol | meaning | shape |
+|---|---|---|
+| y_k = (nu_k, mu_k) | multipliers of force and torque of load case k, in W | (K, 6) |
+| a_j | wrench of a unit of rotor j's input about the origin of W | (4 n, 6) |
+| q | multiplier of the condition: the end-effector's best place p'_E | (3,) |
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from nlp.bounds.branch.frames import Frames
+from nlp.bounds.branch.stated import Stated
+from nlp.reduced.cholesky import solve_in_place
+from topo_search.model.arrays import Array
+
+LEAST_WEIGHT = 1e-2
+"""That a load case counts with here, in the largest."""
+LEAST_STEP = 1e-3
+"""Share of a Newton step under which the search ends."""
+LONGEST = 2.0
+"""Of a step, in the multipliers' own size: where the balance cannot be met they grow without end."""
+GAIN = 1e-5
+"""Share of the dual value that another step should gain."""
+
+
+class Work(NamedTuple):
+    """Room for one search."""
+
+    a: Array
+    b: Array
+    H: Array
+    solved: Array
+    """H_k^-1 of the gradient and of the columns of C_k^T, shape (K, 4, 6)."""
+    step: Array
+    trial: Array
+    ridge: Array
+    """Of every component, shape (6,)."""
+
+
+@njit(cache=True)
+def room(n: int, K: int) -> Work:
+    """Return room for a platform of n modules and K load cases."""
+    return Work(
+        np.zeros((4 * n, 6)),
+        np.zeros((K, 6)),
+        np.zeros((6, 6)),
+        np.zeros((K, 4, 6)),
+        np.zeros((K, 6)),
+        np.zeros((K, 6)),
+        np.ones(6),
+    )
+
+
+@njit(cache=True)
+def wrenches(stated: Stated, R: Array, at: Frames, work: Work) -> None:
+    """Fill the wrenches of all rotors, and the load cases' but for p'_E, for a root orientation R and frames."""
+    loads, n = stated.loads, len(stated.tree.parent)
+    for i in range(n):
+        px, py, pz = at.p[i]
+        zx, zy, zz = at.z[i]
+        force = (zx, zy, zz)
+        about = (py * zz - pz * zy, pz * zx - px * zz, px * zy - py * zx)
+        for q in range(4):
+            ox, oy, oz = stated.own[q]
+            for k in range(3):
+                f, t = 0.0, 0.0
+                for l in range(3):
+                    f += R[k, l] * force[l]
+                    t += R[k, l] * (about[l] + ox * at.x[i, l] + oy * at.y[i, l] + oz * at.z[i, l])
+                work.a[4 * i + q, k], work.a[4 * i + q, 3 + k] = f / 4, t / 4
+    sx, sy, sz = 0.0, 0.0, 0.0
+    for i in range(n):
+        sx, sy, sz = sx + at.p[i, 0], sy + at.p[i, 1], sz + at.p[i, 2]
+    cx = R[0, 0] * sx + R[0, 1] * sy + R[0, 2] * sz
+    cy = R[1, 0] * sx + R[1, 1] * sy + R[1, 2] * sz
+    cz = R[2, 0] * sx + R[2, 1] * sy + R[2, 2] * sz
+    for k in range(len(loads.f)):
+        hx, hy, hz = loads.h[k]
+        work.b[k, 0], work.b[k, 1], work.b[k, 2] = loads.f[k]
+        work.b[k, 3] = loads.t[k, 0] + cy * hz - cz * hy
+        work.b[k, 4] = loads.t[k, 1] + cz * hx - cx * hz
+        work.b[k, 5] = loads.t[k, 2] + cx * hy - cy * hx
+
+
+@njit(cache=True)
+def value(stated: Stated, work: Work, y: Array) -> float:
+    """Return D(y), with the weights as they count here."""
+    total, U = 0.0, stated.u_max
+    for k in range(len(y)):
+        weight = max(LEAST_WEIGHT, stated.loads.weight[k])
+        for l in range(6):
+            total += (work.b[k, l] - work.ridge[l] / 2 * y[k, l]) * y[k, l]
+        for j in range(len(work.a)):
+            t = 0.0
+            for l in range(6):
+                t += work.a[j, l] * y[k, l]
+            if t > 0.0:
+                u = min(U, t / (2 * weight))
+                total -= u * (t - weight * u)
+    return total
+
+
+@njit(cache=True)
+def improve(stated: Stated, work: Work, y: Array, steps: int, enough: float) -> float:
+    """Improve multipliers in place by so many Newton steps at most, until D(y) is enough; return it."""
+    meet(stated, y)
+    best = value(stated, work, y)
+    for _ in range(steps if best < enough else 0):
+        _newton_step(stated, work, y)
+        size, step = 0.0, 0.0
+        for k in range(len(y)):
+            for l in range(6):
+                size += y[k, l] ** 2
+                step += work.step[k, l] ** 2
+        share = 1.0
+        if step > LONGEST**2 * size > 0.0:
+            share = LONGEST * math.sqrt(size / step)
+        least = LEAST_STEP * share
+        while True:
+            for k in range(len(y)):
+                for l in range(6):
+                    work.trial[k, l] = y[k, l] + share * work.step[k, l]
+            found = value(stated, work, work.trial)
+            if found > best or share < least:
+                break
+            share /= 3
+        if not found > best:
+            break
+        y[:] = work.trial
+        gain, best = found - best, found
+        if gain < GAIN * abs(best) or best > enough:
+            break
+    meet(stated, y)
+    return best
+
+
+@njit(cache=True)
+def meet(stated: Stated, y: Array) -> None:
+    """Change torques' multipliers as little as makes sum_k g_k x mu_k = 0."""
+    loads = stated.loads
+    x, y_, z = missed(stated, y)
+    P = loads.project
+    qx = P[0, 0] * x + P[0, 1] * y_ + P[0, 2] * z
+    qy = P[1, 0] * x + P[1, 1] * y_ + P[1, 2] * z
+    qz = P[2, 0] * x + P[2, 1] * y_ + P[2, 2] * z
+    for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
+        gx, gy, gz = loads.g[k]
+        y[k, 3] -= qy * gz - qz * gy
+        y[k, 4] -= qz * gx - qx * gz
+        y[k, 5] -= qx * gy - qy * gx
+
+
+@njit(cache=True)
+def missed(stated: Stated, y: Array) -> tuple[float, float, float]:
+    """Return sum_k g_k x mu_k."""
+    a, b, c = 0.0, 0.0, 0.0
+    for k in range(len(y)):
+        gx, gy, gz = stated.loads.g[k]
+        mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
+        a, b, c = a + gy * mz - gz * my, b + gz * mx - gx * mz, c + gx * my - gy * mx
+    return a, b, c
+
+
+@njit(cache=True)
+def _newton_step(stated: Stated, work: Work, y: Array) -> None:
+    """Fill the step to the maximum of the quadratic model within the condition."""
+    K, U, loads = len(y), stated.u_max, stated.loads
+    S, q = np.zeros((3, 3)), np.zeros(3)
+    for k in range(K):
+        weight = max(LEAST_WEIGHT, loads.weight[k])
+        columns = work.solved[k]
+        columns[:] = 0.0
+        H = work.H
+        H[:] = 0.0
+        for l in range(6):
+            H[l, l] = work.ridge[l]
+            columns[0, l] = work.b[k, l] - work.ridge[l] * y[k, l]
+        for j in range(len(work.a)):
+            t = 0.0
+            for l in range(6):
+                t += work.a[j, l] * y[k, l]
+            if t <= 0.0:
+                continue
+            u = min(U, t / (2 * weight))
+            for l in range(6):
+                columns[0, l] -= u * work.a[j, l]
+            if u < U:
+                for l in range(6):
+                    for m in range(l + 1):
+                        H[l, m] += work.a[j, l] * work.a[j, m] / (2 * weight)
+        gx, gy, gz = loads.g[k]
+        columns[1, 4], columns[1, 5] = -gz, gy
+        columns[2, 3], columns[2, 5] = gz, -gx
+        columns[3, 3], columns[3, 4] = -gy, gx
+        _factor(H)
+        for column in range(4):
+            _solve(H, columns[column])
+        for row in range(3):
+            for column in range(3):
+                S[row, column] += _turned(gx, gy, gz, columns[1 + column], row)
+            q[row] -= _turned(gx, gy, gz, columns[0], row)
+    size = S[0, 0] + S[1, 1] + S[2, 2]
+    if size > 0.0:
+        for row in range(3):
+            S[row, row] += 1e-9 * size
+        solve_in_place(S, q)
+    for k in range(K):
+        for l in range(6):
+            at = work.solved[k]
+            work.step[k, l] = at[0, l] + q[0] * at[1, l] + q[1] * at[2, l] + q[2] * at[3, l]
+
+
+@njit(cache=True)
+def _turned(gx: float, gy: float, gz: float, y: Array, row: int) -> float:
+    """Return a component of g x mu."""
+    if row == 0:
+        return float(gy * y[5] - gz * y[4])
+    if row == 1:
+        return float(gz * y[3] - gx * y[5])
+    return float(gx * y[4] - gy * y[3])
+
+
+@njit(cache=True)
+def _factor(H: Array) -> None:
+    """Replace the lower half of H by its Cholesky factor."""
+    for a in range(6):
+        for b in range(a):
+            s = H[a, b]
+            for c in range(b):
+                s -= H[a, c] * H[b, c]
+            H[a, b] = s / H[b, b]
+        s = H[a, a]
+        for c in range(a):
+            s -= H[a, c] * H[a, c]
+        H[a, a] = math.sqrt(max(s, 1e-12))
+
+
+@njit(cache=True)
+def _solve(L: Array, d: Array) -> None:
+    """Solve L L^T x = d in place."""
+    for a in range(6):
+        for c in range(a):
+            d[a] -= L[a, c] * d[c]
+        d[a] /= L[a, a]
+    for a in range(5, -1, -1):
+        for c in range(a + 1, 6):
+            d[a] -= L[c, a] * d[c]
+        d[a] /= L[a, a]

@@ -1,0 +1,64 @@
+"""The proof of one tree, chunk by chunk: each is searched by itself, here or elsewhere.
+
+What a chunk is, `topo_search.model.proof` says.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from nlp.bounds.branch.search import CLOSED, MANY, search
+from nlp.bounds.branch.stated import centre, effort_unit, hung, state, whole
+from topo_search.model import Chunk, ResolvedTask, Topology
+from topo_search.model.arrays import Array
+from topo_search.model.proof import CHUNK_SPLITS, chunk_count
+
+MOST_BOXES = 1_000_000
+"""Of one chunk, after which it is left open."""
+ABOVE = 1e-12
+"""Share by which a bound must exceed the cut, for the rounding of units."""
+
+
+def prove_chunk(
+    task: ResolvedTask, topology: Topology, number: int, cut: float, *, most_boxes: int = MOST_BOXES
+) -> Chunk:
+    """Search one chunk of a tree's angles for designs that cost less than a cut.
+
+    Args:
+        task: the task.
+        topology: the tree.
+        number: of the chunk.
+        cut: effort [rad^4/s^4].
+        most_boxes: after which the chunk is left open.
+
+    Raises:
+        ValueError: there is no such chunk.
+    """
+    n = topology.n
+    if not 0 <= number < chunk_count(n):
+        raise ValueError(f"`0 <= number < {chunk_count(n)}` must hold, but got {number}")
+    tree = hung(topology, centre(task, topology))
+    lower, upper = chunk_box(task, n, number)
+    found = search(state(task, tree), lower, upper, cut / effort_unit(task) * (1 + ABOVE), most_boxes)
+    outcome: Literal["closed", "many", "stuck"] = "stuck"
+    if found.how == CLOSED:
+        outcome = "closed"
+    elif found.how == MANY:
+        outcome = "many"
+    stuck = () if outcome == "closed" else (tuple(found.lower.tolist()), tuple(found.upper.tolist()))
+    return Chunk.of(number, outcome, np.asarray(found.record).tobytes(), stuck)
+
+
+def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
+    """Return the box of a chunk, from and to, shape (n + 2,) each [rad]."""
+    lower, upper = whole(task, n)
+    for split in range(CHUNK_SPLITS if n > 1 else 0):
+        axis = 3 + split % (n - 1)
+        middle = (lower[axis] + upper[axis]) / 2
+        if number >> (CHUNK_SPLITS - 1 - split) & 1:
+            lower[axis] = middle
+        else:
+            upper[axis] = middle
+    return lower, upper

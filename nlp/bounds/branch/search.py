@@ -1,0 +1,183 @@
+"""Depth first through the boxes of one chunk, against a fixed cut.
+
+The record has a byte a box, in the order of the search, the lower half first: DUAL, a bound excludes it; SPLIT + a,
+it is halved along angle a; CROWDED, two modules are too close everywhere in it. Which modules, or which
+multipliers, whoever checks it finds for himself.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from nlp.bounds.branch import box, frames, multipliers
+from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowded
+from nlp.bounds.branch.stated import Stated
+from topo_search.model.arrays import Array
+
+DUAL, CROWDED, SPLIT = 0, 1, 2
+CLOSED, MANY, OPEN = 0, 1, 2
+"""How a search ends: all boxes are excluded, too many were looked at, or one that cannot be was found."""
+WIDEST = 0.9
+"""Boxes wider than this are halved without a bound [rad]."""
+LEAST_WIDTH = 2e-4
+"""A box narrower than this in all angles that is not excluded ends the search [rad]."""
+ASPECT = 4.0
+"""How much wider than the one that is split another angle may be."""
+STEPS = 4
+"""Newton steps for a box, from its parent's multipliers."""
+FINE = 0.1
+"""Hinges are halved to this while two modules are too close at the middle and psi is whole [rad]."""
+NARROW = 0.01
+"""A box narrower than this in all angles is tried again from the start [rad],"""
+MANY_STEPS = 40
+"""by so many steps: a parent's multipliers may have been led astray."""
+RIDGE = 2.0
+"""Ridge of the search for multipliers of force, over n / 24 sum_a rho_a^2: how much D curves over the box."""
+LEVERED = 5.0
+"""That of multipliers of torque, in it: levers are longer than l_arm."""
+LEAST_SQUARE = 1e-4
+"""That sum_a rho_a^2 counts as [rad^2]."""
+ENOUGH = 1.3
+"""Share of the cut at which the search for multipliers ends: where no balance can be met they have no end."""
+SLOPE = 0.5
+"""What a split gains where D is steep, beside what remainders take."""
+
+
+class Found(NamedTuple):
+    """What a search came to."""
+
+    how: int
+    record: NDArray[np.uint8]
+    lower: Array
+    """The box that is not excluded, if it was for that."""
+    upper: Array
+
+
+@njit(cache=True)
+def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: int) -> Found:
+    """Exclude all of a box, or say where it cannot be done.
+
+    Args:
+        stated: the task and the tree.
+        lower: least angles, shape (A,) [rad].
+        upper: greatest angles.
+        cut: in effort units.
+        most_boxes: after which it is given up.
+    """
+    n, K, A = len(stated.tree.parent), len(stated.loads.f), len(lower)
+    depth = 64 * A
+    lo, hi = np.empty((depth, A)), np.empty((depth, A))
+    guesses, moved = np.zeros((depth, K, 6)), np.ones(depth, np.bool_)
+    lo[0], hi[0] = lower, upper
+    first = np.zeros((K, 6))
+    for k in range(K):  # that of parallel thrusts
+        for l in range(3):
+            first[k, l] = 8 * stated.loads.weight[k] * stated.loads.f[k, l] / n
+    guesses[0] = first
+    vertices, middle = frames.blank(stated.tree.first[-1]), frames.blank(n)
+    axes = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3)))
+    roots, work, sums = np.zeros((9, 3, 3)), multipliers.room(n, K), box.sums(stated)
+    gain, whole_rho = np.zeros(A), (upper[0] - lower[0]) / 2
+    record, boxes, left, y = np.empty(1024, np.uint8), 0, 1, np.zeros((K, 6))
+    while left > 0:
+        if boxes == most_boxes:
+            return Found(MANY, record[:boxes], lo[left - 1].copy(), hi[left - 1].copy())
+        if boxes == len(record):
+            longer = np.empty(2 * boxes, np.uint8)
+            longer[:boxes] = record
+            record = longer
+        left -= 1
+        at, rho = (lo[left] + hi[left]) / 2, (hi[left] - lo[left]) / 2
+        frames.at_middle(stated.tree, stated.l_c, at, middle, axes)
+        frames.at_vertices(stated.tree, stated.l_c, lo[left], hi[left], vertices)
+        boxes += 1
+        axis = _wide(rho)
+        if moved[left]:
+            where = crowded(stated, middle, axes, vertices, rho, gain)
+            if where == ALL_OVER:
+                record[boxes - 1] = CROWDED
+                continue
+            if where == AT_MIDDLE and rho[0] == whole_rho:
+                axis = max(axis, _between(rho, gain))
+        if axis < 0:
+            _roots(lo[left], hi[left], at, roots)
+            multipliers.wrenches(stated, roots[0], middle, work)
+            ridge = RIDGE * n / 24 * max((rho**2).sum(), LEAST_SQUARE)
+            work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
+            y[:] = guesses[left]
+            if multipliers.value(stated, work, first) > multipliers.value(stated, work, y):
+                y[:] = first
+            multipliers.improve(stated, work, y, STEPS, ENOUGH * cut)
+            excluded = box.bound(stated, y, roots, middle, axes, vertices, rho, sums) >= cut
+            if not excluded and 2 * rho.max() < NARROW:
+                y[:] = first
+                multipliers.improve(stated, work, y, MANY_STEPS, ENOUGH * cut)
+                excluded = box.bound(stated, y, roots, middle, axes, vertices, rho, sums) >= cut
+            if excluded:
+                record[boxes - 1] = DUAL
+                continue
+            if 2 * rho.max() < LEAST_WIDTH:
+                return Found(OPEN, record[:boxes], lo[left].copy(), hi[left].copy())
+            axis = _worst(rho, sums.slope, sums.spread)
+        record[boxes - 1] = SPLIT + axis
+        lo[left + 1], hi[left + 1] = lo[left], hi[left]
+        guesses[left] = y
+        guesses[left + 1] = y
+        moved[left] = moved[left + 1] = axis >= 3
+        lo[left, axis] = at[axis]  # the upper half waits
+        hi[left + 1, axis] = at[axis]
+        left += 2
+    return Found(CLOSED, record[:boxes], lower, upper)
+
+
+@njit(cache=True)
+def _wide(rho: Array) -> int:
+    """Return the angle to halve in a box that is too wide for a bound, hinges first, or -1."""
+    axis = 3
+    for a in range(3, len(rho)):
+        if rho[a] > rho[axis]:
+            axis = a
+    if axis < len(rho) and 2 * rho[axis] > WIDEST:
+        return axis
+    axis = 0
+    for a in range(1, 3):
+        if rho[a] > rho[axis]:
+            axis = a
+    return axis if 2 * rho[axis] > WIDEST else -1
+
+
+@njit(cache=True)
+def _between(rho: Array, gain: Array) -> int:
+    """Return the hinge that keeps two modules from being too close all over a box, or -1 if all are narrow."""
+    axis, most = -1, -1.0
+    for a in range(3, len(rho)):
+        if 2 * rho[a] > FINE and gain[a] > most:
+            axis, most = a, gain[a]
+    return axis
+
+
+@njit(cache=True)
+def _worst(rho: Array, slope: Array, spread: Array) -> int:
+    """Return the angle whose halves may gain the most."""
+    least, axis, most = rho.max() / ASPECT, 0, -math.inf
+    for a in range(len(rho)):
+        gain = SLOPE * abs(slope[a]) * rho[a] + spread[a]
+        if rho[a] > least and gain > most:
+            axis, most = a, gain
+    return axis
+
+
+@njit(cache=True)
+def _roots(lower: Array, upper: Array, middle: Array, roots: Array) -> None:
+    """Fill the root orientations at the middle and at the 8 vertices."""
+    frames.root_frame(middle[0], middle[1], middle[2], roots[0])
+    for v in range(8):
+        psi = upper[0] if v & 4 else lower[0]
+        alpha_0 = upper[1] if v & 2 else lower[1]
+        alpha_1 = upper[2] if v & 1 else lower[2]
+        frames.root_frame(psi, alpha_0, alpha_1, roots[1 + v])

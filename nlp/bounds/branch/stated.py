@@ -1,0 +1,236 @@
+"""A task and a tree as the numbers that the branch and bound works on.
+
+Lengths in l_arm, forces in m g, inputs in the hover input of a module, efforts in the square of that. With `free`
+root orientation the tree hangs from its centre, which makes the paths from the root short.
+
+| symbol | meaning | shape |
+|---|---|---|
+| n, K, A | modules, load cases, angles: psi, alpha_0, alpha_1, then the hinges; A = n + 2 | |
+| f_k | force f_E + f_C of load case k | (K, 3) |
+| t_k, h_k | its torque about the origin of W is t_k + sum_i p_i x h_k + p'_E x g_k | (K, 3) each |
+| g_k | what p'_E is the lever of; 0 where the task fixes the end-effector from the COM | (K, 3) |
+| lambda_k | weight, in the largest | (K,) |
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+
+from nlp.units import Units
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
+from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.topology import ROOT, Joint
+
+Indices = NDArray[np.int64]
+
+HALF_TURN = math.pi * (1 + 1e-12)
+"""Boxes of the root orientation reach a little beyond pi, which no float is."""
+ROUNDING = 1e-11
+"""Share of the largest terms of a sum that is left to rounding (`nlp.bounds.branch.box`)."""
+
+
+class Tree(NamedTuple):
+    """Who hangs on whom."""
+
+    parent: Indices
+    """-1 for the root; parents come first."""
+    port: Indices
+    kappa: Indices
+    depth: Indices
+    """Hinges between the root and a module."""
+    path: Indices
+    """Angles that move module i, outermost first: psi, alpha_0, alpha_1, then hinges; shape (n, A), -1 beyond."""
+    first: Indices
+    """Where the 2^depth[i] vertices of module i begin in a table of all, and the table's length: (n + 1,)."""
+    bolted: NDArray[np.bool_]
+    """Shape (n, n)."""
+
+
+class Levers(NamedTuple):
+    """Greatest distances over all angles [l_arm]."""
+
+    rotor: Array
+    """Of module i's rotors from the axis of angle a, with the drag's lever; shape (n, A)."""
+    centre: Array
+    """Of its centre; shape (n, A)."""
+    between: Array
+    """Of the axes of two angles; shape (A, A)."""
+
+
+class Loads(NamedTuple):
+    """The load cases."""
+
+    f: Array
+    t: Array
+    h: Array
+    g: Array
+    weight: Array
+    project: Array
+    """Pseudo-inverse of sum_k [g_k]x [g_k]x^T, shape (3, 3)."""
+
+
+class Slack(NamedTuple):
+    """What a dual value loses: to deviations that an audit lets pass, and to rounding."""
+
+    force: Array
+    """Of every unit of |nu_k|, shape (K,)."""
+    torque: Array
+    """Of every unit of |mu_k|, shape (K,)."""
+    tip: float
+    """Greatest |p'_E| [l_arm]."""
+
+
+class Room(NamedTuple):
+    """What must keep clear of what [l_arm]."""
+
+    airflow: bool
+    length: float
+    start_radius: float
+    growth: float
+    apart: float
+    """Least distance of centres: with airflow of modules that share no joint, else of all; 0 if there is none."""
+
+
+class Stated(NamedTuple):
+    """A task and a tree."""
+
+    tree: Tree
+    levers: Levers
+    loads: Loads
+    slack: Slack
+    room: Room
+    own: Array
+    """Torque of each rotor about its module's centre at unit thrust, shape (4, 3)."""
+    l_c: float
+    u_max: float
+    """With the audit's tolerance."""
+
+
+def state(task: ResolvedTask, topology: Topology) -> Stated:
+    """Return the numbers of a task and a tree, which must hang from where `hung` puts it."""
+    n, unit, module = topology.n, Units.of(task), task.module
+    l_c = module.connector_distance / unit.length
+    drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
+    arm = 1 / math.sqrt(2)
+    corners = ((1, -1), (-1, -1), (-1, 1), (1, 1))
+    own = np.array([[arm * y, -arm * x, (-1) ** (q + 1) * drag] for q, (x, y) in enumerate(corners)])
+    tree = _tree(topology)
+    levers = _levers(tree, l_c, drag)
+    loads = _loads(task, n, unit)
+    U = task.max_thrust_to_weight
+    air, airflow = module.envelope, task.search.interference == "airflow"
+    apart = (task.body_clearance or 0.0) if airflow else task.separation
+    lengths = (air.length, air.start_radius, air.growth, apart)
+    return Stated(
+        tree,
+        levers,
+        loads,
+        _slack(task, tree, levers, loads, l_c, U),
+        Room(airflow, *(x / unit.length for x in lengths)),
+        own,
+        l_c,
+        U * (1 + TOLERANCE),
+    )
+
+
+def effort_unit(task: ResolvedTask) -> float:
+    """Return the unit of efforts [rad^4/s^4]."""
+    return Units.of(task).input ** 2 * max(case.weight for case in task.load_cases)
+
+
+def whole(task: ResolvedTask, n: int) -> tuple[Array, Array]:
+    """Return the box of all angles, from and to, shape (A,) each [rad]: a design's, and what an audit lets pass."""
+    quarter = np.full(n - 1, math.pi / 2 + TOLERANCE)
+    root = [HALF_TURN, math.pi / 2 * (1 + 1e-12), HALF_TURN]
+    if task.search.root == "paper":
+        root = [TOLERANCE, math.pi / 2 + TOLERANCE, math.pi / 2 + TOLERANCE]
+    most = np.concatenate([root, quarter])
+    return -most, most
+
+
+def centre(task: ResolvedTask, topology: Topology) -> int:
+    """Return the module that a tree hangs from in a proof: its centre, the first if there are two."""
+    return 0 if task.search.root == "paper" else min(nx.center(topology.graph()))
+
+
+def hung(topology: Topology, root: int) -> Topology:
+    """Return the tree hung from another module: breadth first, ports in order."""
+    graph, joints, queue = topology.graph(), list[Joint](), [(root, -1, ROOT)]
+    for i, came_from, joint in queue:
+        number = len(joints)
+        joints.append(joint)
+        beyond = [(graph[i][j]["ports"][i], j) for j in graph[i] if j != came_from]
+        queue += [(j, i, (number, port, graph[i][j]["ports"][j])) for port, j in sorted(beyond)]
+    return Topology(tuple(joints))
+
+
+def _tree(topology: Topology) -> Tree:
+    n = topology.n
+    parent, port = (np.array([joint[k] for joint in topology.joints]) for k in (0, 1))
+    depth, path = np.zeros(n, np.int64), np.full((n, n + 2), -1)
+    path[:, :3] = range(3)
+    bolted = np.zeros((n, n), np.bool_)
+    for h, i, _, _ in topology.edges():
+        depth[i] = depth[h] + 1
+        path[i] = path[h]
+        path[i, 2 + depth[i]] = i + 2
+        bolted[h, i] = bolted[i, h] = True
+    first = np.concatenate([[0], np.cumsum(2**depth)])
+    parent, port, kappa, depth, path, first = (
+        x.astype(np.int64) for x in (parent, port, np.array(topology.kappas), depth, path, first)
+    )
+    return Tree(parent, port, kappa, depth, path, first, bolted)
+
+
+def _levers(tree: Tree, l_c: float, drag: float) -> Levers:
+    """Return the distances along the tree stretched out; an axis is l_c before its module, the root's 0."""
+    n = len(tree.parent)
+    before = np.concatenate([np.zeros(3), l_c * (2 * tree.depth[1:] - 1)])
+    centre = np.abs(2 * l_c * tree.depth[:, None] - before)
+    return Levers(centre + 1 + drag, centre, np.abs(before[:, None] - before[None, :])[: n + 2])
+
+
+def _loads(task: ResolvedTask, n: int, unit: Units) -> Loads:
+    cases, position = task.load_cases, task.end_effector.fixed_position
+    tip, com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
+    f_E, f_C = (np.array([w.force for w in at]) / unit.force for at in (tip, com))
+    t = np.add([w.torque for w in tip], [w.torque for w in com]) / unit.torque
+    m_E = task.end_effector.mass / task.module.mass
+    weight = np.array([case.weight for case in cases])
+    if position is None:
+        g, h = f_E + m_E / (n + m_E) * f_C, f_C / (n + m_E)
+    else:  # p'_E is (n + m_E) / n p_E from the modules' centroid, and the COM m_E / n p_E
+        p_E = np.array(position) / unit.length
+        t = t + (n + m_E) / n * np.cross(p_E, f_E) + m_E / n * np.cross(p_E, f_C)
+        g, h = np.zeros_like(f_E), (f_E + f_C) / n
+    crosses = sum(((g_k @ g_k) * np.eye(3) - np.outer(g_k, g_k) for g_k in g), np.zeros((3, 3)))
+    return Loads(f_E + f_C, t, h, g, weight / weight.max(), np.linalg.pinv(crosses, rcond=1e-9, hermitian=True))
+
+
+def _slack(task: ResolvedTask, tree: Tree, levers: Levers, loads: Loads, l_c: float, U: float) -> Slack:
+    """Return what deviations within an audit's tolerance and rounding take from a dual value.
+
+    With e = TOLERANCE m_t g a force may be off by e, a torque about the COM and about the end-effector by l_arm e
+    each, hence about the modules' centroid by (1 + 2 m_E / (n m)) l_arm e (`nlp.bounds.torques`), and about the
+    origin of W by the centroid's distance times e more. Every input may be d = TOLERANCE U beyond its limits: of
+    those below zero a rotor's psi gains d |a_j . y| at most. A fixed end-effector may be TOLERANCE l_arm off.
+    """
+    n, unit = len(tree.parent), task.module.arm_length
+    m_E = task.end_effector.mass / task.module.mass
+    e, d = TOLERANCE * (n + m_E), TOLERANCE * U
+    centroid, lever = 2 * l_c * float(tree.depth.mean()), float(levers.rotor.max())
+    both = [math.hypot(*case.at_end_effector.force) + math.hypot(*case.at_com.force) for case in task.load_cases]
+    off = 0.0 if task.end_effector.fixed_position is None else TOLERANCE * (n + m_E) / n
+    f, t, h = (np.linalg.norm(x, axis=1) for x in (loads.f, loads.t, loads.h))
+    force = e + n * d + ROUNDING * (f + n * U)
+    levered = f + h + np.linalg.norm(loads.g, axis=1)
+    torque = e * (1 + 2 * m_E / n + centroid) + n * d * lever + off * np.array(both) / Units.of(task).force
+    torque = torque + ROUNDING * (t + n * lever * (levered + U))
+    tip = centroid + (n + m_E) / n * (task.farthest_end_effector(n) / unit + TOLERANCE)
+    return Slack(force, torque, tip)

@@ -1,0 +1,62 @@
+"""`topo-search prove`: what it prints, and its exit status; the branch and bound is a stand-in here."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+from test_study_proving import Prover, table
+from toy_problem import InProcess, toy_run
+
+from topo_search import compose
+from topo_search.cli import main
+
+
+@pytest.fixture
+def run(tmp_path, log):
+    toy_run(tmp_path / "run")
+    return tmp_path / "run"
+
+
+def prove(monkeypatch, prover, *arguments):
+    monkeypatch.setattr("nlp.prove_chunk", prover)
+    monkeypatch.setattr(compose, "_engine", lambda *_: InProcess(1))
+    monkeypatch.setattr(compose, "_write_page", lambda folder: None)
+    return CliRunner().invoke(main, ["prove", *map(str, arguments)])
+
+
+def test_all_proven_ends_with_0_and_a_sentence(run, monkeypatch):
+    done = prove(monkeypatch, Prover(), run, "--gap", "0.01")
+    assert done.exit_code == 0, done.output
+    assert f"{next(iter(table(run)))}: within, J >= " in done.output
+    assert "proven by branch and bound: no 3-module topology is more than 1.00 % better" in done.output
+
+
+def test_an_open_tree_ends_with_4_and_json_says_which(run, monkeypatch):
+    key = list(table(run))[-1]
+    done = prove(monkeypatch, Prover(refuses=(key,)), run, "--json")
+    assert done.exit_code == 4, done.output
+    told = json.loads(done.stdout)
+    assert [row["key"] for row in told["candidates"] if row["proof"] == "open"] == [key]
+
+
+def test_one_tree_that_is_proven_ends_with_0_whatever_the_rest(run, monkeypatch):
+    key = next(iter(table(run)))
+    done = prove(monkeypatch, Prover(), run, "--topology", key)
+    assert done.exit_code == 0, done.output
+    assert [line for line in done.stdout.splitlines() if ": within" in line or "not looked at, " in line]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["nowhere"], "nowhere"),
+        (["RUN", "--topology", "a999"], "has no candidate a999"),
+        (["RUN", "--gap", "0"], "--gap"),
+        (["RUN", "--dask-ca", "ca.pem"], "go with --dask"),
+    ],
+)
+def test_bad_input_ends_with_2(run, monkeypatch, arguments, told):
+    given = [str(run) if each == "RUN" else each for each in arguments]
+    done = prove(monkeypatch, Prover(), *given)
+    assert done.exit_code == 2, done.output
+    assert told in done.output

@@ -1,0 +1,225 @@
+"""The bound of a box, attacked: by points of the box, by designs, and by cuts just above what can be done."""
+
+import math
+
+import numpy as np
+import pytest
+from nlp_cases import HOVER, push, random_tree
+from test_nlp_bounds_attack import random_task
+
+from nlp import solve
+from nlp.bounds.branch import box, frames, multipliers, search
+from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowded
+from nlp.bounds.branch.proof import chunk_box, prove_chunk
+from nlp.bounds.branch.stated import centre, effort_unit, hung, state, whole
+from nlp.units import Units
+from topo_search.model import Design, Topology
+from topo_search.model.proof import chunk_count
+from verify.bodies import ConeSphere
+from verify.clearance import clearances
+from verify.kinematics import ROTOR_DIRECTIONS, Platform, poses
+from verify.wrench import required_wrench, wrench_map
+
+
+def seen(stated, lower, upper):
+    """All that the bound of a box is computed from."""
+    n, A = len(stated.tree.parent), len(lower)
+    middle, vertices = frames.blank(n), frames.blank(stated.tree.first[-1])
+    axes = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3)))
+    roots, at = np.zeros((9, 3, 3)), (lower + upper) / 2
+    frames.at_middle(stated.tree, stated.l_c, at, middle, axes)
+    frames.at_vertices(stated.tree, stated.l_c, lower, upper, vertices)
+    search._roots(lower, upper, at, roots)
+    return roots, middle, axes, vertices, (upper - lower) / 2
+
+
+def bound_of(stated, y, lower, upper):
+    return box.bound(stated, y, *seen(stated, lower, upper), box.sums(stated))
+
+
+def dual_value(task, tree, theta, tip, y):
+    """D(theta; y) with the audit's kinematics and wrenches, in effort units."""
+    unit, module, n = Units.of(task), task.module, tree.n
+    at = poses(tree, theta[:3], theta[3:], module.connector_distance)
+    mass = task.total_mass(n)
+    if task.end_effector.fixed_position is None:
+        p_COM = (module.mass * at.p.sum(axis=0) + task.end_effector.mass * tip) / mass
+    else:
+        p_COM = at.p.mean(axis=0) + task.end_effector.mass / (n * module.mass) * np.array(
+            task.end_effector.fixed_position
+        )
+        tip = p_COM + np.array(task.end_effector.fixed_position)
+    o = at.p - p_COM
+    rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * ROTOR_DIRECTIONS)
+    platform = Platform(at, p_COM, o, tip - p_COM, rotors)
+    A, most = wrench_map(platform, module) * unit.input, max(case.weight for case in task.load_cases)
+    total = 0.0
+    for case, y_k in zip(task.load_cases, y, strict=True):
+        nu, mu = y_k[:3] / unit.force, y_k[3:] / unit.torque
+        about_com = np.concatenate([nu + np.cross(mu, p_COM), mu])  # nu . F + mu . (tau + p_COM x F)
+        t, weight, U = about_com @ A, case.weight / most, task.max_thrust_to_weight
+        u = np.clip(np.divide(t, 2 * weight), 0, U)
+        total += about_com @ required_wrench(case, platform.p_e) - np.sum(u * (t - weight * u))
+    return total
+
+
+def multipliers_for(stated, rng):
+    y = rng.normal(size=(len(stated.loads.f), 6)) * 10 ** rng.uniform(-1, 1)
+    multipliers.meet(stated, y)
+    return y
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed):
+    rng = np.random.default_rng([25, seed])
+    task = random_task(rng)
+    tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
+    tree = hung(tree, centre(task, tree))
+    stated = state(task, tree)
+    least, most = whole(task, task.n)
+    middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, 0, size=len(least))
+    lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
+    y = multipliers_for(stated, rng)
+    proven = bound_of(stated, y, lower, upper)
+    for draw in range(60):
+        theta = rng.uniform(lower, upper)
+        if draw % 3 == 0:
+            theta = np.where(rng.random(len(theta)) < 0.5, lower, upper)
+        tip = rng.normal(size=3) * task.module.arm_length * 10 ** rng.uniform(-1, 1)
+        assert dual_value(task, tree, theta, tip, y) >= proven
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(seed):
+    rng = np.random.default_rng([26, seed])
+    task = random_task(rng)
+    tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
+    tree = hung(tree, centre(task, tree))
+    stated, theta = state(task, tree), rng.uniform(*whole(task, task.n))
+    y = multipliers_for(stated, rng)
+    true, proven = dual_value(task, tree, theta, np.zeros(3), y), bound_of(stated, y, theta, theta)
+    size = np.abs(stated.loads.f).sum() + np.abs(stated.loads.t).sum() + task.n * stated.u_max
+    lost = np.linalg.norm(y, axis=1).sum() * (1 + stated.levers.rotor.max()) * size
+    assert 0 < true - proven < 1e-3 * lost
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed):
+    rng = np.random.default_rng([27, seed])
+    task = push(int(rng.integers(2, 6)), search={"connectors": "any"})
+    tree = random_tree(task.n, rng, aligned=False)
+    stated, air = state(task, tree), task.module.envelope
+    least, most = whole(task, task.n)
+    found = 0
+    for _ in range(60):
+        middle, half = rng.uniform(least, most), 10 ** rng.uniform(-2, -0.3)
+        lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
+        _, at, axes, vertices, rho = seen(stated, lower, upper)
+        where = crowded(stated, at, axes, vertices, rho, np.zeros(len(least)))
+        if where != ALL_OVER:
+            continue
+        found += 1
+        for _ in range(10):
+            theta = rng.uniform(lower, upper)
+            assert clearance_missed(task, tree, air, theta)
+    assert found > 0
+
+
+def clearance_missed(task, tree, air, theta):
+    """Whether envelopes overlap or centres are too close, as the audit measures it."""
+    at = poses(tree, theta[:3], theta[3:], task.module.connector_distance)
+    cones = [ConeSphere(p, -air.length * z, air.start_radius, air.growth) for p, z in zip(at.p, at.z, strict=True)]
+    pairs = [(i, j) for i in range(tree.n) for j in range(i)]
+    if clearances([(cones[i], cones[j]) for i, j in pairs]).d.min() < 0:
+        return True
+    apart = [np.linalg.norm(at.p[i] - at.p[j]) for i, j in pairs if (j, i) not in tree.bolted]
+    return bool(apart) and min(apart) < task.body_clearance
+
+
+def test_a_tree_hung_from_any_module_is_the_same_platform():
+    rng = np.random.default_rng(28)
+    for n in (2, 3, 5, 8):
+        tree = random_tree(n, rng, aligned=False)
+        for root in range(n):
+            other = hung(tree, root)
+            assert sorted(dict(other.graph().degree).values()) == sorted(dict(tree.graph().degree).values())
+            assert hung(other, 0).key == other.key
+            assert sum(kappa % 2 for kappa in other.kappas) == sum(kappa % 2 for kappa in tree.kappas)
+
+
+def proven(task, tree, cut):
+    """Whether all chunks of a tree are closed, looking no further than the first that is not."""
+    return all(
+        prove_chunk(task, tree, number, cut, most_boxes=300_000).outcome == "closed"
+        for number in range(chunk_count(tree.n))
+    )
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Two modules, and their best design."""
+    task = push(2, load_cases=[{"end_effector": {"force": [0.25, 0.0, 0.75]}}, HOVER])
+    tree = Topology(((-1, -1, -1), (0, 0, 2)))
+    design = solve(task, tree, starts=range(24), seed=0)
+    assert isinstance(design, Design)
+    return task, tree, design
+
+
+def test_a_cut_under_the_best_is_proven_and_one_above_is_not(pair):
+    task, tree, design = pair
+    assert proven(task, tree, 0.99 * design.objective)
+    assert not proven(task, tree, 1.002 * design.objective)
+
+
+def test_a_grid_finds_nothing_under_what_is_proven(pair):
+    """Every point of a grid has its own bound, a value of the convex problem that is left there."""
+    task, tree, design = pair
+    stated, unit = state(task, tree), effort_unit(task)
+    least, most = whole(task, 2)
+    rng = np.random.default_rng(29)
+    work, best = multipliers.room(2, 2), math.inf
+    work.ridge[:] = 1e-9
+    for theta in rng.uniform(least, most, size=(20_000, 4)):
+        roots, middle, axes, vertices, rho = seen(stated, theta, theta)
+        if crowded(stated, middle, axes, vertices, rho, np.zeros(4)) >= AT_MIDDLE:
+            continue
+        multipliers.wrenches(stated, roots[0], middle, work)
+        y = np.zeros((2, 6))
+        y[:, :3] = 4 * stated.loads.f
+        best = min(best, multipliers.improve(stated, work, y, 60, 1e9) * unit)
+    assert best >= 0.99 * design.objective
+
+
+def test_the_chunk_of_a_design_has_a_bound_of_no_more_than_its_effort(pair):
+    task, tree, design = pair
+    theta = np.array([*design.root_orientation_rad, *design.hinge_angles_rad])
+    mine = [
+        number
+        for number in range(chunk_count(2))
+        if np.all(chunk_box(task, 2, number)[0] <= theta) and np.all(theta <= chunk_box(task, 2, number)[1])
+    ]
+    assert mine
+    assert prove_chunk(task, tree, mine[0], design.objective * 1.001).outcome != "closed"
+
+
+def test_chunks_fill_the_whole_box_and_share_no_more_than_faces():
+    for n in (1, 2, 3, 6):
+        task = push(n)
+        least, most = whole(task, n)
+        boxes = [chunk_box(task, n, number) for number in range(chunk_count(n))]
+        volume = sum(np.prod(upper - lower) for lower, upper in boxes)
+        assert volume == pytest.approx(np.prod(most - least))
+        assert len({(*lower, *upper) for lower, upper in boxes}) == len(boxes)
+
+
+def test_a_chunk_that_there_is_not_is_refused():
+    with pytest.raises(ValueError, match="`0 <= number < 64` must hold, but got 64"):
+        prove_chunk(push(2), Topology(((-1, -1, -1), (0, 0, 2))), 64, 1.0)
+
+
+def test_the_same_chunk_is_the_same_record():
+    task, tree = push(3), Topology(((-1, -1, -1), (0, 0, 2), (0, 1, 3)))
+    one, other = (prove_chunk(task, tree, 20, 1e14) for _ in range(2))
+    assert one == other
+    assert one.outcome == "closed"
+    assert len(one.record) == one.boxes

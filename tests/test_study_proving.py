@@ -1,0 +1,141 @@
+"""Proofs of a run's trees: kept chunk by chunk, taken up again, and said in the table and the answer."""
+
+import csv
+import json
+import math
+
+import pytest
+import toy_problem
+from toy_problem import InProcess, toy_run
+
+from topo_search.model import BadInput, Chunk, Proof
+from topo_search.model.proof import chunk_count
+from topo_search.study import RunFolder, Silent, prove
+from topo_search.study.frame import candidates
+from topo_search.study.proofs import target
+
+
+class Prover:
+    """Stands in for the branch and bound; remembers what it was asked."""
+
+    def __init__(self, *, refuses=()):
+        self.asked, self.refuses = [], refuses
+
+    def __call__(self, task, topology, number, cut):
+        self.asked.append((topology.key, number, cut))
+        if topology.key in self.refuses:
+            return Chunk.of(number, "stuck", b"", ((0.0,), (1.0,)))
+        return Chunk.of(number, "closed", bytes([2, 0, 1]))
+
+
+def proven(path, prover, **options):
+    given = {"gap": 0.01, "key": None, "engine": InProcess(1), "observer": Silent(), **options}
+    return prove(path, prover, lambda task, tree: 0, **given)
+
+
+def table(path):
+    with (path / "candidates.csv").open(newline="") as stream:
+        return {row["key"]: row for row in csv.DictReader(stream)}
+
+
+@pytest.fixture
+def run(tmp_path, log):
+    toy_run(tmp_path / "run")
+    return tmp_path / "run"
+
+
+def test_every_tree_is_excluded_or_within_the_gap(run):
+    answer = proven(run, Prover())
+    rows, best = table(run), answer.best.objective
+    for row in rows.values():
+        near = float(row["objective"]) * 0.99 < best
+        assert row["proof"] == ("within" if near else "excluded")
+        assert float(row["proven_bound"]) == pytest.approx(float(row["objective"]) * 0.99 if near else best)
+        assert float(row["proven_gap"]) == pytest.approx(1 - float(row["proven_bound"]) / float(row["objective"]))
+    assert "no 3-module topology is more than 1.00 % better" in answer.sizes[0].proven
+    assert list(candidates(run)["proof"]) == [row["proof"] for row in rows.values()]
+
+
+def test_what_is_proven_is_not_searched_again_and_a_smaller_gap_is(run):
+    first, again, finer = Prover(), Prover(), Prover()
+    proven(run, first)
+    proven(run, again)
+    assert not again.asked
+    proven(run, finer, gap=0.001)
+    assert {key for key, _, _ in finer.asked} <= {key for key, _, _ in first.asked}
+    assert finer.asked
+
+
+def test_a_stopped_proof_goes_on_where_it_was(run):
+    class Stopped(InProcess):
+        def run(self, function, jobs, *, deadline, until=math.inf):
+            for number, job in enumerate(jobs):
+                if number == 40:
+                    raise KeyboardInterrupt
+                yield job, function(job)
+
+    first, rest, whole = Prover(), Prover(), Prover()
+    with pytest.raises(KeyboardInterrupt):
+        proven(run, first, engine=Stopped(1))
+    assert "open" in {row["proof"] for row in table(run).values()}
+    answer = proven(run, rest)
+    assert not set(first.asked) & set(rest.asked)
+    toy_run(run.parent / "other")
+    other = proven(run.parent / "other", whole)
+    assert set(first.asked) | set(rest.asked) == set(whole.asked)
+    assert answer.sizes == other.sizes
+
+
+def test_a_tree_that_cannot_be_closed_is_open_and_nothing_is_claimed(run):
+    key = list(table(run))[-1]
+    answer = proven(run, Prover(refuses=(key,)))
+    row = table(run)[key]
+    assert row["proof"] == "open"
+    assert float(row["proven_bound"]) == toy_problem.BOUND
+    assert "1 open; nothing new is proven" in answer.sizes[0].proven
+
+
+def test_one_tree_alone(run):
+    key, prover = next(iter(table(run))), Prover()
+    answer = proven(run, prover, key=key)
+    assert {asked for asked, _, _ in prover.asked} == {key}
+    assert len(prover.asked) == chunk_count(3)
+    assert "not looked at" in answer.sizes[0].proven
+
+
+def test_what_there_is_nothing_to_prove_of_is_refused(run, tmp_path):
+    with pytest.raises(BadInput, match="has no candidate a999"):
+        proven(run, Prover(), key="a999")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BadInput, match=r"no ledger\.sqlite"):
+        proven(tmp_path / "empty", Prover())
+
+
+def test_a_proof_of_another_task_does_not_count_and_a_damaged_one_is_named(run):
+    proven(run, Prover())
+    file = next((run / "proof").iterdir())
+    text = json.loads(file.read_text())
+    proof = Proof.model_validate_json(json.dumps(text))
+    assert proof.complete
+    assert proof.chunks[5].record == bytes([2, 0, 1])
+    file.write_text(json.dumps(text | {"cut": "low"}))
+    with (
+        pytest.raises(BadInput, match=rf"{file.name}.*cut"),
+        RunFolder.found(run) as folder,
+    ):
+        folder.proofs(3)
+
+
+def test_a_record_that_is_cut_off_is_refused():
+    chunk = Chunk.of(3, "closed", bytes(1000))
+    cut = chunk.model_copy(update={"packed": chunk.packed[:8]})
+    with pytest.raises(ValueError, match="the record of chunk 3"):
+        _ = cut.record
+
+
+def test_the_cut_is_the_best_unless_a_tree_is_as_good():
+    row = toy_problem.toy_row("a300", objective=102.0, gap=0.1)
+    assert target(row, 100.0, 0.01) == ("excluded", 100.0)
+    aim, cut = target(row, 100.0, 0.03)
+    assert aim == "within"
+    assert cut == pytest.approx(98.94)

@@ -1,0 +1,112 @@
+"""What a proof by branch and bound holds of one tree: every chunk of its angles, and how each was divided.
+
+A record has a byte a box, depth first, the lower half before the upper one: 0, excluded by a bound; 1, two
+modules are too close everywhere in it; 2 + a, halved along angle a. Angles are psi, alpha_0, alpha_1 and the
+hinges of the tree as it hangs from `root_module`: breadth first, ports in order.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from topo_search.model.task import ResolvedTask
+from topo_search.model.topology import Topology
+from topo_search.model.value import Index, Number, Value
+
+CHUNK_SPLITS = 6
+"""All hinges are halved in turn, so many times in all; chunk c is what the bits of c choose, the highest first."""
+MOST_BYTES = 1 << 28
+"""Of one record: more is no record of this program."""
+
+Text = Annotated[str, Field(strict=True)]
+Ended = Literal["closed", "many", "stuck"]
+Aim = Literal["excluded", "within"]
+
+
+def chunk_count(n: int) -> int:
+    """Return how many chunks a tree of n modules has; one without a hinge has one."""
+    return 1 if n == 1 else 2**CHUNK_SPLITS
+
+
+class Chunk(Value):
+    """What came of one chunk of a tree's angles."""
+
+    number: Index
+    outcome: Ended
+    """`closed`: all of it is excluded; `many`: too many boxes; `stuck`: the smallest of boxes is not excluded."""
+    boxes: Index
+    packed: Text
+    """The record, compressed by zlib, in Base64; empty unless the chunk is closed."""
+    stuck: tuple[tuple[Number, ...], tuple[Number, ...]] | None = None
+    """The box that the search stopped at, from and to [rad]."""
+
+    @classmethod
+    def of(cls, number: int, outcome: Ended, record: bytes, stuck: tuple[tuple[float, ...], ...] = ()) -> Chunk:
+        """Return a chunk with its record packed; of one that is not closed the record proves nothing."""
+        packed = base64.b64encode(zlib.compress(record, 9)).decode() if outcome == "closed" else ""
+        box = None if not stuck else (stuck[0], stuck[1])
+        return cls(number=number, outcome=outcome, boxes=len(record), packed=packed, stuck=box)
+
+    @property
+    def record(self) -> bytes:
+        """The record; ValueError if it is none."""
+        try:
+            unpacking = zlib.decompressobj()
+            record = unpacking.decompress(base64.b64decode(self.packed, validate=True), MOST_BYTES)
+        except (zlib.error, ValueError):
+            raise ValueError(f"the record of chunk {self.number} cannot be unpacked") from None
+        if not unpacking.eof:
+            raise ValueError(f"the record of chunk {self.number} is longer than {MOST_BYTES:,} boxes, or cut off")
+        return record
+
+
+class Proof(Value):
+    """What is proven of one tree: no design of it costs less than `cut`, once every chunk is closed."""
+
+    format: Literal["topo-search/proof"] = "topo-search/proof"
+    version: Literal[1] = 1
+    task: ResolvedTask
+    topology_key: Text
+    root_module: Index
+    """The module of the key's tree that the angles of the boxes are counted from."""
+    aim: Aim
+    """`excluded`: the cut is the effort of the run's best; `within`: it is `gap` under the tree's own best."""
+    gap: Number
+    cut: Number
+    """Effort [rad^4/s^4]."""
+    chunks: tuple[Chunk, ...] = ()
+
+    @property
+    def topology(self) -> Topology:
+        """The tree that the key names; ValueError if it names none."""
+        return Topology.from_key(self.topology_key)
+
+    @property
+    def boxes(self) -> int:
+        """Number of boxes looked at."""
+        return sum(chunk.boxes for chunk in self.chunks)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every chunk is closed."""
+        closed = {chunk.number for chunk in self.chunks if chunk.outcome == "closed"}
+        return closed == set(range(chunk_count(self.task.n)))
+
+    @property
+    def open_at(self) -> Chunk | None:
+        """The first chunk that cannot be closed."""
+        return next((chunk for chunk in self.chunks if chunk.outcome != "closed"), None)
+
+    def due(self) -> list[int]:
+        """Return the chunks that were not looked at."""
+        done = {chunk.number for chunk in self.chunks}
+        return [number for number in range(chunk_count(self.task.n)) if number not in done]
+
+    def having(self, chunk: Chunk) -> Proof:
+        """Return the proof with one more chunk, in order."""
+        chunks = sorted((*self.chunks, chunk), key=lambda each: each.number)
+        return self.model_copy(update={"chunks": tuple(chunks)})

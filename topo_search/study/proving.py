@@ -1,0 +1,197 @@
+"""Proofs of all trees of a run, chunk by chunk: what ended is kept within a second, and is not searched again."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from topo_search.engine import Engine, Failed, WorkersLost
+from topo_search.model import BadInput, Chunk, Fault, Proof, ResolvedTask, Topology
+from topo_search.model.proof import chunk_count
+from topo_search.model.proven import gap_percent
+from topo_search.study.answer import Answer
+from topo_search.study.folder import RunFolder
+from topo_search.study.lost import KEPT
+from topo_search.study.observer import Observer
+from topo_search.study.proofs import IMPOSSIBLE, target
+from topo_search.study.row import Row
+from topo_search.study.runner import answer_of
+
+ProveChunk = Callable[[ResolvedTask, Topology, int, float], Chunk]
+"""Searches one chunk of a tree for designs under a cut [rad^4/s^4]: a pure function."""
+
+CHUNK_DEADLINE = 7200.0
+"""After which a chunk counts as hung [s]: far above what one takes (n = 5: seconds)."""
+MOST_MODULES = 12
+"""The allowance for rounding holds for more (`nlp.bounds.branch.box`); nobody can wait for the boxes of so many."""
+LATEST = 1.0
+"""Least time between two writes of a proof that is not complete [s]."""
+EVERY = 10.0
+"""Least time between two lines about one tree [s]."""
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One chunk of one tree."""
+
+    task: ResolvedTask
+    topology: Topology
+    number: int
+    cut: float
+
+
+@dataclass
+class _Work:
+    """The proofs of one size, as they grow."""
+
+    folder: RunFolder
+    observer: Observer
+    proofs: dict[str, Proof] = field(default_factory=dict)
+    told: float = field(default_factory=time.monotonic)
+    kept: float = 0.0
+    due: set[str] = field(default_factory=set)
+    """Proofs with chunks that are not written yet."""
+
+    def jobs(self) -> Iterator[_Job]:
+        """Yield what is due, tree by tree; a tree with a chunk that cannot be closed is left alone."""
+        for key in list(self.proofs):
+            for number in self.proofs[key].due():
+                proof = self.proofs[key]
+                if proof.open_at is None:
+                    yield _Job(proof.task, proof.topology, number, proof.cut)
+
+    def ended(self, job: _Job, result: Chunk | Failed) -> None:
+        """Keep what came of a chunk."""
+        key = job.topology.key
+        if isinstance(result, Failed):
+            self.observer.note(f"{key}: chunk {job.number} failed, {result.reason}")
+            return
+        proof = self.proofs[key] = self.proofs[key].having(result)
+        self.due.add(key)
+        if proof.complete or time.monotonic() - self.kept > LATEST:
+            self.keep()
+        if proof.complete:
+            self.observer.note(f"{key}: {_words(proof)}, {proof.boxes:,} boxes")
+        elif result.outcome != "closed":
+            self.observer.note(f"{key}: open, for {_why(result)}")
+        elif time.monotonic() - self.told > EVERY:
+            self.told = time.monotonic()
+            done = len(proof.chunks) / chunk_count(proof.task.n)
+            self.observer.note(f"{key}: {100 * done:.0f} % of its angles, {proof.boxes:,} boxes")
+
+    def keep(self) -> None:
+        """Write what is not written yet."""
+        for key in sorted(self.due):
+            self.folder.keep_proof(self.proofs[key])
+        self.due.clear()
+        self.kept = time.monotonic()
+
+
+def prove(
+    path: Path,
+    prove_chunk: ProveChunk,
+    centre: Callable[[ResolvedTask, Topology], int],
+    *,
+    gap: float,
+    key: str | None,
+    engine: Engine,
+    observer: Observer,
+    time_limit: float = math.inf,
+    report: Callable[[RunFolder], None] = lambda _: None,
+) -> Answer:
+    """Prove what can be proven of the trees of a run against its best audited design, and return its answer.
+
+    Args:
+        path: the run's folder.
+        prove_chunk: the prover.
+        centre: which module a tree hangs from in a proof.
+        gap: share of its own best effort to which a tree is proven that cannot be excluded.
+        key: of the one tree to look at; None: all.
+        engine: where chunks are searched; it changes nothing but the time it takes.
+        observer: is told of the progress.
+        time_limit: seconds after which no more is searched.
+        report: is handed the folder once all its files are written.
+
+    Raises:
+        BadInput: it is no run's folder, has no audited design or no such tree, or another process works in it.
+        KeyboardInterrupt: after Ctrl-C, with every finished chunk kept.
+        WorkersLost: the engine has no workers any more; likewise.
+    """
+    until = time.monotonic() + time_limit
+    with RunFolder.found(path, writes=True) as folder:
+        sizes = _sizes(folder, path, key)
+        try:
+            for n, best, rows in sizes:
+                work = _Work(folder, observer)
+                task = folder.request.contexts(n)[0].task
+                kept = folder.proofs(n)
+                for row in rows:
+                    aim, cut = target(row, best, gap)
+                    held = kept.get(row.key)
+                    if held is None or held.cut < cut or (not held.complete and held.cut != cut):
+                        root = centre(task, Topology.from_key(row.key))
+                        held = Proof(task=task, topology_key=row.key, root_module=root, aim=aim, gap=gap, cut=cut)
+                    work.proofs[row.key] = held
+                ended = engine.run(
+                    partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: CHUNK_DEADLINE, until=until
+                )
+                try:
+                    for job, result in ended:
+                        work.ended(job, result)
+                finally:
+                    work.keep()
+        except (KeyboardInterrupt, WorkersLost) as stop:
+            folder.write()
+            stop.add_note(KEPT)
+            raise
+        folder.write()
+        report(folder)
+        return answer_of(folder)
+
+
+def _prove(prove_chunk: ProveChunk, job: _Job) -> Chunk:
+    """Search one chunk (in a worker)."""
+    return prove_chunk(job.task, job.topology, job.number, job.cut)
+
+
+def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, float, list[Row]]]:
+    """Return size, best effort and trees to prove of every size that has a best design."""
+    request, found = folder.request, list[tuple[int, float, list[Row]]]()
+    if request.task.goals.names:
+        raise BadInput(str(path), [Fault("", "has goals: a proof is about one effort, that of a run without them")])
+    known = set[str]()
+    for n in request.task.sizes:
+        rows = list(folder.ledger.ranked(n))
+        known.update(row.key for row in rows)
+        best = folder.ledger.best_clear(n)
+        if best is None or not best.objective:
+            continue
+        if n > MOST_MODULES:
+            raise BadInput(
+                str(path), [Fault("modules", f"must be at most {MOST_MODULES} for a proof, but got {n}")]
+            )
+        due = [row for row in rows if row.status != IMPOSSIBLE and key in (None, row.key)]
+        found.append((n, best.objective, due))
+    if key is not None and key not in known:
+        raise BadInput(str(path), [Fault("", f"has no candidate {key}")])
+    if not found:
+        raise BadInput(str(path), [Fault("", "holds no audited design that a proof could be against")])
+    return found
+
+
+def _words(proof: Proof) -> str:
+    """Say what a complete proof proves."""
+    if proof.aim == "excluded":
+        return "proven, cannot beat the best"
+    return f"proven, cannot beat its own best by more than {gap_percent(proof.gap)}"
+
+
+def _why(chunk: Chunk) -> str:
+    """Say why a chunk is open."""
+    if chunk.outcome == "many":
+        return f"chunk {chunk.number} needs more than {chunk.boxes:,} boxes"
+    return f"a box of chunk {chunk.number} as small as can be may hold a better design"
