@@ -9,6 +9,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explained, needs_extras, note
+from topo_search.limits import SECONDS
 
 OPEN = 4
 
@@ -25,7 +26,7 @@ OPEN = 4
 @click.option("--topology", metavar="KEY", help="The one tree to look at (default: all).")
 @click.option(
     "--time-limit",
-    type=click.FloatRange(0, options.SECONDS, min_open=True),
+    type=click.FloatRange(0, SECONDS, min_open=True),
     metavar="SECONDS",
     help="Stop after this time with what is proven by then.",
 )
