@@ -423,4 +423,6 @@ def test_hover_is_told_of_a_task_that_never_asks_for_it() -> None:
     assert [case.name for case in found.cases] == ["hover", "load case 0", "load case 1"]
     for a, b in zip(reserves(found.hover), reserves(found.cases[2]), strict=True):
         assert a[1] == b[1]
-    assert found.load_factor == found.cases[1].load_factor
+    assert found.load_factor == found.cases[2].load_factor
+    growth = (found.load_factor - 1.0) / 0.1  # of what the first case asks for beside the weight
+    assert found.cases[1].load_factor == pytest.approx(growth, rel=1e-9)
