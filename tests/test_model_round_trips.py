@@ -38,6 +38,7 @@ EXAMPLES = [
     "ten-wrenches-directional",
     "ten-wrenches-exterior-60",
     "ten-wrenches-local",
+    "wall-push",
 ]
 
 

@@ -125,6 +125,25 @@ def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed):
     assert found > 0
 
 
+@pytest.mark.parametrize("spread", [0.03, 0.3, 3.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_modules_that_are_too_close_at_a_point_are_found(seed, spread):
+    """Axes next to parallel overlap at their ends, others where they are nearest."""
+    rng = np.random.default_rng([31, seed])
+    task = push(int(rng.integers(2, 6)), search={"connectors": "any"})
+    tree = random_tree(task.n, rng, aligned=False)
+    stated, air = state(task, tree), task.module.envelope
+    least, most = whole(task, task.n)
+    found = 0
+    for _ in range(60):
+        theta = np.clip(spread * rng.normal(size=len(least)), least, most)
+        if clearance_missed(task, tree, air, theta):
+            found += 1
+            _, at, axes, vertices, rho = seen(stated, theta, theta)
+            assert crowded(stated, at, axes, vertices, rho, np.zeros(len(least))) == ALL_OVER
+    assert found > 0
+
+
 def clearance_missed(task, tree, air, theta):
     """Whether envelopes overlap or centres are too close, as the audit measures it."""
     at = poses(tree, theta[:3], theta[3:], task.module.connector_distance)

@@ -75,13 +75,19 @@ def _nearest(stated: Stated, at: Frames, i: int, j: int) -> tuple[float, float]:
     # f = |w - eta L zi + gamma L zj|^2 - (r + (eta + gamma) grow)^2, by one share after the other
     square = L * L - grow * grow
     mixed = -(L * L * cosine + grow * grow)
-    eta = gamma = 0.0
     if square <= 0.0:
-        return eta, gamma
-    for _ in range(ROUNDS):
-        eta = min(1.0, max(0.0, (L * along_i + r * grow - mixed * gamma) / square))
-        gamma = min(1.0, max(0.0, (-L * along_j + r * grow - mixed * eta) / square))
-    return eta, gamma
+        return 0.0, 0.0
+    best, deepest = (0.0, 0.0), math.inf
+    for start in (0.0, 1.0):  # axes next to parallel are too close at their ends, if anywhere
+        eta = gamma = start
+        for _ in range(ROUNDS):
+            eta = min(1.0, max(0.0, (L * along_i + r * grow - mixed * gamma) / square))
+            gamma = min(1.0, max(0.0, (-L * along_j + r * grow - mixed * eta) / square))
+        f = square * (eta * eta + gamma * gamma) / 2 + mixed * eta * gamma
+        f -= (L * along_i + r * grow) * eta + (-L * along_j + r * grow) * gamma
+        if f < deepest:
+            best, deepest = (eta, gamma), f
+    return best
 
 
 @njit(cache=True)

@@ -15,7 +15,7 @@ from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.proof import CHUNK_SPLITS, chunk_count
 
-MOST_BOXES = 1_000_000
+MOST_BOXES = 4_000_000
 """Of one chunk, after which it is left open."""
 ABOVE = 1e-12
 """Share by which a bound must exceed the cut, for the rounding of units."""
