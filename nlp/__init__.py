@@ -4,8 +4,8 @@
 """
 
 from nlp.bounds import lower_bound, prove_impossible
-from nlp.bounds.branch.proof import prove_chunk
 from nlp.bounds.branch.stated import centre as proof_root
+from nlp.prove import prove_chunk
 from nlp.solve import default_starts, prepare, solve
 
 __all__ = [

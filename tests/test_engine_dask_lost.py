@@ -107,7 +107,7 @@ def test_a_signal_ends_a_command_that_waits_for_a_scheduler(tmp_path, mute, numb
 def test_a_scheduler_that_ends_is_a_line_and_a_status(tmp_path):
     with Cluster(tmp_path) as cluster:
         cluster.add_worker()
-        process = run_command(tmp_path, "--dask", cluster.address)
+        process = run_command(tmp_path, "--dask", cluster.address, "--starts", "1000")
         eventually(lambda: (tmp_path / "run" / "ledger.sqlite").exists())
         time.sleep(6.0)
         os.kill(cluster.scheduler.pid, signal.SIGKILL)

@@ -72,7 +72,7 @@ class Connection:
             return _within(CONNECT, connect)
         except TimeoutError as error:
             why = str(error) or f"nobody did within {CONNECT:.0f} s"
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: words arrived before the handshake of TLS
             why = str(error)
         raise WorkersLost(f"no Dask scheduler answers at {self.address}: {why}")
 

@@ -1,0 +1,26 @@
+"""The branch and bound of one tree, loaded when it is used: it is compiled, and other commands need not load it."""
+
+from __future__ import annotations
+
+from topo_search.model import Chunk, ResolvedTask, Topology
+
+
+def prove_chunk(
+    task: ResolvedTask, topology: Topology, number: int, cut: float, *, most_boxes: int | None = None
+) -> Chunk:
+    """Search one chunk of a tree's angles for designs that cost less than a cut.
+
+    Args:
+        task: the task.
+        topology: the tree.
+        number: of the chunk.
+        cut: effort [rad^4/s^4].
+        most_boxes: after which the chunk is left open; default: `nlp.bounds.branch.proof.MOST_BOXES`.
+
+    Raises:
+        ValueError: there is no such chunk.
+    """
+    from nlp.bounds.branch import proof
+
+    most = proof.MOST_BOXES if most_boxes is None else most_boxes
+    return proof.prove_chunk(task, topology, number, cut, most_boxes=most)
