@@ -32,7 +32,7 @@ def best(found: list[Trial]) -> Trial:
 def test_ends_are_next_to_designs() -> None:
     task = push(4, load_cases=GENTLE_PUSH)
     stated = state(task, TREE)
-    first, _ = ends(stated, draws(task, TREE, stated, range(40), "0"))
+    first = ends(stated, draws(task, TREE, stated, range(40), "0"))
     near = [end for end in first if end.missing < 1e-2]
     assert near
     for end in near:

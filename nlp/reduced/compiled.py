@@ -40,7 +40,7 @@ def prepare(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         tell("compiling the solver, once an installation: about a minute")
     chain = Topology((ROOT, *((i, 0, 2) for i in range(task.n - 1))))
     stated = state(task, chain)
-    best, _ = ends(stated, draws(task, chain, stated, range(1), "compile"))
+    best = ends(stated, draws(task, chain, stated, range(1), "compile"))
     point_of(task, chain, stated, best[0].x)
     if not current:
         mark.write_text(digest)

@@ -75,10 +75,8 @@ class End:
     """Places of the starts that ended here, the best one first."""
 
 
-def ends(
-    stated: Stated, starts: Array, phases: tuple[Phase, Phase] = (FIRST, SECOND)
-) -> tuple[list[End], list[End]]:
-    """Return the distinct ends of starts, by merit: the best, after both phases, and those after the first alone.
+def ends(stated: Stated, starts: Array, phases: tuple[Phase, Phase] = (FIRST, SECOND)) -> list[End]:
+    """Return the best distinct ends of starts, by merit.
 
     Args:
         stated: the task and topology.
@@ -87,9 +85,9 @@ def ends(
     """
     first = _distinct(descents(stated, starts, phases[0]), [(s,) for s in range(len(starts))], SAME)
     count = max(LEAST_KEPT, math.ceil(KEPT * len(starts)))
-    kept, others = first[:count], first[count:]
+    kept = first[:count]
     second = descents(stated, np.array([end.x for end in kept]), phases[1])
-    return _distinct(second, [end.starts for end in kept], SAME_AFTER), others
+    return _distinct(second, [end.starts for end in kept], SAME_AFTER)
 
 
 def _distinct(found: tuple[Array, Array, Array], starts: list[tuple[int, ...]], same: float) -> list[End]:

@@ -78,7 +78,7 @@ class _Search:
         """Return the end of a design that is carried over."""
         rng = generator(self._task, self._topology, start, self._seed)
         point = carried_over(self._task, self._topology, donor=donor, rng=rng)
-        best, _ = ends(self._stated, point.pack()[None, : len(self._stated.lower)])
+        best = ends(self._stated, point.pack()[None, : len(self._stated.lower)])
         return [_Place(end, (start,)) for end in best]
 
     def deep(self) -> list[_Place]:
@@ -104,7 +104,7 @@ class _Search:
     def _ends(self, start: int, seed: str, phases: tuple[Phase, Phase], *, anyhow: bool = False) -> list[_Place]:
         own = range(DRAWS * start, DRAWS * (start + 1))
         drawn = draws(self._task, self._topology, self._stated, own, seed, anyhow=anyhow)
-        best, _ = ends(self._stated, drawn, phases)
+        best = ends(self._stated, drawn, phases)
         return [_Place(end, (start,)) for end in best]
 
     def polished(self, places: list[_Place]) -> Iterator[Trial]:
