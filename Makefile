@@ -14,8 +14,9 @@ notebooks: $(STAMP)  ## run every notebook with its full settings, and draw the 
 	FULL=1 $(BIN)/jupyter-execute --timeout=-1 notebooks/*.ipynb
 	$(BIN)/python tests/benchmarks/keep_results.py
 
-test: lint docs  ## everything CI checks, but what needs a browser
+test: lint  ## everything CI checks, but what needs a browser; the site shows the notebooks that the tests ran
 	$(BIN)/pytest -n 2 -m "not slow and not browser"
+	$(MAKE) docs
 
 test-slow: lint  ## also the tests that take over ten seconds each
 	$(BIN)/pytest -n 2 -m "not browser"
@@ -32,6 +33,7 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/codespell
+	$(BIN)/proselint check --config docs/proselint.json README.md CONTRIBUTING.md SECURITY.md CHANGELOG.md docs/pages
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("needs Python 3.11 or newer: make PYTHON=...")'

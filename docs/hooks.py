@@ -12,24 +12,22 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from topo_search.export.allocation import Allocation
-from topo_search.model import Audit, Design, Task
 from topo_search.model.files import examples, read_task
+from topo_search.model.proven import gap_percent
 from topo_search.model.template import task_template
 from topo_search.simulation.result import FlightResult, ScenarioResult
 
 PICTURES = Path(__file__).parents[1] / "notebooks/pictures"
-FLIGHTS = Path(__file__).parents[1] / "notebooks/results"
-SCHEMAS = {"task": Task, "design": Design, "audit": Audit, "allocation": Allocation, "flight": FlightResult}
+KEPT = Path(__file__).parents[1] / "notebooks/results"
+SCHEMAS = Path(__file__).parents[1] / "topo_search/schemas"
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pictures that notebooks draw, and the schemas."""
-    for picture in sorted(PICTURES.glob("*.png")):
+    for picture in sorted((*PICTURES.glob("*.png"), *PICTURES.glob("*.webp"))):
         files.append(File.generated(config, f"pictures/{picture.name}", abs_src_path=str(picture)))
-    for name, model in SCHEMAS.items():
-        schema = json.dumps(model.model_json_schema(), indent=2)
-        files.append(File.generated(config, f"schemas/{name}.json", content=schema))
+    for schema in sorted(SCHEMAS.glob("*.json")):
+        files.append(File.generated(config, f"schemas/{schema.name}", abs_src_path=str(schema)))
     return files
 
 
@@ -46,26 +44,41 @@ def _task_file() -> str:
 
 
 def _gallery() -> str:
-    return "\n".join(_shown(name) for name in examples())
+    kept = json.loads((KEPT / "gallery.json").read_text(encoding="utf-8"))
+    return "\n".join(_shown(name, kept.get(name)) for name in examples())
 
 
-def _shown(name: str) -> str:
-    """Return an example's command and file; a task's first comment says what it teaches."""
+def _shown(name: str, kept: dict[str, Any] | None) -> str:
+    """Return an example's lesson, which is its first comment, command, run time, answer, picture and file."""
     task = read_task(name)
     sizes = task.modules if isinstance(task.modules, int) else "{} to {}".format(*task.modules)
     text = (resources.files("topo_search") / "examples" / f"{name}.toml").read_text(encoding="utf-8")
-    return f"## {name}\n\n{sizes} modules, `topo-search run {name}`:\n\n```toml\n{text}```\n"
+    lesson = text.splitlines()[0].removeprefix("# ")
+    parts = [f"## {name}", lesson, f"```sh\ntopo-search run {name}{kept['options'] if kept else ''}\n```"]
+    if kept is None:
+        parts.append(f"{sizes} modules.")
+    else:
+        parts.append(
+            f"{sizes} modules, {kept['candidates']} candidates, {kept['cpu_seconds']} s of CPU time. "
+            f"Best design: `{kept['key']}`, {kept['modules']} modules, audit {kept['audit']}; "
+            f"no platform of that size is more than {gap_percent(kept['gap'])} better."
+        )
+        alt = f"The best platform found for {name}: its airflow, a close-up and its tree"
+        parts.append(f"![{alt}](pictures/gallery-{name}.png)")
+    file = f"```toml\n{text}```".splitlines()
+    parts.append(f'??? note "{name}.toml"\n\n' + "\n".join(f"    {line}" for line in file))
+    return "\n\n".join(parts) + "\n"
 
 
 def _flight(name: str) -> str:
     """Return the table of a flight that was kept, its plot, and what rotors can do in hover."""
-    result = FlightResult.model_validate_json((FLIGHTS / f"flight-{name}.json").read_text(encoding="utf-8"))
+    result = FlightResult.model_validate_json((KEPT / f"flight-{name}.json").read_text(encoding="utf-8"))
     names = ("scenario", "verdict", "error", "tilt", "force error", "at largest thrust", "why")
     head = f"| {' | '.join(names)} |\n{'|---' * len(names)}|"
     rows = "\n".join(_scenario(one) for one in result.scenarios)
     summary = (
         f"In hover rotors can push {100 * result.weakest_force_share:.3g} % of the weight sideways in the weakest "
-        f"direction; {result.rotors_out} of {result.rotors} single rotors may be dead in hover."
+        f"direction; the platform survives {result.rotors_out} of {result.rotors} single rotor failures in hover."
     )
     plot = f"![Error, tilt and largest thrust of every flight](../pictures/flight-{name}.png)"
     return f"{head}\n{rows}\n\n{summary}\n\n{plot}"

@@ -5,9 +5,12 @@
 
 from nlp.bounds import lower_bound, prove_impossible
 from nlp.bounds.branch.stated import centre as proof_root
+from nlp.invariance import refuse_wrong_claims
+from nlp.own import check_stated, refuse_unusable
 from nlp.prove import prove_chunk
 from nlp.solve import default_starts, prepare, solve
 
 __all__ = [
-    "default_starts", "lower_bound", "prepare", "proof_root", "prove_chunk", "prove_impossible", "solve",
+    "check_stated", "default_starts", "lower_bound", "prepare", "proof_root", "prove_chunk", "prove_impossible",
+    "refuse_unusable", "refuse_wrong_claims", "solve",
 ]  # fmt: skip

@@ -5,7 +5,7 @@ The audit, which shares no code with the solver, uses the same words; a test hol
 
 from __future__ import annotations
 
-from topo_search.model import Directional, Exterior, Local
+from topo_search.model import AnyExposure
 
 OFFSET = "end-effector's distance from the COM"
 POSITION = "end-effector position"
@@ -67,7 +67,14 @@ def exclusion(i: int) -> str:
     return f"end-effector exclusion of module {i}"
 
 
-def exposure(number: int, requirement: Local | Directional | Exterior, i: int, segment: int | None = None) -> str:
-    """Name the clearance of module i's envelope from one exposure requirement."""
+def solid(number: int, i: int, segment: int | None = None) -> str:
+    """Name the clearance of module i's rigid parts from a solid region."""
     part = "" if segment is None else f", segment {segment}"
+    return f"module {i} and solid exposure {number}{part}"
+
+
+def exposure(number: int, requirement: AnyExposure, i: int, segment: int | None = None) -> str:
+    """Name the clearance of module i's envelope from one exposure requirement."""
+    what = "plane" if requirement.kind == "allowed" else "segment"
+    part = "" if segment is None else f", {what} {segment}"
     return f"exposure {number} ({requirement.kind}{part}) of module {i}"

@@ -35,27 +35,28 @@ must keep out of the other's airflow. Of several ranges a hinge keeps to the one
 clearance the range is +-pi/2, as in the paper. In the paper's ablation (5) holds for all pairs, with the
 separation as d, in place of (4), and (6) and (8) are left out. d_E is the paper's l_c, or the task's stand-off
 where that is larger; rho is the share of u_max that the task allows, in the paper 1. Every clearance of (4) to (9)
-keeps the margin. u_min is the least input of the task, in the paper 0.
+keeps the margin. u_min is the least input of the task, in the paper 0; where a load case must do with a rotor dead,
+both bounds of its input are 0.
+
+Each requirement is stated in `nlp.requirements`, with its exact value and its name. What Ipopt gets is scaled:
+(1) is divided by 4 n sum_k lambda_k, so that it is the weighted mean of the squared inputs over u_hover^2; (2) and
+(3) by n, so that they are in weights; the bounds of (10) are in u_hover, where rho u_max is the largest thrust over
+weight; (5) and (7) are (||.||^2 - d^2) / (2 d), and (4), (6), (8) and (9) log-sum-exps over twice the sum of the
+end radii: all of them lengths in l_arm near contact.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 import casadi as ca
 
-from nlp import hinges, names
-from nlp.envelope import Ball, ConeSphere, clearance, clearance_of_all
-from nlp.exposure import exposure_clearances
-from nlp.kinematics import Pose, poses
+from nlp.requirements import balances, clearances, variable_bounds
+from nlp.symbols.kinematics import poses
+from nlp.symbols.wrench import scaled
 from nlp.units import Units
-from nlp.wrench import force_residual, scaled, torque_residual
-from topo_search.model import LEAST_OFFSET, ResolvedTask, Topology, needs_offset
-from topo_search.model.airflow_room import part_cover
-from topo_search.model.arrays import Array
+from topo_search.model import ResolvedTask, Topology
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,8 @@ def problem(task: ResolvedTask, topology: Topology, *, beside_airflow: bool = Tr
     if position is not None:  # given from the COM, which it moves: p'_E = centroid + (m_t / n m) p_E
         p_E = centroid + (n + m_E) / n * scaled(position, unit.length)
     p_COM = (m_E * p_E + n * centroid) / (n + m_E)
+    platform = {axis: [pose.R[:, column] for pose in modules] for column, axis in enumerate("xyz")}
+    platform |= {"p": [pose.p for pose in modules], "p'_E": [p_E], "p_COM": [p_COM]}
 
     # (1) objective
     weights = [case.weight for case in task.load_cases]
@@ -137,97 +140,17 @@ def problem(task: ResolvedTask, topology: Topology, *, beside_airflow: bool = Tr
 
     # (2)-(3) wrench balance of every load case
     constraints: list[Constraint] = []
-    for label, case, u_k in zip(task.case_labels, task.load_cases, variables.u, strict=True):
-        force = force_residual(case, modules, u_k, unit)
-        torque = torque_residual(case, modules, u_k, unit, p_E=p_E, p_COM=p_COM, module=module)
-        constraints.append(Constraint(names.force(label), force / n, 0.0, 0.0))
-        constraints.append(Constraint(names.torque(label), torque / n, 0.0, 0.0))
+    for row, balance in enumerate(balances(task)):
+        u_k = variables.u[row // 2]
+        missing = balance.smooth(modules, u_k, p_E=p_E, p_COM=p_COM, module=module, unit=unit)
+        constraints.append(Constraint(balance.name, missing, 0.0, 0.0))
 
     # (4)-(9) clearances
-    margin = task.search.margin / unit.length
-    clear = _clearances(
-        task, topology, modules, p_E=p_E, p_EB=p_E - p_COM, beta=beta, unit=unit, beside=beside_airflow
-    )
-    for name, gap in clear:
-        constraints.append(Constraint(name, gap, margin))
-    if any(needs_offset(requirement) for requirement in task.exposure):
-        gap = distance_gap(p_E - p_COM, LEAST_OFFSET)
-        constraints.append(Constraint(names.OFFSET, gap, 0.0))
+    for requirement in clearances(task, topology):
+        if beside_airflow or not requirement.beside:
+            for name, subject, formula in requirement.rows():
+                gap = formula.smooth([seen.at(platform, subject) for seen in formula.sees], beta)
+                constraints.append(Constraint(name, gap, requirement.margin))
 
     # (10) bounds
     return Problem(variables, beta, objective, constraints, *variable_bounds(task, topology))
-
-
-def variable_bounds(
-    task: ResolvedTask, topology: Topology, alpha: Array | None = None
-) -> tuple[list[float], list[float]]:
-    """Return (10): lower and upper bounds on the variables, in the order of `Variables.vector()`.
-
-    Hinges keep to the ranges nearest to alpha (n-1,) [rad]; without, to what holds all of their ranges.
-    """
-    n, K = topology.n, len(task.load_cases)
-    free, right = (-math.inf, math.inf), (-math.pi / 2, math.pi / 2)
-    bounds = [free, free, free] if task.search.root == "free" else [(0.0, 0.0), right, right]
-    bounds += zip(*hinges.ranges(task, topology, alpha), strict=True)
-    bounds += [free] * (3 if task.end_effector.fixed_position is None else 0)
-    bounds += [(task.min_thrust_to_weight, task.max_thrust_to_weight)] * (4 * n * K)
-    lower, upper = (list(side) for side in zip(*bounds, strict=True))
-    return lower, upper
-
-
-def _clearances(
-    task: ResolvedTask,
-    topology: Topology,
-    modules: list[Pose],
-    *,
-    p_E: ca.SX,
-    p_EB: ca.SX,
-    beta: ca.SX,
-    unit: Units,
-    beside: bool,
-) -> Iterator[tuple[str, ca.SX]]:
-    """Yield the name and the expression of every clearance, in l_arm near contact; `beside`: see `problem`."""
-    beside = beside and task.body_clearance is not None
-    air = task.module.envelope
-    length, r_air, dr_air = (value / unit.length for value in (air.length, air.start_radius, air.growth))
-    envelopes = [ConeSphere(pose.p, -length * pose.z, r_air, dr_air) for pose in modules]
-    pairs = list(combinations(range(topology.n), 2))
-
-    if task.search.interference == "airflow":  # (4)
-        for i, j in pairs:
-            yield names.airflow(i, j), clearance(envelopes[i], envelopes[j], beta)
-        distance, separated = task.centre_distance, [pair for pair in pairs if pair not in topology.bolted]
-    else:
-        distance, separated = task.separation, pairs
-    if distance is not None:  # (5)
-        for i, j in separated:
-            gap = distance_gap(modules[i].p - modules[j].p, distance / unit.length)
-            yield names.separation(i, j), gap
-    if beside:  # (6)
-        balls = part_cover(task.module)
-        places, radii = (values / unit.length for values in balls)
-        for i, j in topology.unbolted:
-            pose = modules[i]
-            parts = [Ball(pose.p + pose.R @ ca.DM(x), r) for x, r in zip(places, radii.tolist(), strict=True)]
-            yield names.rotor_airflow(i, j), clearance_of_all(envelopes[j], parts, beta)
-    if task.exclusion_radius is not None:  # (7)
-        for i, pose in enumerate(modules):
-            gap = distance_gap(pose.p - p_E, task.exclusion_radius / unit.length)
-            yield names.exclusion(i), gap
-    if beside and task.tip_radius is not None:  # (8)
-        tip = Ball(p_E, task.tip_radius / unit.length)
-        for i, envelope in enumerate(envelopes):
-            yield names.tip_airflow(i), clearance(envelope, tip, beta)
-    for number, requirement in enumerate(task.exposure):  # (9)
-        for i, envelope in enumerate(envelopes):
-            gaps = exposure_clearances(requirement, envelope, p_E=p_E, p_EB=p_EB, beta=beta, unit=unit)
-            for segment, gap in gaps:
-                yield names.exposure(number, requirement, i, segment), gap
-
-
-def distance_gap(offset: ca.SX, distance: float) -> ca.SX:
-    """Return ||offset|| - distance, smooth everywhere and exact to first order at contact.
-
-    A margin m is kept to first order too: the distance is short of it by m^2 / (2 distance).
-    """
-    return (ca.dot(offset, offset) - distance**2) / (2 * distance)

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from topo_search.model import Chunk, ResolvedTask, Topology
+from topo_search.model.proof import Problem
 
 
 def prove_chunk(
-    task: ResolvedTask, topology: Topology, number: int, cut: float, *, most_boxes: int | None = None
+    task: ResolvedTask,
+    topology: Topology,
+    number: int,
+    cut: float,
+    problem: Problem = "task",
+    *,
+    most_boxes: int | None = None,
 ) -> Chunk:
     """Search one chunk of a tree's angles for designs that cost less than a cut.
 
@@ -15,6 +22,7 @@ def prove_chunk(
         topology: the tree.
         number: of the chunk.
         cut: effort [rad^4/s^4].
+        problem: which designs it is about (`topo_search.model.proof`).
         most_boxes: after which the chunk is left open; default: `nlp.bounds.branch.proof.MOST_BOXES`.
 
     Raises:
@@ -23,4 +31,4 @@ def prove_chunk(
     from nlp.bounds.branch import proof
 
     most = proof.MOST_BOXES if most_boxes is None else most_boxes
-    return proof.prove_chunk(task, topology, number, cut, most_boxes=most)
+    return proof.prove_chunk(task, topology, number, cut, problem, most_boxes=most)

@@ -10,15 +10,20 @@ from importlib.metadata import version
 import numpy as np
 
 from nlp.bounds import bound_of, prove_impossible
-from nlp.evaluate import Violation
-from nlp.neighbour import carried_over
-from nlp.point import Point
-from nlp.program import program
+from nlp.corners import held, without_corners
+from nlp.joints import Limits
+from nlp.numbers.evaluate import Violation
+from nlp.numbers.point import Point
+from nlp.own import OwnConstraints
+from nlp.programs.ipopt import IpoptResult
+from nlp.programs.program import program
 from nlp.reduced.expressed import reason_against
-from nlp.starts import draw, generator
+from nlp.starts.random_starts import draw, generator
+from nlp.starts.warm_start import warm_start
 from nlp.trial import Trial
 from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Task, Topology
 from topo_search.model.corners import cornered
+from topo_search.protocols import OwnConstraint
 
 PLACED_STARTS = 24
 """Starts a topology when nobody says otherwise, where Ipopt solves the whole problem from each."""
@@ -27,7 +32,7 @@ FEW_STARTS, MANY_STARTS, FEW_UP_TO = 8, 16, 5
 
 
 def default_starts(task: Task) -> int:
-    """Return the number of starts a topology that a task gets when nobody says otherwise."""
+    """Return the number of starts per topology that a task gets when nobody says otherwise."""
     largest = max(task.sizes)
     if reason_against(task.resolve(largest)):
         return PLACED_STARTS
@@ -47,13 +52,19 @@ def prepare(task: Task, tell: Callable[[str], None]) -> None:
 
 
 def solve(
-    task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design] = ()
+    task: ResolvedTask,
+    topology: Topology,
+    *,
+    starts: range,
+    seed: int,
+    near: Sequence[Design] = (),
+    constraints: Sequence[OwnConstraint] = (),
 ) -> Design | Infeasible:
     """Return the best design of a topology over some starts, or the start that came closest to one.
 
-    Starts are independent: the best of range(0, 8) and of range(8, 16) is the result of range(0, 16). What is
-    proven to be impossible is not tried. Tasks that the reduced search expresses take it; for others Ipopt solves
-    the whole problem from every start.
+    Each start is drawn from its index, whatever ran before it. What is proven to be impossible is not tried. Tasks
+    that the reduced search expresses take it, where the best draws of all starts of a call go on; for others Ipopt
+    solves the whole problem from every start.
 
     Args:
         task: the task, resolved for `topology.n` modules.
@@ -62,6 +73,7 @@ def solve(
         seed: draws the starts, together with the task, the topology and the index.
         near: designs of other topologies, or of this one for another task, each carried over as one more start
             before the others. They count as the starts -1, -2, ...
+        constraints: what a user states beyond the task; proofs of impossibility ignore it.
 
     Raises:
         ValueError: no starts, or a task of another size.
@@ -75,8 +87,9 @@ def solve(
         return proof
     task, began = cornered(task), time.perf_counter()
     trials = _placed if reason_against(task) else _reduced
-    found = trials(task, topology, starts=starts, seed=seed, near=near)
+    found = trials(task, topology, starts=starts, seed=seed, near=near, own=tuple(constraints))
     best = min(found, key=lambda trial: trial.rank)
+    corners = len(task.load_cases) - len(task.declared.load_cases)
     record = SolverRecord(
         status=best.answer.status,
         iterations=best.answer.iterations,
@@ -86,35 +99,58 @@ def solve(
         starts=len(found),
         starts_feasible=sum(trial.worst.met for trial in found),
         objectives=tuple(trial.objective for trial in found if trial.worst.met),
+        corners=corners or None,
+        corners_active=len(frozenset[str]().union(*(trial.corners for trial in found))) if corners else None,
         versions=_versions(),
     )
-    return _design(best, record) if best.worst.met else _infeasible(found, best, record)
+    return _design(best, record, constraints) if best.worst.met else _infeasible(found, best, record)
 
 
 def _reduced(
-    task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design]
+    task: ResolvedTask,
+    topology: Topology,
+    *,
+    starts: range,
+    seed: int,
+    near: Sequence[Design],
+    own: OwnConstraints,
 ) -> list[Trial]:
     """Return the trials of the reduced search."""
     from nlp.reduced.trials import trials  # compiled code, which other commands need not load
 
-    return trials(task, topology, starts=starts, seed=seed, near=near)
+    return trials(task, topology, starts=starts, seed=seed, near=near, own=own)
 
 
 def _placed(
-    task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design]
+    task: ResolvedTask,
+    topology: Topology,
+    *,
+    starts: range,
+    seed: int,
+    near: Sequence[Design],
+    own: OwnConstraints,
 ) -> list[Trial]:
     """Return the trials of Ipopt on the whole problem, from placed starts."""
-    ready, found = program(task, topology), []
+    plain, found = without_corners(task), []
+    ready = program(plain, topology, own)
+
+    def solved(point: Point, limits: Limits | None) -> IpoptResult:
+        if point.task is plain and limits is None:
+            return ready.solve(point)
+        from nlp.assembled import AssembledProgram  # compiled code, which small platforms need not load
+
+        return AssembledProgram(point.task, topology, own, limits).solve(point)
+
     draws: list[tuple[int, Callable[..., Point]]]
-    draws = [(-1 - k, partial(carried_over, donor=donor)) for k, donor in enumerate(near)]
+    draws = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(near)]
     draws += [(s, draw) for s in starts]
     for s, start in draws:
-        origin = start(task, topology, rng=generator(task, topology, s, seed))
-        found.append(Trial.of(s, origin, ready.solve(origin)))
+        origin = start(plain, topology, rng=generator(plain, topology, s, seed))
+        found.append(held(task, s, origin, solved, own))
     return found
 
 
-def _design(best: Trial, record: SolverRecord) -> Design:
+def _design(best: Trial, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:
     point, J = best.point, best.objective
     bound = bound_of(point.task, J)
     task = point.task.declared
@@ -130,6 +166,7 @@ def _design(best: Trial, record: SolverRecord) -> Design:
         objective=J,
         lower_bound=bound,
         gap=Design.gap_of(J, bound),
+        stated=tuple(one.stated for one in constraints),
         solver=record.model_dump(mode="json"),
     )
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlp.evaluate import Violation, violations, worst
-from nlp.finish import finish
-from nlp.ipopt import Answer
-from nlp.point import Point
+from nlp.numbers.evaluate import Violation, worst
+from nlp.numbers.point import Point
+from nlp.own import OwnConstraints, finished, judged
+from nlp.programs.ipopt import IpoptResult
 
 
 @dataclass(frozen=True)
@@ -16,24 +16,33 @@ class Trial:
 
     start: int
     """Its index; -1, -2, ... for the first, second, ... design carried over."""
-    answer: Answer
+    answer: IpoptResult
     """What Ipopt said."""
     point: Point
     """What was reached, as a file can hold it."""
     worst: Violation
+    corners: frozenset[str] = frozenset()
+    """What the corners are called that its last program had."""
 
     @classmethod
-    def at(cls, start: int, point: Point, answer: Answer) -> Trial:
-        """Return the outcome of a start that reached a point."""
-        return cls(start, answer, point, worst(violations(point)))
+    def at(
+        cls,
+        start: int,
+        point: Point,
+        answer: IpoptResult,
+        corners: frozenset[str] = frozenset(),
+        own: OwnConstraints = (),
+    ) -> Trial:
+        """Return the outcome of a start that reached a point, whose program had some corners."""
+        return cls(start, answer, point, worst(judged(point, own)), corners)
 
     @classmethod
-    def of(cls, start: int, origin: Point, answer: Answer) -> Trial:
+    def of(cls, start: int, origin: Point, answer: IpoptResult, own: OwnConstraints = ()) -> Trial:
         """Return the outcome of Ipopt's answer from an origin.
 
         An evaluation that failed leaves no numbers behind: then the origin is what was reached.
         """
-        return cls.at(start, finish(answer.point if answer.finite else origin), answer)
+        return cls.at(start, finished(answer.point if answer.finite else origin, own), answer, own=own)
 
     @property
     def objective(self) -> float:

@@ -7,9 +7,9 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from nlp.point import Point, fixed_end_effector
-from nlp.program import program
-from nlp.starts import draw, generator
+from nlp.numbers.point import Point, fixed_end_effector
+from nlp.programs.program import program
+from nlp.starts.random_starts import draw, generator
 from nlp.trial import Trial
 from topo_search.model import Design, Infeasible, ResolvedTask, Task, Topology
 
@@ -43,6 +43,15 @@ OUTWARDS: Table = {"kind": "directional", "radius": 0.15, "along": "end_effector
 CONE: Table = {"kind": "exterior", "half_angle_deg": 60.0, "axis": "com"}
 HALF_SPACE: Table = {"kind": "exterior", "half_angle_deg": 90.0, "axis": "com"}
 CONE_DOWN: Table = {"kind": "exterior", "half_angle_deg": 60.0, "axis": [-0.3, -0.3, -1.0]}
+BENT: Table = {
+    "kind": "directional",
+    "radius": 0.1,
+    "polylines": [[[0.0, 0.0, 0.1], [0.5, 0.0, 0.2], [0.5, 0.3, 0.6]], [[-0.2, 0.1, 0.3], [-0.2, 0.4, 0.3]]],
+}
+BELOW: Table = {
+    "kind": "allowed",
+    "planes": [{"normal": [0.0, 0.3, 2.0], "offset": 0.05}, {"normal": [1.0, 0.0, 0.5], "offset": 0.2}],
+}
 HALF_SPACE_DOWN: Table = {"kind": "exterior", "half_angle_deg": 90.0, "axis": [0.1, -0.2, -2.0]}
 
 FEATURES: dict[str, Table] = {
@@ -57,6 +66,8 @@ FEATURES: dict[str, Table] = {
     "half-space": {"exposure": [HALF_SPACE]},
     "60 degree cone with a fixed axis": {"exposure": [CONE_DOWN]},
     "half-space with a fixed axis": {"exposure": [HALF_SPACE_DOWN]},
+    "bent paths": {"exposure": [BENT]},
+    "planes": {"exposure": [BELOW]},
     "several requirements": {"exposure": [LOCAL, OUTWARDS, HALF_SPACE]},
     "paper root": {"search": {"root": "paper"}},
     "no body clearance": {"search": {"body_clearance": False}},
@@ -72,6 +83,15 @@ FEATURES: dict[str, Table] = {
     "fixed end-effector": {"end_effector": {"position": [0.1, 0.1, 0.3]}},
     "least input": {"module": {"min_input": 0.1}},
     "any port": {"search": {"connectors": "any"}},
+    "solid half-space with a fixed axis": {"exposure": [{**HALF_SPACE_DOWN, "solid": True}]},
+    "solid cone with a fixed axis": {"exposure": [{**CONE_DOWN, "solid": True}]},
+    "solid cone": {"exposure": [{**CONE, "solid": True}]},
+    "solid ball": {"exposure": [{**LOCAL, "radius": 0.3, "solid": True}]},
+    "solid paths": {"exposure": [{**TWO_PATHS, "solid": True}]},
+    "solid path along the end-effector": {"exposure": [{**OUTWARDS, "solid": True}]},
+    "solid convex region": {"exposure": [{**WEDGE, "solid": True}]},
+    "solid bent paths": {"exposure": [{**BENT, "solid": True}]},
+    "solid planes": {"exposure": [{**BELOW, "solid": True}]},
 }
 """What a task can ask for: fields laid over the push task."""
 

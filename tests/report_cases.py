@@ -9,9 +9,10 @@ import numpy as np
 from toy_problem import toy_run
 
 from topo_search.model import Design, Topology
-from topo_search.model.files import read_task
+from topo_search.model.files import read_task, to_json
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
+from topo_search.simulation.result import FlightResult, ScenarioResult, digest_of
 from topo_search.study import RunFolder
 
 VOID = {"meta", "input", "link", "br", "img"}
@@ -87,5 +88,36 @@ def design(topology: Topology, name: str = "push", *settings: str, **given: Any)
 def toy_page(path: Path, **options: Any) -> str:
     """Run the toy problem and return its page."""
     toy_run(path, **options)
-    with RunFolder.found(path) as folder:
+    with RunFolder.load(path) as folder:
         return render(run_page(folder))
+
+
+COURSE_HEAD = "scenario,time_s,error_x_m,error_y_m,error_z_m,tilt_deg,largest_input"
+
+
+def flown(made: Design, folder: Path, name: str = "load case 0, wall") -> Path:
+    """Write what `fly` writes: one flight that failed, one case that was not flown."""
+    seen = {"drift_m": 0.0123, "tilt_deg": 3.25, "saturated_share": 0.06, "missed_share": 0.5}
+    scenarios = (
+        ScenarioResult(name=name, verdict="not held", reason="drifted", seconds=8.0, largest_input=1.0, **seen),
+        ScenarioResult(name="load case 1", verdict="not flown", reason="not a steady flight"),
+    )
+    result = FlightResult(
+        design=digest_of(made),
+        verdict="not held",
+        scenarios=scenarios,
+        weakest_force_N=0.5,
+        weakest_force_share=0.02,
+        weakest_direction=(0.0, -1.0, 0.0),
+        rotors_out=3,
+        rotors=4,
+        mass_kg=0.25,
+        rod_mass_kg=0.001,
+        options={"seed": 7, "noise": 1.0, "model_error": 0.02, "motor_lag_s": 0.05},
+        versions={},
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "flight.json").write_text(to_json(result))
+    rows = [f'"{name}",{0.02 * k},0.03,0.04,0.0,{k},0.5' for k in range(50)]
+    (folder / "flight.csv").write_text("\n".join([COURSE_HEAD, *rows, ""]))
+    return folder

@@ -11,6 +11,18 @@ COMMAND = Path(__file__).parent / "benchmarks" / "performance.py"
 SMALLEST = ["--sizes", "3", "--topologies", "1", "--starts", "1", "--seconds", "0.1", "--cap", "1"]
 SMALLEST += ["--distances", "0.22", "--examples", "ten-wrenches"]
 
+LOAD = """
+import importlib, sys
+from pathlib import Path
+sys.path[:0] = sys.argv[1:]
+for path in sorted(Path(sys.argv[1]).glob("*.py")):
+    importlib.import_module(path.stem)
+"""
+
+
+def test_every_benchmark_loads() -> None:
+    subprocess.run([sys.executable, "-c", LOAD, str(COMMAND.parent), str(COMMAND.parents[1])], check=True)
+
 
 @pytest.mark.parametrize("parts", [["five", "shared", "random"], ["share", "hundred", "growth"]])
 def test_every_part_measures_once_and_prints_its_table(parts: list[str], tmp_path: Path) -> None:

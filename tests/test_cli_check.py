@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
+from matplotlib.patches import FancyArrowPatch, Polygon
 
 import nlp
 from topo_search.cli import main
@@ -68,7 +68,7 @@ def test_sets_of_wrenches_are_told_with_their_corners() -> None:
     said = groups("push", "--set", cone, "--set", "load_cases[1].vertices=[{force=[0, 0.5, 0.4]}]")
     first, second, _ = said["load cases, each the whole wrench that the rotors produce"].values()
     within = "any force up to 6.121 N within 20° of [1, 0, 0]: 9 corners, which suffice"
-    assert f"besides, at the end-effector {within}; weight 1" in first
+    assert f"at the end-effector {within}; weight 1" in first
     assert "all wrenches between its own and force [0, 6.12, 4.9] N, torque [0, 0, 0] N m: 1 corner" in second
 
 
@@ -79,8 +79,13 @@ def test_reserves_are_told_where_they_are_asked_for() -> None:
     told = groups("push", "--set", "flight.force_reserve=0.1", "--set", "flight.torque_reserve=0.05", *level)[title]
     assert told == {
         "around": "hover",
-        "reserve of force": "any horizontal force of 1.224 N = 0.1 m_t g at the end-effector",
-        "reserve of torque": "any of 0.06121 N m",
+        "force reserve": "any horizontal force of 1.224 N = 0.1 m_t g at the end-effector",
+        "torque reserve": "any of 0.06121 N m",
+    }
+    told = groups("push", "--set", "flight.rotor_out=hover", "--set", "flight.joint_moment=2.0")[title]
+    assert told == {
+        "with any one rotor dead": "hover, any torque of 0.01224 N m to spare",
+        "moment in a joint": "at most 2 N m in every load case",
     }
 
 
@@ -102,6 +107,19 @@ def test_tolerances_are_told_where_there_are_any() -> None:
     assert title not in groups("push")
     told = groups("push", "--set", "tolerances.hinge_angle_deg=0.5", "--set", "tolerances.position=0.002")[title]
     assert list(told.values()) == ["within 0.5°", "within 2 mm", "up to 0 mm"]
+
+
+def test_tolerances_that_a_design_must_survive_are_told() -> None:
+    told = groups("push", "--set", "tolerances.hinge_angle_deg=0.5", "--set", "flight.tolerances=true")
+    assert "tolerances that the clearances survive" in told
+    assert "possible beyond the load cases" not in told
+
+
+def test_no_tolerances_cannot_be_survived() -> None:
+    result = check("push", "--set", "flight.tolerances=true")
+    assert result.exit_code == 2
+    rule = "must be false where all of [tolerances] (hinge_angle_deg, position, envelope) are 0, but got true"
+    assert f"flight.tolerances: {rule}" in result.output
 
 
 def test_of_a_range_of_sizes_each_has_its_weight_and_its_candidates() -> None:
@@ -140,7 +158,7 @@ def test_json_holds_the_resolved_task_its_sizes_and_the_warnings() -> None:
         (["none.toml"], "none.toml: no such file, nor a shipped example"),
         (["push", "--set", "module.mass=-1"], "module.mass: must be greater than 0, but got -1"),
         (["push", "--picture", "a.pdf"], "--picture: must end in .png or .svg, but got a.pdf"),
-        (["push", "--picture", "push.toml/a.png"], "--picture: must be a file that can be written"),
+        (["push", "--picture", "push.toml/a.png"], "--picture: must be writable"),
     ],
 )
 def test_bad_input_is_status_two(
@@ -171,7 +189,7 @@ def test_without_matplotlib_the_answer_is_how_to_install_it(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     result = check("push", "--picture", str(tmp_path / "a.png"))
     assert result.exit_code == 2
-    assert 'needs matplotlib, which is not installed; type: pip install "topo-search[viz]"' in result.stderr
+    assert 'needs matplotlib, which is not installed; run: pip install "topo-search[viz]"' in result.stderr
 
 
 def regions(figure: Figure) -> list[list[np.ndarray]]:
@@ -213,7 +231,7 @@ def test_a_cone_on_the_paper_is_the_shadow_of_the_cone(seed: int) -> None:
 
 def test_what_airflow_keeps_out_of_and_what_it_stays_in_look_different() -> None:
     looks = set()
-    for task, words in (("push-two-paths", "to be kept out"), ("push-exterior-60", "cone to hold")):
+    for task, words in (("push-two-paths", "keep-out"), ("push-exterior-60", "cone")):
         figure = task_figure(read_task(task).resolve(5))
         (named,) = (entry for entry in figure.legends[0].get_patches() if entry.get_label().startswith(words))
         drawn = figure.axes[0].patches[0]
@@ -230,6 +248,31 @@ def test_forces_point_where_they_push() -> None:
         labels["0"] / np.linalg.norm(labels["0"]), np.array([1, 1]) / math.sqrt(2), atol=1e-12
     )
     assert abs(labels["1"][0]) < 1e-12 < labels["1"][1]
+
+
+def test_torques_are_dashed_arrows_through_a_ring() -> None:
+    task = read_task("ten-wrenches").resolve(5)
+    figure = task_figure(task)
+    for (right, up, _), axes in zip(VIEWS, figure.axes, strict=True):
+        dashed = [p for p in axes.patches if isinstance(p, FancyArrowPatch) and p.get_linestyle() == "dashed"]
+        assert 0 < len(dashed) <= 9
+        rings = [np.column_stack(line.get_data()) for line in axes.lines if len(line.get_xdata()) == 49]
+        assert len(rings) == 9
+        for ring, case in zip(rings, task.load_cases, strict=False):
+            torque = np.array(case.at_end_effector.torque)[[right, up]]
+            middle = ring[:-1].mean(axis=0)
+            assert middle @ torque == pytest.approx(np.linalg.norm(middle) * np.linalg.norm(torque))
+    assert sum("N m" in text.get_text() for text in figure.legends[0].get_texts()) == 9
+
+
+def test_the_module_to_scale_is_in_one_place_in_all_views() -> None:
+    figure = task_figure(read_task("push").resolve(5))
+    places = {}
+    for (right, up, _), axes in zip(VIEWS, figure.axes, strict=True):
+        (module,) = (line for line in axes.lines if line.get_marker() == "s")
+        for axis, value in zip((right, up), np.ravel(module.get_data()), strict=True):
+            assert places.setdefault(axis, value) == value
+    assert set(places) == {0, 1, 2}
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -42,7 +42,7 @@ def test_the_last_line_about_the_best_design_of_a_run_says_so(case, tmp_path, ca
     def judged(found: Design):
         return toy_problem.audit(found).model_copy(update={"assembly": sheet})
 
-    answer = toy_run(tmp_path / "run", verbs=replace(toy_problem.VERBS, audit=judged))
+    answer = toy_run(tmp_path / "run", backends=replace(toy_problem.BACKENDS, audit=judged))
     print_answer(answer)
     *told, best, files = capsys.readouterr().out.splitlines()
     assert files == f"everything is in {answer.folder}"

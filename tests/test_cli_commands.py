@@ -9,10 +9,10 @@ from itertools import pairwise
 import pytest
 import toy_problem
 from click.testing import CliRunner
+from wording import says
 
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.cli.progress import Bar, Lines
 from topo_search.model import Assembly, Audit, Clearance, Design, EndEffectorSheet, Infeasible
 from topo_search.model.files import examples, read_json, read_task
 from topo_search.model.search import Search
@@ -33,7 +33,7 @@ def command(tmp_path, monkeypatch):
     """The command line on the toy problem, in this process and in an empty folder with a task file."""
     for module in (single, compose):
         monkeypatch.setattr(module, "Workers", toy_problem.InProcess)
-    monkeypatch.setattr(compose, "VERBS", toy_problem.VERBS)
+    monkeypatch.setattr(compose, "BACKENDS", toy_problem.BACKENDS)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "toy.toml").write_text(TOY)
     return lambda *words: CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
@@ -86,7 +86,7 @@ def test_the_answer_tells_what_its_audit_notes_about_the_rod(command, monkeypatc
         return toy_problem.audit(design).model_copy(update={"assembly": Assembly(end_effector=sheet)})
 
     assert "note on " not in command("run", "toy.toml").stdout
-    monkeypatch.setattr(compose, "VERBS", replace(toy_problem.VERBS, audit=noted))
+    monkeypatch.setattr(compose, "BACKENDS", replace(toy_problem.BACKENDS, audit=noted))
     note, best, _ = command("run", "toy.toml", "--out", "noted").stdout.splitlines()[-3:]
     assert note.endswith(": the rod is 20 m long")
     assert best.startswith(f"best design: {note.removeprefix('note on ').partition(':')[0]}, ")
@@ -119,7 +119,7 @@ def test_the_default_folder_is_one_of_task_options_and_seed(command, tmp_path):
         ({}, 0, "best design"),
         ({"TOY_VIOLATED": "*"}, 1, "none passed its audit"),
         ({"TOY_NONE": "*"}, 3, "the smallest shortfall"),
-        ({"TOY_IMPOSSIBLE": "3"}, 3, "three modules can lift 3.1 times less than asked"),
+        ({"TOY_IMPOSSIBLE": "3"}, 3, "three modules cannot lift what is asked"),
     ],
 )
 def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, told, status, said):
@@ -141,6 +141,8 @@ def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, tol
         (["run", "toy.toml", "--workers", "0"], "0 is not in the range"),
         (["run", "toy.toml", "--starts", 10**20], "is not in the range"),
         (["run", "toy.toml", "--strategy", "optuna", "--trials", 10**20], "is not in the range"),
+        (["run", "toy.toml", "--strategy", "optuna", "--round", 1001], "is not in the range 1<=x<=1000"),
+        (["run", "toy.toml", "--round", 8], "--sampler, --trials and --round go with --strategy optuna"),
         (
             ["run", "toy.toml", "--modules", "3-20"],
             "at most 2,000,000 candidates, but 13 modules have 1.1e+7; choose the strategy `optuna`",
@@ -154,8 +156,8 @@ def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, tol
             "must have the number of modules of --modules",
         ),
         (["solve", "toy.toml", "--topology", "p18"], 'needs search.connectors = "any"'),
-        (["solve", "toy.toml"], "give --topology or --sample-seed"),
-        (["solve", "toy.toml", "--topology", "a10", "--sample-seed", "1"], "give --topology or --sample-seed"),
+        (["solve", "toy.toml"], "--topology or --sample-seed"),
+        (["solve", "toy.toml", "--topology", "a10", "--sample-seed", "1"], "--topology or --sample-seed"),
         (["solve", "toy.toml", "--sample-seed", "1", "--modules", "3-4"], "needs one number of modules"),
         (["topologies", "0"], "0 is not in the range"),
         (["topologies", "3", "--symmetry", "task"], "'task' is not one of"),
@@ -174,7 +176,7 @@ def test_another_run_s_folder_is_status_two(command):
     assert command("run", "toy.toml", "--out", "out").exit_code == 0
     result = command("run", "toy.toml", "--out", "out", "--seed", 1)
     assert result.exit_code == 2
-    assert result.stderr == "out: holds a run with seed 0, not 1; choose another folder with --out\n"
+    assert says(result.stderr, "out:", "seed 0, not 1", "--out")
 
 
 def test_options_stand_for_fields_of_the_task(command, tmp_path):
@@ -223,7 +225,7 @@ def test_what_the_papers_problem_sets_is_set_by_nothing_else(command, tmp_path, 
     result = command("run", "toy.toml", "--paper", *words)
     assert result.exit_code == 2
     if given is not None:
-        assert result.stderr == f"--paper: sets this field itself, but got {given}\n"
+        assert says(result.stderr, "--paper:", given)
     assert {path.name for path in tmp_path.iterdir()} == {"toy.toml"}
 
 
@@ -264,7 +266,7 @@ def test_a_full_disk_is_told_from_all_that_can_be_repaired_by_typing(command, mo
         result = command("run", "toy.toml", "--out", "out")
         assert result.exit_code == 74
         assert said in result.stderr
-        assert "the same command resumes" in result.stderr
+        assert "the same command" in result.stderr
     assert command("run", "toy.toml", "--out", "out").exit_code == 0
 
 
@@ -280,7 +282,7 @@ def test_ctrl_c_and_a_scheduler_s_signal_keep_what_was_found(command, tmp_path, 
 
     with monkeypatch.context() as patched:
         patched.setattr(
-            compose, "VERBS", toy_problem.Verbs(interrupted, *list(vars(toy_problem.VERBS).values())[1:])
+            compose, "BACKENDS", toy_problem.Backends(interrupted, *list(vars(toy_problem.BACKENDS).values())[1:])
         )
         result = command("run", "toy.toml", "--out", "out")
     assert result.exit_code == 130
@@ -330,7 +332,7 @@ def test_solve_has_the_statuses_of_run(command, monkeypatch):
     assert "the only start misses `load case 0, torque` by" in result.stdout
     assert Infeasible.model_validate_json(command(*words, "--json").stdout).status == "infeasible"
     monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
-    assert command(*words).stdout == "three modules can lift 3.1 times less than asked\n"
+    assert command(*words).stdout.startswith("three modules cannot lift what is asked\n")
 
 
 def test_audit_takes_the_gravest_of_its_files(command, tmp_path, monkeypatch):
@@ -377,39 +379,6 @@ def test_examples_are_listed(command):
     assert json.loads(command("examples", "--json").stdout) == examples()
 
 
-def test_a_bar_shows_the_incumbent_its_gap_and_the_count():
-    import io
-
-    from rich.console import Console
-
-    stream = io.StringIO()
-    console = Console(file=stream, force_terminal=True, width=140)
-    with Bar.shown(console) as bar:
-        toy_row = toy_problem.toy_row("a110", objective=4.0, gap=0.25)
-        bar.size(3, 2, 1)
-        bar.settled(None)
-        bar.settled(toy_row)
-        bar.note("something happened")
-    shown = stream.getvalue()
-    assert "best a110 J 4, gap 25.00 %" in shown
-    assert "2/2" in shown
-    assert "something happened" in shown
-
-
-def test_plain_lines_come_now_and_then(capsys, monkeypatch):
-    now = 0.0
-    monkeypatch.setattr("topo_search.cli.progress.time.monotonic", lambda: now)
-    lines = Lines()
-    lines.size(3, 100, 24)
-    for _ in range(50):
-        now += 1.0
-        lines.settled(toy_problem.toy_row("a110", objective=4.0, gap=0.25))
-    told = capsys.readouterr().err.splitlines()
-    assert told[0] == "3 modules: 100 candidates, at most 24 starts each"
-    assert told[1] == "3 modules: 10 of 100, best a110 J 4, gap 25.00 %, about 90 s left"
-    assert len(told) == 1 + 5
-
-
 def test_counts_are_in_words_that_agree_and_the_quotient_is_explained(command, monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     told = command("run", "toy.toml", "--modules", 1).stdout
@@ -430,9 +399,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_work(command, tmp_p
     (tmp_path / "taken").write_text("a file, not a folder")
     result = command(*words, "--out", "taken/out.png")
     assert result.exit_code == 2
-    assert result.stderr == (
-        "--out: must be a file that can be written, but got taken/out.png (taken: Not a directory)\n"
-    )
+    assert result.stderr == ("--out: must be writable, but got taken/out.png (taken: Not a directory)\n")
     result = command(*words, "--out", "/proc/deep/out.png")
     assert result.exit_code == 2
     assert "but got /proc/deep/out.png (/proc: " in result.stderr

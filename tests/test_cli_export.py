@@ -15,6 +15,7 @@ from toy_problem import toy_run
 
 from topo_search.cli import main
 from topo_search.model import Design, Status, Topology
+from topo_search.model.bracket import Bracket
 from topo_search.model.files import read_json, read_task, to_json
 from topo_search.model.topology import PORT_NAMES
 from verify import audit
@@ -54,6 +55,18 @@ def test_models_for_simulators_are_written(command, tmp_path, words):
     result = command("design.json", "--out", *words)
     assert (result.exit_code, result.stdout) == (0, f"the design is in {words[0]}\n")
     assert ElementTree.parse(tmp_path / words[0]).getroot().tag == ("robot" if words == ["a.urdf"] else "mujoco")
+
+
+def test_what_a_simulator_has_beyond_the_model_is_an_option_of_its_kinds(command, tmp_path):
+    assert command("design.json", "--out", "a.mjcf", "--motor-lag", "0.05", "--contacts").exit_code == 0
+    text = (tmp_path / "a.mjcf").read_text()
+    assert 'dyntype="filterexact"' in text
+    assert 'name="tip"' in text
+    assert command("design.json", "--format", "kit", "--out", "kit", "--motor-lag", "0.05").exit_code == 0
+    assert "filterexact" in (tmp_path / "kit/platform.xml").read_text()
+    result = command("design.json", "--out", "a.urdf", "--rod-mass")
+    assert result.exit_code == 2
+    assert "apply only to a model for MuJoCo, mjcf or kit, but got --format urdf" in " ".join(result.stderr.split())
 
 
 @pytest.mark.parametrize(
@@ -120,25 +133,25 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
         (["half.json", "--out", "new.csv"], "half.json: is not a JSON file, or only a part of one"),
         (["none.json", "--out", "new.png"], "none.json: no such file"),
         (["none.json", "--out", "new.csv"], "none.json: no such file"),
-        ([".", "--out", "new.csv"], ".: is no run's folder"),
+        ([".", "--out", "new.csv"], ".: is not a run folder"),
         ([".", "--out", "new.png"], ".: must be a regular file, but is a folder"),
         (
             ["design.json", "--out", "new.pdf"],
-            "--out: must end in .csv, .glb, .html, .mjcf, .xml, .parquet, .params, .png, .stl, .svg, .urdf, or "
-            "--format be given, but got new.pdf",
+            "--out: must end in .csv, .glb, .html, .mjcf, .xml, .parquet, .params, .png, .stl, .svg, .urdf, "
+            "unless --format is given, but got new.pdf",
         ),
         (["design.json", "--out", "new"], "but got new"),
         (
             ["design.json", "--out", "new.png", "--format", "pdf"],
-            "'pdf' is not one of 'allocation', 'assembly', 'brackets', 'csv', 'glb', 'kit', 'mjcf', 'parquet', "
-            "'parts', 'png', 'px4', 'rotors', 'sheet', 'stl', 'svg', 'urdf'",
+            "must be one of allocation, assembly, brackets, csv, glb, kit, mjcf, parquet, parts, png, px4, rotors, "
+            "sheet, stl, svg, urdf, but got 'pdf'",
         ),
-        (["design.json", "--out", "new.png", "--parts", "all"], "--parts: must be left out unless"),
+        (["design.json", "--out", "new.png", "--parts", "all"], "--parts: applies only to"),
         (["design.json", "--out", "."], "is a directory"),
         (["design.json", "--out", ".", "--format", "kit"], "or that of a kit, but . holds half.json"),
         (["design.json", "--out", "half.json", "--format", "kit"], "must be a folder for this format"),
         (["design.json", "--out", ".", "--format", "brackets"], "or one of STL files, but . holds design.json"),
-        (["design.json", "--out", "new.png", "--angle-step", "1"], "belongs to a kit and its parts, but got"),
+        (["design.json", "--out", "new.png", "--angle-step", "1"], "applies only to a kit and its parts, but got"),
         (["design.json", "--out", "new", "--format", "kit", "--angle-step", "0"], "is not in the range 0<x<=45"),
         (["design.json"], "Missing option '--out'"),
     ],
@@ -160,9 +173,7 @@ def test_without_a_library_the_answer_is_how_to_install_it(command, tmp_path, mo
     monkeypatch.setitem(sys.modules, library, None)
     result = command("design.json", "--out", name)
     assert result.exit_code == 2
-    assert result.stderr.endswith(
-        f'needs {library}, which is not installed; type: pip install "topo-search[viz]"\n'
-    )
+    assert result.stderr.endswith(f'needs {library}, which is not installed; run: pip install "topo-search[viz]"\n')
     assert not (tmp_path / name).exists()
 
 
@@ -187,6 +198,18 @@ def test_a_kit_is_a_folder_that_is_written_whole_again(command, tmp_path):
     (kit / "rotors.csv").write_text("old")
     assert command("design.json", "--format", "kit", "--out", "lab/kit").exit_code == 0
     assert {name: (kit / name).read_bytes() for name in names} == before
+
+
+def test_a_kit_says_what_the_audit_found_of_its_brackets(command, tmp_path):
+    kit = command("design.json", "--format", "kit", "--out", "kit")
+    assert "Brackets are audited clear" in kit.stderr
+    assert "Brackets are audited clear of all airflow and rotors" in (tmp_path / "kit/assembly.html").read_text()
+    design = read_json(Design, tmp_path / "design.json")
+    for circle, found in ((0.12, "Brackets are not clear: the bracket of module 1 and"), (0.5, "must be smaller")):
+        module = design.task.module.model_copy(update={"bracket": Bracket(bolt_circle=circle)})
+        other = design.model_copy(update={"task": design.task.model_copy(update={"module": module})})
+        (tmp_path / "large.json").write_text(to_json(other))
+        assert found in " ".join(command("large.json", "--format", "kit", "--out", "large").stderr.split())
 
 
 def test_parts_of_the_kit_are_exported_alone(command, tmp_path):
@@ -253,7 +276,9 @@ def test_angles_that_leave_a_load_case_out_of_reach_are_refused(command, tmp_pat
     (tmp_path / "push.json").write_text(to_json(solved_push))
     result = command("push.json", "--format", "kit", "--out", "kit", "--angle-step", "45")
     assert result.exit_code == 2
-    assert result.stderr.startswith("--angle-step: load case 2 is out of reach of the rotors with angles to 45 deg")
+    assert result.stderr.startswith(
+        "--angle-step: load case 2 cannot be produced by the rotors with angles rounded to 45 deg"
+    )
     assert not (tmp_path / "kit").exists()
 
 

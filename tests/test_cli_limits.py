@@ -76,7 +76,7 @@ BEYOND = {
         HEAD + 'load_cases = "ten-wrenches"\ntask_seed = 0x' + "f" * 100_000,
         "task_seed: must be at most 9.22337e+18, but got a whole number of 400,000 bits",
     ),
-    "brackets": (HEAD + HOVER + "x = " + "[" * 2000 + "]" * 2000, "must have fewer brackets within each other"),
+    "brackets": (HEAD + HOVER + "x = " + "[" * 2000 + "]" * 2000, "must have fewer nested brackets"),
     "a long file": (HEAD + HOVER + "#" * TASK_BYTES, "must have at most 1,048,576 bytes, but has"),
 }  # fmt: skip
 
@@ -92,7 +92,7 @@ def test_a_task_beyond_a_limit_is_refused_by_name(tmp_path, case):
 @pytest.mark.parametrize(
     ("setting", "rule"),
     [
-        ("search.margin=" + "[" * 2000 + "]" * 2000, "--set: search.margin: must have fewer brackets"),
+        ("search.margin=" + "[" * 2000 + "]" * 2000, "--set: search.margin: must have fewer nested brackets"),
         ("a" + ".a" * 30_000 + "=1", "--set: must have at most 30 names in a field, but got"),
         ("a" * 100_000 + "=1", "--set: must have names of at most 64 characters in a field, but got"),
         ("search={a" + ".a" * 50_000 + "=1}", "--set: search: must have at most 30 parts in a key"),
@@ -142,7 +142,7 @@ def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
         ([*SCALING, "--topologies", "10001"], "--topologies: must be at most 10,000, but got 10001"),
         ([*SCALING, "--topologies", "5,1000000000"], "--topologies: must be at most 10,000, but got 1000000000"),
         ([*SCALING, "--topologies", "9" * 400], "--topologies: must be at most 10,000, but got 9"),
-        ([*SCALING, "--topologies", "9" * 5000], "must be numbers with commas in between, but got '9"),
+        ([*SCALING, "--topologies", "9" * 5000], "must be comma-separated numbers, but got '9"),
         ([*SCALING, "--sizes", "201"], "--sizes: must be at most 200, but got 201"),
         ([*SCALING, "--sizes", "3,999999999"], "--sizes: must be at most 200, but got 999999999"),
         ([*SCALING, "--task", "push:99999999999999"], "--task: must be TASK:N,N,..., but got push:9"),

@@ -3,7 +3,9 @@
 import json
 
 import pytest
+import toy_problem
 from click.testing import CliRunner
+from test_study_checking import Checker
 from test_study_proving import Prover, table
 from toy_problem import InProcess, toy_run
 
@@ -43,7 +45,7 @@ def test_one_tree_that_is_proven_ends_with_0_whatever_the_rest(run, monkeypatch)
     key = next(iter(table(run)))
     done = prove(monkeypatch, Prover(), run, "--topology", key)
     assert done.exit_code == 0, done.output
-    assert [line for line in done.stdout.splitlines() if ": within" in line or "not looked at, " in line]
+    assert [line for line in done.stdout.splitlines() if ": within" in line or "not examined, " in line]
 
 
 @pytest.mark.parametrize(
@@ -60,3 +62,32 @@ def test_bad_input_ends_with_2(run, monkeypatch, arguments, told):
     done = prove(monkeypatch, Prover(), *given)
     assert done.exit_code == 2, done.output
     assert told in done.output
+
+
+def check(monkeypatch, checker, *arguments):
+    monkeypatch.setattr("verify.check_chunk", checker, raising=False)
+    monkeypatch.setattr("verify.audit", toy_problem.audit, raising=False)
+    monkeypatch.setattr(compose, "_engine", lambda *_: InProcess(1))
+    return CliRunner().invoke(main, ["prove", *map(str, arguments), "--check"])
+
+
+def test_checked_proofs_end_with_0_open_ones_with_4_and_refused_ones_with_1(run, monkeypatch):
+    done = check(monkeypatch, Checker(), run)
+    assert done.exit_code == 4, done.output
+    assert "not examined" in done.output
+    prove(monkeypatch, Prover(), run)
+    done = check(monkeypatch, Checker(), run)
+    assert done.exit_code == 0, done.output
+    assert "checked: no 3-module topology" in done.output
+    key = min(table(run))
+    done = check(monkeypatch, Checker(refuses=key), run, "--json")
+    assert done.exit_code == 1, done.output
+    (refused,) = (tree for tree in json.loads(done.stdout)["trees"] if tree["verdict"] == "refused")
+    assert refused["key"] == key
+    assert "box 2 of 3" in refused["fault"]
+
+
+def test_a_check_takes_no_time_limit(run, monkeypatch):
+    done = check(monkeypatch, Checker(), run, "--time-limit", "5")
+    assert done.exit_code == 2
+    assert "--time-limit goes with a proof" in done.output

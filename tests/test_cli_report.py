@@ -39,7 +39,7 @@ def test_the_page_is_where_it_says(command, tmp_path, words, page, title):
     ("words", "said"),
     [
         (["nowhere"], "nowhere: no such file"),
-        (["."], "is no run's folder: it has no ledger.sqlite"),
+        (["."], "is not a run folder: it has no ledger.sqlite"),
         (["run/task.toml"], "is not a JSON file"),
         (["run", "--out", "."], "is a directory"),
         (["far.json"], "end_effector_m: must be within"),

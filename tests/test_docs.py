@@ -11,20 +11,27 @@ import pytest
 from documented import PAGES, ROOT, TEXT, blocks
 
 from topo_search.cli import main
+from topo_search.export.formats import GROUP
 from topo_search.model import Task
 from topo_search.model.files import read_task, to_toml
 
 
 def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
-    (first,), (exposures,), (goals,), (tolerances,) = (
+    (first, own), (exposures, wall), (goals,), (tolerances,) = (
         [tomllib.loads(block) for block in blocks("toml", page)]
         for page in ("tutorials/first-search.md", "how-to/exposure.md", "how-to/goals.md", "explanation/audit.md")
     )
     assert Task.model_validate(first) == read_task("push")
+    assert Task.model_validate(own).flight.asks
     task = Task.model_validate({**first, **exposures, **goals, **tolerances})
-    assert [requirement.kind for requirement in task.exposure] == ["local", "directional", "exterior"]
+    assert [requirement.kind for requirement in task.exposure] == ["local", "directional", "exterior", "allowed"]
     assert task.tolerances.position == 0.5e-3
-    assert task.goals.names == ("clearance", "stand_off", "peak_input")
+    assert task.goals.names == (
+        *("clearance", "stand_off", "peak_input"),
+        *("force_reserve", "rotor_out", "joint_moment"),
+    )
+    (solid,) = Task.model_validate({**first, **wall}).exposure
+    assert solid.solid
 
 
 def test_the_tasks_of_the_readme_are_read():
@@ -48,10 +55,37 @@ def test_the_python_code_runs_and_says_what_it_should(tmp_path):
     (code,) = blocks("python", "how-to/python.md")
     (tmp_path / "snippet.py").write_text(code)
     done = subprocess.run([sys.executable, "snippet.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
-    status, angles, verdict = done.stdout.splitlines()
-    assert status.startswith("0 a300 0.09")
+    answer, best, angles, verdict = done.stdout.splitlines()
+    assert answer.startswith("a300, 3 modules, J = ")
+    assert answer.endswith("audit clear; everything is in push-3")
+    assert best.startswith("a300 0.09")
     assert angles.endswith(") clear")
     assert verdict == "clear"
+
+
+SAID = (
+    ("a500, J = ", "audit clear", "largest span met: 0.55 m", "equal folds met: ", "symmetric pair met: "),
+    ("audit clear; everything is in listed",),
+    ("a5100, J = ", "audit clear"),
+    ("everything is in mine", "everything is in qmc"),
+    ("design.hinges",),
+)
+"""What the examples of own code print, in the order of the page."""
+
+
+@pytest.mark.parametrize("number", range(len(SAID)))
+def test_the_examples_of_own_code_run(tmp_path, number):
+    examples = blocks("python", "how-to/own-code.md")
+    assert len(examples) == len(SAID)
+    (tmp_path / "snippet.py").write_text(examples[number])
+    done = subprocess.run([sys.executable, "snippet.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    for words in SAID[number]:
+        assert words in done.stdout, done.stdout
+
+
+def test_the_entry_point_of_a_format_is_the_one_that_is_looked_for():
+    (entry,) = map(tomllib.loads, blocks("toml", "how-to/own-code.md"))
+    assert [*entry["project"]["entry-points"]] == [GROUP]
 
 
 def test_overrides_are_those_of_a_task():
@@ -76,6 +110,7 @@ def test_paths_exist():
     for path in (*named, *run, *links):
         assert (ROOT / path).exists(), path
     assert (ROOT / "notebooks/pictures/push.png").stat().st_size < 300_000
+    assert (ROOT / "notebooks/pictures/turning.webp").stat().st_size < 2_000_000
 
 
 def test_the_readme_is_short():
@@ -87,6 +122,7 @@ def test_a_version_is_stated_once():
     cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
     assert cited
     assert cited[1] == stated
+    assert f"## [{stated}] - " in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
 def test_every_page_is_in_the_navigation():

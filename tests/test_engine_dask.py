@@ -61,7 +61,8 @@ def test_a_worker_that_joins_late_is_waited_for(tmp_path):
         joins.start()
         assert workers.one(square, 3, deadline=LONG) == 9
         joins.join()
-    assert noted == [f"the Dask scheduler at {cluster.address} has no workers; it waits for the first to join"]
+    assert len(noted) == 1
+    assert f"{cluster.address} has no workers; waiting" in noted[0]
 
 
 def test_a_scheduler_that_ends_is_named(tmp_path):
@@ -100,7 +101,7 @@ def test_dask_workers_that_may_have_no_child_are_refused_with_what_to_set(tmp_pa
         cluster.add_worker()
         with (
             DaskWorkers(cluster.address, {}) as workers,
-            pytest.raises(WorkersLost, match="with DASK_DISTRIBUTED__WORKER__DAEMON=False in"),
+            pytest.raises(WorkersLost, match="set DASK_DISTRIBUTED__WORKER__DAEMON=False in"),
         ):
             workers.one(square, 3, deadline=LONG)
 
@@ -109,7 +110,7 @@ def test_dask_workers_without_this_package_are_refused(tmp_path):
     (tmp_path / "lacking.py").write_text('import sys\nsys.modules["topo_search"] = None\n')
     with Cluster(tmp_path) as cluster:
         cluster.add_worker("--preload", "lacking.py", "--no-nanny")
-        lacks = r"the Dask worker tcp://\S+ has no topo-search-by-another-name: it needs 0\.1, as here"
+        lacks = r"the Dask worker tcp://\S+ lacks topo-search-by-another-name: .* 0\.1"
         versions = {"topo-search-by-another-name": "0.1"}  # the metadata of topo-search itself is still to be seen
         with DaskWorkers(cluster.address, versions) as workers, pytest.raises(WorkersLost, match=lacks):
             workers.one(square, 3, deadline=LONG)

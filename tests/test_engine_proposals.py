@@ -16,7 +16,6 @@ from optuna.storages.journal import JournalFileBackend
 
 from topo_search.engine.proposals import moves, optuna_study
 from topo_search.engine.proposals.promotion import CERTAIN, FEW
-from topo_search.engine.proposals.study import ROUND
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Proposal, Scored, Strategy
 from topo_search.model import Topology
@@ -27,7 +26,13 @@ FIRST = {"moves": 1} | dict.fromkeys(SAMPLERS[1:], FEW)
 """Starts of a new tree."""
 STARTS = 10
 
+ROUND = 8
+
 Objective = Callable[[str, int], Scored]
+
+
+def study_of(space: Space, *, round_size: int = ROUND, **options: Any) -> Strategy:
+    return optuna_study(space, round_size=round_size, **options)
 
 
 def space(n: int, connectors: str = "aligned") -> Space:
@@ -79,7 +84,7 @@ def new(rounds: Iterable[list[Proposal]]) -> list[str]:
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors: str) -> None:
     def proposed() -> list[list[Proposal]]:
-        return follow(optuna_study(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=3))
+        return follow(study_of(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=3))
 
     rounds = proposed()
     first = [[p for p in part if p.starts == FIRST[sampler]] for part in rounds]
@@ -93,13 +98,21 @@ def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors:
     listed = {candidate.key: candidate for candidate in space(6, connectors).candidates()}
     assert all(listed[p.candidate.key] == p.candidate for part in rounds for p in part)
     assert proposed() == rounds
-    other = optuna_study(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=4)
+    other = study_of(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=4)
     assert new(follow(other)) != keys
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
+def test_rounds_are_as_large_as_is_asked(sampler: str) -> None:
+    rounds = follow(study_of(space(6), round_size=20, sampler=sampler, trials=50, starts=FIRST[sampler], seed=0))
+    assert [len(part) for part in rounds][:2] == [20, 20]
+    assert max(map(len, rounds)) == 20
+    assert len(new(rounds)) == 50
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
 def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
-    rounds = follow(optuna_study(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
+    rounds = follow(study_of(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
     reached = {p.candidate.key: p.starts for part in rounds[:-1] for p in part}
     assert sorted(reached) == [candidate.key for candidate in space(5).candidates()]
     assert sum(starts > FEW for starts in reached.values()) < len(reached) / 2
@@ -112,7 +125,7 @@ def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
 
 def test_under_a_time_limit_all_get_the_starts_that_are_left_in_parts() -> None:
     for timed, stops in ((False, [STARTS]), (True, [2, 4, 8, STARTS])):
-        strategy = optuna_study(space(6), sampler="moves", trials=1000, starts=STARTS, seed=0, timed=timed)
+        strategy = study_of(space(6), sampler="moves", trials=1000, starts=STARTS, seed=0, timed=timed)
         rounds = follow(strategy)
         stages = [part for part in rounds if len(part) > ROUND]
         assert [{p.starts for p in part} for part in stages] == [{stop} for stop in stops]
@@ -124,15 +137,14 @@ def test_under_a_time_limit_all_get_the_starts_that_are_left_in_parts() -> None:
 @pytest.mark.parametrize("n", [1, 2])
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_the_smallest_spaces(sampler: str, n: int) -> None:
-    rounds = follow(optuna_study(space(n), sampler=sampler, trials=5, starts=1, seed=0))
+    rounds = follow(study_of(space(n), sampler=sampler, trials=5, starts=1, seed=0))
     assert new(rounds) == [candidate.key for candidate in space(n).candidates()]
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_more_trials_go_on_with_the_same_ones(sampler: str) -> None:
     few, more, many = (
-        new(follow(optuna_study(space(7), sampler=sampler, trials=trials, starts=4, seed=1)))
-        for trials in (37, 40, 64)
+        new(follow(study_of(space(7), sampler=sampler, trials=trials, starts=4, seed=1))) for trials in (37, 40, 64)
     )
     assert (len(few), many[:37]) == (37, few)
     assert many[:40] == more
@@ -140,7 +152,7 @@ def test_more_trials_go_on_with_the_same_ones(sampler: str) -> None:
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
-    rounds = follow(optuna_study(space(7), sampler=sampler, trials=160, starts=24, seed=2))
+    rounds = follow(study_of(space(7), sampler=sampler, trials=160, starts=24, seed=2))
     reached = {p.candidate.key: p.starts for part in rounds for p in part}
     scores = [scored(key, starts) for key, starts in reached.items()]
     feasible = sorted((s for s in scores if s.objective), key=lambda s: s.objective or 0.0)
@@ -165,7 +177,7 @@ def test_what_is_carried_over_are_designs_of_earlier_rounds_in_place_of_new_star
     had = Counter[str]()
     new_ones = repeats = 0
     for n, seed, objective in ((7, 2, scored), (6, 0, missing), (6, 4, missing)):
-        rounds = follow(optuna_study(space(n), sampler="moves", trials=100, starts=STARTS, seed=seed), objective)
+        rounds = follow(study_of(space(n), sampler="moves", trials=100, starts=STARTS, seed=seed), objective)
         had.clear()
         lent = defaultdict[str, set[str]](set)
         for part in rounds:
@@ -190,7 +202,7 @@ def twin_of(key: str) -> str:
 
 
 def test_of_twins_the_other_one_follows_where_the_first_is_good() -> None:
-    keys = new(follow(optuna_study(space(8), sampler="moves", trials=160, starts=4, seed=0)))
+    keys = new(follow(study_of(space(8), sampler="moves", trials=160, starts=4, seed=0)))
     ranking = sorted(keys, key=lambda key: scored(key, 4).objective or math.inf)
     assert twin_of(ranking[0]) in keys
     followed = [twin_of(key) in keys and twin_of(key) != key for key in ranking]
@@ -215,7 +227,7 @@ def test_a_tree_whose_starts_miss_is_found_by_its_twin() -> None:
                     return Scored(key, starts, "feasible", 10.0, None)
             return scored(key, starts)
 
-        rounds = follow(optuna_study(space(8), sampler="moves", trials=64, starts=4, seed=seed), objective)
+        rounds = follow(study_of(space(8), sampler="moves", trials=64, starts=4, seed=seed), objective)
         return {first, second} <= set(new(rounds))
 
     assert sum(map(found, range(3))) >= 2
@@ -234,7 +246,7 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
         return scored(key, starts)
 
     def found(sampler: str, seed: int) -> bool:
-        rounds = follow(optuna_study(space(8), sampler=sampler, trials=trials, starts=10, seed=seed), objective)
+        rounds = follow(study_of(space(8), sampler=sampler, trials=trials, starts=10, seed=seed), objective)
         return any(p.candidate.key in hidden and p.starts > FEW for part in rounds for p in part)
 
     assert sum(found("moves", seed) for seed in range(3)) >= 2
@@ -245,7 +257,7 @@ def test_more_starts_that_fail_are_not_asked_for_again_and_again(monkeypatch: py
     """Nothing but the first starts of a tree leads anywhere."""
     monkeypatch.setattr(moves, "REPEATS", ROUND)
     rounds = follow(
-        optuna_study(space(7), sampler="moves", trials=100, starts=STARTS, seed=0),
+        study_of(space(7), sampler="moves", trials=100, starts=STARTS, seed=0),
         lambda key, starts: replace(scored(key, 1), starts=starts),
     )
     times = Counter(p.candidate.key for part in rounds[:-1] for p in part)
@@ -260,7 +272,7 @@ def test_what_is_known_from_more_starts_than_asked_for_is_not_asked_for_again(sa
     def known(key: str, starts: int) -> Scored:
         return scored(key, max(starts, 4))
 
-    rounds = follow(optuna_study(space(7), sampler=sampler, trials=100, starts=STARTS, seed=0), known)
+    rounds = follow(study_of(space(7), sampler=sampler, trials=100, starts=STARTS, seed=0), known)
     reached = Counter[str]()
     for part in rounds:
         for proposal in part:
@@ -292,13 +304,13 @@ def test_a_population_that_finds_nothing_better_is_given_up(
     monkeypatch.setattr(moves, "STALE", stale)
     monkeypatch.setattr(moves, "neighbour", counted)
     monkeypatch.setattr(moves.Moves, "sample_relative", watched)
-    follow(optuna_study(space(8), sampler="moves", trials=18, starts=1, seed=0), objective)
+    follow(study_of(space(8), sampler="moves", trials=18, starts=1, seed=0), objective)
     assert moved[:18] == [False] * 9 + [not anew] * 8 + [True]
 
 
 def test_moves_find_better_trees_than_uniform_draws() -> None:
     def best(sampler: str, seed: int) -> float:
-        keys = new(follow(optuna_study(space(10), sampler=sampler, trials=96, starts=4, seed=seed)))
+        keys = new(follow(study_of(space(10), sampler=sampler, trials=96, starts=4, seed=seed)))
         return min(scored(key, 4).objective or math.inf for key in keys)
 
     assert max(best("moves", seed) for seed in range(3)) < min(best("random", seed) for seed in range(3))
@@ -308,7 +320,7 @@ def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> No
     journal = tmp_path / "study.journal"
     journal.write_text("torn by a kill")
     (tmp_path / "study.journal.lock").symlink_to(journal)
-    rounds = follow(optuna_study(space(6), sampler="moves", trials=3 * ROUND, starts=4, seed=0, journal=journal))
+    rounds = follow(study_of(space(6), sampler="moves", trials=3 * ROUND, starts=4, seed=0, journal=journal))
     storage = JournalStorage(JournalFileBackend(str(journal)))
     study = optuna.load_study(study_name=None, storage=storage)
     assert list(dict.fromkeys(trial.user_attrs["key"] for trial in study.trials)) == new(rounds)
@@ -323,9 +335,9 @@ def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> No
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_any_seed_will_do(sampler: str) -> None:
     for seed in (2**32, 2**70 + 1):
-        assert len(new(follow(optuna_study(space(4), sampler=sampler, trials=9, starts=1, seed=seed)))) == 9
+        assert len(new(follow(study_of(space(4), sampler=sampler, trials=9, starts=1, seed=seed)))) == 9
 
 
 def test_an_unknown_sampler_is_refused() -> None:
     with pytest.raises(ValueError, match="sampler must be one of moves, tpe, nsga2, random, but got 'cmaes'"):
-        next(optuna_study(space(3), sampler="cmaes", trials=1, starts=1, seed=0))
+        next(study_of(space(3), sampler="cmaes", trials=1, starts=1, seed=0))

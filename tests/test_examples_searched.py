@@ -1,6 +1,6 @@
 """Every shipped five-module example searched whole: as good as the best known, and the winner audited clear.
 
-The figures are those of a plain search with 24 random starts a tree: best effort over the closed-form bound, and
+The figures are those of a plain search with 24 random starts per tree: best effort over the closed-form bound, and
 feasible trees up to a half turn.
 """
 
@@ -10,6 +10,8 @@ import nlp
 from topo_search import search
 from topo_search.model import Audit, Design
 from topo_search.model.files import read_json, read_task
+from topo_search.simulation.campaign import fly_all
+from topo_search.simulation.fly import Options
 
 AIRFLOW_ALONE = "search.body_clearance=false"
 NO_MARGIN = "search.margin=0"
@@ -37,3 +39,32 @@ def test_a_search_is_as_good_as_the_best_known(example, settings, ratio, trees, 
     assert round(design.objective / nlp.lower_bound(design.task), 4) <= ratio
     assert sum(size.feasible for size in answer.sizes) >= trees
     assert read_json(Audit, tmp_path / "run" / "audits" / f"{answer.best.key}.json").verdict == "clear"
+
+
+@pytest.mark.slow
+def test_the_best_of_survives_a_rotor_touches_with_any_one_dead(tmp_path):
+    answer = search(read_task("survives-a-rotor"), out=tmp_path / "run")
+    assert answer.exit_status == 0
+    assert answer.best is not None
+    audit = read_json(Audit, tmp_path / "run" / "audits" / f"{answer.best.key}.json")
+    assert audit.verdict == "clear"
+    assert audit.flight is not None
+    assert audit.flight.rotors_out_asked is not None
+    assert audit.flight.rotors_out_asked.survive == 12
+    design = read_json(Design, tmp_path / "run" / "best.json")
+    assert design.objective <= 8.63e13
+
+
+@pytest.mark.slow
+def test_the_best_of_window_cleaning_keeps_rod_and_parts_off_the_pane_and_flies(tmp_path):
+    answer = search(read_task("window-cleaning"), out=tmp_path / "run")
+    assert answer.exit_status == 0
+    assert answer.best is not None
+    audit = read_json(Audit, tmp_path / "run" / "audits" / f"{answer.best.key}.json")
+    assert audit.verdict == "clear"
+    assert {"allowed", "part-region", "rod-region"} <= {pair.kind for pair in audit.pairs}
+    design = read_json(Design, tmp_path / "run" / "best.json")
+    assert design.objective <= 1.125e14
+    flown = fly_all(design, Options()).result
+    assert flown.verdict == "held"
+    assert max(one.saturated_share or 0.0 for one in flown.scenarios if one.counts) < 0.05

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from processes import eventually, gone
 
 from topo_search.cli import main
-from topo_search.compose import VERBS
+from topo_search.compose import BACKENDS
 from topo_search.engine import Failed
 from topo_search.experiments import Settings, conduct, experiment, results
 from topo_search.experiments.cell import AIRFLOW_ALONE, Variant, plan, trees
@@ -26,14 +26,14 @@ TOY_SCRIPT = """
 import sys, toy_problem
 from topo_search.experiments import Settings, conduct, experiment
 tasks = (("push", (3, 4)), ("push-local", (4,)))
-conduct(experiment("scaling"), Settings(tasks, (3, 3), 2), sys.argv[1], workers=1, verbs=toy_problem.VERBS)
+conduct(experiment("scaling"), Settings(tasks, (3, 3), 2), sys.argv[1], workers=1, backends=toy_problem.BACKENDS)
 """
 MEASURED = ("solve_s", "audit_s", "peak_mb")
 
 
 def toy_rows(folder, settings=TOY, name="scaling"):
     with patch("topo_search.experiments.conducting.Workers", toy_problem.InProcess):
-        return conduct(experiment(name), settings, folder, verbs=toy_problem.VERBS)
+        return conduct(experiment(name), settings, folder, backends=toy_problem.BACKENDS)
 
 
 def table(folder):
@@ -69,8 +69,8 @@ def test_a_cell_is_solved_and_audited_as_alone():
         Settings((("push", (3,)),), (4, 4), 3, (0.2,)), (Variant("airflow", (AIRFLOW_ALONE,)),), first=False
     )
     cell = next(cell for cell in cells if cell.key == "a300")
-    row = measure(VERBS, cell)
-    alone = VERBS.solve(cell.resolve(), Topology.from_key(cell.key), starts=range(3), seed=0)
+    row = measure(BACKENDS, cell)
+    alone = BACKENDS.solve(cell.resolve(), Topology.from_key(cell.key), starts=range(3), seed=0)
     assert isinstance(alone, Design)
     assert (row.status, row.verdict, row.starts) == ("feasible", "clear", 3)
     assert (row.objective, row.lower_bound, row.gap) == (alone.objective, alone.lower_bound, alone.gap)
@@ -82,9 +82,9 @@ def test_a_cell_is_solved_and_audited_as_alone():
 
 def test_without_airflow_constraints_the_row_has_the_metrics_of_the_audit():
     (cell,) = experiment("ablation").cells(Settings((("ten-wrenches", (5,)),), (1, 1), 2))
-    row = measure(VERBS, cell)
+    row = measure(BACKENDS, cell)
     starts = range(row.starts - 1, row.starts)
-    audit = VERBS.audit(VERBS.solve(cell.resolve(), Topology.from_key(cell.key), starts=starts, seed=0))
+    audit = BACKENDS.audit(BACKENDS.solve(cell.resolve(), Topology.from_key(cell.key), starts=starts, seed=0))
     envelope = cell.resolve().module.envelope
     depths = [-pair.analytic_m / (2 * envelope.end_radius) * 100 for pair in audit.pairs if pair.kind == "airflow"]
     assert row.colliding_pairs == sum(depth > 0 for depth in depths) > 0
@@ -98,10 +98,10 @@ def test_without_airflow_constraints_the_row_has_the_metrics_of_the_audit():
 def test_the_first_design_ends_a_cell_only_if_it_is_asked_to(monkeypatch):
     settings = Settings((("push", (3,)),), (1, 1), 4)
     first, every = (plan(settings, (Variant("airflow"),), first=first)[0] for first in (True, False))
-    assert measure(toy_problem.VERBS, first).starts == 1
-    assert measure(toy_problem.VERBS, every).starts == 4
+    assert measure(toy_problem.BACKENDS, first).starts == 1
+    assert measure(toy_problem.BACKENDS, every).starts == 4
     monkeypatch.setenv("TOY_NONE", "*")
-    row = measure(toy_problem.VERBS, first)
+    row = measure(toy_problem.BACKENDS, first)
     assert (row.status, row.starts, row.iterations, row.unit) == ("infeasible", 4, 4, "N m")
     assert row.worst_constraint.startswith("load case")
 
@@ -110,7 +110,7 @@ def test_no_start_is_begun_after_the_time_limit(monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     settings = Settings((("push", (3,)),), (1, 1), 4, time_limit=1e-9)
     (cell,) = plan(settings, (Variant("airflow"),), first=True)
-    assert measure(toy_problem.VERBS, cell).starts == 1
+    assert measure(toy_problem.BACKENDS, cell).starts == 1
 
 
 def test_what_is_done_is_not_solved_again(tmp_path, monkeypatch):
@@ -132,7 +132,7 @@ def test_a_failed_cell_has_its_reason_and_the_others_go_on(tmp_path, monkeypatch
                 yield job, Failed("crash", "the worker process was ended") if job.key == key else function(job)
 
     monkeypatch.setattr("topo_search.experiments.conducting.Workers", Failing)
-    rows = conduct(experiment("scaling"), TOY, tmp_path, verbs=toy_problem.VERBS)
+    rows = conduct(experiment("scaling"), TOY, tmp_path, backends=toy_problem.BACKENDS)
     assert list(rows[rows["status"] == "failed"]["key"]) == [key]
     assert list(rows[rows["status"] == "failed"]["worst_constraint"]) == ["the worker process was ended"]
     assert (rows["status"] == "feasible").sum() == len(rows) - 1
@@ -143,7 +143,7 @@ def test_a_variant_that_does_not_fit_its_task_is_refused_before_any_work(tmp_pat
     asked = experiment("scaling")
     wrong = type(asked)(**{**vars(asked), "cells": lambda settings: plan(settings, bad, first=True)})
     with pytest.raises(BadInput, match="nothing"):
-        conduct(wrong, TOY, tmp_path / "out", verbs=toy_problem.VERBS)
+        conduct(wrong, TOY, tmp_path / "out", backends=toy_problem.BACKENDS)
     assert not (tmp_path / "out").exists()
 
 
@@ -201,7 +201,7 @@ def test_the_command_prints_the_summary_draws_and_resumes(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--sizes", "ten"], "must be numbers with commas in between"),
+        (["--sizes", "ten"], "must be comma-separated numbers"),
         (["--topologies", "1,2,3"], "must be one or two numbers, but got 3"),
         (["--task", "push"], "must be TASK:N,N,..., but got push"),
         (["--task", "push:3", "--task", "push:4"], "--task: must have no value twice, but got push 2 times"),

@@ -33,7 +33,7 @@ def row_of(cell):
 
 def test_rows_are_kept_as_they_are(tmp_path):
     first, second, _ = cells()
-    with Results.opened(tmp_path, asked()) as rows:
+    with Results.open(tmp_path, asked()) as rows:
         rows.add(row_of(first))
         rows.add(failed(second, Failed("timeout", "still running, after a day")))
         assert [rows.has(cell) for cell in cells()] == [True, True, False]
@@ -45,29 +45,29 @@ def test_rows_are_kept_as_they_are(tmp_path):
     assert kept[0]["worst_constraint"] == "load case 0, torque"
     assert kept[1]["status"] == "failed"
     assert kept[1]["worst_constraint"] == "still running, after a day"
-    with Results.opened(tmp_path, asked()) as rows:
+    with Results.open(tmp_path, asked()) as rows:
         assert [rows.has(cell) for cell in cells()] == [True, True, False]
 
 
 @pytest.mark.parametrize("kept", [0, 1, 20])
 def test_a_torn_row_is_cut_off_and_no_other(tmp_path, kept):
     first, second, _ = cells()
-    with Results.opened(tmp_path, asked()) as rows:
+    with Results.open(tmp_path, asked()) as rows:
         rows.add(row_of(first))
         whole = (tmp_path / RESULTS).read_bytes()
         rows.add(row_of(second))
     torn = (tmp_path / RESULTS).read_bytes()[: len(whole) + kept]
     (tmp_path / RESULTS).write_bytes(torn)
-    with Results.opened(tmp_path, asked()) as rows:
+    with Results.open(tmp_path, asked()) as rows:
         assert (tmp_path / RESULTS).read_bytes() == whole
         assert [rows.has(cell) for cell in cells()] == [True, False, False]
 
 
 def test_a_kill_before_the_first_row_leaves_a_folder_to_go_on_with(tmp_path):
-    with Results.opened(tmp_path, asked()):
+    with Results.open(tmp_path, asked()):
         pass
     (tmp_path / RESULTS).unlink()
-    with Results.opened(tmp_path, asked()) as rows:
+    with Results.open(tmp_path, asked()) as rows:
         rows.add(row_of(cells()[0]))
     assert (tmp_path / RESULTS).read_text().splitlines()[0] == ",".join(COLUMNS)
 
@@ -84,10 +84,10 @@ def test_a_kill_before_the_first_row_leaves_a_folder_to_go_on_with(tmp_path):
     ],
 )
 def test_a_folder_with_other_options_is_refused_by_their_name(tmp_path, changes, words):
-    with Results.opened(tmp_path, asked()) as rows:
+    with Results.open(tmp_path, asked()) as rows:
         rows.add(row_of(cells()[0]))
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises(BadInput, match=words), Results.opened(tmp_path, asked(**changes)):
+    with pytest.raises(BadInput, match=words), Results.open(tmp_path, asked(**changes)):
         pass
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name in (RESULTS, ABOUT)} == {
         name: content for name, content in before.items() if name in (RESULTS, ABOUT)
@@ -95,39 +95,39 @@ def test_a_folder_with_other_options_is_refused_by_their_name(tmp_path, changes,
 
 
 def test_other_experiments_programs_and_versions_are_refused(tmp_path):
-    with Results.opened(tmp_path, asked()):
+    with Results.open(tmp_path, asked()):
         pass
     other = {**asked(), "experiment": "ablation"}
     with (
         pytest.raises(BadInput, match="holds the experiment scaling, not ablation"),
-        Results.opened(tmp_path, other),
+        Results.open(tmp_path, other),
     ):
         pass
     held = json.loads((tmp_path / ABOUT).read_text())
     held["versions"]["casadi"] = "1.0"
     (tmp_path / ABOUT).write_text(json.dumps(held))
-    with pytest.raises(BadInput, match='holds results of version casadi "1'), Results.opened(tmp_path, asked()):
+    with pytest.raises(BadInput, match='holds results of version casadi "1'), Results.open(tmp_path, asked()):
         pass
     (tmp_path / ABOUT).write_text('{"format": "something"}')
-    with pytest.raises(BadInput, match="of another program"), Results.opened(tmp_path, asked()):
+    with pytest.raises(BadInput, match="of another program"), Results.open(tmp_path, asked()):
         pass
     (tmp_path / ABOUT).unlink()
-    with pytest.raises(BadInput, match="but no about"), Results.opened(tmp_path, asked()):
+    with pytest.raises(BadInput, match="but no about"), Results.open(tmp_path, asked()):
         pass
 
 
 def test_results_of_another_program_are_left_as_they_are(tmp_path):
-    with Results.opened(tmp_path, asked()):
+    with Results.open(tmp_path, asked()):
         pass
     for content in ("", "a,b\n1,2"):
         (tmp_path / RESULTS).write_text(content)
-        with pytest.raises(BadInput, match="with other columns"), Results.opened(tmp_path, asked()):
+        with pytest.raises(BadInput, match="with other columns"), Results.open(tmp_path, asked()):
             pass
         assert (tmp_path / RESULTS).read_text() == content
 
 
 def test_what_made_the_rows_is_said_without_where(tmp_path):
-    with Results.opened(tmp_path, asked()):
+    with Results.open(tmp_path, asked()):
         pass
     text = (tmp_path / ABOUT).read_text()
     held = json.loads(text)
@@ -176,7 +176,7 @@ def test_settings_that_cannot_be_are_refused(changes, words):
 
 def rows_of(tmp_path):
     """A folder with two rows, and the path of its table."""
-    with Results.opened(tmp_path, asked()) as rows:
+    with Results.open(tmp_path, asked()) as rows:
         for cell in cells()[:2]:
             rows.add(row_of(cell))
     return tmp_path / RESULTS
@@ -203,7 +203,7 @@ def rows_of(tmp_path):
 def test_rows_that_are_none_are_named_and_left_as_they_are(tmp_path, harm, words):
     path = rows_of(tmp_path)
     path.write_bytes(harmed := harm(path.read_bytes()))
-    with pytest.raises(BadInput, match=words), Results.opened(tmp_path, asked()):
+    with pytest.raises(BadInput, match=words), Results.open(tmp_path, asked()):
         pass
     assert path.read_bytes() == harmed
 
@@ -217,7 +217,7 @@ def test_what_is_not_said_of_rows_is_named(tmp_path, held):
     path = rows_of(tmp_path)
     (tmp_path / ABOUT).write_text(held)
     before = path.read_bytes()
-    with pytest.raises(BadInput) as refused, Results.opened(tmp_path, asked()):
+    with pytest.raises(BadInput) as refused, Results.open(tmp_path, asked()):
         pass
     assert ABOUT in str(refused.value) or "holds" in str(refused.value)
     assert len(str(refused.value)) < 1000
@@ -231,7 +231,7 @@ def test_no_symbolic_link_is_followed_to_rows(tmp_path, name):
     (tmp_path / name).rename(outside)
     before = outside.read_bytes()
     (tmp_path / name).symlink_to(outside)
-    with pytest.raises(BadInput, match=f"symbolic link in place of its {name}"), Results.opened(tmp_path, asked()):
+    with pytest.raises(BadInput, match=f"symbolic link in place of its {name}"), Results.open(tmp_path, asked()):
         pass
     assert outside.read_bytes() == before
 
@@ -248,17 +248,17 @@ VANISH = {
 def test_rows_that_vanish_end_the_experiment_and_are_not_called_kept(tmp_path, harm):
     folder = tmp_path / "folder"
     first, second, _ = cells()
-    with Results.opened(folder, asked()) as rows:
+    with Results.open(folder, asked()) as rows:
         rows.add(row_of(first))
         VANISH[harm](folder / RESULTS)
-        with pytest.raises(LedgerLost, match=r"results\.csv: is gone"):
+        with pytest.raises(LedgerLost, match=r"results\.csv: was removed"):
             rows.add(row_of(second))
 
 
 def test_what_a_killed_experiment_left_half_written_is_removed(tmp_path):
     rows_of(tmp_path)
     (tmp_path / PARTIAL).write_text("half")
-    with Results.opened(tmp_path, asked()):
+    with Results.open(tmp_path, asked()):
         assert not (tmp_path / PARTIAL).exists()
 
 

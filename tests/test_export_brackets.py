@@ -75,7 +75,7 @@ def module_behind(face: tuple[Array, Array, Array], port: int, distance: float) 
 def test_brackets_put_together_are_the_platform(tree: Topology) -> None:
     design = random_design(tree, 11)
     at, module = platform(design), design.task.module
-    distance, bolt = module.connector_distance - module.bracket.set_back, module.bracket.bolt_diameter
+    distance, bolt = module.connector_distance - module.bracket_sizes.set_back, module.bracket_sizes.bolt_diameter
     root = np.eye(4)
     root[:3, :3] = at.poses.R[0]
     poses = [root]
@@ -123,9 +123,9 @@ def test_the_bore_of_the_mount_is_where_the_rod_is(tree: Topology) -> None:
     assert design.mount is not None
     mesh = read(part)
     bolted = module_behind(
-        mating_face(mesh, 1, module.bracket.bolt_diameter),
+        mating_face(mesh, 1, module.bracket_sizes.bolt_diameter),
         design.mount.port,
-        module.connector_distance - module.bracket.set_back,
+        module.connector_distance - module.bracket_sizes.set_back,
     )
     v = platform(design).poses.R[i].T @ away / np.linalg.norm(away)
     radius = design.task.end_effector.rod_radius

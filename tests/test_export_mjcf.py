@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import nlp
 from topo_search.export.mjcf import mjcf
+from topo_search.export.physics import Physics
 from topo_search.model import Design, LoadCase, Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import sample
@@ -201,3 +202,74 @@ def test_odd_but_valid_tasks_load(task: dict[str, Any]) -> None:
     _, data = at_load_case(design, 0, gravity=False)
     expected = wrench_map(platform(design), design.task.module) @ design.inputs[0].ravel()
     np.testing.assert_allclose(data.qfrc_actuator, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("topology", drawn_trees(), ids=lambda tree: tree.key)
+def test_the_rod_has_its_mass_where_it_is_asked_for(topology: Topology) -> None:
+    design = with_rod(random_design(topology, 3))
+    model = mujoco.MjModel.from_xml_string(mjcf(design, Physics(rod_mass=True)))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    ends = rod_ends(design) - platform(design).p_com
+    length = np.linalg.norm(ends[1] - ends[0])
+    m, rod = design.task.total_mass(topology.n), 0.045 * length
+    np.testing.assert_allclose(
+        data.body("platform").subtree_com, rod * ends.mean(axis=0) / (m + rod), rtol=0, atol=1e-14
+    )
+    M = np.zeros((6, 6))
+    mujoco.mj_fullM(model, data, M)
+    assert M[0, 0] == pytest.approx(m + rod, rel=1e-14)
+    # a tube as a thousand rings of points, each about the origin, where the design has its centre of mass
+    v = (ends[1] - ends[0]) / length
+    side = np.linalg.svd(v[None])[2][1:]
+    angles, along = np.arange(8) * np.pi / 4, (np.arange(1000) + 0.5) / 1000 * length
+    ring = 0.005 * np.einsum("ka,kx->ax", [np.cos(angles), np.sin(angles)], side)
+    points = (ends[0] + along[:, None, None] * v + ring).reshape(-1, 3)
+    J = np.einsum("nx,nx->", points, points) * np.eye(3) - points.T @ points
+    np.testing.assert_allclose(M[3:, 3:], inertia_about_com(design) + rod * J / len(points), rtol=0, atol=2e-6)
+
+
+def test_thrust_lags_and_a_keyframe_begins_with_what_it_holds() -> None:
+    design = random_design(Topology.from_key("a300"), 2)
+    model = mujoco.MjModel.from_xml_string(mjcf(design, Physics(motor_lag=0.04)))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    expected = wrench_map(platform(design), design.task.module) @ design.inputs[0].ravel()
+    np.testing.assert_allclose(data.qfrc_actuator, expected, atol=1e-12)
+    held = data.act.copy()
+    data.ctrl[:] = 0.0
+    for _ in range(20):  # 40 ms
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.act, held / np.e, rtol=1e-12)
+
+
+def test_a_rotor_that_runs_keeps_to_its_least_input() -> None:
+    design = random_design(Topology.from_key("a10"), 0, {"module": {"min_input": 0.2}})
+    model, data = loaded(design)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.actuator_force, 0.2 * 2.5 * 0.24 * 9.81 / 4, rtol=1e-15)
+
+
+def test_the_tip_touches_and_the_rod_does_so_before_it() -> None:
+    design = with_rod(random_design(Topology.from_key("a300"), 2))
+    model = mujoco.MjModel.from_xml_string(mjcf(design, Physics(contacts=True)))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    ends = rod_ends(design) - platform(design).p_com
+    tip, before = model.geom("tip"), model.geom("rod_contact")
+    np.testing.assert_allclose(data.geom("tip").xpos, ends[1], atol=1e-14)
+    assert (tip.size[0], before.size[0]) == (0.005, 0.005)
+    v = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    np.testing.assert_allclose(data.geom("rod_contact").xpos, (ends[0] + ends[1] - 0.01 * v) / 2, atol=1e-14)
+    assert (model.geom("rod").contype, model.geom("rod").conaffinity) == (0, 0)
+    assert model.body("platform").subtreemass == pytest.approx(design.task.total_mass(3), rel=1e-14)
+    assert data.ncon == 0
+
+
+def test_what_is_beyond_the_model_is_said_in_the_file() -> None:
+    design = with_rod(random_design(Topology.from_key("a300"), 2))
+    text = mjcf(design, Physics(motor_lag=0.04, rod_mass=True, contacts=True))
+    for said in ("time constant of 0.04 s", "The rod has its mass, which the design leaves out", "`tip`"):
+        assert said in text
+        assert said not in mjcf(design)

@@ -58,8 +58,8 @@ def test_every_kind_of_exposure_is_drawn(tmp_path: Path, name: str) -> None:
 def test_the_legend_explains_the_exposure(name: str) -> None:
     texts = [text.get_text() for text in figure_of(design(CROSS, name)).legends[0].get_texts()]
     volumes = "local" in name or "directional" in name or "two-paths" in name
-    assert ("to be kept out of the airflow" in texts) == volumes
-    assert ("cone to hold all airflow" in texts) == ("exterior" in name)
+    assert ("keep-out region for airflow" in texts) == volumes
+    assert ("cone that must contain all airflow" in texts) == ("exterior" in name)
 
 
 def test_load_cases_are_arrows_in_their_colours() -> None:

@@ -62,8 +62,9 @@ def test_the_candidates_of_an_answer_are_those_of_its_file(tmp_path, monkeypatch
     monkeypatch.setenv("TOY_NONE", "aa00")
     frame = toy_run(tmp_path / "run", modules=(2, 3)).candidates
     assert tuple(frame.columns) == COLUMNS
-    read = pd.read_csv(tmp_path / "run" / "candidates.csv", dtype={"proof": object})
-    read["proof"] = read["proof"].where(read["proof"].notna(), None)  # nothing is proven: an empty column
+    said = ["proof", "proven_problem"]
+    read = pd.read_csv(tmp_path / "run" / "candidates.csv", dtype=dict.fromkeys(said, object))
+    read[said] = read[said].where(read[said].notna(), None)  # nothing is proven: empty columns
     pd.testing.assert_frame_equal(frame, read, check_dtype=False, rtol=1e-14)
     assert csv(frame) == (tmp_path / "run" / "candidates.csv").read_text()
     assert set(frame.status) == {"feasible", "infeasible"}

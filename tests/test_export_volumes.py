@@ -49,7 +49,7 @@ def test_pictures_show_regions() -> None:
     finally:
         for figure in figures:
             plt.close(figure)
-    assert any("kept out" in (trace.name or "") for trace in scene(DESIGN, poses(DESIGN), None).data)
+    assert any("keep-out" in (trace.name or "") for trace in scene(DESIGN, poses(DESIGN), None).data)
 
 
 def test_the_points_marked_as_closest_are_as_far_apart_as_the_audit_says() -> None:

@@ -153,17 +153,17 @@ ROWS = "must be a list of [parent, parent_port, child_port] in whole numbers, bu
         (
             ("hinge_angles_rad",),
             [0.1],
-            "hinge_angles_rad: must have one angle a non-root module, 2, but got 1",
+            "hinge_angles_rad: must have one angle per non-root module, 2, but got 1",
         ),
         (
             ("rotor_speeds_squared",),
             [[1.0] * 12],
-            "rotor_speeds_squared: must have one list a load case, 2, but got 1",
+            "rotor_speeds_squared: must have one list per load case, 2, but got 1",
         ),
         (
             ("rotor_speeds_squared", 1),
             [1.0] * 11,
-            "rotor_speeds_squared[1]: must have four values a module, 12, but got 11",
+            "rotor_speeds_squared[1]: must have four values per module, 12, but got 11",
         ),
         (
             ("root_orientation_rad",),

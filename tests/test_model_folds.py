@@ -7,11 +7,12 @@ import pytest
 from nlp_cases import as_point, hover, random_tree, solved
 from test_model_room import frame
 from verify_cases import design
+from wording import says
 
 from nlp import prove_impossible, solve
-from nlp.hinges import FOLD, beyond_folds
-from nlp.placing import place
-from nlp.starts import draw, generator
+from nlp.numbers.hinges import FOLD, beyond_folds
+from nlp.starts.random_starts import draw, generator
+from nlp.starts.untangling import untangle
 from topo_search.model import Module, Status, Topology
 from topo_search.model.folds import clear_folds, in_words, nearest_fold
 from verify import audit
@@ -89,7 +90,7 @@ def test_folds_are_told_in_degrees_and_kept_to():
     flat, folded = (Module.model_validate(given) for given in (FLAT, FOLDED))
     assert in_words(clear_folds(flat), " deg") == "at most 90 deg"
     assert in_words(clear_folds(folded), " deg") == "26.5 to 90 deg"
-    assert in_words(((-1.0, 0.5),), " deg") == "-57.3 to 28.6 deg, counted positive where airflows lean apart"
+    assert says(in_words(((-1.0, 0.5),), " deg"), "-57.3 to 28.6 deg", "positive")
     ((_, under), (over, _)) = clear_folds(folded)
     assert nearest_fold(clear_folds(folded), np.array([-0.01, 0.02, 1.0])).tolist() == [under, over, 1.0]
 
@@ -131,5 +132,5 @@ def test_hinges_keep_to_the_side_that_they_start_on():
 
 def test_hinges_are_placed_at_clear_folds():
     task, tree = hover(9, module=FOLDED), random_tree(9, np.random.default_rng(2))
-    alpha = place(task, tree, np.full(8, 0.3), np.random.default_rng(0))
+    alpha = untangle(task, tree, np.full(8, 0.3), np.random.default_rng(0))
     assert np.all(beyond_folds(task, tree, alpha) <= 0)

@@ -24,13 +24,14 @@ def test_levels_are_all_combinations_the_loosest_first():
 def test_a_neighbour_is_one_level_looser_in_one_goal():
     goals = Goals(clearance=(1e-4, 1e-3, 1e-2), stand_off=(0.2, 0.3), peak_input=(1.0, 0.9, 0.8, 0.7))
     levels = goals.levels
-    assert goals.neighbour(0) is None
+    assert goals.previous(0) is None
     axes = [sorted(goals.clearance), sorted(goals.stand_off), sorted(goals.peak_input, reverse=True)]
     for number in range(1, len(levels)):
-        before = goals.neighbour(number)
+        before = goals.previous(number)
         assert before < number
         steps = [
-            axis.index(x) - axis.index(y) for axis, x, y in zip(axes, levels[number], levels[before], strict=True)
+            axis.index(x) - axis.index(y)
+            for axis, x, y in zip(axes, levels[number][:3], levels[before][:3], strict=True)
         ]
         assert sorted(steps) == [0, 0, 1]
 
@@ -92,3 +93,36 @@ def test_sizes_compare_in_si():
     asked = task(goals={"modules": True}, modules=[4, 6], load_cases=[SI])
     assert asked.goals.names == ("modules",)
     assert len(asked.goals.levels) == 1
+
+
+def test_levels_of_what_a_design_can_do_beyond_its_task_are_set_in_its_flight():
+    asked = task(
+        goals={"force_reserve": [0.1, 0.0], "rotor_out": ["all", "none"], "joint_moment": [1.5, 2.0]},
+        flight={"directions": "horizontal", "rotor_out_torque": 0.02},
+    )
+    assert asked.goals.names == ("force_reserve", "rotor_out", "joint_moment")
+    first, last = asked.goals.levels[0], asked.goals.levels[-1]
+    assert (first.force_reserve, first.rotor_out, first.joint_moment) == (0.0, "none", 2.0)
+    assert last.words == 'flight.force_reserve = 0.1, flight.rotor_out = "all", flight.joint_moment = 1.5'
+    held = {"force_reserve": 0.1, "rotor_out": "all", "joint_moment": 1.5, "rotor_out_torque": 0.02}
+    assert asked.at(last) == task(flight={"directions": "horizontal", **held})
+    assert asked.at(first) == task(flight={"directions": "horizontal", "joint_moment": 2.0})
+    assert "torque_reserve" not in asked.model_dump_json(include={"goals"})
+
+
+@pytest.mark.parametrize(
+    ("flight", "goals", "fault"),
+    [
+        (
+            {"force_reserve": 0.2},
+            {"force_reserve": [0.1, 0.3]},
+            r"flight.force_reserve: must be left out where goals.force_reserve has levels of it, but got 0.2",
+        ),
+        ({}, {"rotor_out": ["one"]}, r'goals.rotor_out\[0\]: must be "none", "hover" or "all", but got "one"'),
+        ({}, {"joint_moment": [0.0]}, r"goals.joint_moment\[0\]: must be greater than 0"),
+        ({}, {"torque_reserve": [0.1, 1e15]}, r"flight.torque_reserve: must be at most 1e\+15 N and N m"),
+    ],
+)
+def test_levels_that_contradict_the_flight_are_refused(flight, goals, fault):
+    with pytest.raises(BadInput, match=fault):
+        task(flight=flight, goals=goals)

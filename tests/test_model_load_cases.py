@@ -6,7 +6,7 @@ import pytest
 
 from topo_search.model import BadInput, ResolvedTask, Task
 from topo_search.model.files import to_toml, validate
-from topo_search.model.oddities import oddities
+from topo_search.model.task_warnings import task_warnings
 
 TORQUE = {"torque": [0.1, 0.0, 0.0]}
 
@@ -63,13 +63,13 @@ def test_a_name_is_told_with_the_number_and_does_not_hide_that_two_are_the_same(
     assert named.resolve(5).case_labels == ("load case 0 (Wand Süd +x)", "load case 1")
     assert named.resolve(5).load_cases[0].name == "Wand Süd +x"
     same = task({"name": "a", "carries_weight": True}, {"name": "b", "carries_weight": True})
-    assert [str(one) for one in oddities(same)] == ["load_cases[1]: is the same as load_cases[0]"]
+    assert [str(one) for one in task_warnings(same)] == ["load_cases[1]: is the same as load_cases[0]"]
 
 
 def test_weights_far_apart_are_odd_and_none_at_all_is_not() -> None:
     hover, light = {"carries_weight": True}, {"carries_weight": True, "com": {"force": [0.1, 0.0, 0.0]}}
-    assert oddities(task(hover, {**light, "weight": 0.0})) == ()
-    assert "by a factor of 1e+05" in str(oddities(task(hover, {**light, "weight": 1e-5}))[0])
+    assert task_warnings(task(hover, {**light, "weight": 0.0})) == ()
+    assert "by a factor of 1e+05" in str(task_warnings(task(hover, {**light, "weight": 1e-5}))[0])
 
 
 def test_sizes_compare_where_only_the_weight_grows() -> None:

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from report_cases import design
 from toy_problem import toy_row
 
-from topo_search.cli.progress import describe
-from topo_search.cli.tables import standing
+from topo_search.cli.tables import progress_line
 from topo_search.compose import audit
 from topo_search.export.audit_summary import survived
 from topo_search.model import Limit, Topology
 from topo_search.model.proven import SOLVER_PRECISION, at_least, at_most, gap_percent
 from topo_search.report.design_page import bound, design_page
 from topo_search.report.design_part import design_part
+from topo_search.report.progress import describe
 from topo_search.study.statements import statement
 
 PUSH = 0.088938
@@ -65,7 +65,7 @@ def test_rounding_of_the_arithmetic_is_no_part_of_a_gap(gap: float, told: str) -
 def test_one_answer_has_one_figure() -> None:
     made = design(Topology.from_key("af0000"), gap=PUSH, objective=2.5e14, lower_bound=2.5e14 * (1 - PUSH))
     row = toy_row("a70010", objective=made.objective, gap=PUSH)
-    told = [statement(row, 28, 28), describe(row), standing(made), made._repr_html_()]
+    told = [statement(row, 28, 28), describe(row), progress_line(made), made._repr_html_()]
     page = design_page(made, audit(made), "mine.json")
     told += page.bound[1:2]
     told += [tile.figure for tile in page.tiles if tile.name == "Proven gap"]

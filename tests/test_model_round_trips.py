@@ -34,11 +34,13 @@ EXAMPLES = [
     "push-exterior-90",
     "push-local",
     "push-two-paths",
+    "survives-a-rotor",
     "ten-wrenches",
     "ten-wrenches-directional",
     "ten-wrenches-exterior-60",
     "ten-wrenches-local",
     "wall-push",
+    "window-cleaning",
 ]
 
 

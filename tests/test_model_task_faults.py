@@ -22,9 +22,10 @@ com = { force = [0.0, 0.0, 1.0] }
 TEN = 'name = "t"\nmodules = 5\ntask_seed = 0\nload_cases = "ten-wrenches"\n'
 CAPSULE = '[[exposure]]\nkind = "directional"\n'
 CONE = '[[exposure]]\nkind = "exterior"\n'
-KIND = 'must be one of "local", "directional", "exterior", but got'
+PLANES = '[[exposure]]\nkind = "allowed"\n'
+KIND = 'must be one of "local", "directional", "exterior", "allowed", but got'
 NAME = "must be 1 to 40 letters, digits, spaces and any of . _ + -, a letter or digit first"
-FORMS = "must have either `segments` or `along` with `length`, but got"
+FORMS = "must have either `segments`, or `polylines`, or `along` with `length`, but got"
 
 
 def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
@@ -70,8 +71,8 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[module]\nmass = 1e16", "module.mass: must be between 1e-15 and 1e15, but got 1e+16"),
         (
             "[module]\nmax_thrust = 2.0\nmax_thrust_to_weight = 2.5",
-            "module.max_thrust: must agree with max_thrust_to_weight = 2.5, which is 1.472 N a rotor, but got 2.0: "
-            "leave one of them out",
+            "module.max_thrust: must agree with max_thrust_to_weight = 2.5, which is 1.472 N per rotor, "
+            "but got 2.0: leave one of them out",
         ),
         (
             "[module]\ntorque_to_thrust = 0.03\ntorque_coefficient = 1.06e-8",
@@ -154,7 +155,7 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[[load_cases]]\nname = 3\ncom = { force = [0, 0, 1] }", "load_cases[1].name: must be a text, but got 3"),
         (
             "[[load_cases]]\nname = 'push'\ncarries_weight = true\n" * 2,
-            'load_cases[2].name: must be another than that of load_cases[1], but got "push"',
+            'load_cases[2].name: must differ from that of load_cases[1], but got "push"',
         ),
         (
             "[[load_cases]]\ncarries_weight = 1",
@@ -162,7 +163,7 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ),
         (
             "[[load_cases]]\ncarries_weight = false",
-            "load_cases[1]: must have `end_effector`, `com`, `carries_weight` or several, but got none",
+            "load_cases[1]: must have at least one of `end_effector`, `com` and `carries_weight`, but got none",
         ),
         (
             "[[load_cases]]\nunits = 'SI'\ncarries_weight = true\n[module]\nmass = 1e15",
@@ -235,14 +236,37 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[exposure]\nkind = 'local'", 'exposure: must be a list, but got {"kind": "local"}'),
         (
             "[[load_cases]]",
-            "load_cases[1]: must have `end_effector`, `com`, `carries_weight` or several, but got none",
+            "load_cases[1]: must have at least one of `end_effector`, `com` and `carries_weight`, but got none",
         ),
         (
             "[[load_cases]]\ncom = 3",
             "load_cases[1].com: must be a table of named fields, but got 3",
         ),
         # rules between fields
-        (CAPSULE, f"exposure[0]: {FORMS} neither"),
+        (CAPSULE, f"exposure[0]: {FORMS} none of them"),
+        (
+            CAPSULE + "segments = [[1, 0, 0]]\npolylines = [[[0, 0, 0], [1, 0, 0]]]",
+            f"exposure[0]: {FORMS} segments and polylines",
+        ),
+        (CAPSULE + "polylines = []", "exposure[0].polylines: must have at least one entry, but got []"),
+        (
+            CAPSULE + "polylines = [[[0, 0, 0]]]",
+            "exposure[0].polylines[0]: must have at least two points, but got [[0.0, 0.0, 0.0]]",
+        ),
+        (
+            CAPSULE + "polylines = [[[1, 0, 0], [1, 0, 0], [2, 0, 0]]]",
+            "exposure[0].polylines[0]: must lead from each point to a different one, "
+            "but got [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]",
+        ),
+        (PLANES, "exposure[0].planes: is required, but missing"),
+        (
+            PLANES + "planes = [{ normal = [0, 0, 0] }]",
+            "exposure[0].planes[0].normal: must have a direction, but got [0, 0, 0]",
+        ),
+        (
+            PLANES + "planes = [{ normal = [1, 0, 0], offset = inf }]",
+            "exposure[0].planes[0].offset: must be a finite number, but got Infinity",
+        ),
         (CAPSULE + "along = 'end_effector'", f"exposure[0]: {FORMS} along"),
         (CAPSULE + "length = 1", f"exposure[0]: {FORMS} length"),
         (CAPSULE + "segments = [[1, 0, 0]]\nlength = 1", f"exposure[0]: {FORMS} segments and length"),
@@ -364,7 +388,7 @@ def test_half_a_file_is_no_task(tmp_path: Path) -> None:
     (message,) = messages(tmp_path, TASK[: TASK.index("force") + 3])
     assert message.startswith("is not a TOML file, or only a part of one: ")
     (message,) = messages(tmp_path, "x = " + "[" * 10_000)
-    assert message == "must have fewer brackets within each other"
+    assert message == "must have fewer nested brackets"
 
 
 def test_a_file_that_is_none(tmp_path: Path) -> None:

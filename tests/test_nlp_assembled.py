@@ -1,6 +1,6 @@
-"""The assembled program is the program of the page: values, derivatives and answers, for every feature."""
+"""The assembled program is the printed problem: values, derivatives and answers, for every feature."""
 
-from itertools import combinations
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -8,14 +8,15 @@ import pytest
 from nlp_cases import FEATURES, push, random_point, random_tree
 
 from nlp.assembled import AssembledProgram
-from nlp.assembled.assembly import Assembly
-from nlp.evaluate import violations, worst
-from nlp.finish import finish
-from nlp.graph import GraphProgram
-from nlp.ipopt import BETA
+from nlp.assembled.problem import AssembledProblem
+from nlp.numbers.evaluate import violations, worst
+from nlp.numbers.finish import finish
 from nlp.problem import problem
+from nlp.programs.graph import GraphProgram
+from nlp.programs.ipopt import BETA
+from nlp.requirements import clearances
 from nlp.solve import solve
-from nlp.starts import draw, generator
+from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import sample
@@ -39,9 +40,7 @@ def test_values_and_derivatives_are_those_of_the_page(name):
     topology = Topology.from_key(key)
     task = push(topology.n, **fields)
     page = problem(task, topology)
-    pairs = np.array(list(combinations(range(topology.n), 2)), dtype=int).reshape(-1, 2)
-    unbolted = np.array(topology.unbolted, dtype=int).reshape(-1, 2)
-    assembly = Assembly(task, topology, pairs, unbolted, BETA)
+    assembly = AssembledProblem(task, topology, clearances(task, topology), BETA)
     rng = np.random.default_rng(5)
     variables = page.variables.vector()
     rows = ca.vertcat(*(constraint.expression for constraint in page.constraints))
@@ -75,8 +74,10 @@ def test_both_programs_reach_the_same_point(name, monkeypatch):
 
     So the graph states at once what it otherwise leaves out at first, which can lead to another local optimum.
     """
-    monkeypatch.setattr("nlp.graph.problem", lambda task, topology, **_: problem(task, topology))
-    for name_, value in {"NEAR": np.inf, "BESIDE": np.inf, "BOLD_LIMIT": np.inf, "ROUNDS": 1, "STAY": {}}.items():
+    monkeypatch.setattr("nlp.programs.graph.problem", lambda task, topology, **_: problem(task, topology))
+    for room, value in {"NEAR": np.inf, "BESIDE": np.inf}.items():
+        monkeypatch.setattr(f"nlp.requirements.modules.{room}", value)
+    for name_, value in {"BOLD_LIMIT": np.inf, "ROUNDS": 1, "STAY": {}}.items():
         monkeypatch.setattr(f"nlp.assembled.program.{name_}", value)
     topology = Topology.from_key("a11210")
     task = push(5, **FEATURES[name])
@@ -108,7 +109,8 @@ def test_twenty_modules_are_solved_and_every_pair_is_clear():
     task = read_task("ten-wrenches", ("modules=20", "search.body_clearance=false")).resolve(20)
     topology = sample(20, 1, 0)[0]
     start = draw(task, topology, generator(task, topology, 0, 0))
-    assert 0 < np.sum(AssembledProgram(task, topology).near(start)) < 150
+    airflow = clearances(task, topology)[0]
+    assert 0 < len(airflow.at_hand(start.platform).subjects) < 150
     design = solve(task, topology, starts=range(2), seed=0)
     assert isinstance(design, Design)
     judged = audit(design)
@@ -121,8 +123,8 @@ def test_a_random_tree_of_thirty_modules_has_exact_derivatives():
     rng = np.random.default_rng(8)
     topology = random_tree(30, rng)
     task = push(30, exposure=FEATURES["several requirements"]["exposure"], search={"connectors": "any"})
-    pairs = np.array(list(combinations(range(30), 2)))[::7]
-    assembly = Assembly(task, topology, pairs, np.array(topology.unbolted)[::7], BETA)
+    some = [replace(asked, subjects=asked.subjects[::7]) for asked in clearances(task, topology)]
+    assembly = AssembledProblem(task, topology, some, BETA)
     x = draw(task, topology, rng).pack()
     weight = rng.normal(size=assembly.rows)
     jacobian = ca.DM(assembly.jacobian_pattern, assembly.jacobian(x))

@@ -9,7 +9,7 @@ from nlp import lower_bound, solve
 from nlp.bounds import BoundBroken, bound_of
 from nlp.bounds.duality import _phi, dual_value
 from nlp.bounds.effort import closed_form
-from nlp.bounds.shortfall import TOLERANCE
+from nlp.bounds.refutation import TOLERANCE
 from topo_search.model import Design, Topology
 from topo_search.topologies import candidates
 
@@ -78,7 +78,7 @@ def test_an_effort_under_the_bound_is_an_error_with_both_numbers(monkeypatch):
     task = push(1, load_cases=[HOVER])
     J = lower_bound(task)
     assert bound_of(task, J * (1 - 1e-7)) == J * (1 - 1e-7)
-    with pytest.raises(BoundBroken, match=r"internal error: .* effort .* under the bound"):
+    with pytest.raises(BoundBroken, match=r"internal error: .* effort .* below the lower bound"):
         bound_of(task, J * (1 - 5e-6))
     true = nlp.bounds.effort.closed_form
     J = solved(solve(task, Topology.from_key("a0"), starts=range(1), seed=0)).objective

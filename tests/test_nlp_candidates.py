@@ -1,13 +1,13 @@
-"""The compiled minimum over the candidates is CasADi's of the page, also where envelopes are nearly parallel."""
+"""The compiled minimum over the candidates is CasADi's, also where envelopes are nearly parallel."""
 
 import casadi as ca
 import numpy as np
 import pytest
 
 from nlp.assembled.candidates import smooth_least
-from nlp.envelope import quadratic_candidates
-from nlp.ipopt import BETA
-from nlp.smooth import log_sum_exp
+from nlp.programs.ipopt import BETA
+from nlp.symbols.envelope import quadratic_candidates
+from nlp.symbols.smooth import log_sum_exp
 
 A = 2.3
 M = 400
@@ -49,6 +49,6 @@ def test_lower_orders_are_the_same_without_what_was_not_asked_for():
 
 
 def test_exactly_parallel_envelopes_have_finite_derivatives():
-    """The stationary point is a whole line then, and the page's epsilon keeps it from blowing up."""
+    """The stationary point is a whole line then, and the printed problem's epsilon keeps it from blowing up."""
     c = np.array([[-2 * A, 0.3, -0.3], [2 * A, -1.0, -1.0], [-2 * A, 3.0, 3.0]])
     assert all(np.all(np.isfinite(part)) for part in smooth_least(c, A, BETA, 2))

@@ -6,14 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from nlp_cases import push
-from test_nlp_placing import least_clearance
+from test_nlp_untangling import least_clearance
 
-from nlp import starts
-from nlp.evaluate import asked_wrenches, violations, wrench_matrix
-from nlp.geometry import Swept, cone_reach, root_rotation, rotation
-from nlp.placing import CLEAR, lever, place, place_in_cone
-from nlp.point import Point
-from nlp.starts import TURNS, draw, generator, root_of
+from nlp.numbers.evaluate import violations
+from nlp.numbers.geometry import Swept, cone_reach, root_rotation, rotation
+from nlp.numbers.point import Point
+from nlp.requirements.balances import asked_wrenches, wrench_matrix
+from nlp.starts import random_starts as starts
+from nlp.starts.random_starts import TURNS, draw, generator, root_of
+from nlp.starts.untangling import CLEAR, lever, place_in_cone, untangle
 from topo_search.model import Topology
 from topo_search.topologies import sample
 from verify.bodies import Cone, ConeSphere
@@ -60,7 +61,7 @@ def test_the_reach_is_where_the_audit_finds_the_cone_touched(half_angle_deg):
 def test_hinges_placed_for_a_cone_have_a_shorter_lever_and_no_overlaps(number):
     task, topology = conical(16), sample(16, 3, seed=1)[number]
     rng = np.random.default_rng(number)
-    placed = place(task, topology, np.zeros(15), rng)
+    placed = untangle(task, topology, np.zeros(15), rng)
     clear = CLEAR * task.module.arm_length - 1e-9
     assert least_clearance(task, topology, placed) >= clear
     alpha = place_in_cone(task, topology, placed, math.radians(60), rng)

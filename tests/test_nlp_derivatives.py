@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from nlp_cases import CONE, FEATURES, HALF_SPACE, LOCAL, TWO_PATHS, push, random_point
 
-from nlp.ipopt import BETA
 from nlp.problem import problem
-from nlp.starts import draw
+from nlp.programs.ipopt import BETA
+from nlp.starts.random_starts import draw
 from topo_search.model import Topology
 
 STEP = 1e-5

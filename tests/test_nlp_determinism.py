@@ -8,7 +8,7 @@ import pytest
 from nlp_cases import push
 
 from nlp import solve
-from nlp.starts import draw, generator
+from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.files import to_json
 

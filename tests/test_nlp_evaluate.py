@@ -9,10 +9,10 @@ import pytest
 from nlp_cases import FEATURES, HOVER, as_design, hover, push, random_point, random_tree
 
 from nlp import names
-from nlp.evaluate import Violation, violations, worst
-from nlp.ipopt import BETA
-from nlp.point import Point
+from nlp.numbers.evaluate import Violation, violations, worst
+from nlp.numbers.point import Point
 from nlp.problem import problem
+from nlp.programs.ipopt import BETA
 from nlp.units import Units
 from topo_search.model import Exterior, Topology
 from verify import audit
@@ -83,7 +83,7 @@ def test_checked_clearances_are_the_audits(name):
         design = as_design(point)
         checked = {check.name: -check.amount for check in violations(point) if check.unit == "m"}
         audited = audited_clearances(design)
-        unaudited = {names.POSITION, names.OFFSET, names.REACH}
+        unaudited = {names.POSITION, names.OFFSET, names.REACH, *(name for name in checked if "solid" in name)}
         assert set(audited) == set(checked) - beside_airflow(point) - unaudited
         for key, c in audited.items():
             exact = not key.startswith("airflow") and "directional" not in key and "local" not in key
@@ -115,7 +115,7 @@ def audited_clearances(design):
         else:
             name = names.exposure(r.b, task.exposure[r.b], r.a, r.segment)
         inside = isinstance(r.against, Cone)
-        assert inside == (r.kind == "exterior")
+        assert inside == (r.kind in ("exterior", "allowed"))
         found[name] = clearance_of(r) * task.module.arm_length - more
     return found
 
@@ -179,7 +179,7 @@ def test_bounds_are_checked_in_their_units():
 def test_solver_and_audit_use_the_same_words(name):
     task, _, (point,) = cases(name, count=1)
     found = audit(as_design(point))
-    measured_only = {"body", "rod", "rotor-airflow", "rod-airflow"}  # real parts are the audit's alone
+    measured_only = {"body", "rod", "rotor-airflow", "rod-airflow", "rod-region"}  # the audit alone
     if task.search.interference == "separation":
         measured_only.add("airflow")
     # the solver counts the larger of both torques under one name
@@ -187,6 +187,18 @@ def test_solver_and_audit_use_the_same_words(name):
     told |= {pair.name for pair in found.pairs if pair.kind not in measured_only}
     only_told_of_files = {"objective", f'joints against connectors = "{task.search.connectors}"'}
     assert told - only_told_of_files == {check.name for check in violations(point)} - beside_airflow(point)
+
+
+@pytest.mark.parametrize("name", [name for name in FEATURES if name.startswith("solid")])
+def test_balls_around_parts_are_never_farther_from_a_solid_region_than_the_parts(name):
+    _, _, points = cases(name)
+    for point in points:
+        checked = {check.name: -check.amount for check in violations(point)}
+        rows = [pair for pair in audit(as_design(point)).pairs if pair.kind == "part-region"]
+        assert {row.name for row in rows} == {name for name in checked if "solid" in name}
+        for row in rows:
+            most = row.upper_m if row.upper_m is not None else math.inf
+            assert checked[row.name] <= most + 1e-9 or checked[row.name] < 0 > most
 
 
 def test_a_moved_end_effector_breaks_a_fixed_position():

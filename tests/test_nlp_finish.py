@@ -7,11 +7,12 @@ import pytest
 from nlp_cases import hover, push, random_point, random_tree, solved
 
 from nlp import lower_bound, solve
-from nlp.evaluate import WRENCH_TOLERANCE, violations
-from nlp.finish import finish
-from nlp.geometry import root_angles, root_rotation, rotation
-from nlp.graph import GraphProgram
-from nlp.starts import draw, generator
+from nlp.numbers.evaluate import violations
+from nlp.numbers.finish import finish
+from nlp.numbers.geometry import root_angles, root_rotation, rotation
+from nlp.programs.graph import GraphProgram
+from nlp.requirements.balances import WRENCH_TOLERANCE
+from nlp.starts.random_starts import draw, generator
 from topo_search.model import Topology
 
 CASES = {

@@ -10,12 +10,13 @@ from nlp_cases import HOVER, as_design, as_point, hover, push, random_point, ran
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.assembled import AssembledProgram
-from nlp.evaluate import violations, wrench_matrix
-from nlp.geometry import Swept, clearance, poses
-from nlp.hinges import SPLAY
-from nlp.ipopt import Answer
-from nlp.point import Point
+from nlp.numbers.evaluate import violations
+from nlp.numbers.geometry import Swept, clearance, poses
+from nlp.numbers.hinges import SPLAY
+from nlp.numbers.point import Point
+from nlp.programs.ipopt import IpoptResult
 from nlp.reduced.trials import trials
+from nlp.requirements.balances import wrench_matrix
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.files import to_json
 from topo_search.topologies import candidates
@@ -108,7 +109,7 @@ def test_an_impossible_task_is_proven_before_anything_is_solved(n, modules):
     assert (result.status, result.topology, result.topology_key, result.solver) == ("impossible", None, None, None)
     assert (result.worst_constraint, result.unit) == ("load case 1, force", "N")
     assert result.violation == pytest.approx(asked - most)
-    assert result.message.startswith(f"{modules} can lift 3.1 times less than load case 1 asks")
+    assert result.message.startswith(f"load case 1 needs 3.1 times what {modules} can lift")
     assert f"{most:.4g} N" in result.message
     assert f"{asked:.4g} N" in result.message
 
@@ -146,7 +147,7 @@ def test_opposite_forces_cannot_both_have_more_than_half_of_the_modules(over):
         assert (result.status, result.topology, result.unit) == ("impossible", None, "N")
         assert result.worst_constraint == "load cases 0, 1, forces"
         assert result.violation == pytest.approx((over - 1) * most * probe.force_unit(5), rel=0.1)
-        assert "cannot serve the load cases 0, 1 with the same angles" in result.message
+        assert "the load cases 0, 1: summed along one direction each" in result.message
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -171,7 +172,7 @@ def test_one_module_pulls_along_one_axis_and_two_in_one_plane():
     across = [*along, [0.0, 0.0, 0.5]]
     beside = [*across, [0.0, 0.3, 0.5]]
     assert prove_impossible(pulling(1, along)) is None
-    assert "one module pulls along one axis" in prove_impossible(pulling(1, across)).message
+    assert "a single module thrusts along one axis" in prove_impossible(pulling(1, across)).message
     assert prove_impossible(pulling(2, across)) is None
     result = prove_impossible(pulling(2, beside))
     assert "2 modules in a straight chain lie in one plane" in result.message
@@ -384,7 +385,7 @@ def test_a_success_word_alone_is_not_believed(monkeypatch):
     """Parallel modules that blow into each other, handed back as solved, are judged by their violations."""
 
     def flat(_self, start):
-        return Answer(dataclasses.replace(start, alpha=np.zeros_like(start.alpha)), "Solve_Succeeded", 0)
+        return IpoptResult(dataclasses.replace(start, alpha=np.zeros_like(start.alpha)), "Solve_Succeeded", 0)
 
     monkeypatch.setattr(AssembledProgram, "polish", flat)
     assert isinstance(solve(push(5), FIVE, starts=range(2), seed=0), Infeasible)
@@ -396,7 +397,7 @@ def test_a_failure_word_alone_is_not_believed(monkeypatch):
 
     def pessimist(self, start):
         answer = polish(self, start)
-        return Answer(answer.point, "Maximum_Iterations_Exceeded", answer.iterations)
+        return IpoptResult(answer.point, "Maximum_Iterations_Exceeded", answer.iterations)
 
     monkeypatch.setattr(AssembledProgram, "polish", pessimist)
     result = solve(hover(1), Topology.from_key("a0"), starts=range(4), seed=0)

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nlp_cases import random_tree, trees
 
-from nlp import geometry, kinematics
-from nlp.geometry import root_angles, root_rotation
+from nlp.numbers import geometry
+from nlp.numbers.geometry import root_angles, root_rotation
+from nlp.symbols import kinematics
 from topo_search.model import Topology
 from verify import poses as audited_poses
 

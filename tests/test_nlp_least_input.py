@@ -9,10 +9,11 @@ from scipy.optimize import linprog, lsq_linear
 
 from nlp import lower_bound, solve
 from nlp.assembled import AssembledProgram
-from nlp.evaluate import violations, worst, wrench_matrix
-from nlp.finish import finish
+from nlp.numbers.evaluate import violations, worst
+from nlp.numbers.finish import finish
 from nlp.reduced.trials import trials
-from nlp.starts import draw, generator
+from nlp.requirements.balances import wrench_matrix
+from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, ResolvedTask, Topology
 from verify import audit
 from verify.kinematics import platform

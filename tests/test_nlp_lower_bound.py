@@ -11,7 +11,7 @@ from nlp import lower_bound, solve
 from nlp.bounds.duality import dual_value, multipliers
 from nlp.bounds.effort import closed_form
 from nlp.bounds.sphere import directions, greatest
-from nlp.evaluate import asked_wrenches, wrench_matrix
+from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from topo_search.model import LoadCase, Topology, Wrench
 
 QUIET = {

@@ -9,7 +9,7 @@ from nlp_cases import push
 
 from nlp import solve
 from nlp.assembled import AssembledProgram
-from nlp.ipopt import Answer
+from nlp.programs.ipopt import IpoptResult
 from topo_search.model import Design, Infeasible, Topology
 
 FIVE = Topology.from_key("a11210")
@@ -25,7 +25,7 @@ def break_polishes(monkeypatch, count):
         if len(calls) > count:
             return answer
         point = dataclasses.replace(answer.point, u=np.full_like(answer.point.u, math.nan))
-        return Answer(point, "Solve_Succeeded", answer.iterations)
+        return IpoptResult(point, "Solve_Succeeded", answer.iterations)
 
     monkeypatch.setattr(AssembledProgram, "polish", polish_badly)
 

@@ -1,4 +1,4 @@
-"""The compiled reduced problem against the page: every kind of row, the inputs, and all derivatives."""
+"""The compiled reduced problem against the printed problem: every kind of row, the inputs, and all derivatives."""
 
 from __future__ import annotations
 
@@ -10,19 +10,23 @@ import pytest
 from nlp_cases import FEATURES, push, random_point, random_tree
 from scipy.optimize import lsq_linear
 
-from nlp.evaluate import asked_wrenches, wrench_matrix
-from nlp.point import Point
+from nlp.numbers.point import Point
 from nlp.problem import problem
-from nlp.reduced import stated as s
+from nlp.reduced import kinds as s
+from nlp.reduced.corners import always
 from nlp.reduced.merit import evaluate
 from nlp.reduced.stated import rows, state
+from nlp.requirements import clearances
+from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from nlp.units import Units
 from topo_search.model import LoadCase
 
 SHARP = 1e8
-"""Sharpness at which the page's smooth minimum is the least of its candidates."""
+"""Sharpness at which the printed problem's smooth minimum is the least of its candidates."""
 RHO = 300.0
-COMPILED = {name: fields for name, fields in FEATURES.items() if name not in ("box", "convex region")}
+LONGER = ("box", "convex region", "solid cone", "solid path along the end-effector", "solid convex region")
+"""What the compiled search has no rows for."""
+COMPILED = {name: fields for name, fields in FEATURES.items() if name not in LONGER}
 
 
 def unknowns(task, topology, point):
@@ -32,11 +36,12 @@ def unknowns(task, topology, point):
 
 
 def evaluated(task, topology, x, rho=RHO):
-    return evaluate(state(task, topology), x, np.zeros((len(task.load_cases), 6)), rho)
+    stated = state(task, topology)
+    return evaluate(stated, x, np.zeros((len(task.load_cases), 6)), always(stated), rho)
 
 
 def page_gaps(task, topology, x):
-    """Values of the page's clearances by name, dimensionless, at nearly infinite sharpness."""
+    """Values of the printed problem's clearances by name, dimensionless, at nearly infinite sharpness."""
     page = problem(task, topology)
     u = np.zeros(4 * topology.n * len(task.load_cases))
     stated = [c for c in page.constraints if "load case" not in c.name]
@@ -46,13 +51,22 @@ def page_gaps(task, topology, x):
 
 
 def lengths_of(row, stated):
-    """The least and the largest R, the length in which the page divides a square; only parts have several."""
+    """The least and the largest R, the length by which the printed problem divides a square."""
     _, start, growth = stated.air
     end, size = start + growth, row.data[3]
     if row.kind == s.PARTS:
         return end + stated.parts[:, 3].min(), end + stated.parts[:, 3].max()
     R = {s.AIR: 2 * end, s.BALL: end + size, s.CAPSULE: end + size, s.ALONG: end + size}.get(row.kind, size)
     return R, R
+
+
+def exact_gaps(task, topology, point):
+    """The exact clearances by their names."""
+    found = {}
+    for requirement in clearances(task, topology):
+        names = [name for name, *_ in requirement.rows()]
+        found |= dict(zip(names, requirement.gaps(point.platform).ravel().tolist(), strict=True))
+    return found
 
 
 def as_length(value, R):
@@ -82,12 +96,16 @@ def test_clearances_are_those_of_the_page(name):
         for point in awkward_points(task, topology, rng):
             x = unknowns(task, topology, point)
             found = evaluated(task, topology, x).g
-            page = page_gaps(task, topology, x)
+            page, exact = page_gaps(task, topology, x), exact_gaps(task, topology, point)
             assert {row.name for row in listed} == set(page)
             for row, g in zip(listed, found, strict=True):
                 values = page[row.name]
+                if row.kind in (s.PARTS_CONE, s.PARTS_CAPSULE):
+                    assert g == pytest.approx(exact[row.name], abs=1e-6)
+                    assert (min(values) > 0) == (g > 0) or abs(g) < 0.05
+                    continue
                 if row.kind in (s.CONE, s.CONE_COM):
-                    assert g == pytest.approx(values[row.j], abs=1e-4)
+                    assert g == pytest.approx(values[int(row.data[3])], abs=1e-4)
                     continue
                 least, most = sorted(as_length(values[0], R) for R in lengths_of(row, stated))
                 assert least - 3e-5 <= g

@@ -7,7 +7,7 @@ import pytest
 from export_cases import random_design
 from scipy.optimize import minimize
 
-from nlp.refit import NotPossible, refit
+from nlp.numbers.refit import NotPossible, refit
 from topo_search.model import Design, Status, Topology
 from verify import audit
 from verify.kinematics import platform
@@ -47,7 +47,7 @@ def test_inputs_of_other_angles_are_the_least_that_do_the_task(solved_push: Desi
 
 
 def test_what_rotors_cannot_do_is_named(solved_push: Design) -> None:
-    with pytest.raises(NotPossible, match="load case 0 is out of reach"):
+    with pytest.raises(NotPossible, match="load case 0 cannot be produced"):
         refit(solved_push, [0.0] * 4)  # level rotors do not push sideways
 
 

@@ -88,7 +88,7 @@ def test_more_reserve_than_all_rotors_have_is_impossible_by_proof_and_a_little_l
     assert proof is not None
     assert proof.worst_constraint.startswith("hover, force reserve")
     assert prove_impossible(asked(1, force_reserve=0.01)) is not None  # one module has one axis
-    within = asked(force_reserve=left / 1.2584 * 1.1)  # its corners are beyond, the ball is not
+    within = asked(force_reserve=left / 1.291 * 1.1)  # its corners are beyond, the ball is not
     assert prove_impossible(within) is None or "corner" not in str(prove_impossible(within))
 
 

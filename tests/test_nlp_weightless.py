@@ -10,8 +10,8 @@ from scipy.optimize import lsq_linear
 from nlp import lower_bound, solve
 from nlp.bounds.duality import dual_value
 from nlp.bounds.effort import closed_form
-from nlp.evaluate import asked_wrenches, wrench_matrix
 from nlp.reduced.trials import trials
+from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.topologies.task_symmetry import improper_isometry
 from verify import audit

@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from nlp_cases import as_design, hover, push, random_point, random_tree, trees
 
 from nlp import names
-from nlp.evaluate import asked_wrenches, rotor_positions, violations, wrench_matrix
-from nlp.point import Point
+from nlp.numbers.evaluate import violations
+from nlp.numbers.point import Point
 from nlp.problem import problem
+from nlp.requirements.balances import asked_wrenches, rotor_positions, wrench_matrix
 from topo_search.model import Topology
 from verify.kinematics import platform
 from verify.residuals import residuals

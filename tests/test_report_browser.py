@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
-from report_cases import design, grown, toy_page
+from report_cases import design, flown, grown, toy_page
 from verify_cases import design as solved
 
 from topo_search.compose import audit
@@ -20,6 +20,7 @@ from topo_search.model import Topology
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 from topo_search.report.scene import scene
+from topo_search.report.simulated_part import read_simulated
 
 pytestmark = pytest.mark.browser
 
@@ -311,6 +312,39 @@ def test_a_row_shows_its_design_beside_the_best(opened: Open, tmp_path: Path) ->
     assert page.inner_text("#beside h3").startswith(ranked[1])
 
 
+def test_the_keys_of_the_best_open_their_designs_too(opened: Open, tmp_path: Path) -> None:
+    page = opened(toy_page(tmp_path / "run", modules=4, starts=4))
+    (best,) = page.locator("td[data-name=best] button").all_inner_texts()
+    page.click("td[data-name=best] button")
+    assert page.inner_text("#beside h3") == f"{best}, the best"
+    ties = page.locator("td[data-name=key] button")
+    if ties.count():
+        key = ties.last.inner_text()
+        ties.last.click()
+        assert page.inner_text("#beside h3").startswith(key)
+        assert page.locator("#ranking tr[aria-current]").inner_text().startswith(key)
+
+
+def test_the_ranking_shows_the_gap_as_everything_else_does(opened: Open, tmp_path: Path) -> None:
+    page = opened(toy_page(tmp_path / "run", modules=4, starts=4))
+    ranked = [text for text in column(page, "gap [%]") if text]
+    assert all(re.fullmatch(r"\d+\.\d\d", text) for text in ranked)
+    told = page.locator("td[data-name=gap]").first.inner_text()
+    assert told == f"{ranked[0]} %"
+    assert told in page.inner_text(".answer") or float(ranked[0]) == 0
+
+
+def test_a_page_without_a_design_says_what_to_relax(
+    opened: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TOY_NONE", "*")
+    page = opened(toy_page(tmp_path / "run", modules=3, starts=2))
+    assert "no single limit" in page.inner_text("header")
+    assert "not enough" in page.inner_text("#reasons table")
+    violations = Axe().run(page).response["violations"]
+    assert [one["id"] for one in violations] == []
+
+
 def test_on_a_phone_nothing_runs_off_the_screen(opened: Open, five: str, tmp_path: Path) -> None:
     page = opened(five, width=360)
     assert page.evaluate("document.documentElement.scrollWidth") == 360
@@ -355,6 +389,14 @@ def test_on_paper_there_are_no_controls(opened: Open, five: str) -> None:
     assert page.locator("details").count() == page.locator("details[open]").count() > 0
     page.evaluate("window.dispatchEvent(new Event('afterprint'))")
     assert page.locator("details[open]").count() == 0
+    assert page.locator("img.still").count() == 0
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    still = page.locator("img.still").evaluate("i => i.decode().then(() => [i.naturalWidth, i.src.length])")
+    assert still[0] > 100
+    assert still[1] > 10_000  # paper would show an empty canvas
+    page.set_viewport_size({"width": 700, "height": 900})  # paper is narrow, and no phone
+    assert page.locator("table.stacked thead").first.is_visible()
+    page.evaluate("window.dispatchEvent(new Event('afterprint'))")
     pages = re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))
     assert 2 <= len(pages) <= 12
 
@@ -370,3 +412,15 @@ def test_without_webgl_the_rest_of_the_page_works(
         page.goto(path.as_uri())
         page.wait_for_selector("#inputs .main-svg")
         assert "WebGL" in page.locator("#view").inner_text()
+
+
+def test_flights_follow_the_look_of_the_page(opened: Open, tmp_path: Path) -> None:
+    made = design(Topology.from_key("a0"))
+    part = read_simulated(flown(made, tmp_path / "flight"), made)
+    page = opened(render(design_page(made, audit(made), "mine.json", part)), width=360)
+    page.emulate_media(color_scheme="dark")
+    until(page, "document.getElementById('simulated-course').layout.font.color === '#e8eaed'")
+    assert page.locator("#simulated .scatterlayer .js-line").count() == 3
+    assert page.evaluate("document.documentElement.scrollWidth") == 360
+    violations = Axe().run(page, "#simulated").response["violations"]
+    assert [one["id"] for one in violations] == []

@@ -38,7 +38,7 @@ def result(number: int, candidate: Candidate, task: ResolvedTask) -> tuple[Row, 
 def test_ten_thousand_candidates_take_less_than_ten_megabytes(tmp_path):
     request = Request(toy_task(9), "none", starts=1, seed=0)
     (context, *_), path = request.contexts(9), tmp_path / "run"
-    with RunFolder.opened(path, request) as folder:
+    with RunFolder.open(path, request) as folder:
         folder.ledger.begin(context, lower_bound(context.task), None)
         drawn = list(itertools.islice(candidates(9), NUMBER))
         assert len(drawn) == NUMBER

@@ -126,3 +126,23 @@ def test_many_modules_have_no_labels() -> None:
     for n, numbered in ((9, True), (31, False)):
         made = design(grown(n), "push")
         assert view("view", made, poses(made), None).value["numbered"] is numbered
+
+
+def test_a_push_while_hovering_has_its_contact_plane_across_the_force(audited: tuple[Design, Audit]) -> None:
+    made = with_cases(
+        LoadCase(units="SI", name="push", carries_weight=True, end_effector=Wrench(force=(2.0, 0.0, 0.0))).to_si(
+            1.0, 1.0
+        ),
+        LoadCase(units="SI", end_effector=Wrench(force=(2.0, 0.0, 0.0))),
+    )
+    weight = made.task.force_unit(made.topology.n)
+    carried = made.task.load_cases[0].model_copy(update={"com": Wrench(force=(0.0, 0.0, weight))})
+    cases = (carried, *made.task.load_cases[1:])
+    made = made.model_copy(update={"task": made.task.model_copy(update={"load_cases": cases})})
+    at = poses(made)
+    push, other = arrows(made, at)
+    assert push.name == "load case 0 (push)"
+    (plane,) = (trace for trace in push.traces if trace.meta["part"] == "contact")
+    assert np.ptp(plane.x) < 0.01 < np.ptp(plane.y)
+    assert np.mean(plane.x) == pytest.approx(at.end_effector[0], abs=1e-3)
+    assert all(trace.meta["part"] != "contact" for trace in other.traces)

@@ -14,7 +14,8 @@ from PIL import Image
 from topo_search.cli import main
 from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
-from topo_search.simulation.campaign import fly_all
+from topo_search.model.force_cone import ForceCone
+from topo_search.simulation.campaign import fly_all, plan
 from topo_search.simulation.fly import Options
 from topo_search.simulation.plant import Errors
 from topo_search.simulation.result import FlightResult
@@ -46,7 +47,7 @@ def test_a_design_with_reserves_holds_everything(flown) -> None:
         pressed = by_name[f"load case 0, {how}"]
         assert pressed.force_error_share < 0.05
         assert pressed.force_N == pytest.approx(0.2 * 9.81 * (5 * 0.24 + 0.048), rel=0.05)
-    assert by_name["load case 1"].reason == "it is hover, which is flown above"
+    assert by_name["load case 1"].reason == "same as hover, flown above"
     assert "accelerate the platform by [2.94, 0.00, 0.00] m/s^2" in by_name["load case 2"].reason
     assert {one.verdict for one in result.scenarios} == {"held", "not flown"}
     assert all((one.saturated_share or 0) <= 0.05 for one in result.scenarios)
@@ -101,12 +102,12 @@ def test_what_is_no_steady_flight_is_told_by_its_balance(wall_press: Design) -> 
     whole = LoadCase(units="SI", end_effector=Wrench(force=(1.0, 0.0, W)))
     assert "would accelerate the platform by [0.00, 0.00, -9.81] m/s^2" in str(unbalanced(wall_press, whole))
     turns = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, W), torque=(0.1, 0.0, 0.0)))
-    assert unbalanced(wall_press, turns) == "no steady flight: nothing takes up the torque at the centre of mass"
+    assert unbalanced(wall_press, turns) == "not a steady flight: nothing reacts the torque at the centre of mass"
 
 
 def test_who_cannot_hover_is_not_flown() -> None:
     tilted = random_design(Topology.from_key("a0"), 1)
-    with pytest.raises(BadInput, match=r"drawn: cannot hover in the attitude of its task: .* nothing is flown"):
+    with pytest.raises(BadInput, match=r"drawn: cannot hover in the attitude of its task: .* % of"):
         fly_all(tilted, Options())
 
 
@@ -173,7 +174,7 @@ def test_without_the_simulator_the_answer_is_how_to_install_it(command, monkeypa
     monkeypatch.setitem(sys.modules, "mujoco", None)
     result = command("wall.json")
     assert result.exit_code == 2
-    assert result.stderr.endswith('needs mujoco, which is not installed; type: pip install "topo-search[sim]"\n')
+    assert result.stderr.endswith('needs mujoco, which is not installed; run: pip install "topo-search[sim]"\n')
 
 
 def test_a_named_load_case_is_called_by_its_name(wall_press: Design) -> None:
@@ -182,3 +183,31 @@ def test_a_named_load_case_is_called_by_its_name(wall_press: Design) -> None:
     named = wall_press.model_copy(update={"task": wall_press.task.model_copy(update={"load_cases": cases})})
     result = fly_all(named, Options(), only=("load case 0 (press), load",)).result
     assert [one.name for one in result.scenarios] == ["load case 0 (press), load at the tip"]
+
+
+def test_every_corner_of_a_set_of_wrenches_is_flown(wall_press: Design) -> None:
+    """A cone has eight besides its own wrench, which is hover; one out of reach fails, and says why."""
+    task = wall_press.task
+    hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, task.force_unit(5))))
+    axis = task.load_cases[0].at_end_effector.force
+    wide = ForceCone(axis=axis, half_angle_deg=10.0, force=1.0)
+    cone = hover.model_copy(update={"name": "lean", "cone": wide})
+    pushes = (Wrench(force=(0.0, 0.0, 0.5)), Wrench(force=(0.0, 1000.0, 0.0)))
+    hull = hover.model_copy(update={"vertices": pushes})
+    falls = LoadCase(units="SI", end_effector=Wrench(force=(1.0, 0.0, 0.0)), vertices=pushes)
+    cases = {"load_cases": (cone, hull, falls)}
+    asked = wall_press.model_copy(update={"task": task.model_copy(update=cases)})
+    some = ("load case 0 (lean), corner 7", "load case 1, corner 1", "load case 2")
+    planned = [each.name for each in plan(asked, 0, False)][6:-1]
+    assert planned == [
+        *("load case 0 (lean)", *(f"load case 0 (lean), corner {k}" for k in range(8))),
+        *("load case 1", "load case 1, corner 0", "load case 1, corner 1", "load case 2"),
+    ]
+    result = fly_all(asked, Options(), only=some).result
+    leaning, out_of_reach, falling = result.scenarios
+    assert (leaning.verdict, falling.verdict) == ("held", "not flown")
+    assert leaning.force_N == pytest.approx(np.hypot(1.0, np.tan(np.radians(10)) / np.cos(np.pi / 8)), rel=0.05)
+    assert out_of_reach.verdict == "not held"
+    assert "rotors could not produce" in out_of_reach.reason
+    assert falling.reason.startswith("not a steady flight")
+    assert falling.reason.endswith("; nor are its 2 corners")

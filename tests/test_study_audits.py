@@ -1,23 +1,21 @@
 import csv
+import itertools
 import sqlite3
 
+import pytest
 import toy_problem
 from ledger_edit import forged
-from toy_problem import toy_run
+from toy_problem import BACKENDS, InProcess, toy_run, toy_task
 
-from topo_search.model import Design
+from topo_search.model import Design, Task, Topology
 from topo_search.model.files import read_json
+from topo_search.study import LARGER_MARGINS, Silent, single, solve_single
+from topo_search.study.margins import RUNG, margins
 
 
-class Notes:
+class Notes(Silent):
     def __init__(self):
         self.texts = []
-
-    def size(self, n, candidates, starts):
-        pass
-
-    def settled(self, incumbent):
-        pass
 
     def note(self, text):
         self.texts.append(text)
@@ -33,7 +31,7 @@ def keys_by_rank(tmp_path):
     return list(table(tmp_path / "plain"))
 
 
-def margins(path, key):
+def margins_of(path, key):
     database = sqlite3.connect(path / "ledger.sqlite")
     found = [m for (m,) in database.execute("SELECT margin FROM candidates WHERE key = ? ORDER BY margin", (key,))]
     database.close()
@@ -47,7 +45,7 @@ def test_a_design_that_fails_is_solved_again_with_a_larger_margin_and_ranked_ane
     notes = Notes()
     answer = toy_run(tmp_path / "run", observer=notes)
     rows = table(tmp_path / "run")
-    assert margins(tmp_path / "run", keys[0]) == [1e-4, 1e-3, 1e-2]
+    assert margins_of(tmp_path / "run", keys[0]) == [1e-4, 1e-3, 1e-2]
     again = read_json(Design, tmp_path / "run" / "designs" / f"{keys[0]}.json")
     assert again.task.search.margin == 1e-2
     assert float(rows[keys[0]]["objective"]) == again.objective > float(rows[keys[1]]["objective"])
@@ -65,12 +63,12 @@ def test_a_design_that_never_passes_is_passed_over_visibly(tmp_path, monkeypatch
     keys = keys_by_rank(tmp_path)
     monkeypatch.setenv("TOY_VIOLATED", keys[0])
     answer = toy_run(tmp_path / "run")
-    assert margins(tmp_path / "run", keys[0]) == [1e-4, 1e-3, 1e-2, 1e-1]
+    assert margins_of(tmp_path / "run", keys[0]) == [1e-4, 1e-3, 1e-2, 1e-1]
     assert table(tmp_path / "run")[keys[0]]["audit"] == "violated"
     assert answer.best.key == keys[1]
     assert answer.exit_status == 0
     assert any(
-        keys[0] in remark and "passed over, its audit is violated" in remark for remark in answer.sizes[0].remarks
+        keys[0] in remark and "skipped, its audit is violated" in remark for remark in answer.sizes[0].remarks
     )
 
 
@@ -137,8 +135,63 @@ def test_after_the_time_limit_nothing_is_solved_again_but_audits_go_on(tmp_path,
     forged(tmp_path / "run", "UPDATE candidates SET audit = NULL, audit_checksum = NULL")
     answer = toy_run(tmp_path / "run", modules=4, time_limit=1e-9)
     assert answer.best.key == keys[10]
-    assert margins(tmp_path / "run", keys[0]) == [1e-4]
+    assert margins_of(tmp_path / "run", keys[0]) == [1e-4]
     assert not answer.sizes[0].complete
     answer = toy_run(tmp_path / "run", modules=4)
-    assert margins(tmp_path / "run", keys[0]) == [1e-4, 1e-3, 1e-2, 1e-1]
+    assert margins_of(tmp_path / "run", keys[0]) == [1e-4, 1e-3, 1e-2, 1e-1]
+    assert answer.sizes[0].complete
+
+
+def tolerant(modules=3):
+    task = toy_task(modules).model_dump()
+    return Task.model_validate({**task, "flight": {"tolerances": True}, "tolerances": {"hinge_angle_deg": 0.2}})
+
+
+def test_a_task_that_must_survive_its_tolerances_has_margins_close_to_each_other():
+    found = margins(tolerant(3).resolve(3))
+    assert found[0] == 1e-4
+    assert found == sorted(found)
+    assert all(after / before < RUNG * 1.001 for before, after in itertools.pairwise(found[1:]))
+    assert found[1] < 1e-3 < 0.02 < found[-1]
+    assert margins(toy_task(3).resolve(3)) == pytest.approx([1e-4, 1e-3, 1e-2, 1e-1])
+
+
+def test_the_next_margin_makes_up_for_the_clearance_that_errors_cost(tmp_path, monkeypatch):
+    keys = keys_by_rank(tmp_path)
+    monkeypatch.setenv("TOY_LOSS", "5e-3")
+    answer = toy_run(tmp_path / "run", task=tolerant())
+    own, needed = margins_of(tmp_path / "run", keys[0])
+    assert own == 1e-4
+    assert 5e-3 <= needed < 5e-3 * RUNG
+    assert answer.best.key == keys[0]
+    assert answer.sizes[0].complete
+    assert toy_run(tmp_path / "run", task=tolerant()) == answer
+
+
+def test_one_topology_gets_the_margins_that_it_gets_in_a_run(tmp_path, monkeypatch):
+    keys = keys_by_rank(tmp_path)
+    monkeypatch.setenv("TOY_LOSS", "5e-3")
+    toy_run(tmp_path / "run", task=tolerant())
+    monkeypatch.setattr(single, "Workers", InProcess)
+    found = solve_single(
+        tolerant().resolve(3),
+        Topology.from_key(keys[0]),
+        BACKENDS,
+        starts=2,
+        round_size=2,
+        seed=0,
+        time_limit=None,
+        progress=lambda _: None,
+    )
+    assert found.found
+    assert found.design.task.search.margin == margins_of(tmp_path / "run", keys[0])[-1]
+    assert found.notes == ("the audit of the design with margin 0.0001 m is undecided",)
+
+
+def test_margins_are_raised_a_few_times_at_most(tmp_path, monkeypatch):
+    keys = keys_by_rank(tmp_path)
+    monkeypatch.setenv("TOY_VIOLATED", keys[0])
+    answer = toy_run(tmp_path / "run", task=tolerant())
+    assert len(margins_of(tmp_path / "run", keys[0])) == 1 + LARGER_MARGINS
+    assert answer.best.key == keys[1]
     assert answer.sizes[0].complete

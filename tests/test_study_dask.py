@@ -69,7 +69,7 @@ def test_a_scheduler_that_ends_loses_nothing_and_the_run_goes_on_without_it(tmp_
 @pytest.fixture
 def command(tmp_path, monkeypatch):
     """`topo-search run` on the toy problem in an empty folder."""
-    monkeypatch.setattr(compose, "VERBS", toy_problem.VERBS)
+    monkeypatch.setattr(compose, "BACKENDS", toy_problem.BACKENDS)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "toy.toml").write_text(to_toml(toy_task()))
     return lambda *words: CliRunner().invoke(main, ["run", "toy.toml", *words], catch_exceptions=False)
@@ -88,7 +88,7 @@ def test_no_scheduler_is_a_status_of_its_own(command, monkeypatch):
     result = command("--dask", address)
     assert result.exit_code == 70
     assert f"no Dask scheduler answers at {address}: " in result.stderr
-    assert "the same command resumes" in result.stderr
+    assert "the same command" in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -110,6 +110,6 @@ def test_without_the_extra_the_message_names_it(command, monkeypatch):
     result = command("--dask", "tcp://node7:8786")
     assert result.exit_code == 2
     assert (
-        '--dask: needs distributed, which is not installed; type: pip install "topo-search[cluster]"'
+        '--dask: needs distributed, which is not installed; run: pip install "topo-search[cluster]"'
         in result.stderr
     )

@@ -155,7 +155,7 @@ def damage(tmp_path, number, seed):
             if use == "run":
                 answer = toy_run(run, engine=InProcess(1))
             else:
-                with RunFolder.found(run) as folder:
+                with RunFolder.load(run) as folder:
                     answer = answer_of(folder)
         except BadInput as error:
             named, answer = str(error), expected
@@ -269,7 +269,7 @@ def test_clocks_that_jump_change_nothing(tmp_path, monkeypatch, seed):
     monkeypatch.setattr(time, "time", lambda: real() + generator.choice([-1e9, -3600, 0, 3600, 1e9]))
     first = toy_run(tmp_path / "run", modules=4, time_limit=1e6)
     assert ranking(tmp_path / "run") == ranking(tmp_path / "whole")
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         assert answer_of(folder) == first
         logged = list(folder.ledger.solves(4))
     assert sorted({solve.key for solve in logged}) == sorted(row[0] for row in ranking(tmp_path / "run"))
@@ -285,7 +285,7 @@ def test_of_two_coordinators_one_works(tmp_path, without):
         if without:
             (coordinator.folder / ".lock").unlink()
         for _ in range(2):
-            with pytest.raises(BadInput, match="another run works in this folder"):
+            with pytest.raises(BadInput, match="another run is using this folder"):
                 toy_run(coordinator.folder, modules=4)
         status, _, err = coordinator.finish()
         assert status == 0, err.decode()

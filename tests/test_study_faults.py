@@ -117,7 +117,7 @@ import toy_problem
 from topo_search import compose
 from topo_search.cli import main
 
-compose.VERBS = toy_problem.VERBS
+compose.BACKENDS = toy_problem.BACKENDS
 main(["run", "toy.toml", "--symmetry", "c2", "--workers", "1", "--out", "run"])
 """
 """`topo-search run` on the toy problem."""
@@ -141,8 +141,8 @@ def test_a_disk_that_fills_up_ends_the_command_with_nothing_lost(tmp_path):
 
     full = run(200_000)
     assert full.returncode == 74, full.stderr
-    assert "the ledger cannot be written: " in full.stderr
-    assert "the same command resumes" in full.stderr
+    assert "cannot write the ledger: " in full.stderr
+    assert "the same command" in full.stderr
     kept = recorded(tmp_path / "run")
     assert 0 < len(kept) < len(keys_of(5))
     log.write_text("")

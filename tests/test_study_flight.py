@@ -73,7 +73,7 @@ def solve(task: Any, topology: Any, **options: Any) -> Any:
     return found.model_validate({**found.model_dump(), **stated})
 
 
-VERBS = replace(toy_problem.VERBS, audit=audit, solve=solve)
+BACKENDS = replace(toy_problem.BACKENDS, audit=audit, solve=solve)
 
 
 def rows(path: Any) -> dict[str, dict[str, str]]:
@@ -82,8 +82,8 @@ def rows(path: Any) -> dict[str, dict[str, str]]:
 
 
 def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
-    toy_run(tmp_path / "run", verbs=VERBS)
-    flight = COLUMNS[-10:-3]  # the last ones are of proofs
+    toy_run(tmp_path / "run", backends=BACKENDS)
+    flight = COLUMNS[-11:-4]  # the last ones are of proofs
     assert flight == (
         *("force_reserve_N", "torque_reserve_Nm", "rotors_out_hover", "load_factor", "joint_moment_Nm"),
         *("hinge_tolerance_deg", "rod_length_m"),
@@ -97,22 +97,22 @@ def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
 
 def test_without_figures_their_cells_are_empty(tmp_path):
     answer = toy_run(tmp_path / "run")
-    assert all(not row[name] for row in rows(tmp_path / "run").values() for name in COLUMNS[-7:])
+    assert all(not row[name] for row in rows(tmp_path / "run").values() for name in COLUMNS[-11:])
     assert answer.weakest_point is None
     assert answer.candidates["force_reserve_N"].isna().all()
 
 
 def test_figures_outlive_more_starts_and_another_process(tmp_path):
-    toy_run(tmp_path / "run", verbs=VERBS)
+    toy_run(tmp_path / "run", backends=BACKENDS)
     before = rows(tmp_path / "run")
-    toy_run(tmp_path / "run", verbs=VERBS, starts=4)
+    toy_run(tmp_path / "run", backends=BACKENDS, starts=4)
     after = rows(tmp_path / "run")
     for key in before:
-        assert [before[key][name] for name in COLUMNS[-7:]] == [after[key][name] for name in COLUMNS[-7:]]
+        assert [before[key][name] for name in COLUMNS[-11:]] == [after[key][name] for name in COLUMNS[-11:]]
 
 
 def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys):
-    answer = toy_run(tmp_path / "run", verbs=VERBS)
+    answer = toy_run(tmp_path / "run", backends=BACKENDS)
     (size,) = answer.sizes
     assert [row.key for row in size.top] == ["a500", "a600", "aa00", "a300"]
     assert [row.key for row in size.near_ties] == ["aa00", "a500", "a600"]
@@ -128,7 +128,7 @@ def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys
     shown = size._repr_html_()
     place = shown.index("within 1 % of the least effort")
     assert 0 < shown.index("aa00", place) < shown.index("a500", place) < shown.index("a600", place)
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         page = Reader(render(run_page(folder)))
     assert "Hovers; weakest side force at the tip 1.25 N towards -y; survives 11 of 12" in page.text
     assert "audited designs within 1 % of the least effort" in page.text
@@ -138,13 +138,13 @@ def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys
 
 def test_a_design_as_near_that_is_not_audited_is_counted(tmp_path, monkeypatch):
     monkeypatch.setattr("topo_search.study.audits.AUDITED", 2)
-    (size,) = toy_run(tmp_path / "run", verbs=VERBS).sizes
+    (size,) = toy_run(tmp_path / "run", backends=BACKENDS).sizes
     assert [row.key for row in size.near_ties] == ["a500", "a600"]
     assert size.near_ties_unaudited == 1
 
 
 def test_figures_that_are_not_those_of_the_audit_are_found(tmp_path):
-    toy_run(tmp_path / "run", verbs=VERBS)
+    toy_run(tmp_path / "run", backends=BACKENDS)
     forged(tmp_path / "run", "UPDATE candidates SET force_reserve_N = 3.0 WHERE key = 'a500'")
     with pytest.raises(BadInput, match="a500: its figures are not those of its audit"):
-        toy_run(tmp_path / "run", verbs=VERBS)
+        toy_run(tmp_path / "run", backends=BACKENDS)

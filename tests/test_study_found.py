@@ -13,7 +13,7 @@ from topo_search.study.identity import Request
 
 def test_the_folder_alone_tells_what_was_asked_and_found(tmp_path):
     answer = toy_run(tmp_path / "run", modules=(2, 3), symmetry="none", starts=3, seed=7)
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         request = folder.request
         assert (request.symmetry, request.starts, request.seed) == ("none", 3, 7)
         assert answer_of(folder) == answer
@@ -22,7 +22,7 @@ def test_the_folder_alone_tells_what_was_asked_and_found(tmp_path):
 def test_more_starts_are_remembered(tmp_path):
     toy_run(tmp_path / "run", starts=2)
     toy_run(tmp_path / "run", starts=5)
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         assert folder.request.starts == 5
 
 
@@ -32,7 +32,7 @@ def test_solves_come_in_the_order_in_which_they_ended(tmp_path, monkeypatch):
     began = time.time()
     toy_run(tmp_path / "run", starts=1)
     toy_run(tmp_path / "run", starts=2)
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         solves, rows = list(folder.ledger.solves(3)), {row.key: row for row in folder.ledger.ranked(3)}
     assert [solve.key for solve in solves] == solved_keys(log)
     assert len(solves) == 2 * len(rows)
@@ -50,7 +50,7 @@ def test_rows_of_other_library_versions_are_found_too(tmp_path, monkeypatch):
     answer = toy_run(tmp_path / "run")
     monkeypatch.setattr("topo_search.study.identity.metadata.version", lambda name: "99")
     assert Request.__dataclass_fields__["versions"].default_factory()["casadi"] == "99"
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         assert "99" not in folder.request.versions.values()
         assert answer_of(folder) == answer
 
@@ -58,13 +58,13 @@ def test_rows_of_other_library_versions_are_found_too(tmp_path, monkeypatch):
 def test_a_proof_is_no_solve(tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
     toy_run(tmp_path / "run")
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         assert list(folder.ledger.solves(3)) == []
         assert {row.status for row in folder.ledger.ranked(3)} == {"impossible"}
 
 
 def test_a_folder_without_a_ledger_is_refused_and_left_as_it_is(tmp_path):
-    with pytest.raises(BadInput, match=r"is no run's folder: it has no ledger\.sqlite"), RunFolder.found(tmp_path):
+    with pytest.raises(BadInput, match=r"is not a run folder: it has no ledger\.sqlite"), RunFolder.load(tmp_path):
         pass
     assert os.listdir(tmp_path) == []
 

@@ -22,8 +22,8 @@ from topo_search.model.files import read_json
 from topo_search.model.goals import Goals, Level
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
-from topo_search.study import Point, Row, RunFolder, answer_of, front
-from topo_search.study.front import CLEARANCE, FRONT_COLUMNS, INPUT, STAND_OFF
+from topo_search.study import FrontPoint, Row, RunFolder, answer_of, front
+from topo_search.study.front import CLEARANCE, FRONT_COLUMNS, INPUT, STAND_OFF, idle
 
 LEVELS = (1e-4, 2e-3, 1e-2)
 GOALS = Goals(clearance=LEVELS)
@@ -40,12 +40,12 @@ def audit(design: Design) -> Audit:
     return toy_problem.audit(design).model_copy(update={"pairs": pairs})
 
 
-VERBS = replace(toy_problem.VERBS, audit=audit)
+BACKENDS = replace(toy_problem.BACKENDS, audit=audit)
 
 
 def goal_run(path, goals=GOALS, **options):
     task = toy_task().model_copy(update={"goals": goals})
-    return toy_run(path, task=task, verbs=VERBS, **options)
+    return toy_run(path, task=task, backends=BACKENDS, **options)
 
 
 def table(path):
@@ -60,7 +60,7 @@ def point(J, clearance=0.0, stand_off=0.0, peak=0.5, modules=3, number=0):
     row = Row(
         key="a", modules=modules, orbit=1, status="feasible", asked=1, lower_bound=1.0, objective=J, audit="clear"
     )
-    return Point(row, clearance, stand_off, peak, number, Level(None, None, None))
+    return FrontPoint(row, clearance, stand_off, peak, number, Level(None, None, None))
 
 
 steps = st.integers(0, 6)
@@ -185,7 +185,7 @@ def test_a_level_is_the_run_of_its_task(tmp_path):
     goal_run(tmp_path / "front")
     for number, margin in enumerate(LEVELS):
         task = toy_task().at(Level(margin, None, None))
-        toy_run(tmp_path / str(number), task=task, verbs=VERBS)
+        toy_run(tmp_path / str(number), task=task, backends=BACKENDS)
         assert (tmp_path / f"front/levels/{number}/candidates.csv").read_text() == (
             tmp_path / f"{number}/candidates.csv"
         ).read_text()
@@ -230,7 +230,7 @@ def test_the_same_again_solves_nothing_and_answers_the_same(tmp_path, log):
     assert goal_run(tmp_path / "run") == first
     assert solved_keys(log) == solved
     assert (tmp_path / "run/front.csv").read_text() == text
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         assert answer_of(folder) == first
 
 
@@ -270,7 +270,7 @@ def test_a_level_without_a_design_is_told(tmp_path, monkeypatch):
         return toy_problem.solve(task, topology, **options)
 
     task = toy_task().model_copy(update={"goals": GOALS})
-    answer = toy_run(tmp_path / "run", task=task, verbs=replace(VERBS, solve=solve))
+    answer = toy_run(tmp_path / "run", task=task, backends=replace(BACKENDS, solve=solve))
     assert answer.exit_status == 0
     assert [at.sizes[0].best is None for at in answer.levels] == [False, False, True]
     assert "no start of 4 candidates led to a design" in answer.levels[2].sizes[0].reason
@@ -307,7 +307,7 @@ def test_fewer_modules_against_effort_of_a_hover(tmp_path):
 def test_the_design_of_least_effort_is_not_called_the_smallest(tmp_path, capsys):
     """Both sizes are feasible, and the larger one takes less effort or has more clearance."""
     task = toy_task((2, 3)).model_copy(update={"goals": GOALS})
-    print_answer(answer := toy_run(tmp_path / "run", task=task, verbs=VERBS))
+    print_answer(answer := toy_run(tmp_path / "run", task=task, backends=BACKENDS))
     assert len(answer.sizes) == 2
     assert f"best design: {answer.best.key}, {answer.best.modules} modules, J = " in capsys.readouterr().out
 
@@ -323,7 +323,7 @@ def test_the_command_tells_the_front(tmp_path):
     ran = CliRunner().invoke(main, command, catch_exceptions=False)
     assert ran.exit_code == 0
     assert "level 0: end_effector.stand_off = 0.2, search.peak_input = 1" in ran.stdout
-    assert ran.stdout.count("all rotors at their limit pull with 2.354 N") == 2
+    assert ran.stdout.count("all rotors at full thrust give 2.354 N") == 2
     assert "front, " in ran.stdout
     told = json.loads(CliRunner().invoke(main, [*command, "--json"], catch_exceptions=False).stdout)
     assert [at["number"] for at in told["levels"]] == list(range(6))
@@ -359,7 +359,7 @@ def test_the_page_draws_the_front_and_tells_every_level(tmp_path, monkeypatch):
 
 def toy_front_page(path):
     goal_run(path)
-    with RunFolder.found(path) as folder:
+    with RunFolder.load(path) as folder:
         return render(run_page(folder))
 
 
@@ -368,3 +368,23 @@ def test_a_front_without_designs_has_a_page(tmp_path, monkeypatch):
     page = Reader(toy_front_page(tmp_path / "run"))
     assert "No design was found for toy" in page.text
     assert page.text.count("no start of 4 candidates led to a design") >= 3
+
+
+def test_a_goal_of_which_no_level_binds_is_told_with_where_to_look():
+    reached = replace(point(1.0), force_reserve=1.25)
+    levels = [Level(None, None, peak, force) for peak in (1.0, 0.9) for force in (0.0, 0.1)]
+    binding = [1.0, 1.0 + 1e-6, 2.0, 2.0]
+    (told,) = idle(list(zip(levels, binding, strict=True)), [reached])
+    assert told.startswith("no level of goals.force_reserve binds: each gives the same least effort")
+    assert "reaches 1.25 (N); look for levels of flight.force_reserve beyond that" in told
+    assert idle(list(zip(levels, [1.0, 1.1, 2.0, None], strict=True)), [reached]) == []
+    assert idle(list(zip(levels, binding, strict=True)), []) == []
+
+
+def test_reserves_failures_and_moments_are_weighed_as_the_rest():
+    names = ("force_reserve", "rotor_out", "joint_moment")
+    plain = replace(point(1.0), force_reserve=1.0, rotor_out="none", joint_moment=2.0)
+    safe = replace(point(1.1), force_reserve=1.0, rotor_out="hover", joint_moment=2.0)
+    light = replace(point(1.2), force_reserve=1.0, rotor_out="none", joint_moment=1.5)
+    worse = replace(point(1.3), force_reserve=0.9, rotor_out="hover", joint_moment=2.0)
+    assert [one.row.objective for one in front([plain, safe, light, worse], names)] == [1.0, 1.1, 1.2]

@@ -125,7 +125,7 @@ def test_a_second_coordinator_is_refused_with_the_reason(coordinator):
     coordinator.start()
     coordinator.wait_for(1)
     holder = f"process {coordinator.process.pid} on {platform.node()}"
-    with pytest.raises(BadInput, match=re.escape(f"another run works in this folder ({holder})")):
+    with pytest.raises(BadInput, match=re.escape(f"another run is using this folder ({holder})")):
         toy_run(coordinator.folder, modules=4)
     assert coordinator.finish()[0] == 0
 
@@ -181,13 +181,13 @@ def test_a_ledger_that_is_damaged_where_it_is_looked_at_first_is_left_alone(tmp_
 )
 def test_a_text_that_is_not_what_was_written_is_named(tmp_path, column, harm):
     toy_run(tmp_path / "run")
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         row = next(iter(folder.ledger.ranked(3)))
     database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
     with database:
         database.execute(f"{harm.format(column)} WHERE key = ?", (row.key,))
     database.close()
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         read = {"result": folder.ledger.result, "audit": folder.ledger.audit}[column]
         with pytest.raises(BadInput, match=rf"is damaged .what it holds of {row.key} is not what was written."):
             read(folder.request.contexts(3)[0], row.key)

@@ -9,7 +9,7 @@ from toy_problem import toy_run
 from topo_search.model import BadInput
 from topo_search.study import RunFolder
 
-LEFT = "; it is left as it is: choose another folder with --out, or move it away"
+LEFT = "; it is left unchanged: choose another folder with --out, or move it away"
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def named(run, what):
 
 
 def read(run):
-    with RunFolder.found(run):
+    with RunFolder.load(run):
         pass
 
 
@@ -78,7 +78,7 @@ def test_an_identity_that_is_none(run, use, harm, what):
 @pytest.mark.parametrize("text", ["", '{"task": "x" seed', "\x00"])
 def test_an_identity_that_is_no_json(run, use, text):
     forged(run, ("UPDATE run SET identity = ?", (text,)))
-    with pytest.raises(BadInput, match=r"is damaged \(its table run: Invalid JSON: .*; it is left as it is"):
+    with pytest.raises(BadInput, match=r"is damaged \(its table run: Invalid JSON: .*; it is left unchanged"):
         use(run)
 
 
@@ -132,7 +132,7 @@ def test_a_file_that_is_no_database(tmp_path):
 
 def test_a_folder_in_place_of_the_file(tmp_path):
     (tmp_path / "ledger.sqlite").mkdir()
-    with pytest.raises(BadInput, match=r"ledger\.sqlite: is no file; it is left as it is"):
+    with pytest.raises(BadInput, match=r"ledger\.sqlite: is no file; it is left unchanged"):
         toy_run(tmp_path)
 
 

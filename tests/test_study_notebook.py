@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ElementTree
 from typing import Any
 
 import pytest
-from toy_problem import VERBS, InProcess, toy_run, toy_task
+from toy_problem import BACKENDS, InProcess, toy_run, toy_task
 from verify_cases import changed, fan
 
 from topo_search import figure
@@ -36,7 +36,7 @@ def toy_solved(key: str, monkeypatch: pytest.MonkeyPatch) -> Solved:
     topology = Topology.from_key(key)
     task = toy_task(topology.n).resolve(topology.n)
     return solve_single(
-        task, topology, VERBS, starts=1, round_size=1, seed=0, time_limit=None, progress=lambda _: None
+        task, topology, BACKENDS, starts=1, round_size=1, seed=0, time_limit=None, progress=lambda _: None
     )
 
 

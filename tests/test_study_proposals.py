@@ -11,7 +11,8 @@ from processes import eventually, recorded
 from test_study_interruptions import Coordinator, processes_with, ranking
 from toy_problem import solved_keys, toy_run
 
-from topo_search.study import Silent
+from topo_search.model import BadInput
+from topo_search.study import RunFolder, Silent
 
 PROPOSED = {"modules": 6, "strategy": "optuna", "starts": 9}
 
@@ -26,7 +27,7 @@ def test_as_many_candidates_are_solved_as_asked_for_and_the_number_can_be_raised
     answer = toy_run(tmp_path / "run", sampler=sampler, trials=40, **PROPOSED)
     (size,) = answer.sizes
     assert (size.settled, size.candidates, size.complete) == (40, 216, True)
-    assert "not proposed: 176 of 216 candidates, of which nothing is known" in size.remarks
+    assert any("176 of 216 candidates" in remark and "never proposed" in remark for remark in size.remarks)
     few = {row[0] for row in ranking(tmp_path / "run")}
     assert {trial.user_attrs["key"] for trial in trials_of(tmp_path / "run")} == few
 
@@ -43,10 +44,10 @@ class Told(Silent):
     def __init__(self):
         self.sizes = []
 
-    def size(self, n, candidates, starts):
-        self.sizes.append([n, candidates, starts, 0])
+    def phase(self, phase):
+        self.sizes.append([phase, 0])
 
-    def settled(self, incumbent):
+    def settled(self, incumbent, *, known=False):
         self.sizes[-1][-1] += 1
 
 
@@ -56,11 +57,11 @@ def test_where_all_candidates_are_proposed_it_ends_like_an_exhaustive_search(tmp
     answer = toy_run(tmp_path / "run", sampler=sampler, trials=1000, observer=observer, **PROPOSED)
     (size,) = answer.sizes
     assert (size.settled, size.candidates, size.starts, size.complete) == (216, 216, 9, True)
-    first, (n, number, starts, told) = observer.sizes
-    assert first == [6, 216, 9, 216]
-    assert (n, starts) == (6, 9)
-    assert 108 < number == told <= 216
-    assert not any("not proposed" in remark for remark in size.remarks)
+    (_, _), (first, settled), (second, told), *_ = observer.sizes
+    assert (first.name, first.n, first.steps, first.starts, settled) == ("searching", 6, 216, 9, 216)
+    assert (second.name, second.n, second.starts) == ("polishing", 6, 9)
+    assert 108 < second.steps == told <= 216
+    assert not any("never proposed" in remark for remark in size.remarks)
     if sampler == "random":  # without designs carried over
         toy_run(tmp_path / "exhaustive", modules=6, starts=9)
         assert [row[:2] for row in ranking(tmp_path / "run")] == [
@@ -77,6 +78,20 @@ def test_workers_change_nothing(tmp_path):
     one, three = ([trial.user_attrs for trial in trials_of(tmp_path / workers)] for workers in "13")
     assert one == three
     assert len(one) > len({attributes["key"] for attributes in one}) == 80  # some trees are tried again
+
+
+def test_the_size_of_a_round_is_part_of_what_is_asked(tmp_path):
+    options = {"modules": 6, "strategy": "optuna", "trials": 40}
+    asked = {**options, "round_size": 20}
+    toy_run(tmp_path / "one", workers=1, **asked)
+    toy_run(tmp_path / "two", workers=2, **asked)
+    assert ranking(tmp_path / "one") == ranking(tmp_path / "two")
+    with RunFolder.load(tmp_path / "one") as folder:
+        assert folder.request.round_size == 20
+    with pytest.raises(BadInput, match="holds a run with round_size 20, not 8"):
+        toy_run(tmp_path / "one", **options)
+    with pytest.raises(ValueError, match="1 <= round_size <= 1,000"):
+        toy_run(tmp_path / "three", **options, round_size=1001)
 
 
 def test_a_killed_run_ends_like_one_that_was_not_and_solves_nothing_twice(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ from toy_problem import InProcess, toy_run
 
 from topo_search.model import BadInput, Chunk, Proof
 from topo_search.model.proof import chunk_count
+from topo_search.report.run_page import run_page
 from topo_search.study import RunFolder, Silent, prove
 from topo_search.study.frame import candidates
 from topo_search.study.proofs import target
@@ -21,8 +22,9 @@ class Prover:
     def __init__(self, *, refuses=()):
         self.asked, self.refuses = [], refuses
 
-    def __call__(self, task, topology, number, cut):
+    def __call__(self, task, topology, number, cut, problem):
         self.asked.append((topology.key, number, cut))
+        self.problem = problem
         if topology.key in self.refuses:
             return Chunk.of(number, "stuck", b"", ((0.0,), (1.0,)))
         return Chunk.of(number, "closed", bytes([2, 0, 1]))
@@ -100,7 +102,7 @@ def test_one_tree_alone(run):
     answer = proven(run, prover, key=key)
     assert {asked for asked, _, _ in prover.asked} == {key}
     assert len(prover.asked) == chunk_count(3)
-    assert "not looked at" in answer.sizes[0].proven
+    assert "not examined" in answer.sizes[0].proven
 
 
 def test_what_there_is_nothing_to_prove_of_is_refused(run, tmp_path):
@@ -121,7 +123,7 @@ def test_a_proof_of_another_task_does_not_count_and_a_damaged_one_is_named(run):
     file.write_text(json.dumps(text | {"cut": "low"}))
     with (
         pytest.raises(BadInput, match=rf"{file.name}.*cut"),
-        RunFolder.found(run) as folder,
+        RunFolder.load(run) as folder,
     ):
         folder.proofs(3)
 
@@ -139,3 +141,30 @@ def test_the_cut_is_the_best_unless_a_tree_is_as_good():
     aim, cut = target(row, 100.0, 0.03)
     assert aim == "within"
     assert cut == pytest.approx(98.94)
+
+
+def test_a_proof_about_the_solvers_problem_says_so_and_the_tasks_serves_for_it(run):
+    first, wider, served = Prover(), Prover(), Prover()
+    answer = proven(run, first, problem="solver")
+    assert first.problem == "solver"
+    assert "the solver's own distances, airflow envelopes may be 0.0001 m apart" in answer.sizes[0].proven
+    assert {row["proven_problem"] for row in table(run).values()} == {"solver"}
+    answer = proven(run, wider)
+    assert (wider.problem, set(wider.asked)) == ("task", set(first.asked))
+    assert "solver" not in answer.sizes[0].proven
+    proven(run, served, problem="solver")
+    assert not served.asked
+    assert {row["proven_problem"] for row in table(run).values()} == {"task"}
+
+
+def test_the_page_says_what_is_proven(run):
+    with RunFolder.load(run) as folder:
+        assert '"proof"' not in run_page(folder).run.candidates
+    proven(run, Prover())
+    with RunFolder.load(run) as folder:
+        page = run_page(folder)
+    assert page.answer.endswith("candidates, proven to within 1.00 %.")
+    assert ("Proven gap", "1.00 %") in [(tile.name, tile.figure) for tile in page.tiles]
+    assert page.bound[-1].startswith("Proven by branch and bound: no 3-module topology is more than 1.00 % better")
+    assert '"proof"' in page.run.candidates
+    assert '"within"' in page.run.candidates

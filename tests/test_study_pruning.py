@@ -34,7 +34,7 @@ def test_a_design_that_meets_the_bound_spares_the_rest_which_is_counted(tmp_path
     assert toy_run(tmp_path / "run", modules=5, prune=True) == answer
     assert toy_run(tmp_path / "run", modules=5, starts=9, prune=True).sizes[0].complete
     assert set(solved_keys(log)) <= set(keys[:PRUNED_AFTER])
-    with RunFolder.found(tmp_path / "run") as folder:
+    with RunFolder.load(tmp_path / "run") as folder:
         assert folder.request.prune
         assert {solve.key for solve in folder.ledger.solves(5)} == set(keys[:PRUNED_AFTER])
 

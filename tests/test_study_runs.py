@@ -15,6 +15,7 @@ from toy_problem import solved_keys, toy_run
 from topo_search.model import Audit, BadInput, Design
 from topo_search.model.files import read_json, read_task
 from topo_search.study import COLUMNS
+from topo_search.study.relaxing import TREES
 
 
 def table(path):
@@ -109,11 +110,11 @@ def test_a_proof_spares_the_solving(tmp_path, monkeypatch, log):
     monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
     answer = toy_run(tmp_path / "run")
     assert answer.exit_status == 3
-    assert answer.sizes[0].reason == "three modules can lift 3.1 times less than asked"
+    assert answer.sizes[0].reason == "three modules cannot lift what is asked"
     rows = table(tmp_path / "run")
     assert len(rows) == answer.sizes[0].candidates > 0
     assert {row["status"] for row in rows} == {"impossible"}
-    assert solved_keys(log) == []
+    assert len(set(solved_keys(log))) <= TREES  # those whose limits are relaxed, to say what would help
     assert toy_run(tmp_path / "run") == answer
 
 
@@ -257,7 +258,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path, protected):
     protected(tmp_path / "run")
     with pytest.raises(BadInput, match=r"/run: cannot be written to: Permission denied; choose"):
         toy_run(tmp_path / "run")
-    with pytest.raises(BadInput, match=r"^/proc/self: is no run's folder, and not empty: it has .*; choose"):
+    with pytest.raises(BadInput, match=r"^/proc/self: is not a run folder, and not empty: it has .*; choose"):
         toy_run("/proc/self")
     with pytest.raises(BadInput, match=r"^/proc/nowhere/deep: cannot be made: No such file or directory; choose"):
         toy_run("/proc/nowhere/deep")
@@ -299,7 +300,7 @@ def test_what_cannot_be_asked_is_refused_before_a_folder_is_made(tmp_path, asked
 
 def test_a_folder_of_something_else_is_refused_untouched(tmp_path):
     (tmp_path / "task.toml").write_text("mine")
-    with pytest.raises(BadInput, match=r"has task\.toml but no ledger\.sqlite: the ledger is gone"):
+    with pytest.raises(BadInput, match=r"has task\.toml but no ledger\.sqlite"):
         toy_run(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["task.toml"]
     with pytest.raises(BadInput, match="is a file"):

@@ -9,11 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from topo_search.model import (
+    Allowed,
     Directional,
     EndEffector,
     Exterior,
     LoadCase,
     Local,
+    Plane,
     ResolvedTask,
     Search,
     Task,
@@ -52,6 +54,18 @@ def task_of(
         exposure=exposure,
         search=Search(**search),
     ).resolve(5)
+
+
+def bent(*paths: Any) -> Directional:
+    """Bent paths, points as whole numbers or not."""
+    return Directional(polylines=tuple(tuple(tuple(map(float, point)) for point in path) for path in paths))
+
+
+def below(*planes: tuple[float, float, float, float]) -> Allowed:
+    """Half-spaces, (normal, offset) each."""
+    return Allowed(
+        planes=tuple(Plane(normal=(float(x), float(y), float(z)), offset=offset) for x, y, z, offset in planes)
+    )
 
 
 def maps_load_cases_onto_themselves(O: Array, task: ResolvedTask) -> bool:
@@ -245,6 +259,17 @@ def test_a_fixed_end_effector_stays_where_it_is(position: Any, symmetric: bool) 
         ((Exterior(axis=(2.0, 0.0, 0.0)),), False),
         ((Exterior(axis=(2.0, 0.0, 0.0)), Exterior(axis=(0.0, 3.0, 0.0))), True),
         ((Exterior(axis=(2.0, 0.0, 0.0)), Exterior(half_angle_deg=61.0, axis=(0.0, 3.0, 0.0))), False),
+        ((bent(((0, 0, 0), (0.5, 0, 0), (0.5, 0, -0.5))),), False),
+        ((bent(((0.5, 0.5, 0), (1, 1, -0.5))),), True),
+        ((bent(((0.5, 0, 0), (0, 0.5, 0))),), True),  # onto itself, the other way round
+        ((bent(((0.5, 0, 0), (0, 0.6, 0))),), False),
+        ((bent(((0.5, 0, 0), (1, 0, 1)), ((0, 1, 1), (0, 0.5, 0))),), True),
+        ((bent(((0.5, 0, 0), (1, 0, 1)), ((0, 1, 1), (0, 0.5, 0.1))),), False),
+        ((below((0, 0, 1, 0.1)),), True),
+        ((below((1, 0, 0, 0.1)),), False),
+        ((below((1, 0, 0, 0.1), (0, 2, 0, 0.1)),), True),
+        ((below((1, 0, 0, 0.1), (0, 1, 0, 0.2)),), False),
+        ((below((1, 1, 0, -0.1)), Exterior(axis=(-1.0, -1.0, 0.0))), True),
     ],
 )
 def test_exposure_requirements_are_mapped_onto_themselves(exposure: tuple[Any, ...], symmetric: bool) -> None:

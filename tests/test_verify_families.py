@@ -5,7 +5,7 @@ import pytest
 from verify_airflow_families import BESIDE, SCALES_BESIDE
 from verify_families import JUDGED, SCALES_OF, brute_approach
 
-from nlp.geometry import Swept, hull_clearance
+from nlp.numbers.geometry import Swept, hull_clearance
 from topo_search.model import Status
 from topo_search.model.hulls import convex_hull
 from verify.bodies import ConeSphere

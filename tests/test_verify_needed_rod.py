@@ -49,6 +49,18 @@ def test_where_no_straight_rod_reaches_a_row_says_so(clearance):
     assert asked.verdict is Status.VIOLATED
 
 
+def test_the_reach_of_its_rod_is_judged_where_it_is_limited():
+    """The nearest connector is 0.15 m beside the centre: 0.39 m from a tip that is 0.36 m above it."""
+    for reach, status in ((0.4, Status.CLEAR), (0.38, Status.VIOLATED)):
+        result = judged("none", (0.0, 0.0, 0.36), end_effector={"largest_reach": reach})
+        (row,) = (row for row in result.residuals if row.name == "reach of the end-effector's rod")
+        assert (row.status, result.verdict) == (status, status)
+        assert row.derived == pytest.approx(0.39)
+        assert row.value == pytest.approx(max(0.0, 0.39 - reach))
+    plain = judged("none", (0.0, 0.0, 0.36))
+    assert not [row for row in plain.residuals if row.name == "reach of the end-effector's rod"]
+
+
 def test_where_digits_are_lost_it_is_undecided():
     result = judged("straight", (0.0, 0.0, 1e12), end_effector={"exclusion": False})
     (row,) = (row for row in result.residuals if row.name == NAME)

@@ -302,6 +302,26 @@ def test_the_tolerances_of_a_task() -> None:
     assert rough.sensitivity.tolerances.factor.tolerated < 1
 
 
+def test_tolerances_that_are_asked_for_count_for_the_verdict() -> None:
+    for errors, verdict in (({"hinge_angle_deg": 0.2}, Status.CLEAR), ({"envelope": 0.2}, Status.VIOLATED)):
+        found = audit(fan({"tolerances": errors, "flight": {"tolerances": True}}))
+        assert found.verdict == verdict
+        row = next(row for row in found.residuals if row.name == "least clearance within the tolerances")
+        assert row.status == verdict
+        assert (row.value > 0) == (verdict != Status.CLEAR)
+
+
+def test_what_is_neither_proven_nor_shown_to_be_lost_is_undecided() -> None:
+    known = audit(fan({"tolerances": {"hinge_angle_deg": 1.0}})).sensitivity
+    assert known is not None
+    limit = known.hinge_angle_deg
+    assert limit is not None
+    assert limit.violated_at is not None
+    between = (limit.tolerated + limit.violated_at) / 2
+    found = audit(fan({"tolerances": {"hinge_angle_deg": between}, "flight": {"tolerances": True}}))
+    assert found.verdict == Status.UNDECIDED
+
+
 def test_a_design_that_is_violated_tolerates_nothing() -> None:
     result = audit(fan(hinges=(0.6, -0.6))).sensitivity
     assert result is not None

@@ -4,7 +4,8 @@ Environment variables reach the worker processes. TOY_LOG names a file that gets
 solve, and then the keys of the designs that were to be carried over, TOY_AUDIT_LOG one that gets the key for every
 audit; TOY_SLEEP is the time a solve takes [s]. TOY_SEGFAULT, TOY_HANG, TOY_RAISE, TOY_MEMORY, TOY_NONE and
 TOY_VIOLATED name keys (`*` for all) that crash, never end, raise, run out of memory, are infeasible, or fail their
-audit while the margin is under TOY_MARGIN. Those of TOY_OPTIMAL meet the bound with the usual margin.
+audit while the margin is under TOY_MARGIN. TOY_LOSS is how much clearance
+errors of building cost [m]. Those of TOY_OPTIMAL meet the bound with the usual margin.
 """
 
 import argparse
@@ -19,20 +20,22 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-from topo_search.engine import DaskWorkers, Engine, Verbs, Workers
+from topo_search.engine import Backends, DaskWorkers, Engine, Workers
 from topo_search.model import (
     Audit,
     Design,
     Infeasible,
     LoadCase,
     ResolvedTask,
+    Sensitivity,
     Shortfall,
     SolverRecord,
     Task,
     Topology,
+    WorstCase,
     Wrench,
 )
-from topo_search.study import Request, Row, Silent, run
+from topo_search.study import DEFAULT_ROUND, Request, Row, Silent, run
 
 BOUND = 1.0
 """Every objective lies above."""
@@ -130,9 +133,22 @@ def audit(design: Design) -> Audit:
             stream.write(f"{key}\n")
     if _told("TOY_AUDIT_SEGFAULT", key):
         os.kill(os.getpid(), signal.SIGSEGV)
+    left = design.task.search.margin - float(os.environ.get("TOY_LOSS", "0"))
+    worst = WorstCase(
+        kind="airflow",
+        a=0,
+        b=1,
+        segment=None,
+        status="clear" if left >= 0 else "undecided",
+        lower_m=left,
+        attained_m=left,
+        factor=None,
+    )
+    errors = Sensitivity(hinge_angle_deg=None, position_m=None, envelope_m=None, tolerances=worst)
     short = design.task.search.margin < float(os.environ.get("TOY_MARGIN", "inf"))
     return Audit(
-        verdict="violated" if _told("TOY_VIOLATED", key) and short else "clear",
+        verdict="violated" if _told("TOY_VIOLATED", key) and short else worst.status,
+        sensitivity=errors if "TOY_LOSS" in os.environ else None,
         pairs=(),
         residuals=(),
         assembly={},
@@ -156,18 +172,18 @@ def prove_impossible(task: ResolvedTask) -> Infeasible | None:
         worst_constraint="load case 0, force",
         violation=1.0,
         unit="N",
-        message="three modules can lift 3.1 times less than asked",
+        message="three modules cannot lift what is asked",
     )
 
 
-VERBS = Verbs(solve=solve, audit=audit, lower_bound=lower_bound, prove_impossible=prove_impossible)
+BACKENDS = Backends(solve=solve, audit=audit, lower_bound=lower_bound, prove_impossible=prove_impossible)
 
 
 class InProcess:
     """Stands in for the worker processes where they are not what is tested."""
 
     def __init__(self, count):
-        pass
+        self.count = count
 
     def __enter__(self):
         return self
@@ -207,18 +223,19 @@ def toy_run(
     sampler="moves",
     trials=None,
     prune=False,
+    round_size=DEFAULT_ROUND,
     workers=None,
     engine=None,
     observer=None,
-    verbs=VERBS,
+    backends=BACKENDS,
     **options,
 ):
     """Run the toy problem: on an engine, in worker processes if their number is given, or in this process."""
     asked = task or toy_task(modules)
-    request = Request(asked, symmetry, starts, seed, strategy, sampler, trials, prune)
+    request = Request(asked, symmetry, starts, seed, strategy, sampler, trials, prune, round_size)
     place = Workers(workers) if workers else InProcess(1)
     with nullcontext(engine) if engine else place as engine:
-        return run(request, Path(path), verbs, engine=engine, observer=observer or Silent(), **options)
+        return run(request, Path(path), backends, engine=engine, observer=observer or Silent(), **options)
 
 
 def toy_row(key, *, objective, gap):

@@ -1,4 +1,8 @@
-"""Best topology of a modular aerial manipulator for a task, with an exact audit of every airflow clearance."""
+"""Best topology of a modular aerial manipulator for a task, with an exact audit of every airflow clearance.
+
+Everything that a script needs is here: what to do (`search`, `solve`, `audit`, ...), the nouns of a task, a design
+and an answer, and the doors for code of your own (`OwnConstraint`, `OwnSampler`, `OwnFormat`).
+"""
 
 from __future__ import annotations
 
@@ -6,46 +10,93 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from topo_search.compose import audit, figure, search, solve, write_report
+    from topo_search.compose import audit, figure, prove, search, solve, write_report
+    from topo_search.engine import Certificates, WorkersLost
+    from topo_search.export.formats import export_design, register_format
     from topo_search.export.tables import clearances, residuals
-    from topo_search.model import Design, Task, Topology
-    from topo_search.model.files import read_json, read_task
-
-__all__ = [
-    "Design",
-    "Task",
-    "Topology",
-    "audit",
-    "clearances",
-    "figure",
-    "read_json",
-    "read_task",
-    "residuals",
-    "search",
-    "solve",
-    "write_report",
-]
+    from topo_search.model import (
+        Audit,
+        BadInput,
+        Clearance,
+        Design,
+        Directional,
+        EndEffector,
+        Exterior,
+        Fault,
+        Flight,
+        Infeasible,
+        LoadCase,
+        Local,
+        Module,
+        ResolvedTask,
+        Search,
+        Status,
+        Task,
+        Tolerances,
+        Topology,
+        Wrench,
+    )
+    from topo_search.model.bracket import Bracket
+    from topo_search.model.files import read_json, read_task, to_json, to_toml
+    from topo_search.model.force_cone import ForceCone
+    from topo_search.model.goals import Goals
+    from topo_search.model.module import Airflow, Body
+    from topo_search.model.reserves import AskedFlight
+    from topo_search.model.stated import Stated, StatedCheck
+    from topo_search.protocols import (
+        Candidates,
+        OwnConstraint,
+        OwnFormat,
+        OwnSampler,
+        SymbolicPlatform,
+        TopologySampler,
+        Tried,
+    )
+    from topo_search.report.progress import Lines
+    from topo_search.study import Answer, LedgerLost, Observer, Row, SizeAnswer, Solved
 
 _HOMES = {
-    "Design": "topo_search.model",
-    "Task": "topo_search.model",
-    "Topology": "topo_search.model",
-    "audit": "topo_search.compose",
-    "clearances": "topo_search.export.tables",
-    "figure": "topo_search.compose",
-    "read_json": "topo_search.model.files",
-    "read_task": "topo_search.model.files",
-    "residuals": "topo_search.export.tables",
-    "search": "topo_search.compose",
-    "solve": "topo_search.compose",
-    "write_report": "topo_search.compose",
-}
+    "topo_search.compose": ("audit", "figure", "prove", "search", "solve", "write_report"),
+    "topo_search.engine": ("Certificates", "WorkersLost"),
+    "topo_search.export.formats": ("export_design", "register_format"),
+    "topo_search.export.tables": ("clearances", "residuals"),
+    "topo_search.model": (
+        "Audit", "BadInput", "Clearance", "Design", "Directional", "EndEffector", "Exterior", "Fault", "Flight",
+        "Infeasible", "LoadCase", "Local", "Module", "ResolvedTask", "Search", "Status", "Task", "Tolerances",
+        "Topology", "Wrench",
+    ),
+    "topo_search.model.bracket": ("Bracket",),
+    "topo_search.model.files": ("read_json", "read_task", "to_json", "to_toml"),
+    "topo_search.model.force_cone": ("ForceCone",),
+    "topo_search.model.goals": ("Goals",),
+    "topo_search.model.module": ("Airflow", "Body"),
+    "topo_search.model.reserves": ("AskedFlight",),
+    "topo_search.model.stated": ("Stated", "StatedCheck"),
+    "topo_search.protocols": (
+        "Candidates", "OwnConstraint", "OwnFormat", "OwnSampler", "SymbolicPlatform", "TopologySampler", "Tried",
+    ),
+    "topo_search.report.progress": ("Lines",),
+    "topo_search.study": ("Answer", "LedgerLost", "Observer", "Row", "SizeAnswer", "Solved"),
+}  # fmt: skip
+"""Where each name lives."""
+
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Airflow", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates", "Certificates",
+    "Clearance", "Design", "Directional", "EndEffector", "Exterior", "Fault", "Flight", "ForceCone", "Goals",
+    "Infeasible", "LedgerLost", "Lines", "LoadCase", "Local", "Module", "Observer", "OwnConstraint", "OwnFormat",
+    "OwnSampler", "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status",
+    "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench",
+    "audit", "clearances", "export_design", "figure", "prove", "read_json", "read_task", "register_format",
+    "residuals", "search", "solve", "to_json", "to_toml", "write_report",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     """Load the solver and the audit when they are first asked for (PEP 562)."""
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
+    if name in _HOME_OF:
+        return getattr(import_module(_HOME_OF[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -12,8 +12,13 @@ def main() -> NoReturn:
 
 def _command() -> None:
     import logging
+    import os
 
     logging.disable()  # whatever libraries would log, such as a lost connection's traceback, is told in our words
+
+    from topo_search.child import ONE_THREAD
+
+    os.environ.update(ONE_THREAD)  # before NumPy loads: threads would cost more than proposals, and change sums
 
     from topo_search.cli import main as command
 

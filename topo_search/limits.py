@@ -28,10 +28,12 @@ LISTED_MODULES = 1_000
 DRAWN_TREES = 1_000_000
 """Drawn at once."""
 LOAD_CASES = 200
+FAILURES = 20_000
+"""Wrenches that must be possible with some rotor dead, over all rotors, load cases and corners."""
 REQUIREMENTS = 20
 """Exposure requirements of a task."""
 SEGMENTS = 200
-"""Motion paths of all directional requirements of a task together."""
+"""Straight pieces of motion paths and planes of all requirements of a task together."""
 CORNERS = 100
 """Of a convex region: the solver looks at each of them for every module."""
 LEVELS = 1_000
@@ -54,14 +56,26 @@ STARTS = 10_000
 """Of a topology."""
 TRIALS = 100_000
 """Candidates that a sampler proposes."""
+ROUND = 1_000
+"""Proposals of a round: the coordinator makes them one after the other while workers wait."""
 CANDIDATES = 2_000_000
 """Of one size in an exhaustive search: their table stays within RUN_BYTES."""
+OWN_TOPOLOGIES = 10_000
+"""That a user lists as the candidates of a run."""
+KEYS_BYTES = 4 * MIB
+"""Of a file of keys; one of as many topologies of 200 modules has about half as many."""
+NEAR = 100
+"""Designs to start from: each is one more start of every candidate."""
+OWN_CONSTRAINTS = 100
+"""Of a user, in one run."""
 TREES = 10_000
 """Of one size in an experiment."""
 CELLS = 20_000
 """Of an experiment: its table stays within RESULT_BYTES."""
 SECONDS = 1_000_000_000
 """Of a time limit: 31 years."""
+GAPS = (1e-4, 0.5)
+"""Least and greatest gap that a proof can be asked for."""
 
 LARGEST_INTEGER = 2**63 - 1
 """Seeds and other whole numbers without a range of their own: what TOML promises to every reader."""

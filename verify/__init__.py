@@ -1,8 +1,8 @@
 """The exact audit of a design; shares no code with the solver.
 
 `audit(design)` derives everything again from a design alone; `choose_mount(design)` finds the connector from which
-a straight rod reaches the end-effector; `poses` is the audit's own forward kinematics. All load on first use, so
-that importing this package costs nothing.
+a straight rod reaches the end-effector; `poses` is the audit's own forward kinematics; `check_chunk` checks a part
+of a proof by branch and bound. All load on first use, so that importing this package costs nothing.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from verify.assembly import choose_mount
     from verify.design_audit import audit
     from verify.kinematics import Poses, poses
+    from verify.proof.check import check_chunk
 
-__all__ = ["Poses", "audit", "choose_mount", "poses"]
+__all__ = ["Poses", "audit", "check_chunk", "choose_mount", "poses"]
 
 
 def __getattr__(name: str) -> Any:
@@ -27,6 +28,10 @@ def __getattr__(name: str) -> Any:
         from verify.assembly import choose_mount
 
         return choose_mount
+    if name == "check_chunk":
+        from verify.proof.check import check_chunk
+
+        return check_chunk
     if name in {"Poses", "poses"}:
         from verify import kinematics
 

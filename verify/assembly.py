@@ -23,24 +23,28 @@ from topo_search.model.value import Vector
 from verify.bodies import Array
 from verify.kinematics import PORT_DIRECTIONS, Platform, platform
 from verify.parts import RigidParts, rigid_parts
+from verify.requirements import Scene
 from verify.residuals import finite
 from verify.rod import free_connectors, straight_rod
+from verify.solid_regions import rod_keeps_out
 
 NO_ROD = "no straight rod reaches the end-effector: every free connector is blocked"
 IN_AIRFLOW = "no straight rod that reaches the end-effector is clear of all airflow"
 HEAVY = 0.05
 """Share of the platform's mass from which a rod's, which the model leaves out, is told."""
+REACHED = 1e-6
+"""What the rod's length may be beyond the largest reach, as all residuals [l_arm]."""
 LOST = "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"
 
 
 def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:
-    """Return the sheet; a design's own mount stands, otherwise it is the nearest available connector."""
+    """Return the sheet; a design's own mount stands, otherwise it is the best available connector."""
     joints = tuple(
         BoltedJoint(module=h, port=a, child=i, child_port=b, angle_deg=finite(math.degrees(alpha)))
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     )
     connectors = free_connectors(design, parts)
-    mount = design.mount or nearest_available(connectors)
+    mount = design.mount or best_available(connectors, Scene(design, found), parts)
     rod = _rod(design, parts, mount) if mount is not None and parts.in_range else None
     of_rod = () if rod is None else (_long(design, rod), _heavy(design, rod, found))
     notes = (_note(parts, mount, connectors), *of_rod)
@@ -55,23 +59,28 @@ def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:
     return Assembly(joints=joints, end_effector=sheet)
 
 
-def nearest_available(connectors: tuple[FreeConnector, ...]) -> Mount | None:
-    """Return the first connector from which a rod is clear of parts and airflow, else of parts alone, if any.
+def best_available(connectors: tuple[FreeConnector, ...], scene: Scene, parts: RigidParts) -> Mount | None:
+    """Return the connector of the shortest rod that is clear of parts, airflow and solid regions.
 
-    They come shortest rod first.
+    If there is none, the shortest that is clear of parts and airflow, else of parts alone, if any. Connectors come
+    shortest rod first.
     """
     unblocked = [connector for connector in connectors if not connector.blocked_by]
-    free = next((connector for connector in unblocked if not connector.in_airflow_of), next(iter(unblocked), None))
-    return None if free is None else Mount(module=free.module, port=free.port)
+    clear = [connector for connector in unblocked if not connector.in_airflow_of] or unblocked
+    mounts = [Mount(module=connector.module, port=connector.port) for connector in clear]
+    outside = (mount for mount in mounts if rod_keeps_out(scene, parts, mount))
+    return next(outside, next(iter(mounts), None))
 
 
 def choose_mount(design: Design) -> Mount | None:
-    """Return the connector of the shortest straight rod to the end-effector: clear of airflow too, if any is."""
-    return nearest_available(free_connectors(design, rigid_parts(design, platform(design))))
+    """Return the connector from which a straight rod to the end-effector is best, as `best_available` says."""
+    found = platform(design)
+    parts = rigid_parts(design, found)
+    return best_available(free_connectors(design, parts), Scene(design, found), parts)
 
 
 def rod_residuals(design: Design, parts: RigidParts, sheet: Assembly) -> Iterator[Residual]:
-    """Yield whether a straight rod reaches the end-effector, where the task asks for one."""
+    """Yield whether a straight rod reaches the end-effector, and from near enough, where the task asks for it."""
     if design.task.end_effector.rod == "straight":
         missing = 0.0 if sheet.mount is not None and parts.in_range else 1.0
         lost = Status.VIOLATED if parts.in_range else Status.UNDECIDED
@@ -84,6 +93,35 @@ def rod_residuals(design: Design, parts: RigidParts, sheet: Assembly) -> Iterato
             tolerance=0.0,
             status=status,
         )
+
+    reach = design.task.end_effector.largest_reach
+    if reach is not False:
+        yield _reach(design, parts, sheet, reach)
+
+
+def _reach(design: Design, parts: RigidParts, sheet: Assembly, reach: float) -> Residual:
+    """Return by how much the end-effector is too far from the connector that holds its rod.
+
+    Without a rod that is the nearest free one; a platform without free connectors holds none.
+    """
+    l_arm = design.task.module.arm_length
+    mounts = [Mount(module=i, port=port) for i, port in design.topology.free_connectors]
+    if sheet.mount is not None:
+        mounts = [sheet.mount]
+    lengths = [straight_rod(design, parts, mount).length * l_arm for mount in mounts] if parts.in_range else []
+    excess = max(0.0, min(lengths) - reach) if lengths else 0.0
+    scaled = excess / l_arm
+    status = Status.VIOLATED if scaled > REACHED else Status.CLEAR
+    return Residual(
+        name="reach of the end-effector's rod",
+        value=finite(excess),
+        unit="m",
+        scaled=finite(scaled),
+        tolerance=REACHED,
+        status=status if lengths else Status.UNDECIDED,
+        stated=reach,
+        derived=finite(min(lengths)) if lengths else None,
+    )
 
 
 def _rod(design: Design, parts: RigidParts, mount: Mount) -> Rod:

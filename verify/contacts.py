@@ -46,7 +46,7 @@ class RigidRequirement:
     """Whether it sets the verdict; what does not is measured all the same."""
     bolted: bool = False
     """Whether the frames may touch near the connector."""
-    segment: None = None
+    segment: int | None = None
 
 
 def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterator[RigidRequirement]:

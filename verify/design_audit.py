@@ -17,26 +17,30 @@ from typing import TypeVar
 import numpy as np
 
 from topo_search.model import Audit, Clearance, Design, Module, Status
+from topo_search.model.stated import StatedCheck
 from verify.assembly import assembly, rod_residuals
 from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
 from verify.bodies import Cone
+from verify.brackets import beside_brackets, bracket_hulls, rotors_beside_brackets
 from verify.certificate import Certificate, Solid, certify_pairs
 from verify.compound_certificate import certify_compounds, compound_evidence
 from verify.cone_certificate import certify_inside
 from verify.contacts import RigidRequirement, allowed_contacts, keep_apart
 from verify.evidence import evidence
-from verify.flight import flight, reserve_residuals
+from verify.flight import failure_residuals, flight, load_residuals, reserve_residuals, tolerance_residuals
 from verify.hull_certificate import certify_outside
 from verify.hulls import Hull
 from verify.interference import interference, percent_of_deepest
 from verify.kinematics import platform
 from verify.parts import RigidParts, rigid_parts
+from verify.parts_in_cone import cone_evidence
 from verify.requirements import Requirement, Scene
 from verify.residuals import finite, residuals
 from verify.sensitivity import sensitivity
+from verify.solid_regions import InsideCone, certify_parts, parts_beside_regions, rod_beside_regions
 from verify.wrench_sets import corner_residuals
 
-Asked = Requirement | RigidRequirement | BesideAirflow
+Asked = Requirement | RigidRequirement | BesideAirflow | InsideCone
 MOST_CLEARANCES = 1_000_000
 """Rows of an audit, of every kind: those of 380 modules and 50 paths; more would need gigabytes."""
 Row = TypeVar("Row", bound=Asked)
@@ -68,12 +72,23 @@ def _audit(design: Design, started: float) -> Audit:
     rigid = _within_most(keep_apart(design, parts, sheet.mount), len(requirements) + len(beside))
     others = len(requirements) + len(rigid) + len(beside)
     rods = _within_most(scene.rod(parts, sheet.mount), others)
-    asked: list[Asked] = [*requirements, *rigid, *beside, *rods]
+    brackets = bracket_hulls(design, parts)
+    others += len(rods)
+    bracketed = _within_most(beside_brackets(brackets, scene.envelopes), others)
+    turning = _within_most(rotors_beside_brackets(brackets, parts), others + len(bracketed))
+    others += len(bracketed) + len(turning)
+    solid = _within_most(parts_beside_regions(scene, parts), others)
+    rod_solid = _within_most(rod_beside_regions(scene, parts, sheet.mount), others + len(solid))
+    asked: list[Asked] = [*requirements, *rigid, *beside, *rods, *bracketed, *turning, *solid, *rod_solid]
     certificates = [
         *_certificates(requirements),
         *certify_compounds([(r.body, r.against) for r in rigid], [r.bolted for r in rigid]),
         *certify_beside(beside, parts),
         *_certificates(rods),
+        *_certificates(bracketed),
+        *certify_compounds([(r.body, r.against) for r in turning], [False] * len(turning)),
+        *certify_parts(solid),
+        *_certificates(rod_solid),
     ]
     statuses = [c.status for requirement, c in zip(asked, certificates, strict=True) if requirement.counts]
     mount, module = sheet.mount, design.task.module
@@ -81,7 +96,9 @@ def _audit(design: Design, started: float) -> Audit:
     pairs = tuple(_clearance(*row, module, parts) for row in zip(asked, certificates, strict=True))
     errors = sensitivity(design, found, scene, requirements, holder)
     measured = flight(design, found, sheet, errors)
-    rows = (*rows, *reserve_residuals(design, measured))
+    judged = (reserve_residuals, failure_residuals, load_residuals)
+    rows = (*rows, *(row for residuals_of in judged for row in residuals_of(design, measured)))
+    rows = (*rows, *tolerance_residuals(design, errors))
     return Audit(
         verdict=Status.worst([*(row.status for row in rows), *statuses]),
         pairs=pairs,
@@ -89,6 +106,7 @@ def _audit(design: Design, started: float) -> Audit:
         interference=interference(pairs),
         sensitivity=errors,
         flight=measured,
+        stated=tuple(StatedCheck(**one.model_dump(), status="not checked") for one in design.stated),
         assembly=sheet,
         allowed_contacts=allowed_contacts(design, sheet.mount),
         versions=dict(_versions()),
@@ -138,6 +156,8 @@ def _clearance(requirement: Asked, certificate: Certificate, module: Module, par
 def _evidence(requirement: Asked, parts: RigidParts) -> tuple[str, ...]:
     if isinstance(requirement, BesideAirflow):
         return beside_evidence(requirement, parts)
+    if isinstance(requirement, InsideCone):
+        return cone_evidence(requirement.body, requirement.against)
     if isinstance(requirement, RigidRequirement):
         return compound_evidence(requirement.body, requirement.against, requirement.bolted)
     return evidence(requirement.body, requirement.against)

@@ -13,8 +13,9 @@ from itertools import combinations
 
 import numpy as np
 
-from topo_search.model import Design, Directional, Exterior, Local, Mount
+from topo_search.model import Allowed, Design, Directional, Exterior, Mount
 from topo_search.model.audit import Kind
+from topo_search.model.exposure import Exposure
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import Solid
 from verify.hulls import Hull, hull
@@ -59,12 +60,7 @@ class Scene:
         """Yield every requirement: airflow, exposure, exclusion, separation."""
         yield from self._airflow()
         for number, requirement in enumerate(self.design.task.exposure):
-            if isinstance(requirement, Exterior):
-                yield from self._exterior(number, requirement)
-            elif isinstance(requirement, Local):
-                yield from self._local(number, requirement)
-            else:
-                yield from self._directional(number, requirement)
+            yield from self._exposed(number, requirement)
         yield from self._exclusion()
         yield from self._separation()
 
@@ -75,43 +71,56 @@ class Scene:
         asked = other.kind, other.a, other.b, other.segment
         return next(r for r in self.requirements() if (r.kind, r.a, r.b, r.segment) == asked)
 
+    def regions(self, requirement: Exposure) -> Iterator[tuple[int | None, Solid | Cone | Hull]]:
+        """Yield the volumes of a requirement, with the numbers of its paths or planes; of cones what is allowed."""
+        if isinstance(requirement, Exterior):
+            yield from ((None, cone) for cone in self._cones(requirement))
+        elif isinstance(requirement, Directional):
+            yield from enumerate(self._capsules(requirement))
+        elif isinstance(requirement, Allowed):
+            yield from enumerate(self._half_spaces(requirement))
+        elif requirement.radius is not None:
+            yield None, Solid(ball(self.p_E, requirement.radius / self.l_arm))
+        else:
+            yield None, hull(requirement.corners / self.l_arm).moved(self.p_E)  # far away corners lose their digits
+
     def _airflow(self) -> Iterator[Requirement]:
         counts = self.design.task.search.interference == "airflow"
         for a, b in combinations(range(len(self.envelopes)), 2):
             yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=counts)
 
-    def _local(self, number: int, requirement: Local) -> Iterator[Requirement]:
-        volume: Solid | Hull
-        if requirement.radius is not None:
-            volume = Solid(ball(self.p_E, requirement.radius / self.l_arm))
-        else:
-            volume = hull(requirement.corners / self.l_arm).moved(self.p_E)  # far away corners lose their digits
-        for a, envelope in enumerate(self.envelopes):
-            yield Requirement("local", a, number, envelope, volume)
-
-    def _directional(self, number: int, requirement: Directional) -> Iterator[Requirement]:
-        r = requirement.radius / self.l_arm
-        if requirement.segments is not None:
-            paths = [np.array(segment) / self.l_arm for segment in requirement.segments]
-        elif requirement.length is not None and (outwards := self._outwards()) is not None:
-            paths = [requirement.length / self.l_arm * outwards]
-        else:
-            paths = []
-        for segment, path in enumerate(paths):
-            capsule = Solid(ConeSphere(self.p_E, path, r, 0.0))
+    def _exposed(self, number: int, requirement: Exposure) -> Iterator[Requirement]:
+        for segment, region in self.regions(requirement):
             for a, envelope in enumerate(self.envelopes):
-                yield Requirement("directional", a, number, envelope, capsule, segment)
+                yield Requirement(requirement.kind, a, number, envelope, region, segment)
 
-    def _exterior(self, number: int, requirement: Exterior) -> Iterator[Requirement]:
+    def _capsules(self, requirement: Directional) -> list[Solid]:
+        r = requirement.radius / self.l_arm
+        here, paths = np.zeros(3), list[tuple[Array, Array]]()
+        if requirement.segments is not None:
+            paths = [(here, np.array(segment) / self.l_arm) for segment in requirement.segments]
+        elif requirement.polylines is not None:
+            for points in requirement.polylines:
+                at = np.array(points) / self.l_arm
+                paths += [(at[k], at[k + 1] - at[k]) for k in range(len(at) - 1)]
+        elif requirement.length is not None and (outwards := self._outwards()) is not None:
+            paths = [(here, requirement.length / self.l_arm * outwards)]
+        return [Solid(ConeSphere(self.p_E + start, path, r, 0.0)) for start, path in paths]
+
+    def _half_spaces(self, requirement: Allowed) -> Iterator[Cone]:
+        """Yield every half-space that is allowed: a cone of 90 degrees with its apex on the plane."""
+        for plane in requirement.planes:
+            out = _unit(np.array(plane.normal))
+            yield Cone(self.p_E + plane.offset / self.l_arm * out, -out, 90.0)
+
+    def _cones(self, requirement: Exterior) -> list[Cone]:
+        """Return the cone, unless it has no axis."""
         if requirement.axis == "com":
             outwards = self._outwards()
             axis = None if outwards is None else -outwards
         else:
             axis = _unit(np.array(requirement.axis))
-        if axis is not None:
-            cone = Cone(self.p_E, axis, requirement.half_angle_deg)
-            for a, envelope in enumerate(self.envelopes):
-                yield Requirement("exterior", a, number, envelope, cone)
+        return [] if axis is None else [Cone(self.p_E, axis, requirement.half_angle_deg)]
 
     def rod(self, parts: RigidParts, mount: Mount | None) -> Iterator[Requirement]:
         """Yield the rod from a mount against every airflow, if there is a rod; counted if the task asks for one."""

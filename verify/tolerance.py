@@ -44,7 +44,7 @@ from verify.kinematics import Platform
 from verify.levers import Levers, Motion
 from verify.requirements import Requirement, Scene
 
-KINDS: tuple[Kind, ...] = ("airflow", "local", "directional", "exterior", "exclusion", "separation")
+KINDS: tuple[Kind, ...] = ("airflow", "local", "directional", "exterior", "allowed", "exclusion", "separation")
 """The kinds of requirements that have a bound."""
 BOTH, CENTRE = np.array([0, 1]), np.array([0, 0])
 """Which two of the end balls of a module's envelope a side is the hull of."""
@@ -143,7 +143,7 @@ class Tolerance:
         self._offset = float(np.linalg.norm(scene.offset))
 
     def _group(self, group: list[Requirement]) -> _Group:
-        return self._inside(group) if group[0].kind == "exterior" else self._apart(group)
+        return self._inside(group) if isinstance(group[0].against, Cone) else self._apart(group)
 
     def _apart(self, group: list[Requirement]) -> _Group:
         """Return requirements of pairs of bodies."""
@@ -174,7 +174,7 @@ class Tolerance:
         )
 
     def _inside(self, group: list[Requirement]) -> _Group:
-        """Return requirements of an allowed cone."""
+        """Return requirements of allowed cones and half-spaces."""
         a = np.array([r.a for r in group])
         inside = [(r.body.body, r.against) for r in group if isinstance(r.against, Cone)]
         X = np.array([(body.o, body.o + body.d) for body, _ in inside])

@@ -7,7 +7,7 @@ r"""The wrench balances (2) and (3) of `nlp.problem` with their derivatives alon
 | f_E, f_C, tau | asked forces at the end-effector and the COM, and the sum of both torques, over n | (K, 3) each |
 | mu | multipliers of the balances | (K, 6) |
 | omega, v | axes of the angles, and the velocities they give W's origin (`nlp.assembled.chain`) | (n+2, 3) |
-| g | number of geometric unknowns (`nlp.assembled.carried`) | |
+| g | number of geometric unknowns (`nlp.assembled.local_vectors`) | |
 
 A force with its torque, a = (f, m), that a module carries is moved by every angle inward of it:
 
@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nlp.assembled.carried import Indices
+from nlp.assembled.local_vectors import Indices
 from nlp.assembled.vectors import add_cross, dot
 from topo_search.model.arrays import Array
 

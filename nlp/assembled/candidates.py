@@ -1,7 +1,7 @@
 r"""The least of f over the KKT candidates of two envelopes, smoothed, with its derivatives: compiled, by hand.
 
-The formulas are those of `nlp.envelope.quadratic_candidates`, with A = B and without F, and of `nlp.smooth`. Most
-candidates have next to no share in the log-sum-exp, and cost no derivatives here.
+The formulas are those of `nlp.symbols.envelope.quadratic_candidates`, with A = B and without F, and of
+`nlp.symbols.smooth`. Most candidates have next to no share in the log-sum-exp, and cost no derivatives here.
 
 | symbol | meaning | shape |
 |---|---|---|
@@ -24,7 +24,7 @@ import math
 import numpy as np
 from numba import njit
 
-from nlp.smooth import EPSILON
+from nlp.symbols.smooth import EPSILON
 from topo_search.model.arrays import Array
 
 CANDIDATES = 9

@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from nlp.assembled.vectors import crossed
-from nlp.geometry import PORTS, QUARTER_TURNS
+from nlp.numbers.geometry import PORTS, QUARTER_TURNS
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
 

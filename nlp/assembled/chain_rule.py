@@ -2,7 +2,7 @@
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| x, V, dV, y | unknowns, carried vectors, their derivatives, local vectors; see `nlp.assembled.carried` | | |
+| x, V, dV, y | unknowns, carried vectors, their derivatives, local vectors; see `nlp.assembled.local_vectors` | | |
 | plus, minus | indices in V of a clearance's local vectors, y = V[plus] - V[minus] | (m, s) | |
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nlp.assembled.carried import Indices
+from nlp.assembled.local_vectors import Indices
 from topo_search.model.arrays import Array
 
 

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from nlp.assembled.assembly import Assembly
 from nlp.assembled.callbacks import Evaluated, Function
-from nlp.assembled.carried import Indices, Mask
-from nlp.evaluate import beside_airflow, violations, worst
-from nlp.finish import finish
-from nlp.geometry import Swept, clearance
-from nlp.ipopt import BETA, OPTIONS, Answer, answer_of
-from nlp.memory import ipopt
-from nlp.point import Point
-from nlp.problem import variable_bounds
+from nlp.assembled.problem import AssembledProblem
+from nlp.joints import LimitRows, Limits
+from nlp.numbers.evaluate import worst
+from nlp.numbers.point import Point
+from nlp.own import Assembled, Beside, OwnConstraints, finished, judged, rows_of
+from nlp.programs.ipopt import BETA, OPTIONS, IpoptResult, answer_of
+from nlp.programs.memory import ipopt
+from nlp.requirements import clearances, variable_bounds
 from topo_search.model import ResolvedTask, Topology
 
 Options = dict[str, int | float | str]
@@ -36,13 +34,6 @@ GROWTH = 2.0
 """Of the move limit after a round that ended in a design; its inverse twice over after one that lost it."""
 LEAST_MOVE_LIMIT = 0.04
 """Move limit below which a lost design is not sought any more [rad]."""
-NEAR = 6.0
-"""Pairs of envelopes closer than this are kept apart in a round [l_arm]."""
-BESIDE = 0.3
-"""Parts nearer than this to the airflow of a module that is not bolted to theirs are kept out in a round [l_arm].
-
-Few designs that meet all else have any in there, so that most rounds do well without the others.
-"""
 ROUNDS = 14
 """Most rounds; the evaluation judges what is reached by then."""
 GAIN = 1e-4
@@ -62,13 +53,14 @@ EXACT: Options = {"ipopt.tol": 1e-8}
 class AssembledProgram:
     """The nonlinear program of one task and topology, solved in rounds with move limits on the hinges."""
 
-    def __init__(self, task: ResolvedTask, topology: Topology) -> None:
-        """Keep what a solve needs; nothing expensive is built."""
-        self._task, self._topology = task, topology
-        self._pairs = np.array(list(combinations(range(topology.n), 2)), dtype=np.intp).reshape(-1, 2)
-        self._unbolted = np.array(topology.unbolted, dtype=np.intp).reshape(-1, 2)
+    def __init__(
+        self, task: ResolvedTask, topology: Topology, own: OwnConstraints = (), limits: Limits | None = None
+    ) -> None:
+        """Keep what a solve needs; nothing expensive is built. `limits`: the loads in joints that are stated."""
+        self._task, self._topology, self._own, self._limits = task, topology, own, limits
+        self._clearances = clearances(task, topology)
 
-    def solve(self, start: Point) -> Answer:
+    def solve(self, start: Point) -> IpoptResult:
         """Return the best point of all rounds, with the iterations of all rounds.
 
         Ipopt's steps are long, and on a large platform a hinge's small turn sweeps an envelope through others, to
@@ -79,14 +71,14 @@ class AssembledProgram:
         is.
         """
         limit = BOLD_LIMIT if self._topology.n <= BOLD_UP_TO else MOVE_LIMIT
-        point, merit, iterations, patience = start, _merit(start), 0, 1
+        point, merit, iterations, patience = start, self._merit(start), 0, 1
         status = "no round ended"
         for _ in range(ROUNDS):
             answer = self._round(point, limit, {**STAY, **WARM} if merit.met else STAY)
             status, iterations = answer.status, iterations + answer.iterations
             if not answer.finite:  # what was reached before stands
                 break
-            reached = _merit(answer.point)
+            reached = self._merit(answer.point)
             if not reached.met and (merit.met or limit > MOVE_LIMIT):
                 limit = limit / GROWTH**2 if merit.met else MOVE_LIMIT
                 if limit < LEAST_MOVE_LIMIT:
@@ -105,29 +97,18 @@ class AssembledProgram:
                 if not patience:
                     break
                 patience, limit = patience - 1, limit / GROWTH
-        return Answer(point, status, iterations)
+        return IpoptResult(point, status, iterations)
 
-    def polish(self, start: Point) -> Answer:
+    def polish(self, start: Point) -> IpoptResult:
         """Return where one round from a point next to a minimum ends: all envelopes are kept apart."""
         return self._round(start, POLISH_LIMIT, {**STAY, **WARM, **EXACT})
 
-    def near(self, point: Point) -> Mask:
-        """Return which of all pairs (i, j), i < j, a round from here keeps apart, shape (n (n-1) / 2,)."""
-        air, (R, p) = self._task.module.envelope, point.poses
-        d = -air.length * R[:, :, 2]
-        one, other = (Swept(p[side], d[side], air.start_radius, air.growth) for side in self._pairs.T)
-        near: Mask = clearance(one, other) < NEAR * self._task.module.arm_length
-        return near
-
-    def beside(self, point: Point) -> Indices:
-        """Return the pairs (i, j) of which a round from here keeps i's parts out of j's airflow, shape (m, 2)."""
-        if self._task.body_clearance is None:
-            return self._unbolted[:0]
-        return self._unbolted[beside_airflow(point) < BESIDE * self._task.module.arm_length]
-
-    def _round(self, start: Point, limit: float, options: Options) -> Answer:
-        pairs, blown = self._pairs[self.near(start)], self.beside(start)
-        assembly = Assembly(self._task, self._topology, pairs, blown, BETA)
+    def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
+        stated = [requirement.at_hand(start.platform) for requirement in self._clearances]
+        printed: Assembled = AssembledProblem(self._task, self._topology, stated, BETA)
+        if self._limits is not None:
+            printed = Beside(printed, LimitRows(self._task, self._topology, self._limits))
+        assembly = rows_of(self._own, self._task, self._topology).beside(printed)
         solver, functions = _ipopt(assembly, options)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
         hinges = slice(3, 3 + len(start.alpha))
@@ -145,6 +126,10 @@ class AssembledProgram:
                 raise function.error
         return answer_of(solver, result, self._task, self._topology)
 
+    def _merit(self, point: Point) -> _Merit:
+        reason = worst(judged(finished(point, self._own), self._own))
+        return _Merit(reason.met, point.objective if reason.met else reason.rank)
+
 
 @dataclass(frozen=True)
 class _Merit:
@@ -156,12 +141,7 @@ class _Merit:
     """The effort of a design, else the worst violation."""
 
 
-def _merit(point: Point) -> _Merit:
-    reason = worst(violations(finish(point)))
-    return _Merit(reason.met, point.objective if reason.met else reason.rank)
-
-
-def _ipopt(assembly: Assembly, options: Options) -> tuple[ca.Function, tuple[Evaluated, ...]]:
+def _ipopt(assembly: Assembled, options: Options) -> tuple[ca.Function, tuple[Evaluated, ...]]:
     """Return Ipopt and an assembly's functions that it calls, named as CasADi names them."""
     x, rows, scalar = ca.Sparsity.dense(assembly.size), ca.Sparsity.dense(assembly.rows), ca.Sparsity.dense(1)
     given = {"x": x, "p": ca.Sparsity.dense(0)}

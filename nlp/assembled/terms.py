@@ -1,7 +1,7 @@
-"""Clearances as functions of local vectors, with gradients and Hessians.
+"""The formulas of `nlp.requirements` with gradients and Hessians by their local vectors.
 
-The formulas are those of `nlp.envelope` and `nlp.exposure`. Those of pairs, of which there are most, are derived by
-hand (`nlp.assembled.candidates`), those of exposure by CasADi, once a process and not once a topology.
+Those of pairs, of which there are most, are derived by hand (`nlp.assembled.candidates`), the others by CasADi,
+once a process and not once a topology.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -22,29 +22,29 @@ import numpy as np
 from numba import njit
 
 from nlp.assembled.candidates import smooth_least
-from nlp.assembled.carried import Differences
+from nlp.assembled.local_vectors import Differences
 from nlp.assembled.vectors import dot
-from nlp.envelope import Ball, ConeSphere, clearance, clearance_of_all
-from nlp.exposure import exposure_clearances
-from nlp.units import Units
-from topo_search.model import AirflowEnvelope, Directional, Exterior, Local, Module, needs_offset
-from topo_search.model.airflow_room import part_cover
+from nlp.requirements.distance import Distance
+from nlp.requirements.modules import EnvelopePair
+from nlp.requirements.statement import Formula
 from topo_search.model.arrays import Array
 
 Jet = list[Array]
 """Values (m,), then as far as asked for gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
 KEPT = 30
 """Most buffers of one expression, one for each order and number of columns in use."""
-Formula = Callable[[int, Array], Jet]
-"""formula(order, y); order 0, 1 or 2."""
+Derived = Callable[[int, Array], Jet]
+"""derived(order, y); order 0, 1 or 2."""
 
 
 @dataclass(frozen=True)
 class Term:
     """m clearances of one kind."""
 
-    formula: Formula
+    derived: Derived
     vectors: Differences
+    margin: float
+    """What is asked for beyond zero [l_arm]."""
 
 
 class Mapped:
@@ -81,16 +81,16 @@ class Mapped:
         return (function, buffer), trigger, inputs, outputs  # the trigger keeps neither alive
 
 
-@cache
-def airflow_formula(length: float, r_air: float, dr_air: float, beta: float) -> Formula:
-    """Return the smooth clearance of two airflow envelopes as a formula of w, z_i, z_j.
+def _envelope_pair(pair: EnvelopePair, beta: float) -> tuple[Derived]:
+    """Return the smooth clearance of two airflow envelopes, of w, z_i, z_j.
 
     f depends on them through C, D, E and F alone, and on F by addition.
     """
+    length, r_air, dr_air = pair.air
     A = length**2 - dr_air**2
     sizes = length, dr_air, 2 * r_air, 4 * (r_air + dr_air)
 
-    def formula(order: int, y: Array) -> Jet:
+    def derived(order: int, y: Array) -> Jet:
         c, base = _coefficients(y, *sizes)
         psi, by_c, curved = smooth_least(c, A, beta, order)
         jet = [(psi + base) / sizes[-1]]
@@ -100,7 +100,7 @@ def airflow_formula(length: float, r_air: float, dr_air: float, beta: float) -> 
             jet.append(_hessians(y, by_c, curved, *sizes))
         return jet
 
-    return formula
+    return (derived,)
 
 
 @njit(cache=True)
@@ -165,66 +165,41 @@ def _hessians(
     return hessians
 
 
-@cache
-def distance_formula(distance: float) -> Formula:
-    """Return (||w||^2 - distance^2) / (2 distance) as a formula of w; see `nlp.problem.distance_gap`."""
+def _distance(asked: Distance, _: float) -> tuple[Derived]:
+    """Return (||w||^2 - d^2) / (2 d), of w."""
+    d = asked.least
 
-    def formula(order: int, y: Array) -> Jet:
+    def derived(order: int, y: Array) -> Jet:
         w = y[:, 0]
-        jet: Jet = [(np.einsum("ra,ra->r", w, w) - distance**2) / (2 * distance)]
+        jet: Jet = [(np.einsum("ra,ra->r", w, w) - d**2) / (2 * d)]
         if order >= 1:
-            jet.append(y / distance)
+            jet.append(y / d)
         if order >= 2:
-            jet.append(np.tile(np.eye(3) / distance, (len(w), 1, 1)))
+            jet.append(np.tile(np.eye(3) / d, (len(w), 1, 1)))
         return jet
 
-    return formula
+    return (derived,)
+
+
+BY_HAND: dict[type, Callable[..., tuple[Derived]]] = {EnvelopePair: _envelope_pair, Distance: _distance}
+"""Formulas of which there are so many, or which are so plain, that they have derivatives of their own."""
 
 
 @cache
-def parts_formula(module: Module, unit: Units, beta: float) -> Formula:
-    """Return the smooth clearance of i's parts from j's airflow as a formula of p_i - p_j, x_i, y_i, z_i, z_j."""
-    w, x, y, z, z_j = (ca.SX.sym(name, 3) for name in ("w", "x", "y", "z", "z_j"))
-    balls, R = part_cover(module), ca.horzcat(x, y, z)
-    parts = [
-        Ball(w + R @ ca.DM(place), radius)
-        for place, radius in zip(balls.centres / unit.length, (balls.radii / unit.length).tolist(), strict=True)
-    ]
-    gap = clearance_of_all(_envelope(module.envelope, unit, ca.SX.zeros(3), z_j), parts, ca.SX(beta))
-    return _joined(Mapped(ca.vertcat(w, x, y, z, z_j), gap))
+def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
+    """Return every row of a formula's smooth form with its derivatives."""
+    if (by_hand := BY_HAND.get(type(formula))) is not None:
+        return by_hand(formula, beta)
+    y = [ca.SX.sym("y", 3) for _ in formula.sees]
+    rows = ca.vertsplit(formula.smooth(y, ca.SX(beta)))
+    return tuple(_joined(Mapped(ca.vertcat(*y), row)) for row in rows)
 
 
-@cache
-def tip_formula(air: AirflowEnvelope, rod_radius: float, unit: Units, beta: float) -> Formula:
-    """Return the smooth clearance of the end-effector from an airflow as a formula of p_i - p'_E, z_i."""
-    q, z = ca.SX.sym("q", 3), ca.SX.sym("z", 3)
-    tip = Ball(ca.SX.zeros(3), rod_radius / unit.length)
-    return _joined(Mapped(ca.vertcat(q, z), clearance(_envelope(air, unit, q, z), tip, ca.SX(beta))))
-
-
-def _envelope(air: AirflowEnvelope, unit: Units, o: ca.SX, z: ca.SX) -> ConeSphere:
-    return ConeSphere(o, -air.length / unit.length * z, air.start_radius / unit.length, air.growth / unit.length)
-
-
-@cache
-def exposure_formulas(
-    requirement: Local | Directional | Exterior, air: AirflowEnvelope, unit: Units, beta: float
-) -> tuple[Formula, ...]:
-    """Return each row of an exposure requirement as a formula of p_i - p'_E, z_i and, if it needs it, p_E."""
-    q, z, p_EB = ca.SX.sym("q", 3), ca.SX.sym("z", 3), ca.SX.sym("p_E", 3)
-    envelope = _envelope(air, unit, q, z)
-    gaps = exposure_clearances(requirement, envelope, p_E=ca.SX.zeros(3), p_EB=p_EB, beta=ca.SX(beta), unit=unit)
-    rows = [row for _, gap in gaps for row in ca.vertsplit(gap)]
-    variables = ca.vertcat(q, z, p_EB) if needs_offset(requirement) else ca.vertcat(q, z)
-    mapped = [Mapped(variables, row) for row in rows]
-    return tuple(_joined(formula) for formula in mapped)
-
-
-def _joined(mapped: Mapped) -> Formula:
-    def formula(order: int, y: Array) -> Jet:
+def _joined(mapped: Mapped) -> Derived:
+    def derived(order: int, y: Array) -> Jet:
         jet = mapped(order, y.reshape(len(y), -1))
         if order >= 1:
             jet[1] = jet[1].reshape(y.shape)
         return jet
 
-    return formula
+    return derived

@@ -64,8 +64,8 @@ def bound_of(task: ResolvedTask, J: float) -> float:
     proven = lower_bound(task, accuracy=TOLERANCE)
     if proven * (1 - ROUNDING) > J:
         raise BoundBroken(
-            f"internal error: a design has the control effort {J!r} rad^4/s^4, which is under the bound "
-            f"{proven!r} rad^4/s^4 proven of all designs: one of the two is wrong"
+            f"internal error: a design has the control effort {J!r} rad^4/s^4, which is below the lower bound "
+            f"{proven!r} rad^4/s^4 proven for all designs: one of the two is wrong"
         )
     return J
 

@@ -20,7 +20,7 @@ import numpy as np
 from nlp import names
 from nlp.bounds.duality import multipliers
 from nlp.bounds.effort import total_forces
-from nlp.bounds.shortfall import Shortfall, largest_thrust, modules, unseen_thrust
+from nlp.bounds.refutation import Refutation, largest_thrust, modules, unseen_thrust
 from nlp.bounds.sphere import greatest
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -32,30 +32,30 @@ SOFTENED = 0.01
 """Knee of phi in the search for a proof, in its largest multiplier: nearly that of a thrust without cost."""
 
 
-def one_force(task: ResolvedTask) -> Shortfall | None:
+def one_force(task: ResolvedTask) -> Refutation | None:
     """All rotors together pull with 4 n k_f rho u_max at most, whatever the angles."""
     asked = np.linalg.norm(total_forces(task), axis=1)
     k, most = int(np.argmax(asked)), largest_thrust(task)
     if asked[k] * (1 - ROUNDING) - TOLERANCE * task.force_unit(task.n) <= most + unseen_thrust(task):
         return None
     case = task.case_labels[k]
-    return Shortfall(
+    return Refutation(
         names.force(case),
         float(asked[k] - most),
         "N",
-        f"{modules(task)} can lift {asked[k] / most:.3g} times less than {case} asks: "
-        f"all rotors at their limit pull with {most:.4g} N, the load case needs {asked[k]:.4g} N",
+        f"{case} needs {asked[k] / most:.3g} times what {modules(task)} can lift: "
+        f"all rotors at full thrust give {most:.4g} N, the load case needs {asked[k]:.4g} N",
     )
 
 
-def axes(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
+def axes(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """One module has one thrust axis, and the axes of a straight chain lie in the plane across its parallel hinges.
 
     If forces F_k, the rows of F, were all produced to within r along d dimensions, the other singular values of F
     would have sum_{j > d} sigma_j^2 <= K r^2.
     """
     if task.n == 1:
-        d, reason = 1, "one module pulls along one axis"
+        d, reason = 1, "a single module thrusts along one axis"
     elif task.n == 2 or (topology is not None and _straight(topology)):
         d, reason = 2, f"the thrust axes of {task.n} modules in a straight chain lie in one plane"
     else:
@@ -64,16 +64,16 @@ def axes(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | No
     missed = float(np.sqrt(np.sum(np.linalg.svd(F, compute_uv=False)[d:] ** 2) / len(F)))
     if missed <= TOLERANCE * task.force_unit(task.n) + ROUNDING * float(np.linalg.norm(F)):
         return None
-    return Shortfall(
+    return Refutation(
         "load cases, forces",
         missed,
         "N",
-        f"{reason}, but the forces of the load cases do not: one of them is missed by {missed:.4g} N at least",
+        f"{reason}, but the forces of the load cases do not: at least one is missed by {missed:.4g} N",
     )
 
 
 @lru_cache(maxsize=32)
-def all_forces(task: ResolvedTask) -> Shortfall | None:
+def all_forces(task: ResolvedTask) -> Refutation | None:
     """All load cases share the angles, which limits what the rotors give along directions nu_k, summed over them.
 
     Module i gives sum_k s_ik nu_k . z_i, no more than its largest thrust times the greatest sum_k max(nu_k . z, 0)
@@ -98,12 +98,12 @@ def all_forces(task: ResolvedTask) -> Shortfall | None:
         return None
     serving = np.flatnonzero(lengths > SOFTENED)
     cases = ", ".join(task.case_labels[k].removeprefix("load case ") for k in serving)
-    return Shortfall(
+    return Refutation(
         f"load cases {cases}, forces",
         asked - most,
         "N",
-        f"{modules(task)} cannot serve the load cases {cases} with the same angles: summed along one direction "
-        f"each, all rotors at their limit pull with {most:.4g} N, the load cases need {asked:.4g} N",
+        f"no fixed angles let {modules(task)} produce the load cases {cases}: summed along one direction each, "
+        f"all rotors at full thrust give {most:.4g} N, the load cases need {asked:.4g} N",
     )
 
 

@@ -5,10 +5,11 @@ Every rule leaves out all that it does not name, so what it refuses cannot be do
 
 from __future__ import annotations
 
+from nlp.bounds.failures import failures
 from nlp.bounds.forces import all_forces, axes, one_force
 from nlp.bounds.paths import crowded_path
+from nlp.bounds.refutation import Refutation
 from nlp.bounds.rotors import rotors_overlap
-from nlp.bounds.shortfall import Shortfall
 from nlp.bounds.stand_off import stand_off
 from nlp.bounds.torques import torque_reach
 from topo_search.model import Infeasible, ResolvedTask, Topology
@@ -23,24 +24,24 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    task = cornered(task.declared, inner=True)
-    forces = one_force(task) or axes(task) or all_forces(task)
-    shortfall, concerned = forces or rotors_overlap(task) or _shape(task), None
-    if shortfall is None and topology is not None:
-        shortfall, concerned = axes(task, topology) or _shape(task, topology), topology
-    if shortfall is None:
+    stated, task = task.declared, cornered(task.declared, inner=True)
+    forces = one_force(task) or axes(task) or all_forces(task) or failures(stated)
+    refutation, concerned = forces or rotors_overlap(task) or _shape(task), None
+    if refutation is None and topology is not None:
+        refutation, concerned = axes(task, topology) or _shape(task, topology), topology
+    if refutation is None:
         return None
     return Infeasible(
         topology=concerned,
         topology_key=concerned and concerned.key,
         status="impossible",
-        worst_constraint=shortfall.name,
-        violation=shortfall.amount,
-        unit=shortfall.unit,
-        message=shortfall.message,
+        worst_constraint=refutation.name,
+        violation=refutation.amount,
+        unit=refutation.unit,
+        message=refutation.message,
     )
 
 
-def _shape(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
+def _shape(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """Return what the shape of one tree rules out at any hinge angles; without one, that of every tree."""
     return torque_reach(task, topology) or crowded_path(task, topology) or stand_off(task, topology)

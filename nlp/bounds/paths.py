@@ -21,8 +21,8 @@ from itertools import combinations, pairwise
 import networkx as nx
 import numpy as np
 
-from nlp.bounds.shortfall import Shortfall
-from nlp.geometry import Swept, clearance, rotation
+from nlp.bounds.refutation import Refutation
+from nlp.numbers.geometry import Swept, clearance, rotation
 from topo_search.model import AirflowEnvelope, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.tolerances import TOLERANCE
@@ -41,7 +41,7 @@ PARTS = (0.0, 0.1, 0.3, 1.0)
 Turns = tuple[int, ...]
 
 
-def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
+def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """Some path of the tree is in its own way at any hinge angles; without a tree, two bolted modules are."""
     module, airflow = task.module, task.search.interference == "airflow"
     # what is asked of a design, not the more that the search keeps: a proof is to hold for every design
@@ -52,7 +52,7 @@ def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Shortf
         if _crowded(turns, module.envelope if airflow else None, apart or 0.0, l_c, depth):
             row = f"{len(turns) + 2} modules in a row"
             way = ", ".join({1: "right", 2: "straight on", 3: "left"}[turn] for turn in turns)
-            return Shortfall(
+            return Refutation(
                 f"clearances of {row}",
                 depth,
                 "m",

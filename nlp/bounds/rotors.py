@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from nlp.bounds.shortfall import Shortfall
+from nlp.bounds.refutation import Refutation
 from topo_search.model import ResolvedTask
 
 ROUNDING = 1e-9
 """Share of a rotor's reach by which it must be across the axis."""
 
 
-def rotors_overlap(task: ResolvedTask) -> Shortfall | None:
+def rotors_overlap(task: ResolvedTask) -> Refutation | None:
     """Each of two bolted modules has a rotor across their hinge's axis, at one place, at any angle.
 
     The axis passes l_c from the centres of both, their rotors from l_arm / sqrt 2 - r to l_arm / sqrt 2 + r. Only a
@@ -22,7 +22,7 @@ def rotors_overlap(task: ResolvedTask) -> Shortfall | None:
     across = r - abs(middle - l_c)
     if task.n == 1 or task.body_clearance is None or across <= ROUNDING * (middle + r):
         return None
-    return Shortfall(
+    return Refutation(
         "rotors of bolted modules",
         across,
         "m",

@@ -15,7 +15,7 @@ import math
 
 import networkx as nx
 
-from nlp.bounds.shortfall import Shortfall, modules
+from nlp.bounds.refutation import Refutation, modules
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.tolerances import TOLERANCE
 
@@ -23,7 +23,7 @@ ROUNDING = 1e-9
 """Share of a length by which it must be missed."""
 
 
-def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
+def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """Some module is nearer to a fixed end-effector than its stand-off, in every shape of the platform.
 
     Of all trees a straight chain has the largest sum of squared distances, sum_{i<j} d_ij^2 = n^2 (n^2 - 1) / 12.
@@ -38,13 +38,13 @@ def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Shortfall
     unseen = TOLERANCE * task.module.arm_length * (1 + share)  # of the distance, and of the place
     if asked <= farthest * (1 + ROUNDING) + unseen:
         return None
-    return Shortfall(
+    return Refutation(
         "end-effector exclusion",
         asked - farthest,
         "m",
-        f"end_effector.stand_off asks {modules(task)} for {asked:g} m between every centre and an end-effector "
-        f"that is fixed {math.hypot(*position):.4g} m from the centre of mass: in any shape, one is within "
-        f"{farthest:.4g} m of it",
+        f"end_effector.stand_off = {asked:g} m is out of reach of {modules(task)}: with the end-effector fixed "
+        f"{math.hypot(*position):.4g} m from the centre of mass, some module centre is within {farthest:.4g} m "
+        "of it in any shape",
     )
 
 

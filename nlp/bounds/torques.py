@@ -29,7 +29,7 @@ import networkx as nx
 import numpy as np
 
 from nlp import names
-from nlp.bounds.shortfall import Shortfall, largest_thrust, modules, unseen_thrust
+from nlp.bounds.refutation import Refutation, largest_thrust, modules, unseen_thrust
 from topo_search.model import LoadCase, ResolvedTask, Topology
 from topo_search.model.tolerances import TOLERANCE
 
@@ -39,7 +39,7 @@ NO_FORCE = 1e-6
 """Size of g_k under which its direction is not trusted, in m_t g and in the forces that it is the sum of."""
 
 
-def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Shortfall | None:
+def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """All rotors at their limit, each at its longest lever, against the torque of every load case.
 
     Of all trees a straight chain has the largest sum of distances, sum_ij d_ij = n (n^2 - 1) / 3.
@@ -54,12 +54,12 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Shortf
     if asked[k] * (1 - ROUNDING) - _unseen(task, task.load_cases[k]) <= most * share:
         return None
     case = task.case_labels[k]
-    return Shortfall(
+    return Refutation(
         names.torque(case),
         asked[k] - most,
         "N m",
-        f"{case} asks {modules(task)} for a torque of {asked[k]:.4g} N m at least about their centre: "
-        f"all rotors at their limit and as far out as they can be give {most:.4g} N m",
+        f"{case} needs a torque of at least {asked[k]:.4g} N m about the centre of {modules(task)}: "
+        f"all rotors at full thrust, as far out as they can be, give {most:.4g} N m",
     )
 
 

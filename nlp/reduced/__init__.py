@@ -3,5 +3,5 @@
 The rotor inputs are eliminated by their dual (`inputs`), clearances are exact (`clearance`), and a descent on the
 augmented Lagrangian (`merit`, `descent`) leads from every draw (`draws`) to an end. The best distinct ends
 (`search`) lie next to designs, which Ipopt makes exact (`trials`). `tests/test_nlp_reduced.py` holds values and
-derivatives to the page. `expressed` says for which tasks all this stands.
+derivatives to the printed problem. `expressed` says for which tasks all this stands.
 """

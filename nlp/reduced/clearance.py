@@ -1,4 +1,4 @@
-r"""Exact clearances of the page, closed form by cases, with what they change by.
+r"""Exact clearances of the printed problem, closed form by cases, with what they change by.
 
 .. math::
 
@@ -20,8 +20,21 @@ import math
 
 from numba import njit
 
+from nlp.reduced.kinds import (
+    AIR,
+    ALONG,
+    APART,
+    BALL,
+    CAPSULE,
+    CONE_COM,
+    EXCLUSION,
+    OFFSET,
+    PARTS,
+    PARTS_CAPSULE,
+    PARTS_CONE,
+)
 from nlp.reduced.platform import Platform
-from nlp.reduced.stated import AIR, ALONG, APART, BALL, CAPSULE, CONE_COM, EXCLUSION, OFFSET, PARTS, Stated
+from nlp.reduced.stated import Stated
 from topo_search.model.arrays import Array
 
 FLAT = 1e-9
@@ -35,128 +48,149 @@ P_I, Z_I, P_J, Z_J, TIP, OFFSET_B, TURN_I = range(7)
 
 
 @njit(cache=True)
-def row(stated: Stated, at: Platform, number: int, local: Array) -> float:
-    """Return the clearance of a row, and in `local`, shape (7, 3), its gradient by the vectors that it depends on.
+def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
+    """Find the clearances of all rows, and their gradients by the vectors that they depend on.
 
-    An infinite clearance is more than FAR and comes without a gradient.
+    All is read by single numbers: every array that a call or a slice hands on costs more than a clearance.
+
+    Args:
+        stated: the task and topology.
+        at: the platform.
+        g: the clearances, shape (m,); an infinite one is more than FAR and comes without a gradient.
+        by: the gradients, shape (m, 7, 3).
     """
-    kind, i, j = stated.rows.kind[number], stated.rows.i[number], stated.rows.j[number]
-    data = stated.rows.data[number]
+    kinds, one, other, data = stated.rows.kind, stated.rows.i, stated.rows.j, stated.rows.data
+    parts, p, z, R = stated.parts, at.p, at.z, at.R
     length, r_air, dr = stated.air
-    local[:] = 0.0
-    px, py, pz = at.p[i]
-    ex, ey, ez = at.p_E
-    size = data[3]
-    if kind == APART:
-        apart: float = _distance(px - at.p[j, 0], py - at.p[j, 1], pz - at.p[j, 2], local, P_I, P_J) - size
-        return apart
-    if kind == EXCLUSION:
-        off: float = _distance(px - ex, py - ey, pz - ez, local, P_I, TIP) - size
-        return off
-    bx, by, bz = ex - at.p_COM[0], ey - at.p_COM[1], ez - at.p_COM[2]
-    if kind == OFFSET:
-        far: float = _distance(bx, by, bz, local, OFFSET_B, OFFSET_B) - size
-        return far
-    zx, zy, zz = at.z[i]
-    d_i = (-length * zx, -length * zy, -length * zz)
-    if kind == AIR:
-        w = (px - at.p[j, 0], py - at.p[j, 1], pz - at.p[j, 2])
-        d_j = (-length * at.z[j, 0], -length * at.z[j, 1], -length * at.z[j, 2])
-        if _far(w, d_i, d_j, length + 2 * (r_air + dr)):
-            return math.inf
-        g, eta, gamma, x, y, z = swept(w, d_i, r_air, dr, d_j, r_air, dr)
-        _to(local, P_I, 1.0, x, y, z)
-        _to(local, Z_I, -length * eta, x, y, z)
-        _to(local, P_J, -1.0, x, y, z)
-        _to(local, Z_J, length * gamma, x, y, z)
-        return g
-    if kind == PARTS:
-        return _parts(stated, at, i, j, local)
-    w = (px - ex, py - ey, pz - ez)
-    if kind in (BALL, CAPSULE, ALONG):
-        d_j = (data[0], data[1], data[2])
-        offset, path = max(LEAST_DISTANCE, math.sqrt(bx * bx + by * by + bz * bz)), data[0]
-        if kind == ALONG:
-            d_j = (path * bx / offset, path * by / offset, path * bz / offset)
-        g, eta, gamma, x, y, z = swept(w, d_i, r_air, dr, d_j, size, 0.0)
-        _to(local, P_I, 1.0, x, y, z)
-        _to(local, Z_I, -length * eta, x, y, z)
-        _to(local, TIP, -1.0, x, y, z)
-        if kind == ALONG:  # what of the gradient lies across p_E turns the path
-            along = (x * bx + y * by + z * bz) / offset**2
-            scale = -gamma * path / offset
-            _to(local, OFFSET_B, scale, x - along * bx, y - along * by, z - along * bz)
-        return g
-    # an end ball inside a cone: s - r, s = d . q sin(theta) - |q - (d . q) d| cos(theta)
-    eta, sine, cosine = float(j), data[4], data[5]
-    q0, q1, q2 = w[0] + eta * d_i[0], w[1] + eta * d_i[1], w[2] + eta * d_i[2]
-    c0, c1, c2 = data[0], data[1], data[2]
-    offset = max(LEAST_DISTANCE, math.sqrt(bx * bx + by * by + bz * bz))
-    if kind == CONE_COM:
-        c0, c1, c2 = -bx / offset, -by / offset, -bz / offset
-    along = c0 * q0 + c1 * q1 + c2 * q2
-    n0, n1, n2 = q0 - along * c0, q1 - along * c1, q2 - along * c2
-    rho = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-    safe = max(rho, LEAST_DISTANCE)
-    n0, n1, n2 = n0 / safe, n1 / safe, n2 / safe
-    x, y, z = sine * c0 - cosine * n0, sine * c1 - cosine * n1, sine * c2 - cosine * n2
-    _to(local, P_I, 1.0, x, y, z)
-    _to(local, Z_I, -length * eta, x, y, z)
-    _to(local, TIP, -1.0, x, y, z)
-    if kind == CONE_COM:  # along changes by q . dd, rho by -along n . dd; d turns across p_E alone
-        x, y, z = sine * q0 + cosine * along * n0, sine * q1 + cosine * along * n1, sine * q2 + cosine * along * n2
-        across = x * c0 + y * c1 + z * c2
-        _to(local, OFFSET_B, -1.0 / offset, x - across * c0, y - across * c1, z - across * c2)
-    inside: float = sine * along - cosine * rho - r_air - eta * dr
-    return inside
-
-
-@njit(cache=True)
-def _parts(stated: Stated, at: Platform, i: int, j: int, local: Array) -> float:
-    """Return the least clearance of the balls around module i's parts from the envelope of module j."""
-    length, r_air, dr = stated.air
-    d_i, d_j = (0.0, 0.0, 0.0), (-length * at.z[j, 0], -length * at.z[j, 1], -length * at.z[j, 2])
-    w = (at.p[i, 0] - at.p[j, 0], at.p[i, 1] - at.p[j, 1], at.p[i, 2] - at.p[j, 2])
+    ex, ey, ez = at.p_E[0], at.p_E[1], at.p_E[2]
+    bx, by_, bz = ex - at.p_COM[0], ey - at.p_COM[1], ez - at.p_COM[2]
+    offset = max(LEAST_DISTANCE, math.sqrt(bx * bx + by_ * by_ + bz * bz))
     reach = 0.0
-    for b in range(len(stated.parts)):
-        x, y, z, size = stated.parts[b]
-        reach = max(reach, math.sqrt(x * x + y * y + z * z) + size)
-    if _far(w, d_i, d_j, length / 2 + r_air + dr + reach):
-        return math.inf
-    least = math.inf
-    for b in range(len(stated.parts)):
-        x, y, z, size = stated.parts[b]
-        R = at.R[i]
-        c0 = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
-        c1 = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
-        c2 = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
-        ball = (w[0] + c0, w[1] + c1, w[2] + c2)
-        g, _, gamma, x, y, z = swept(ball, d_i, size, 0.0, d_j, r_air, dr)
-        if g < least:
-            least = g
-            _to(local, P_I, 1.0, x, y, z)
-            _to(local, P_J, -1.0, x, y, z)
-            _to(local, Z_J, length * gamma, x, y, z)
-            _to(local, TURN_I, 1.0, c1 * z - c2 * y, c2 * x - c0 * z, c0 * y - c1 * x)
-    return least
+    for b in range(len(parts)):
+        x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
+        reach = max(reach, math.sqrt(x * x + y * y + zz * zz) + parts[b, 3])
+    by[:] = 0.0
+    for r in range(len(kinds)):
+        kind, i, j, size = kinds[r], one[r], other[r], data[r, 3]
+        if kind == OFFSET:
+            g[r] = _distance(bx, by_, bz, by, r, OFFSET_B, OFFSET_B) - size
+            continue
+        px, py, pz = p[i, 0], p[i, 1], p[i, 2]
+        if kind == EXCLUSION:
+            g[r] = _distance(px - ex, py - ey, pz - ez, by, r, P_I, TIP) - size
+            continue
+        if kind in (PARTS_CONE, PARTS_CAPSULE):
+            g[r], w = math.inf, (px - ex - data[r, 6], py - ey - data[r, 7], pz - ez - data[r, 8])
+            for b in range(len(parts)):
+                x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
+                c0 = R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * zz
+                c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
+                c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
+                q0, q1, q2 = w[0] + c0, w[1] + c1, w[2] + c2
+                a0, a1, a2, still = data[r, 0], data[r, 1], data[r, 2], (0.0, 0.0, 0.0)
+                if kind == PARTS_CAPSULE:
+                    gap, _, _, x, y, zz = swept((q0, q1, q2), still, parts[b, 3], 0.0, (a0, a1, a2), size, 0.0)
+                else:
+                    along = q0 * a0 + q1 * a1 + q2 * a2
+                    r0, r1, r2 = q0 - along * a0, q1 - along * a1, q2 - along * a2
+                    across = max(LEAST_DISTANCE, math.sqrt(r0 * r0 + r1 * r1 + r2 * r2))
+                    sine, cosine = data[r, 4], data[r, 5] / across
+                    gap = along * sine - cosine * across * across - parts[b, 3]
+                    x, y, zz = a0 * sine - cosine * r0, a1 * sine - cosine * r1, a2 * sine - cosine * r2
+                if gap < g[r]:
+                    g[r] = gap
+                    _to(by, r, P_I, 1.0, x, y, zz)
+                    _to(by, r, TIP, -1.0, x, y, zz)
+                    _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
+            continue
+        zx, zy, zz = z[i, 0], z[i, 1], z[i, 2]
+        d_i = (-length * zx, -length * zy, -length * zz)
+        if kind in (APART, AIR, PARTS):
+            w = (px - p[j, 0], py - p[j, 1], pz - p[j, 2])
+            if kind == APART:
+                g[r] = _distance(w[0], w[1], w[2], by, r, P_I, P_J) - size
+                continue
+            d_j = (-length * z[j, 0], -length * z[j, 1], -length * z[j, 2])
+            if kind == AIR:
+                if _far(w, d_i, d_j, length + 2 * (r_air + dr)):
+                    g[r] = math.inf
+                    continue
+                g[r], eta, gamma, x, y, zz = swept(w, d_i, r_air, dr, d_j, r_air, dr)
+                _to(by, r, P_I, 1.0, x, y, zz)
+                _to(by, r, Z_I, -length * eta, x, y, zz)
+                _to(by, r, P_J, -1.0, x, y, zz)
+                _to(by, r, Z_J, length * gamma, x, y, zz)
+                continue
+            g[r], still = math.inf, (0.0, 0.0, 0.0)
+            if _far(w, still, d_j, length / 2 + r_air + dr + reach):
+                continue
+            for b in range(len(parts)):
+                x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
+                c0 = R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * zz
+                c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
+                c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
+                ball = (w[0] + c0, w[1] + c1, w[2] + c2)
+                gap, _, gamma, x, y, zz = swept(ball, still, parts[b, 3], 0.0, d_j, r_air, dr)
+                if gap < g[r]:
+                    g[r] = gap
+                    _to(by, r, P_I, 1.0, x, y, zz)
+                    _to(by, r, P_J, -1.0, x, y, zz)
+                    _to(by, r, Z_J, length * gamma, x, y, zz)
+                    _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
+            continue
+        w = (px - ex - data[r, 6], py - ey - data[r, 7], pz - ez - data[r, 8])
+        if kind in (BALL, CAPSULE, ALONG):
+            d_j, path = (data[r, 0], data[r, 1], data[r, 2]), data[r, 0]
+            if kind == ALONG:
+                d_j = (path * bx / offset, path * by_ / offset, path * bz / offset)
+            g[r], eta, gamma, x, y, zz = swept(w, d_i, r_air, dr, d_j, size, 0.0)
+            _to(by, r, P_I, 1.0, x, y, zz)
+            _to(by, r, Z_I, -length * eta, x, y, zz)
+            _to(by, r, TIP, -1.0, x, y, zz)
+            if kind == ALONG:  # what of the gradient lies across p_E turns the path
+                along = (x * bx + y * by_ + zz * bz) / offset**2
+                scale = -gamma * path / offset
+                _to(by, r, OFFSET_B, scale, x - along * bx, y - along * by_, zz - along * bz)
+            continue
+        # an end ball inside a cone: s - r, s = d . q sin(theta) - |q - (d . q) d| cos(theta)
+        eta, sine, cosine = size, data[r, 4], data[r, 5]
+        q0, q1, q2 = w[0] + eta * d_i[0], w[1] + eta * d_i[1], w[2] + eta * d_i[2]
+        c0, c1, c2 = data[r, 0], data[r, 1], data[r, 2]
+        if kind == CONE_COM:
+            c0, c1, c2 = -bx / offset, -by_ / offset, -bz / offset
+        along = c0 * q0 + c1 * q1 + c2 * q2
+        n0, n1, n2 = q0 - along * c0, q1 - along * c1, q2 - along * c2
+        rho = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+        safe = max(rho, LEAST_DISTANCE)
+        n0, n1, n2 = n0 / safe, n1 / safe, n2 / safe
+        x, y, zz = sine * c0 - cosine * n0, sine * c1 - cosine * n1, sine * c2 - cosine * n2
+        _to(by, r, P_I, 1.0, x, y, zz)
+        _to(by, r, Z_I, -length * eta, x, y, zz)
+        _to(by, r, TIP, -1.0, x, y, zz)
+        if kind == CONE_COM:  # along changes by q . dd, rho by -along n . dd; d turns across p_E alone
+            x, y = sine * q0 + cosine * along * n0, sine * q1 + cosine * along * n1
+            zz = sine * q2 + cosine * along * n2
+            across = x * c0 + y * c1 + zz * c2
+            _to(by, r, OFFSET_B, -1.0 / offset, x - across * c0, y - across * c1, zz - across * c2)
+        g[r] = sine * along - cosine * rho - r_air - eta * dr
 
 
-@njit(cache=True)
-def _to(local: Array, vector: int, scale: float, x: float, y: float, z: float) -> None:
-    local[vector, 0], local[vector, 1], local[vector, 2] = scale * x, scale * y, scale * z
+@njit(cache=True, forceinline=True)
+def _to(by: Array, r: int, vector: int, scale: float, x: float, y: float, z: float) -> None:
+    by[r, vector, 0], by[r, vector, 1], by[r, vector, 2] = scale * x, scale * y, scale * z
 
 
-@njit(cache=True)
-def _distance(x: float, y: float, z: float, local: Array, plus: int, minus: int) -> float:
+@njit(cache=True, forceinline=True)
+def _distance(x: float, y: float, z: float, by: Array, r: int, plus: int, minus: int) -> float:
     length = math.sqrt(x * x + y * y + z * z)
     safe = max(length, LEAST_DISTANCE)
     if minus != plus:
-        _to(local, minus, -1.0 / safe, x, y, z)
-    _to(local, plus, 1.0 / safe, x, y, z)
+        _to(by, r, minus, -1.0 / safe, x, y, z)
+    _to(by, r, plus, 1.0 / safe, x, y, z)
     return length
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _far(
     w: tuple[float, float, float], d_i: tuple[float, float, float], d_j: tuple[float, float, float], reach: float
 ) -> bool:
@@ -165,7 +199,7 @@ def _far(
     return x * x + y * y + z * z >= (reach + FAR) ** 2
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def swept(
     w: tuple[float, float, float],
     d_i: tuple[float, float, float],

@@ -21,14 +21,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from nlp.reduced.cholesky import solve_in_place
 from nlp.reduced.merit import Evaluated, estimates, evaluate, merit
-from nlp.reduced.stated import Indices, Stated
+from nlp.reduced.stated import Indices, Mask, Stated
 from topo_search.model.arrays import Array
-
-Mask = NDArray[np.bool_]
 
 LARGEST_TURN = 0.7
 """Most that a step turns an angle [rad]."""
@@ -82,7 +79,7 @@ def descend(
         t, found = 1.0, False
         for _ in range(HALVINGS):
             x = np.minimum(np.maximum(at.x + t * d, stated.lower), stated.upper)
-            there = evaluate(stated, x, at.mu, rho)
+            there = evaluate(stated, x, at.mu, at.counting, rho)
             reached = merit(stated, there, multipliers, sigma)
             if reached <= value - ARMIJO * t * predicted:
                 found = True
@@ -105,13 +102,13 @@ def _model_step(
     N, m = len(at.x), len(at.g)
     s = np.empty(m)
     listed = np.empty(m, np.int64)
-    rows = 0
+    rows, J, near, g, least = 0, at.J, at.near, at.g, stated.rows.least
     for r in range(m):
-        if at.near[r]:
-            s[rows] = multipliers[r] + sigma * (stated.rows.least[r] - at.g[r])
+        if near[r]:
+            s[rows] = multipliers[r] + sigma * (least[r] - g[r])
             reach = 0.0
             for l in range(N):
-                reach += max(at.J[r, l] * low[l], at.J[r, l] * high[l], -at.J[r, l] * low[l])
+                reach += abs(J[r, l]) * (high[l] - low[l])
             if s[rows] + sigma * reach > 0.0:
                 listed[rows] = r
                 rows += 1
@@ -182,29 +179,29 @@ def _model(
     at: Evaluated, B: Array, sigma: float, s: Array, listed: Indices, rows: int, d: Array, gradient: Array, H: Array
 ) -> float:
     """Return q(d), with its gradient and the lower half of its Hessian."""
-    N = len(d)
+    N, J, dV = len(d), at.J, at.dV
     value = 0.0
     for a in range(N):
         Bd = 0.0
         for b in range(N):
             Bd += B[a, b] * d[b]
-        gradient[a] = at.dV[a] + Bd
-        value += d[a] * (at.dV[a] + Bd / 2)
+        gradient[a] = dV[a] + Bd
+        value += d[a] * (dV[a] + Bd / 2)
         for b in range(a + 1):
             H[a, b] = B[a, b]
     for k in range(rows):
         r = listed[k]
         left = s[k]
         for a in range(N):
-            left -= sigma * at.J[r, a] * d[a]
+            left -= sigma * J[r, a] * d[a]
         if left <= 0.0:
             continue
         value += left * left / (2 * sigma)
         for a in range(N):
-            gradient[a] -= left * at.J[r, a]
-            if at.J[r, a] != 0.0:
+            if J[r, a] != 0.0:
+                gradient[a] -= left * J[r, a]
                 for b in range(a + 1):
-                    H[a, b] += sigma * at.J[r, a] * at.J[r, b]
+                    H[a, b] += sigma * J[r, a] * J[r, b]
     return value
 
 

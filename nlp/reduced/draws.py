@@ -1,7 +1,7 @@
 """Random starts of the reduced search: hinges splayed, thrust along the mean force, the end-effector outside.
 
-As `nlp.starts` draws small platforms, without inputs, and compiled. A start is a function of (task, topology, start
-index, seed) alone.
+As `nlp.starts.random_starts` draws small platforms, without inputs, and compiled. A start is a function of
+(task, topology, start index, seed) alone.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from nlp.hinges import largest_turn, signs
+from nlp.numbers.hinges import largest_turn, signs
 from nlp.reduced.platform import platform
 from nlp.reduced.stated import Stated
-from nlp.starts import CONE_SPREAD, LARGEST_SPLAY, mean_force, upstream_of
-from topo_search.model import Exterior, ResolvedTask, Topology
+from nlp.starts.random_starts import CONE_SPREAD, LARGEST_SPLAY, cones, mean_force, upstream_of
+from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
 NEAREST, FARTHEST = 1.0, 10.0
@@ -45,13 +45,12 @@ class Drawing(NamedTuple):
 
 def drawing(task: ResolvedTask, topology: Topology) -> Drawing:
     """Return what starts are drawn with."""
-    cones = [requirement for requirement in task.exposure if isinstance(requirement, Exterior)]
     force = mean_force(task)
     return Drawing(
         signs(topology) * min(LARGEST_SPLAY, largest_turn(task)),
         force / np.linalg.norm(force),
         upstream_of(task),
-        CONE if cones else UPSTREAM if task.exposure else ANYWHERE,
+        CONE if cones(task) else UPSTREAM if task.exposure else ANYWHERE,
         task.end_effector.stand_off / task.module.arm_length,
         task.search.root == "paper",
     )
@@ -67,7 +66,7 @@ def draws(
     anyhow: bool = False,
 ) -> Array:
     """Return unknowns of starts, shape (starts, N); `anyhow`: hinges turn either way, up to their limits."""
-    text = f"{task.model_dump_json()}\n{topology.key}\n{seed}"
+    text = f"{task.declared.model_dump_json()}\n{topology.key}\n{seed}"
     key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
     drawn, shape = drawing(task, topology), (len(stated.lower),)
     if anyhow:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from topo_search.model import Local, ResolvedTask
+from nlp.requirements import exposure
+from topo_search.model import ResolvedTask
 
 REDUCED_UP_TO = 9
 """Most modules for which the reduced search leads; with more, starts are placed and solved in rounds.
@@ -16,7 +17,7 @@ def reason_against(task: ResolvedTask) -> str | None:
     """Return why the reduced search does not express a task; None if it does."""
     if task.n > REDUCED_UP_TO:
         return f"more than {REDUCED_UP_TO} modules are placed before they descend"
-    if any(isinstance(asked, Local) and asked.radius is None for asked in task.exposure):
+    if not all(formula.kernels() for asked in exposure(task) for formula in asked.formulas):
         return "boxes and other convex regions have no closed form here"
     if len(task.folds(task.search.margin)) != 1:
         return "hinges have no clear fold, or several between which no descent leads"

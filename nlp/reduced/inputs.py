@@ -27,7 +27,7 @@ from numba import njit
 
 from nlp.reduced.cholesky import solve_in_place
 from nlp.reduced.platform import Moved, Platform
-from nlp.reduced.stated import Stated
+from nlp.reduced.stated import Mask, Stated
 from topo_search.model.arrays import Array
 
 STEPS = 60
@@ -37,13 +37,16 @@ ACCURACY = 1e-11
 
 
 @njit(cache=True)
-def effort(stated: Stated, at: Platform, moved: Moved, rho: float, mu: Array, u: Array, gradient: Array) -> float:
+def effort(
+    stated: Stated, at: Platform, moved: Moved, counting: Mask, rho: float, mu: Array, u: Array, gradient: Array
+) -> float:
     """Return the sum of phi over the load cases; its gradient by x is added to `gradient`, and mu and u are found.
 
     Args:
         stated: the task and topology.
         at: the platform.
         moved: its derivatives.
+        counting: which load cases count, shape (K,).
         rho: price of a squared residual.
         mu: where each case's search begins; then where it ended, shape (K, 6).
         u: the inputs that are found, shape (K, 4n).
@@ -53,17 +56,14 @@ def effort(stated: Stated, at: Platform, moved: Moved, rho: float, mu: Array, u:
     m = n + stated.rotors.m_E
     A = columns(stated, at)
     w, total = np.empty(6), 0.0
-    bx, by, bz = at.p_E[0] - at.p_COM[0], at.p_E[1] - at.p_COM[1], at.p_E[2] - at.p_COM[2]
     F, T, E = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(3)  # gradients by o_i, by turns of module i, by p_E
     for k in range(K):
+        if not counting[k]:
+            continue
         fx, fy, fz = stated.cases.f_E[k]
-        for a in range(3):
-            w[a], w[3 + a] = stated.cases.f[k, a] / m, stated.cases.t[k, a] / m
-        w[3] += (by * fz - bz * fy) / m
-        w[4] += (bz * fx - bx * fz) / m
-        w[5] += (bx * fy - by * fx) / m
         c = stated.cases.effort[k]
-        total += c * dual(A, w, 2 * rho / c, stated.rotors.u_min, stated.rotors.u_max, mu[k], u[k])
+        asked(stated, at, k, w)
+        total += c * inputs(stated, A, k, w, rho, mu[k], u[k])
         _add_gradient(stated, at, c / m, mu[k], u[k], F, T)
         tx, ty, tz = mu[k, 3], mu[k, 4], mu[k, 5]
         E[0] += c / m * (fy * tz - fz * ty)
@@ -83,6 +83,34 @@ def effort(stated: Stated, at: Platform, moved: Moved, rho: float, mu: Array, u:
                         slope += F[i, a] * moved.dp[l, i, a] + T[i, a] * at.omega[l, a]
         gradient[l] += slope
     return total
+
+
+@njit(cache=True)
+def asked(stated: Stated, at: Platform, k: int, w: Array) -> None:
+    """Find w of load case k."""
+    m = len(at.p) + stated.rotors.m_E
+    x, y, z = at.p_E[0] - at.p_COM[0], at.p_E[1] - at.p_COM[1], at.p_E[2] - at.p_COM[2]
+    fx, fy, fz = stated.cases.f_E[k]
+    for a in range(3):
+        w[a], w[3 + a] = stated.cases.f[k, a] / m, stated.cases.t[k, a] / m
+    w[3] += (y * fz - z * fy) / m
+    w[4] += (z * fx - x * fz) / m
+    w[5] += (x * fy - y * fx) / m
+
+
+@njit(cache=True)
+def inputs(stated: Stated, A: Array, k: int, w: Array, rho: float, mu: Array, u: Array) -> float:
+    """Return phi / c of load case k, with mu and u moved to its dual's maximum; a dead rotor's input is 0."""
+    price, dead = 2 * rho / stated.cases.effort[k], stated.cases.dead[k]
+    u_min, u_max = stated.rotors.u_min, stated.rotors.u_max
+    if dead < 0:
+        return dual(A, w, price, u_min, u_max, mu, u)
+    column = A[dead].copy()
+    A[dead] = 0.0
+    value = dual(A, w, price, u_min, u_max, mu, u) - u_min * u_min / 2  # what a rotor that does nothing costs
+    A[dead] = column
+    u[dead] = 0.0
+    return value
 
 
 @njit(cache=True)

@@ -19,12 +19,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, TURN_I, Z_I, Z_J, row
+from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, TURN_I, Z_I, Z_J, clearances
 from nlp.reduced.inputs import effort
-from nlp.reduced.platform import moved, platform
-from nlp.reduced.stated import AIR, APART, OFFSET, PARTS, Stated
+from nlp.reduced.kinds import AIR, APART, OFFSET, PARTS
+from nlp.reduced.platform import Moved, Platform, moved, platform
+from nlp.reduced.stated import Mask, Stated
 from topo_search.model.arrays import Array
 
 NEAR = 4.0
@@ -39,42 +39,57 @@ class Evaluated(NamedTuple):
     dV: Array
     g: Array
     J: Array
-    near: NDArray[np.bool_]
+    near: Mask
     mu: Array
     """Dual unknowns of the load cases, shape (K, 6): where the next search begins."""
+    counting: Mask
+    """Which load cases count, shape (K,)."""
 
 
 @njit(cache=True)
-def evaluate(stated: Stated, x: Array, mu: Array, rho: float) -> Evaluated:
-    """Return the reduced problem at x; the search for the inputs begins at mu."""
+def evaluate(stated: Stated, x: Array, mu: Array, counting: Mask, rho: float) -> Evaluated:
+    """Return the reduced problem at x with the load cases that count; the search for the inputs begins at mu."""
     N, m, K, n = len(x), len(stated.rows.kind), len(stated.cases.effort), len(stated.tree.parent)
     at = platform(stated, x)
     by = moved(stated, at)
     dV, found, u = np.zeros(N), mu.copy(), np.empty((K, 4 * n))
-    V = effort(stated, at, by, rho, found, u, dV)
-    g, J, near, local = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((7, 3))
-    for r in range(m):
-        g[r] = row(stated, at, r, local)
+    V = effort(stated, at, by, counting, rho, found, u, dV)
+    g, J, near, local = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 7, 3))
+    clearances(stated, at, g, local)
+    _slopes(stated, at, by, g, local, J, near)
+    return Evaluated(x, V, dV, g, J, near, found, counting)
+
+
+@njit(cache=True)
+def _slopes(stated: Stated, at: Platform, moved: Moved, g: Array, by: Array, J: Array, near: Mask) -> None:
+    """Find which rows are near, and their derivatives by the unknowns from those by vectors.
+
+    What lies between two modules depends on the hinges between them alone.
+    """
+    kinds, one, other, moves, n = stated.rows.kind, stated.rows.i, stated.rows.j, stated.tree.moves, len(at.p)
+    dp, dz, dE, dB, omega = moved.dp, moved.dz, moved.dE, moved.dB, at.omega
+    for r in range(len(g)):
         if g[r] >= NEAR:
             continue
         near[r] = True
-        i, j, kind = stated.rows.i[r], stated.rows.j[r], stated.rows.kind[r]
-        for l in range(N):
-            slope = 0.0
-            if kind != OFFSET:
-                for k in range(3):
-                    slope += local[P_I, k] * by.dp[l, i, k] + local[Z_I, k] * by.dz[l, i, k]
-            if kind in (AIR, APART, PARTS):
-                for k in range(3):
-                    slope += local[P_J, k] * by.dp[l, j, k] + local[Z_J, k] * by.dz[l, j, k]
-            else:
-                for k in range(3):
-                    slope += local[TIP, k] * by.dE[l, k] + local[OFFSET_B, k] * by.dB[l, k]
-            if kind == PARTS and l < n + 2 and stated.tree.moves[l, i]:
-                for k in range(3):
-                    slope += local[TURN_I, k] * at.omega[l, k]
+        kind, i, j = kinds[r], one[r], other[r]
+        between = kind in (AIR, APART, PARTS)
+        for l in range(3 if between else 0, n + 2 if between else J.shape[1]):
+            slope, mine = 0.0, l < n + 2 and moves[l, i]
+            if between and mine == moves[l, j]:
+                continue
+            for k in range(3):
+                if not between:
+                    slope += by[r, TIP, k] * dE[l, k] + by[r, OFFSET_B, k] * dB[l, k]
+                    if mine:
+                        slope += by[r, TURN_I, k] * omega[l, k]
+                elif not mine:
+                    slope += by[r, P_J, k] * dp[l, j, k] + by[r, Z_J, k] * dz[l, j, k]
+                else:
+                    slope += by[r, TURN_I, k] * omega[l, k]
+                if mine and kind != OFFSET:
+                    slope += by[r, P_I, k] * dp[l, i, k] + by[r, Z_I, k] * dz[l, i, k]
             J[r, l] = slope
-    return Evaluated(x, V, dV, g, J, near, found)
 
 
 @njit(cache=True)

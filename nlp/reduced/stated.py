@@ -13,36 +13,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp import names
-from nlp.problem import variable_bounds
+from nlp.reduced.kinds import WIDTH
+from nlp.requirements import clearances, variable_bounds
 from nlp.units import Units
-from topo_search.model import (
-    LEAST_OFFSET,
-    Directional,
-    Exterior,
-    Local,
-    ResolvedTask,
-    Topology,
-    needs_offset,
-)
+from topo_search.model import ResolvedTask, Topology
 from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
+from topo_search.model.corners import CorneredTask
 
 Indices = NDArray[np.int64]
-
-AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, CONE, CONE_COM, OFFSET, PARTS = range(10)
-"""Kinds of rows: two envelopes; two centres; p'_E and a centre; an envelope and a ball about p'_E, a capsule from
-there, one along p_E; an end ball of an envelope in a cone, its axis fixed or to the COM; the length of p_E;
-the parts of one module and the envelope of another."""
+Mask = NDArray[np.bool_]
 
 LEAST_WEIGHT = 1e-4
 """Share of the largest weight that load cases which weigh less count with together, so that inputs are unique."""
+MOST_BINDING = 20
+"""Of these at most that are expected to count at once."""
 
 
 class Tree(NamedTuple):
@@ -80,6 +70,10 @@ class Cases(NamedTuple):
     """t_k."""
     f_E: Array
     """f_E."""
+    dead: Indices
+    """The rotor that does not run, -1 where all do."""
+    group: Indices
+    """What corners belong together; -1 for what always counts. Others count from when they are found missed."""
 
 
 class Rows(NamedTuple):
@@ -90,7 +84,7 @@ class Rows(NamedTuple):
     j: Indices
     """The other module; unused where there is none."""
     data: Array
-    """A path or axis (x, y, z), a radius or distance or length, sine and cosine of a half-angle: shape (m, 6)."""
+    """See `Kernel.data`; shape (m, WIDTH)."""
     least: Array
 
 
@@ -119,7 +113,8 @@ class Row(NamedTuple):
     kind: int
     i: int
     j: int
-    data: tuple[float, float, float, float, float, float]
+    data: tuple[float, ...]
+    """See `Kernel.data`."""
     least: float
 
 
@@ -168,60 +163,25 @@ def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
     f_C, tau_C = (np.array([getattr(w, name) for w in com]) for name in ("force", "torque"))
     weights = np.array([case.weight for case in cases])
     weights = weights / weights.max()
-    least = LEAST_WEIGHT / max(1, int(np.count_nonzero(weights < LEAST_WEIGHT)))
+    least = LEAST_WEIGHT / min(MOST_BINDING, max(1, int(np.count_nonzero(weights < LEAST_WEIGHT))))
     effort = 2 * np.maximum(weights, least) / (4 * n * weights.sum())
-    return Cases(effort, (f_E + f_C) / unit.force, (tau_E + tau_C) / unit.torque, f_E / unit.force)
+    dead = np.array([-1 if rotor is None else rotor for rotor in task.dead_rotors], dtype=np.int64)
+    group = np.full(len(cases), -1, dtype=np.int64)
+    if isinstance(task, CorneredTask):
+        group[len(cases) - len(task.groups) :] = task.groups
+    f, tau = (f_E + f_C) / unit.force, (tau_E + tau_C) / unit.torque
+    return Cases(effort, f, tau, f_E / unit.force, dead, group)
 
 
 def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:
-    """Yield (4) to (9) of the page, in its order."""
-    n, unit = topology.n, task.module.arm_length
-    margin = task.search.margin / unit
-    pairs = list(combinations(range(n), 2))
-
-    def row(name: str, kind: int, i: int, j: int, *, path: Array | None = None, size: float = 0.0) -> Row:
-        x, y, z = (0.0, 0.0, 0.0) if path is None else (path / unit).tolist()
-        return Row(name, kind, i, j, (x, y, z, size / unit, 0.0, 0.0), margin)
-
-    if task.search.interference == "airflow":
-        yield from (row(names.airflow(i, j), AIR, i, j) for i, j in pairs)
-        distance, separated = task.centre_distance, [pair for pair in pairs if pair not in topology.bolted]
-    else:
-        distance, separated = task.separation, pairs
-    if distance is not None:
-        yield from (row(names.separation(i, j), APART, i, j, size=distance) for i, j in separated)
-    if task.body_clearance is not None:
-        yield from (row(names.rotor_airflow(i, j), PARTS, i, j) for i, j in topology.unbolted)
-    if task.exclusion_radius is not None:
-        yield from (row(names.exclusion(i), EXCLUSION, i, 0, size=task.exclusion_radius) for i in range(n))
-    if task.tip_radius is not None:
-        yield from (row(names.tip_airflow(i), BALL, i, 0, size=task.tip_radius) for i in range(n))
-    for number, requirement in enumerate(task.exposure):
-        for i in range(n):
-            match requirement:
-                case Local(radius=float(radius)):
-                    yield row(names.exposure(number, requirement, i), BALL, i, 0, size=radius)
-                case Local():
-                    raise NotImplementedError("`reason_against` must be asked before")
-                case Directional(segments=None, length=float(length), radius=radius):
-                    name = names.exposure(number, requirement, i, 0)
-                    yield row(name, ALONG, i, 0, path=np.array([length, 0.0, 0.0]), size=radius)
-                case Directional():
-                    for segment, path in enumerate(requirement.segments or ()):
-                        name = names.exposure(number, requirement, i, segment)
-                        yield row(name, CAPSULE, i, 0, path=np.array(path), size=requirement.radius)
-                case Exterior():
-                    theta, com = math.radians(requirement.half_angle_deg), requirement.axis == "com"
-                    axis = np.zeros(3) if com else np.array(requirement.axis) / math.hypot(*requirement.axis)
-                    name = names.exposure(number, requirement, i)
-                    for end in (0, 1):
-                        data = (*axis.tolist(), 0.0, math.sin(theta), math.cos(theta))
-                        yield Row(name, CONE_COM if com else CONE, i, end, data, margin)
-    if any(needs_offset(requirement) for requirement in task.exposure):
-        yield Row(names.OFFSET, OFFSET, 0, 0, (0.0, 0.0, 0.0, LEAST_OFFSET, 0.0, 0.0), 0.0)
+    """Yield (4) to (9) of the printed problem, in its order."""
+    for requirement in clearances(task, topology):
+        for name, (i, j), formula in requirement.rows():
+            for kernel in formula.kernels():
+                yield Row(name, kernel.kind, i, j, kernel.data, requirement.margin)
 
 
 def _columns(listed: list[Row]) -> Rows:
     kind, i, j = (np.array([row[k] for row in listed], dtype=np.int64) for k in (1, 2, 3))
-    data = np.array([row.data for row in listed]).reshape(-1, 6)
+    data = np.array([row.data for row in listed]).reshape(-1, WIDTH)
     return Rows(kind, i, j, data, np.array([row.least for row in listed]))

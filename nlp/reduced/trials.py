@@ -1,25 +1,35 @@
 """Starts of the reduced search, and what Ipopt makes of the best of their ends.
 
-A start is a handful of cheap descents from draws of its own, so that starts do not depend on one another. Of the
-distinct ends of all starts the best are polished by Ipopt on the whole problem; starts that ended at the same place
-share the design. What no start leads to is searched for deeper, before a tree counts as infeasible.
+A start is a handful of cheap descents from draws of its own. The best of those of all starts that are searched
+together go on at high prices, and the best of their distinct ends are polished by Ipopt on the whole problem.
+Starts that ended at the same place share the design. What no start leads to is searched for deeper, before a tree
+counts as infeasible.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
 
 from nlp.assembled import AssembledProgram
-from nlp.finish import finish
-from nlp.ipopt import Answer
-from nlp.neighbour import carried_over
+from nlp.corners import held, with_all, without_corners
+from nlp.joints import Limits
+from nlp.numbers.point import Point
+from nlp.own import OwnConstraints, finished
+from nlp.programs.ipopt import IpoptResult
+from nlp.programs.program import Program, program
 from nlp.reduced.draws import draws
-from nlp.reduced.search import FIRST, SAME_AFTER, SECOND, STIFF, End, Phase, ends, point_of
+from nlp.reduced.search import FIRST, LEAST_KEPT, SAME_AFTER, SECOND, STIFF, End, Phase, ends, point_of
 from nlp.reduced.stated import Stated, state
-from nlp.starts import generator
+from nlp.starts.random_starts import generator
+from nlp.starts.warm_start import warm_start
 from nlp.trial import Trial
 from topo_search.model import Design, ResolvedTask, Topology
+from topo_search.model.corners import CorneredTask
 
 DRAWS = 8
 """Draws of a start."""
@@ -27,6 +37,8 @@ POLISHED = 2
 """Distinct ends that are polished; more of them as long as none has become a design."""
 HOPED = 6
 """Most that are polished."""
+POLISHED_OWN, HOPED_OWN = 8, 16
+"""Those with own constraints, which the descents do not know: the best of them need not be near the best end."""
 HOPELESS = 0.02
 """What an end may miss and is still polished, unless it is the best [l_arm, m_t g, l_arm m_t g].
 
@@ -62,23 +74,32 @@ class _Place:
         return self.end.missing > ACCEPTED, self.end.merit
 
 
+class _Ends(NamedTuple):
+    """Where starts ended."""
+
+    best: list[_Place]
+    """The best distinct ends."""
+    others: list[_Place]
+    """Where the rest had come to when they were given up."""
+
+
 class _Search:
     """The reduced search and the polish of one task and topology."""
 
-    def __init__(self, task: ResolvedTask, topology: Topology, seed: int) -> None:
-        self._task, self._topology, self._seed = task, topology, seed
+    def __init__(self, task: ResolvedTask, topology: Topology, seed: int, own: OwnConstraints) -> None:
+        self._task, self._topology, self._seed, self._own = task, topology, seed, own
         self._stated: Stated = state(task, topology)
-        self._program = AssembledProgram(task, topology)
+        self._plain = without_corners(task)
 
-    def of_start(self, start: int) -> list[_Place]:
-        """Return the best distinct ends of a start."""
-        return self._ends(start, f"{self._seed}", (FIRST, SECOND))
+    def of_starts(self, starts: Sequence[int]) -> _Ends:
+        """Return the ends of some starts."""
+        return self._ends(starts, f"{self._seed}", (FIRST, SECOND))
 
-    def of_donor(self, start: int, donor: Design) -> list[_Place]:
+    def of_source(self, start: int, source: Design) -> list[_Place]:
         """Return the end of a design that is carried over."""
-        rng = generator(self._task, self._topology, start, self._seed)
-        point = carried_over(self._task, self._topology, donor=donor, rng=rng)
-        best = ends(self._stated, point.pack()[None, : len(self._stated.lower)])
+        rng = generator(self._plain, self._topology, start, self._seed)
+        point = warm_start(self._plain, self._topology, source=source, rng=rng)
+        best, _ = ends(self._stated, point.pack()[None, : len(self._stated.lower)])
         return [_Place(end, (start,)) for end in best]
 
     def deep(self) -> list[_Place]:
@@ -91,8 +112,8 @@ class _Search:
         least: list[float] = []  # of the merits after each batch
         size = DEEP_BATCH * self._topology.n
         for batch in range(0, DEEP, size):
-            for start in range(batch, min(batch + size, DEEP)):
-                found += self._ends(start, f"{self._seed} deep", STIFF, anyhow=True)
+            starts = range(batch, min(batch + size, DEEP))
+            found += self._ends(starts, f"{self._seed} deep", STIFF, anyhow=True).best
             if min(place.end.missing for place in found) <= DEEP_FOUND:
                 break
             least.append(min(place.end.merit for place in found))
@@ -101,33 +122,62 @@ class _Search:
                 break
         return found
 
-    def _ends(self, start: int, seed: str, phases: tuple[Phase, Phase], *, anyhow: bool = False) -> list[_Place]:
-        own = range(DRAWS * start, DRAWS * (start + 1))
+    def _ends(
+        self, starts: Sequence[int], seed: str, phases: tuple[Phase, Phase], *, anyhow: bool = False
+    ) -> _Ends:
+        own = [DRAWS * start + k for start in starts for k in range(DRAWS)]
         drawn = draws(self._task, self._topology, self._stated, own, seed, anyhow=anyhow)
-        best = ends(self._stated, drawn, phases)
-        return [_Place(end, (start,)) for end in best]
+        least = HOPED_OWN if self._own else LEAST_KEPT
+        best, others = ends(self._stated, drawn, phases, least=least)
+        return _Ends(*([_Place(end, _starts(end, starts)) for end in side] for side in (best, others)))
 
     def polished(self, places: list[_Place]) -> Iterator[Trial]:
         """Yield the trials of the best distinct places, one for each of their starts."""
         tried, met = 0, False
-        for place in _distinct(places)[:HOPED]:
-            if tried >= POLISHED and met:
+        enough, most = (POLISHED_OWN, HOPED_OWN) if self._own else (POLISHED, HOPED)
+        for place in _distinct(places)[:most]:
+            if tried >= enough and met:
                 return
             if tried and place.end.missing > HOPELESS:
                 continue
-            origin = point_of(self._task, self._topology, self._stated, place.end.x)
-            trial = Trial.of(place.starts[0], origin, self._program.polish(origin))
+            trial = held(self._task, place.starts[0], self._origin(place), self._polish, self._own)
             tried, met = tried + 1, met or trial.worst.met
-            yield from (Trial(start, trial.answer, trial.point, trial.worst) for start in place.starts)
+            yield from (replace(trial, start=start) for start in place.starts)
 
-    def unpolished(self, place: _Place) -> Trial:
+    def unpolished(self, start: int, place: _Place) -> Trial:
         """Return the trial of a start where its end left it."""
-        point = finish(point_of(self._task, self._topology, self._stated, place.end.x))
-        return Trial.at(place.starts[0], point, Answer(point, NOT_POLISHED, 0))
+        point = with_all(finished(self._origin(place), self._own), self._task, self._own)
+        return Trial.at(start, point, IpoptResult(point, NOT_POLISHED, 0), own=self._own)
+
+    def _origin(self, place: _Place) -> Point:
+        """Return an end as a point of the task with the corners that counted there."""
+        task, counted = self._plain, place.end.counting[len(self._plain.load_cases) :]
+        if isinstance(self._task, CorneredTask):
+            task = self._task.keeping(np.flatnonzero(counted).tolist())
+        return point_of(task, self._topology, self._stated, place.end)
+
+    @cached_property
+    def _program(self) -> Program:
+        return program(self._plain, self._topology, self._own)
+
+    def _polish(self, origin: Point, limits: Limits | None) -> IpoptResult:
+        if limits is not None:  # the descents did not know of them
+            return AssembledProgram(origin.task, self._topology, self._own, limits).solve(origin)
+        if self._own:  # they may pull far from where the descents ended
+            plain = origin.task is self._plain
+            ready = self._program if plain else program(origin.task, self._topology, self._own)
+            return ready.solve(origin)
+        return AssembledProgram(origin.task, self._topology).polish(origin)
 
 
 def trials(
-    task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design]
+    task: ResolvedTask,
+    topology: Topology,
+    *,
+    starts: range,
+    seed: int,
+    near: Sequence[Design],
+    own: OwnConstraints = (),
 ) -> list[Trial]:
     """Return the outcome of each start, and of each design carried over.
 
@@ -137,22 +187,30 @@ def trials(
         starts: indices of the starts.
         seed: draws them, with the task, the topology and the index.
         near: designs carried over, as the starts -1, -2, ...
+        own: own constraints, which the polish alone knows: so it has more ends.
     """
-    search = _Search(task, topology, seed)
-    places = {-1 - k: search.of_donor(-1 - k, donor) for k, donor in enumerate(near)}
-    places |= {start: search.of_start(start) for start in starts}
-    found = list(search.polished([place for own in places.values() for place in own]))
+    search = _Search(task, topology, seed, own)
+    best = [place for k, source in enumerate(near) for place in search.of_source(-1 - k, source)]
+    others: list[_Place] = []
+    if starts:
+        reached = search.of_starts(starts)
+        best, others = best + reached.best, reached.others
+    found = list(search.polished(best))
     if DEEP_AT in starts and not any(trial.worst.met for trial in found):
-        found += [
-            Trial(DEEP_AT, trial.answer, trial.point, trial.worst) for trial in search.polished(search.deep())
-        ]
-    best: dict[int, Trial] = {}
+        found += [replace(trial, start=DEEP_AT) for trial in search.polished(search.deep())]
+    outcomes: dict[int, Trial] = {}
     for trial in sorted(found, key=lambda trial: trial.rank):
-        best.setdefault(trial.start, trial)
-    for start, own in places.items():
-        if start not in best:
-            best[start] = search.unpolished(min(own, key=lambda place: place.rank))
-    return [best[start] for start in places]
+        outcomes.setdefault(trial.start, trial)
+    for place in sorted(best, key=lambda place: place.rank) + others:
+        for start in place.starts:
+            if start not in outcomes:
+                outcomes[start] = search.unpolished(start, place)
+    return [outcomes[start] for start in (*range(-1, -1 - len(near), -1), *starts)]
+
+
+def _starts(end: End, starts: Sequence[int]) -> tuple[int, ...]:
+    """Return the starts whose draws ended at an end."""
+    return tuple(dict.fromkeys(starts[draw // DRAWS] for draw in end.starts))
 
 
 def _distinct(places: list[_Place]) -> list[_Place]:

@@ -10,11 +10,11 @@ import numpy as np
 from direct import Direct, random_start
 from stopwatch import Stopwatch
 
-from nlp.evaluate import violations, worst
-from nlp.finish import finish
-from nlp.point import Point
-from nlp.program import program
-from nlp.starts import draw, generator
+from nlp.numbers.evaluate import violations, worst
+from nlp.numbers.finish import finish
+from nlp.numbers.point import Point
+from nlp.programs.program import program
+from nlp.starts.random_starts import draw, generator
 from topo_search.engine.usage import Clock
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task

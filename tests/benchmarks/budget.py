@@ -8,7 +8,7 @@ the designs, ten at least, goes on from one rung of starts to the next, and so d
 tree that goes on is built again, as in a worker.
 
 Printed for each way of spending starts, as means over the searches: starts and CPU seconds of one thread, beside
-those of 24 starts a tree; how often the best and all of the ten best are found to 1e-4; the share of the ten that
+those of 24 starts per tree; how often the best and all of the ten best are found to 1e-4; the share of the ten that
 are; the share of the feasible trees that get a design. With --solved the solves are kept in a file, or taken from
 it.
 """
@@ -25,10 +25,10 @@ from pathlib import Path
 from random import Random
 
 import nlp
-from nlp.evaluate import violations, worst
-from nlp.finish import finish
-from nlp.program import program
-from nlp.starts import draw, generator
+from nlp.numbers.evaluate import violations, worst
+from nlp.numbers.finish import finish
+from nlp.programs.program import program
+from nlp.starts.random_starts import draw, generator
 from topo_search.engine import Space
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task

@@ -50,7 +50,7 @@ def main() -> None:
         f"--sizes {' '.join(map(str, given.sizes))} --topologies {given.topologies} --distance {given.distance} "
         f"--starts {given.starts} --cap {given.cap}"
     )
-    with Results.opened(given.out, about(EXPERIMENT.name, settings.as_json(), command)) as rows:
+    with Results.open(given.out, about(EXPERIMENT.name, settings.as_json(), command)) as rows:
         for cell in EXPERIMENT.cells(settings):
             if not rows.has(cell):
                 rows.add(measured(cell, given.cap))

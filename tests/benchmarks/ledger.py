@@ -24,8 +24,8 @@ from toy_problem import BOUND, solve, toy_task
 from topo_search.engine import Engine, exhaustive
 from topo_search.model import Design
 from topo_search.study import Request, RunFolder, Silent
-from topo_search.study.following import Following
 from topo_search.study.own_files import digest_of
+from topo_search.study.replay import Replay
 from topo_search.study.row import row_of
 
 BATCH = 1000
@@ -51,7 +51,7 @@ def fill(path: Path, request: Request, n: int) -> None:
     candidates = islice(space.candidates(), space.count() - 1)
     first = solve(context.task, next(space.candidates()).topology, starts=range(1), seed=0)
     assert isinstance(first, Design)
-    with RunFolder.opened(path, request) as folder:
+    with RunFolder.open(path, request) as folder:
         folder.ledger.begin(context, BOUND, None)
         while batch := list(islice(candidates, BATCH)):
             rows = []
@@ -71,12 +71,12 @@ def resume(path: Path, request: Request, n: int) -> None:
     """Take the run up and print where the time goes."""
     laps = [("loading the program", time.process_time())]
     space, context = request.space(n), request.contexts(n)[0]
-    with RunFolder.opened(path, request) as folder:
+    with RunFolder.open(path, request) as folder:
         laps.append(("opening and checking the ledger", time.process_time()))
-        following = Following(folder.ledger, context, BOUND, solve, Stopping(), Silent())
+        replay = Replay(folder.ledger, context, BOUND, solve, Stopping(), Silent())
         laps.append(("reading what is known", time.process_time()))
         try:
-            following.follow(exhaustive(space, starts=1, timed=False))
+            replay.follow(exhaustive(space, starts=1, timed=False))
         except FirstJob:
             laps.append(("enumerating and answering all that is known", time.process_time()))
         else:

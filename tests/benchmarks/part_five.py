@@ -48,7 +48,7 @@ def measure(rows: Rows, options: Options) -> None:
 
 
 def table(rows: Rows) -> str:
-    """Return one line a size and method."""
+    """Return one line per size and method."""
     lines = [
         "| n | trees, feasible | method | solves | feasible solves | peak MB | CPU s to 95 % | times slower |",
         "|---|---|---|---|---|---|---|---|",

@@ -11,8 +11,8 @@ from part_share import kind_of
 from rows import Row, Rows
 
 import nlp
-from nlp.evaluate import violations
-from nlp.starts import draw, generator
+from nlp.numbers.evaluate import violations
+from nlp.starts.random_starts import draw, generator
 from topo_search.engine.usage import Clock, peak_mb
 from topo_search.model import Design, Topology
 from topo_search.topologies import sample
@@ -79,7 +79,7 @@ def _reason(tried: list[Row]) -> str:
 
 
 def table(rows: Rows) -> str:
-    """Return one line a topology, and how many were solved as they should be."""
+    """Return one line per topology, and how many were solved as they should be."""
     lines = [
         "| distance, m | topology | audit | starts | CPU s | placing s | peak MB | gap | what stopped it |",
         "|---|---|---|---|---|---|---|---|---|",

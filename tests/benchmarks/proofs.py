@@ -1,6 +1,7 @@
 """Boxes and processor time of the proof of every tree of a task: python tests/benchmarks/proofs.py RUN --gap 0.01.
 
-RUN is the folder of a finished run; nothing is written to it. The compilation is done before the first tree.
+RUN is the folder of a finished run; nothing is written to it. The compilation is done before the first tree. With
+--check every chunk is checked as it is proven; with --sample M only M of the chunks of every tree are looked at.
 """
 
 from __future__ import annotations
@@ -9,11 +10,12 @@ import argparse
 import time
 from pathlib import Path
 
-from nlp import prove_chunk
-from topo_search.model import Topology
+from nlp import proof_root, prove_chunk
+from topo_search.model import Chunk, Topology
 from topo_search.model.proof import chunk_count
 from topo_search.study import RunFolder
 from topo_search.study.proofs import target
+from verify import check_chunk
 
 
 def main() -> None:
@@ -21,28 +23,42 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path)
     parser.add_argument("--gap", type=float, default=0.01)
+    parser.add_argument("--check", action="store_true")
+    parser.add_argument("--sample", type=int)
     parser.add_argument("--trees", nargs="*", help="keys; default: all")
     asked = parser.parse_args()
-    with RunFolder.found(asked.run) as folder:
+    with RunFolder.load(asked.run) as folder:
         for n in folder.request.task.sizes:
             task, best = folder.request.contexts(n)[0].task, folder.ledger.best_clear(n)
             if best is None or best.objective is None:
                 continue
             prove_chunk(task, Topology.from_key(best.key), 0, best.objective, most_boxes=1)
-            print("key        aim         cut/best     boxes   CPU s  chunks closed")
+            if asked.check:
+                check_chunk(task, Topology.from_key(best.key), 0, best.objective, Chunk.of(0, "closed", b"\0"))
+            print("key        aim         cut/best     boxes   CPU s  chunks closed, check: CPU s, boxes halved")
             for row in folder.ledger.ranked(n):
                 if row.status == "impossible" or (asked.trees and row.key not in asked.trees):
                     continue
                 aim, cut = target(row, best.objective, asked.gap)
-                tree, began, boxes, closed = Topology.from_key(row.key), time.process_time(), 0, 0
-                for number in range(chunk_count(n)):
+                tree, boxes, closed, halved, seconds, checking = Topology.from_key(row.key), 0, 0, 0, 0.0, 0.0
+                every = range(0, chunk_count(n), chunk_count(n) // (asked.sample or chunk_count(n)))
+                for number in every:
+                    began = time.process_time()
                     chunk = prove_chunk(task, tree, number, cut)
+                    seconds += time.process_time() - began
                     boxes, closed = boxes + chunk.boxes, closed + (chunk.outcome == "closed")
                     if chunk.outcome != "closed":
                         break
-                seconds = time.process_time() - began
+                    if asked.check:
+                        began = time.process_time()
+                        found = check_chunk(task, tree, proof_root(task, tree), cut, chunk)
+                        checking += time.process_time() - began
+                        halved += found.halved
+                        if found.fault is not None:
+                            raise SystemExit(f"{row.key}, chunk {number}: {found.fault}")
                 told = f"{row.key:10} {aim:9} {cut / best.objective:10.5f} {boxes:9,} {seconds:7.1f}"
-                print(f"{told}  {closed} of {chunk_count(n)}", flush=True)
+                told += f"  {closed} of {len(every)}"
+                print(told + (f", {checking:7.1f} {halved:9,}" if asked.check else ""), flush=True)
 
 
 if __name__ == "__main__":

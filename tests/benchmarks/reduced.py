@@ -65,7 +65,7 @@ def main() -> None:
     parser.add_argument("--examples", nargs="+", default=["push", "push-local", "push-exterior-60"])
     parser.add_argument("--modules", type=int, default=5)
     parser.add_argument("--trees", type=int, help="uniformly drawn ones; default: all")
-    parser.add_argument("--starts", type=int, help="present starts a tree; default: those of the solver")
+    parser.add_argument("--starts", type=int, help="present starts per tree; default: those of the solver")
     parser.add_argument("--set", action="append", default=["search.body_clearance=false"], dest="settings")
     arguments = parser.parse_args()
     n = arguments.modules

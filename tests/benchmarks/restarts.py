@@ -20,13 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlp.bounds import prove_impossible
-from nlp.evaluate import violations, worst
-from nlp.finish import finish
-from nlp.hinges import within
-from nlp.placing import place
-from nlp.point import Point, fixed_end_effector
-from nlp.program import Program, program
-from nlp.starts import PLACED_FROM, draw, generator, with_inputs
+from nlp.numbers.evaluate import violations, worst
+from nlp.numbers.finish import finish
+from nlp.numbers.hinges import within
+from nlp.numbers.point import Point, fixed_end_effector
+from nlp.programs.program import Program, program
+from nlp.starts.random_starts import UNTANGLED_FROM, draw, generator, with_inputs
+from nlp.starts.untangling import untangle
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import candidates, sample
@@ -104,8 +104,8 @@ def displaced(point: Point, by: float, rng: np.random.Generator) -> Point:
     right = np.pi / 2
     root = point.root + by * rng.normal(size=3)
     alpha = within(task, topology, point.alpha + by * rng.normal(size=topology.n - 1))
-    if topology.n >= PLACED_FROM:
-        alpha = place(task, topology, alpha, rng)
+    if topology.n >= UNTANGLED_FROM:
+        alpha = untangle(task, topology, alpha, rng)
     p_E = point.p_E + by * task.module.connector_distance * rng.normal(size=3)
     if task.search.root == "paper":
         root = np.clip(root, [0.0, -right, -right], [0.0, right, right])

@@ -19,9 +19,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from nlp_cases import as_design
 
-from nlp.finish import finish
-from nlp.program import program
-from nlp.starts import draw, generator
+from nlp.numbers.finish import finish
+from nlp.programs.program import program
+from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import examples, read_task
 from topo_search.topologies import sample

@@ -16,11 +16,11 @@ import numpy as np
 from direct import random_start
 
 from nlp.bounds import lower_bound
-from nlp.evaluate import violations, worst
-from nlp.finish import finish
-from nlp.point import Point
-from nlp.program import Program, program
-from nlp.starts import draw, generator
+from nlp.numbers.evaluate import violations, worst
+from nlp.numbers.finish import finish
+from nlp.numbers.point import Point
+from nlp.programs.program import Program, program
+from nlp.starts.random_starts import draw, generator
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import candidates
@@ -70,7 +70,7 @@ def main() -> None:
             for name, kind in kinds.items():
                 point = kind(task, candidate.topology, generator(task, candidate.topology, start, 0))
                 tallies[name].add(ready, task, point, candidate.topology.key)
-    print(f"{arguments.example}, n = {task.n}, {arguments.starts} starts a tree")
+    print(f"{arguments.example}, n = {task.n}, {arguments.starts} starts per tree")
     header = f"{'starts':10}{'feasible solves':>16}{'feasible trees':>16}{'best J / bound':>16}"
     print(f"{header}{'iterations a solve':>20}{'s a solve':>12}")
     bound = lower_bound(task)

@@ -32,7 +32,7 @@ from topo_search.engine import Proposal, Scored, Space, merge, record_of, scaled
 from topo_search.engine.proposals import optuna_study
 from topo_search.model import Design, Infeasible, ResolvedTask
 from topo_search.model.files import read_task
-from topo_search.study import RunFolder
+from topo_search.study import DEFAULT_ROUND, RunFolder
 
 SAMPLERS = ("moves", "tpe", "nsga2", "random")
 WITHIN = 1e-3
@@ -93,7 +93,7 @@ def write_table(example: str, n: int, starts: int, out: Path) -> None:
 
 def extract_table(run: Path, out: Path) -> None:
     """Write what the starts of an exhaustive run reached."""
-    with RunFolder.found(run) as folder, out.open("w", newline="") as stream:
+    with RunFolder.load(run) as folder, out.open("w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(COLUMNS)
         context, *_ = folder.request.contexts(folder.request.task.sizes[0])
@@ -301,7 +301,9 @@ def explore(
 ) -> None:
     """Follow a sampler's proposals, and look after each whether it was enough."""
     trials = space.count() - 1  # where all are proposed all get all starts in the end, whatever the sampler
-    strategy = optuna_study(space, sampler=sampler, trials=trials, starts=starts, seed=seed)
+    strategy = optuna_study(
+        space, sampler=sampler, trials=trials, round_size=DEFAULT_ROUND, starts=starts, seed=seed
+    )
     proposed = next(strategy)
     while True:
         scores = []

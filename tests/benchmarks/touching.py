@@ -2,14 +2,14 @@
 
     python tests/benchmarks/touching.py push --set module.arm_length=0.135
 
-prints one line a tree: the audit's verdict and the least clearance of bolted neighbours and of other pairs [mm].
+prints one line per tree: the audit's verdict and the least clearance of bolted neighbours and of other pairs [mm].
 """
 
 from __future__ import annotations
 
 import argparse
 
-from topo_search.compose import VERBS
+from topo_search.compose import BACKENDS
 from topo_search.model import Design
 from topo_search.model.files import read_task
 from topo_search.topologies import sample
@@ -26,11 +26,11 @@ def main() -> None:
     given = parser.parse_args()
     task = read_task(given.task, (f"modules={given.modules}", *given.settings)).resolve(given.modules)
     for topology in sample(given.modules, given.trees, seed=given.seed):
-        design = VERBS.solve(task, topology, starts=range(given.starts), seed=0)
+        design = BACKENDS.solve(task, topology, starts=range(given.starts), seed=0)
         if not isinstance(design, Design):
             print(f"{topology.key}  no design")
             continue
-        audit = VERBS.audit(design)
+        audit = BACKENDS.audit(design)
         rows = [pair for pair in audit.pairs if pair.kind == "body"]
         least = [
             min(

@@ -26,7 +26,7 @@ import psutil
 from dask_cluster import Cluster
 from engine_jobs import timed
 
-from topo_search.compose import VERBS
+from topo_search.compose import BACKENDS
 from topo_search.engine import DaskWorkers, Engine, Failed, Workers
 from topo_search.model.files import read_task
 from topo_search.study import Request, Silent, run
@@ -82,7 +82,7 @@ def search(request: Request, watched: Watched, processes: Callable[[], list[psut
     """Search from nothing, and add up what it takes."""
     with tempfile.TemporaryDirectory() as folder:
         wall, own, others = time.perf_counter(), time.process_time(), cpu(processes())
-        run(request, Path(folder), VERBS, engine=watched, observer=Silent())
+        run(request, Path(folder), BACKENDS, engine=watched, observer=Silent())
         watched.spent.wall += time.perf_counter() - wall
         watched.spent.coordinator += time.process_time() - own
         watched.spent.engine += cpu(processes()) - others

@@ -15,18 +15,18 @@ NOT_CLEAR = 1
 @click.command(epilog="Example: topo-search audit runs/push-*/best.json --markdown audit.md")
 @click.argument("designs", nargs=-1, required=True, metavar="DESIGN.json|FOLDER...")
 @options.as_json
-@options.out("--csv", "table", "Write every clearance as a row of a table.")
-@options.out("--markdown", "summary", "Write a summary to read and hand on.")
+@options.out("--csv", "table", "Write all clearances to a CSV table.")
+@options.out("--markdown", "summary", "Write a summary in Markdown.")
 @options.workers
 def audit(
     designs: tuple[str, ...], as_json: bool, table: Path | None, summary: Path | None, workers: int | None
 ) -> None:
-    """Audit designs exactly, from their files alone, whoever made them.
+    """Audit designs exactly, from the design files alone.
 
     Given a folder, every .json file below it is audited; audits in a run's folder are skipped.
 
-    Exit status: 0 all clear; 1 one is violated, undecided or inconsistent, or its audit failed;
-    2 a file cannot be read, or is no design (the others are still audited).
+    Exit status: 0 all clear; 1 a design is violated, undecided or inconsistent, or its audit failed;
+    2 a file cannot be read or is not a design (the others are still audited).
     """
     with explained():
         from topo_search.cli.design_files import Reading, design_files

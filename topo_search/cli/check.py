@@ -48,13 +48,13 @@ def check(
     Exit status: 0 valid task, with or without warnings; 2 bad input.
     """
     with explained():
-        from topo_search.model.oddities import oddities
+        from topo_search.model.task_warnings import task_warnings
 
         asked = options.asked(task, settings, paper=paper, modules=modules)
         if picture is not None:
             _draw(asked, picture)
         sizes = [_size(asked, n) for n in asked.sizes]
-        odd = oddities(asked)
+        odd = task_warnings(asked)
         if as_json:
             first = asked.resolve(asked.sizes[0]).model_dump(mode="json")
             options.echo_json({"task": first, "sizes": sizes, "warnings": [asdict(one) for one in odd]})

@@ -94,4 +94,4 @@ def _below(folder: str) -> Iterator[DesignFile]:
     for error in unread:
         yield DesignFile(str(error.filename), fault=f"cannot be read: {error.strerror}")
     if empty and not unread:
-        yield DesignFile(folder, fault="must hold designs, but no file below it ends in .json")
+        yield DesignFile(folder, fault="must contain designs, but no file below it ends in .json")

@@ -15,6 +15,8 @@ import click
 from topo_search.supervisor import INTERRUPTED, OUT_OF_MEMORY, SOFTWARE, Stop, out_of_memory
 
 BAD_INPUT = 2
+OPEN = 4
+"""A proof is not complete."""
 INPUT_OUTPUT = 74
 """EX_IOERR of <sysexits.h>: the disk is full, or fails."""
 
@@ -34,7 +36,7 @@ def needs_extras(option: str) -> Iterator[None]:
         extra = EXTRAS.get(error.name or "")
         if extra is None:
             raise
-        how = f'needs {error.name}, which is not installed; type: pip install "topo-search[{extra}]"'
+        how = f'needs {error.name}, which is not installed; run: pip install "topo-search[{extra}]"'
         raise BadInput(option, [Fault("", how)]) from None
 
 
@@ -52,7 +54,7 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
     from topo_search.model import BadInput
     from topo_search.study.lost import LedgerLost
 
-    kept = "; what the run has finished is safe, and the same command resumes it" if resumes else ""
+    kept = "; finished results are safe; run the same command to continue" if resumes else ""
     current = signal.getsignal(signal.SIGTERM)
     stop = current if isinstance(current, Stop) else Stop()
     before = stop.handle()
@@ -73,7 +75,7 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
         if out_of_memory(error):
             _end(f"out of memory{kept}", OUT_OF_MEMORY)
         if isinstance(error, sqlite3.OperationalError):
-            text = f"the ledger cannot be written: {error}; what it holds is safe, and the same command resumes"
+            text = f"cannot write the ledger: {error}; its contents are safe; run the same command to continue"
             _end(text, INPUT_OUTPUT)
         # an error without a number is no file's; with EPIPE the reader of our output left
         if isinstance(error, OSError) and error.errno not in (None, errno.EPIPE):

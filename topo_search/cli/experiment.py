@@ -33,7 +33,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
         except ValueError:
             text = value if len(value) <= SHOWN else f"{value[:SHOWN]}..."
             raise click.BadParameter(
-                f"must be numbers with commas in between, but got {text!r}", context, parameter
+                f"must be comma-separated numbers, but got {text!r}", context, parameter
             ) from None
 
     return read
@@ -42,7 +42,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 @click.command(epilog="Example: topo-search experiment ablation --sizes 10,20 --topologies 5 --out ablation")
 @click.argument("name", type=click.Choice(NAMES))
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="The experiment's folder.")
-@click.option("--small", is_flag=True, help="Small settings, done in seconds, to try it out.")
+@click.option("--small", is_flag=True, help="Use small settings that finish in seconds.")
 @click.option(
     "--task",
     "tasks",
@@ -55,7 +55,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
     "--topologies",
     callback=_numbers(int),
     metavar="M[,M]",
-    help="Trees per size, up to 40 modules and above (default: the experiment's).",
+    help="Trees per size: up to 40 modules, and above (default: the experiment's).",
 )
 @click.option(
     "--distances", callback=_numbers(float), metavar="D,...", help="Connector distances in m (default: the task's)."
@@ -91,17 +91,16 @@ def experiment(
     picture: Path | None,
     as_json: bool,
 ) -> None:
-    """Repeat a study of the paper, or one of ours, and keep its rows in a folder.
+    """Repeat a study of the paper, or a further one, and keep its rows in a folder.
 
     \b
     scaling    time, memory and success against the number of modules
     ablation   how airflow overlaps when only a minimum distance keeps modules apart
     placement  what an end-effector at the centre of mass costs
-    root       what the paper's root costs, against one that turns freely
-    body       what it costs that frames keep clear of each other
+    root       what the paper's root orientation costs against a free one
+    body       what body clearance costs
 
-    Without options a study has its full size, which takes hours. The same
-    command resumes a stopped one.
+    Without options a study runs at its full size, which takes hours. Run the same command to resume.
 
     Exit status: 0 done; 2 bad input.
     """  # noqa: D301 (\b is click's)

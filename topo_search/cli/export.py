@@ -13,6 +13,7 @@ from topo_search.cli.errors import explained, needs_extras, note
 if TYPE_CHECKING:
     import pandas as pd
 
+    from topo_search.export.physics import Physics
     from topo_search.model import Audit, Design
 
 SUFFIXES = {
@@ -28,7 +29,7 @@ SUFFIXES = {
     ".svg": "svg",
     ".urdf": "urdf",
 }
-"""The kind of file that a name's end stands for."""
+"""The kind of file that a name's end stands for, besides those of installed packages."""
 FOLDERS = ("kit", "brackets")
 """Kinds that are folders."""
 PICTURES = ("png", "svg")
@@ -36,8 +37,25 @@ SOLIDS = ("glb", "stl")
 TABLES = ("assembly", "csv", "parquet")
 KIT = ("kit", "allocation", "rotors", "px4", "brackets", "sheet", "parts")
 """The lab kit, and its parts that are files of their own."""
+SIMULATED = ("mjcf", "kit")
+"""Kinds that hold a model for MuJoCo."""
+OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
+"""All kinds of this package."""
 AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
+
+
+def _known(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    """Refuse what is a kind of neither this package nor an installed one (`topo_search.export.formats`)."""
+    if value is None or value in OURS:
+        return value
+    with explained():
+        from topo_search.export.formats import formats
+
+        known = sorted({*OURS, *formats()})
+    if value not in known:
+        raise click.BadParameter(f"must be one of {', '.join(known)}, but got {value!r}", context, parameter)
+    return value
 
 
 @click.command(epilog="Example: topo-search export runs/push-*/best.json --out push.png")
@@ -45,29 +63,48 @@ AUDIT = "topo-search/audit"
 @click.option(
     "--format",
     "kind",
-    type=click.Choice(sorted({*SUFFIXES.values(), *TABLES, *KIT})),
-    help="Kind of file (default: by the end of --out's name).",
+    callback=_known,
+    metavar=f"[{'|'.join(OURS)}|...]",
+    help="File format (default: by the suffix of --out).",
 )
 @click.option(
     "--parts",
     type=click.Choice(["all", "platform", "airflow"]),
-    help="Solids of a glb or stl; all adds the regions at the target (default: all, of an stl the platform).",
+    help="Solids of a glb or stl; `all` includes the target regions (default: all; stl: platform).",
 )
 @click.option(
     "--angle-step",
     type=click.FloatRange(0, 45, min_open=True),
     callback=options.number,
     metavar="DEG",
-    help="Round the hinge angles of a kit, find the inputs again, audit again, and say what changed.",
+    help="Round the hinge angles of a kit to this step, recompute the inputs, audit again and report what changed.",
 )
+@click.option(
+    "--motor-lag",
+    type=click.FloatRange(0, 10, min_open=True),
+    callback=options.number,
+    metavar="SECONDS",
+    help="Time constant of a rotor's thrust in the model for MuJoCo (default: none).",
+)
+@click.option("--rod-mass", is_flag=True, help="Give the rod its mass in that model; the design neglects it.")
+@click.option("--contacts", is_flag=True, help="Give the end-effector a tip with contacts in that model.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
     required=True,
     metavar="FILE|DIR",
-    help="Where to write it; a file that is there is replaced, and so is the kit in a folder.",
+    help="Output file or folder; an existing file or kit is overwritten.",
 )
-def export(source: str, kind: Any, parts: Any, angle_step: float | None, out: Path) -> None:
+def export(
+    source: str,
+    kind: Any,
+    parts: Any,
+    angle_step: float | None,
+    motor_lag: float | None,
+    rod_mass: bool,
+    contacts: bool,
+    out: Path,
+) -> None:
     """Export a design, an audit or a run to other tools.
 
     \b
@@ -78,45 +115,51 @@ def export(source: str, kind: Any, parts: Any, angle_step: float | None, out: Pa
     urdf          a robot description with a frame at every rotor
     csv, parquet  a table: candidates of a run, clearances of an audit; a design is audited first
     assembly      the assembly sheet as CSV: what to bolt to what, at which angle, in which order
-    kit           a folder for the lab: the design, how its rotors act on it, PX4's parameters, hinge
-                  brackets and the rod's mount to print, parts list, assembly sheet, a model for MuJoCo
+    kit           a folder for the lab: design, allocation matrix, PX4 parameters, hinge brackets and
+                  rod mount to print, parts list, assembly sheet, MuJoCo model
     allocation    the 6 x 4n matrix from rotor inputs to force and torque, with mass and inertia (.json, .csv)
     rotors        the rotors as CSV: position, axis, spin, coefficients
     px4           parameters of PX4's control allocation, for at most 12 rotors (.params)
     brackets      a folder of STL files, in millimetres: a bracket for every joint, the rod's mount
-    sheet         the assembly sheet as a page that prints, with drawings (.html)
+    sheet         the printable assembly sheet with drawings (.html)
     parts         the parts list as CSV
 
-    Pictures and parquet need the extra `viz`. A design need not be audited, nor pass its audit.
+    Installed packages may add formats of their own (entry points `topo_search.formats`).
+
+    Pictures and parquet need the extra `viz`. A design need not be audited or pass its audit.
 
     Exit status: 0 written; 2 bad input.
     """  # noqa: D301 (\b is click's)
     with explained():
+        from topo_search.export.physics import Physics
         from topo_search.model import BadInput, Design, Fault
         from topo_search.model.files import read_json
 
-        asked: Any = kind or SUFFIXES.get(out.suffix.lower())
+        asked: Any = kind or SUFFIXES.get(out.suffix.lower()) or _of_packages(out)
         if kind not in FOLDERS and out.is_dir():
             rule = f"must be a file unless --format is kit or brackets, but {out} is a directory"
             raise BadInput("--out", [Fault("", rule)])
         if asked is None:
-            rule = f"must end in {', '.join(SUFFIXES)}, or --format be given, but got {out.name}"
+            rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
             raise BadInput("--out", [Fault("", rule)])
         if parts is not None and asked not in SOLIDS:
-            raise BadInput(
-                "--parts", [Fault("", f"must be left out unless the file is a glb or stl, but got {parts}")]
-            )
+            raise BadInput("--parts", [Fault("", f"applies only to glb and stl, but got {parts}")])
         if angle_step is not None and asked not in KIT:
-            raise BadInput("--angle-step", [Fault("", f"belongs to a kit and its parts, but got --format {asked}")])
+            rule = f"applies only to a kit and its parts, but got --format {asked}"
+            raise BadInput("--angle-step", [Fault("", rule)])
+        physics = Physics(motor_lag, rod_mass, contacts)
+        if physics != Physics() and asked not in SIMULATED:
+            rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {asked}"
+            raise BadInput("--motor-lag, --rod-mass, --contacts", [Fault("", rule)])
         if asked in KIT:
-            _write_kit(read_json(Design, source), asked, out, angle_step)
+            _write_kit(read_json(Design, source), asked, out, angle_step, physics)
             return
         options.require_writable(out)
         with needs_extras(f"--format {asked}"):
             if asked in TABLES:
                 _write_table(source, asked, out)
             else:
-                _write(read_json(Design, source), asked, parts, out)
+                _write(read_json(Design, source), asked, parts, physics, out)
         what = (
             "sheet"
             if asked == "sheet"
@@ -129,37 +172,36 @@ def export(source: str, kind: Any, parts: Any, angle_step: float | None, out: Pa
         click.echo(f"the {what} is in {out}")
 
 
-def _write(design: Design, kind: Any, parts: Any, out: Path) -> None:
+def _of_packages(out: Path) -> str | None:
+    """Return the format of an installed package that a name's end stands for."""
+    from topo_search.export.formats import formats
+
+    return next((own.name for own in formats().values() if out.suffix.lower() in own.suffixes), None)
+
+
+def _write(design: Design, kind: Any, parts: Any, physics: Physics, out: Path) -> None:
     """Write a design as a kind of file; ModuleNotFoundError names a library that is missing."""
     from topo_search.model.files import write_atomically
 
-    match kind:
-        case "mjcf":
-            from topo_search.export.mjcf import mjcf
+    if kind in SOLIDS:
+        from topo_search.export.solids import glb, stl
 
-            write_atomically(out, mjcf(design))
-        case "urdf":
-            from topo_search.export.urdf import urdf
+        write_atomically(out, glb(design, parts or "all") if kind == "glb" else stl(design, parts or "platform"))
+    elif kind == "mjcf":
+        from topo_search.export.mjcf import mjcf
 
-            write_atomically(out, urdf(design))
-        case "glb":
-            from topo_search.export.solids import glb
+        write_atomically(out, mjcf(design, physics))
+    else:
+        from topo_search.export.formats import export_design
 
-            write_atomically(out, glb(design, parts or "all"))
-        case "stl":
-            from topo_search.export.solids import stl
-
-            write_atomically(out, stl(design, parts or "platform"))
-        case _:
-            from topo_search.export.picture import draw
-
-            draw(design, out, format=kind)
+        export_design(design, out, format=kind)
 
 
-def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None) -> None:
+def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:
     """Write the kit of a design, or a part of it."""
-    from topo_search.compose import rounded
+    from topo_search.compose import brackets_note, rounded
     from topo_search.export.kit import folder
+    from topo_search.export.kit.brackets import require_room
 
     if kind == "kit":
         folder.require_kit_folder(out)
@@ -171,15 +213,20 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None) -
         design, notes = found.design, found.notes
     for text in notes:
         click.echo(text)
+    if kind in ("kit", "sheet"):
+        require_room(design.task.module)
+        beside = brackets_note(design)
+        note(beside)
+        notes += (beside,)
     if kind == "kit":
-        kit = folder.write_kit(design, out, notes)
+        kit = folder.write_kit(design, out, notes, physics)
         click.echo(f"the kit is in {out}: {', '.join(kit.files)}")
         for text in kit.notes:
             note(text)
     elif kind == "brackets":
         click.echo(f"the brackets are in {out}: {', '.join(folder.write_brackets(design, out))}")
     else:
-        folder.write_part(design, kind, out)
+        folder.write_part(design, kind, out, notes)
         click.echo(f"the {'sheet' if kind == 'sheet' else 'table'} is in {out}")
 
 

@@ -27,7 +27,7 @@ LARGEST_ERROR = 0.5
     metavar="DIR",
     help="Folder for flight.json, flight.csv and flight.png.",
 )
-@options.out("--video", "video", "A film of some of the flights (.gif), rendered without a display.")
+@options.out("--video", "video", "Render some of the flights to a film (.gif); needs no display.")
 @options.seed
 @click.option(
     "--noise",
@@ -35,7 +35,7 @@ LARGEST_ERROR = 0.5
     callback=options.number,
     default=1.0,
     show_default=True,
-    help="Factor on the sensors' noise.",
+    help="Scale factor for the sensor noise.",
 )
 @click.option(
     "--model-error",
@@ -43,10 +43,14 @@ LARGEST_ERROR = 0.5
     callback=options.number,
     default=0.0,
     show_default=True,
-    help="Standard deviation of masses and thrusts from what the controller knows, relative.",
+    help="Relative standard deviation of masses and thrusts from the controller's model.",
 )
-@click.option("--rotor-out", is_flag=True, help="The death of a rotor has to be survived; else it is only told.")
-@click.option("--only", multiple=True, metavar="NAME", help="Fly the scenarios that begin so (repeatable).")
+@click.option(
+    "--rotor-out", is_flag=True, help="Require that a rotor failure is survived; otherwise it is only reported."
+)
+@click.option(
+    "--only", multiple=True, metavar="NAME", help="Fly only scenarios whose name starts with NAME (repeatable)."
+)
 @options.as_json
 def fly(
     design: str,
@@ -59,14 +63,15 @@ def fly(
     only: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Fly a design in simulation: closed loop, limits of rotors, motor lag, noise.
+    """Fly a design in closed-loop simulation with rotor limits, motor lag and noise.
 
-    Hover; the way back from 10 cm and 10 degrees, from four sides; a gust; every load case that carries the
-    weight, with its load at the end-effector and, if it is a push, against a wall; a rotor that dies. A load case
-    that is no steady flight is said to be so. It is evidence from a simulation that has no downwash, and changes
-    nothing in the audit. Needs the extra `sim`.
+    Scenarios: hover; recovery from an offset of 10 cm and 10 degrees on four sides; a gust; every load case that
+    carries the weight, with its load at the end-effector and, if it pushes, against a wall; every corner of its
+    cone and vertices, with its load at the end-effector; a rotor failure. Load cases that are not a steady flight
+    are reported as such. The simulation has no downwash and does not change the audit; `report DESIGN.json
+    --flight DIR` shows its result on a page. Needs the extra `sim`.
 
-    Exit status: 0 every scenario held; 1 one was not; 2 bad input, or the extra is missing.
+    Exit status: 0 all scenarios held; 1 some did not; 2 bad input, or the extra is missing.
     """
     with explained():
         from topo_search.model import Design
@@ -132,16 +137,17 @@ def _print(result: FlightResult) -> None:
         click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
     for one in result.scenarios:
         if one.reason is not None:
-            click.echo(f"{one.name}: {one.verdict}{'' if one.counts else ' (does not count)'}: {one.reason}")
+            click.echo(f"{one.name}: {one.verdict}{'' if one.counts else ' (informative)'}: {one.reason}")
     x, y, _ = result.weakest_direction
     click.echo(
-        f"in hover rotors can push {result.weakest_force_N:.3g} N sideways in the weakest direction "
-        f"[{x:.2f}, {y:.2f}], {100 * result.weakest_force_share:.3g} % of the weight; "
-        f"{result.rotors_out} of {result.rotors} single rotors "
-        "may be dead"
+        f"side force in hover: {result.weakest_force_N:.3g} N in the weakest direction [{x:.2f}, {y:.2f}], "
+        f"{100 * result.weakest_force_share:.3g} % of the weight; "
+        f"survives {result.rotors_out} of {result.rotors} single rotor failures"
     )
     if result.rod_mass_kg > 0:
-        click.echo(f"simulated with the rod's {1000 * result.rod_mass_kg:.3g} g, which the model leaves out")
+        click.echo(
+            f"simulated with the rod's mass of {1000 * result.rod_mass_kg:.3g} g, which the design model neglects"
+        )
     click.echo("\n".join(result.notes))
     click.echo(f"in simulation: {result.verdict}")
 

@@ -13,7 +13,7 @@ from topo_search.cli.errors import explained
 
 @click.command(epilog="Example: topo-search init window.toml && topo-search check window.toml")
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False), metavar="[FILE]", default="task.toml")
-@click.option("--force", is_flag=True, help="Replace a file that is there.")
+@click.option("--force", is_flag=True, help="Overwrite an existing file.")
 def init(file: Path, force: bool) -> None:
     """Write a commented task file to start from.
 
@@ -27,8 +27,8 @@ def init(file: Path, force: bool) -> None:
         from topo_search.model.template import task_template
 
         if file.exists() and not force:
-            raise BadInput(str(file), [Fault("", "is there already; --force replaces it")])
+            raise BadInput(str(file), [Fault("", "already exists; --force overwrites it")])
         options.require_writable(file, "FILE")
         name = re.sub(r"[^A-Za-z0-9._-]+", "-", file.stem).lstrip("._-")[:64]
         write_atomically(file, task_template(name or "task"))
-        click.echo(f"the task is in {file}; what it asks: topo-search check {file}")
+        click.echo(f"wrote {file}; to see what it asks for: topo-search check {file}")

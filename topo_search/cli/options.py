@@ -18,7 +18,7 @@ from topo_search.limits import LARGEST_INTEGER, SECONDS, STARTS, WORKERS
 if TYPE_CHECKING:
     from topo_search.engine import Certificates
     from topo_search.model import Task
-    from topo_search.model.oddities import Oddity
+    from topo_search.model.task_warnings import TaskWarning
 
 SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
 
@@ -56,28 +56,28 @@ workers = click.option(
 )
 _dask = (
     click.option(
-        "--dask", metavar="tcp|tls://HOST:PORT", help="Address of a Dask scheduler whose workers do the solving."
+        "--dask", metavar="tcp|tls://HOST:PORT", help="Dask scheduler whose workers solve the candidates."
     ),
     *(
         click.option(
             f"--dask-{name}", type=click.Path(path_type=Path), metavar="FILE", help=f"With tls://: {text}."
         )
         for name, text in (
-            ("ca", "certificate (PEM) of the authority that signed all others"),
-            ("cert", "certificate of this end"),
-            ("key", "private key of this end"),
+            ("ca", "certificate (PEM) of the signing authority"),
+            ("cert", "client certificate (PEM)"),
+            ("key", "client private key (PEM)"),
         )
     ),
 )
 connectors = click.option(
     "--connectors",
     type=click.Choice(["aligned", "any"]),
-    help="Ports by which a child may be joined: the opposite one, or any.",
+    help="Ports by which a child may be joined: the opposite one only, or any.",
 )
 root = click.option(
     "--root",
     type=click.Choice(["free", "paper"]),
-    help="Root orientation: free, or the paper's two limited angles.",
+    help="Root orientation: free, or limited to the paper's two angles.",
 )
 paper = click.option(
     "--paper", is_flag=True, help="The paper's literal problem: its root, no margin, no body clearance."
@@ -157,13 +157,13 @@ def asked(task: str, settings: tuple[str, ...], *, paper: bool = False, **fields
     return posed
 
 
-def warn(task: Task) -> tuple[Oddity, ...]:
+def warn(task: Task) -> tuple[TaskWarning, ...]:
     """Print what is odd about a task, as `check` does, on stderr; and return it."""
-    from topo_search.model.oddities import oddities
+    from topo_search.model.task_warnings import task_warnings
 
-    found = oddities(task)
-    for oddity in found:
-        note(f"warning: {oddity}")
+    found = task_warnings(task)
+    for warning in found:
+        note(f"warning: {warning}")
     return found
 
 
@@ -196,11 +196,11 @@ def require_writable(out: Path, option: str = "--out") -> None:
     folder = out.parent
     try:
         if out.exists() and not out.is_file():  # a device: its name would be taken by a file
-            raise BadInput(option, [Fault("", f"must be a regular file where there is one, but got {out}")])
+            raise BadInput(option, [Fault("", f"must be a regular file if it exists, but got {out}")])
         while not folder.exists():
             folder = folder.parent
         with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{out.name}."):  # as `write_atomically` names it
             pass
     except OSError as error:
-        rule = f"must be a file that can be written, but got {out} ({folder}: {error.strerror})"
+        rule = f"must be writable, but got {out} ({folder}: {error.strerror})"
         raise BadInput(option, [Fault("", rule)]) from None

@@ -1,4 +1,4 @@
-"""How a run shows its progress: a bar on a terminal, a plain line now and then elsewhere; both on stderr."""
+"""How a command shows its progress: a bar on a terminal, a plain line now and then elsewhere; both on stderr."""
 
 from __future__ import annotations
 
@@ -6,35 +6,25 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+from rich.progress_bar import ProgressBar
+from rich.table import Column
+from rich.text import Text
 
 from topo_search.cli.errors import note
-from topo_search.model.proven import gap_percent
-from topo_search.report.wording import counted, modules
-from topo_search.study import Observer, Row
 
-EVERY = 10.0
-"""Least time between two plain lines [s]."""
-Words = Callable[[Row | None], str]
-"""What to say of the best design so far."""
+if TYPE_CHECKING:
+    from topo_search.report.progress import Words
+    from topo_search.study.observer import Observer
+    from topo_search.study.phases import Phase, Plan
+    from topo_search.study.row import Row
+    from topo_search.study.time_left import TimeLeft
 
-
-def describe(incumbent: Row | None) -> str:
-    """Return the best design so far in a few words."""
-    if incumbent is None:
-        return "no design yet"
-    gap = "" if incumbent.gap is None else f", gap {gap_percent(incumbent.gap)}"
-    return f"best {incumbent.key} J {incumbent.objective:.6g}{gap}"
+WIDTH = 24
+"""Of the bar [characters]."""
 
 
 def _nothing(incumbent: Row | None) -> str:
@@ -44,84 +34,120 @@ def _nothing(incumbent: Row | None) -> str:
 
 @contextmanager
 def shown_progress(*, incumbent: bool = True) -> Iterator[Observer]:
-    """Show the progress of a run on stderr while the block runs.
+    """Show the progress of a command on stderr while the block runs, from its first moment on a terminal.
 
     Args:
         incumbent: whether there is a best design to speak of.
     """
-    words = describe if incumbent else _nothing
+    words = None if incumbent else _nothing
     if sys.stderr.isatty():
-        with Bar.shown(Console(stderr=True), words) as bar:
+        with Bar.show(Console(stderr=True), words) as bar:
             yield bar
     else:
-        yield Lines(words)
+        from topo_search.report.progress import Lines, describe
+
+        yield Lines(note, words or describe)
 
 
 class Bar:
-    """A progress bar for each size and round of starts, with the incumbent, its gap and the time left."""
+    """One line: stage, share of the whole run, steps of the stage, incumbent with its gap, time so far and left.
 
-    def __init__(self, progress: Progress, words: Words = describe) -> None:
-        self._progress = progress
+    The line stands before the libraries of the solver are loaded; so what it says is loaded with the first plan or
+    stage.
+    """
+
+    def __init__(self, console: Console, words: Words | None = None) -> None:
         self._words = words
-        self._task = progress.add_task("", visible=False, incumbent="")
+        self._left: TimeLeft | None = None
+        self._began = time.monotonic()
+        self._share = 0.0
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            _Rendered(self._bar),
+            TextColumn("{task.fields[steps]}"),
+            TextColumn("{task.fields[incumbent]}", table_column=Column(ratio=1, no_wrap=True)),
+            TimeElapsedColumn(),
+            _Rendered(self._remaining),
+            console=console,
+            transient=True,
+            expand=True,
+        )
+        self._task = self._progress.add_task("loading", total=None, steps="", incumbent="")
+        self._phase: Phase | None = None
+        self._done = 0
 
     @classmethod
     @contextmanager
-    def shown(cls, console: Console, words: Words = describe) -> Iterator[Self]:
-        """Show bars on a terminal while the block runs."""
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[incumbent]}"),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=console) as progress:
-            yield cls(progress, words)
+    def show(cls, console: Console, words: Words | None = None) -> Iterator[Self]:
+        """Show the line on a terminal while the block runs."""
+        bar = cls(console, words)
+        with bar._progress:
+            yield bar
 
-    def size(self, n: int, candidates: int, starts: int) -> None:
-        """Begin a bar."""
-        self._task = self._progress.add_task(
-            f"{modules(n)}, {counted(starts, 'start')}", total=candidates, incumbent=""
-        )
+    def plan(self, plan: Plan) -> None:
+        """Print what is going to be done."""
+        from topo_search.report.progress import told
 
-    def settled(self, incumbent: Row | None) -> None:
-        """Move the bar on."""
-        self._progress.update(self._task, advance=1, incumbent=self._words(incumbent))
+        self._following().plan(plan, time.monotonic())
+        self.note(told(plan))
+
+    def phase(self, phase: Phase) -> None:
+        """Name the stage, and count its steps."""
+        from topo_search.report.progress import stage
+
+        self._following().begin(phase, time.monotonic())
+        self._phase, self._done = phase, 0
+        steps = f"0/{phase.steps}" if phase.steps > 1 or not phase.alone else ""
+        self._progress.update(self._task, description=stage(phase), steps=steps)
+
+    def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
+        """Count a step, and show the best design so far."""
+        from topo_search.report.progress import describe
+
+        if self._phase is None:
+            return
+        self._following().step(time.monotonic(), known=known)
+        self._done += 1
+        steps = f"{self._done}/{self._phase.steps}"
+        self._progress.update(self._task, steps=steps, incumbent=(self._words or describe)(incumbent))
 
     def note(self, text: str) -> None:
         """Print a line above the bar."""
         self._progress.console.print(text, markup=False, highlight=False)
 
+    def _following(self) -> TimeLeft:
+        """Return what follows the run, from the first that is known of it."""
+        if self._left is None:
+            from topo_search.study.time_left import TimeLeft
 
-class Lines:
-    """Plain lines, a few a minute."""
+            self._left = TimeLeft()
+        return self._left
 
-    def __init__(self, words: Words = describe) -> None:
-        self._words = words
-        self._done = self._candidates = 0
-        self._began = self._last = time.monotonic()
-        self._size = ""
-
-    def size(self, n: int, candidates: int, starts: int) -> None:
-        """Say how many candidates there are, and of how many starts."""
-        self._size, self._done, self._candidates = modules(n), 0, candidates
-        self._began = time.monotonic()
-        note(f"{self._size}: {counted(candidates, 'candidate')}, at most {counted(starts, 'start')} each")
-
-    def settled(self, incumbent: Row | None) -> None:
-        """Say how far it is, unless that was said lately."""
-        self._done += 1
+    def _bar(self) -> ProgressBar:
+        """Return the share of the time that is over; it moves while a step takes long, and never back."""
         now = time.monotonic()
-        if now - self._last < EVERY:
-            return
-        self._last = now
-        left = (now - self._began) / self._done * (self._candidates - self._done)
-        best = self._words(incumbent)
-        told = [f"{self._done} of {self._candidates}", *([best] if best else []), f"about {left:.0f} s left"]
-        note(f"{self._size}: {', '.join(told)}")
+        if self._left is None or self._phase is None:
+            return ProgressBar(total=None, width=WIDTH, pulse=True, animation_time=now)
+        taken = now - self._began
+        self._share = max(self._share, taken / max(taken + self._left(now), 1e-9))
+        return ProgressBar(total=1.0, completed=self._share, width=WIDTH)
 
-    def note(self, text: str) -> None:
-        """Print a line."""
-        note(text)
+    def _remaining(self) -> Text:
+        """Return the time left."""
+        if self._left is None or self._phase is None:
+            return Text("")
+        from topo_search.report.progress import period
+
+        return Text(f"about {period(self._left(time.monotonic()))} left")
+
+
+class _Rendered(ProgressColumn):
+    """A column that asks anew whenever the line is drawn."""
+
+    def __init__(self, ask: Callable[[], ProgressBar | Text]) -> None:
+        super().__init__()
+        self._ask = ask
+
+    def render(self, task: Task) -> ProgressBar | Text:
+        """Return what the column shows."""
+        return self._ask()

@@ -3,32 +3,51 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained, needs_extras, note
-from topo_search.limits import SECONDS
+from topo_search.cli.errors import OPEN, explained, needs_extras, note
+from topo_search.limits import GAPS, SECONDS
 
-OPEN = 4
+if TYPE_CHECKING:
+    from topo_search.engine import Certificates
+
+REFUSED = 1
 
 
 @click.command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01")
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 @click.option(
     "--gap",
-    type=click.FloatRange(1e-4, 0.5),
+    type=click.FloatRange(*GAPS),
     default=0.003,
     show_default=True,
-    help="How far, as a share, the bound of a tree may stay under its own best effort where that is near the best.",
+    help="Relative gap at which a tree counts as settled: how far its bound may stay below its own best effort.",
 )
-@click.option("--topology", metavar="KEY", help="The one tree to look at (default: all).")
+@click.option(
+    "--problem",
+    type=click.Choice(["task", "solver"]),
+    default="task",
+    show_default=True,
+    help="Which designs it is about: all that the audit may call clear, or those that keep the solver's own margin "
+    "and distance of centres besides.",
+)
+@click.option("--topology", metavar="KEY", help="Prove only this tree (default: all).")
 @click.option(
     "--time-limit",
     type=click.FloatRange(0, SECONDS, min_open=True),
     metavar="SECONDS",
-    help="Stop after this time with what is proven by then.",
+    help="Stop after this time and keep what is proven by then.",
+)
+@click.option(
+    "--check",
+    "checks",
+    is_flag=True,
+    help="Prove nothing; check the proofs in RUN by code that shares nothing with what made them.",
 )
 @options.workers
 @options.dask
@@ -36,8 +55,10 @@ OPEN = 4
 def prove(
     folder: Path,
     gap: float,
+    problem: Any,
     topology: str | None,
     time_limit: float | None,
+    checks: bool,
     workers: int | None,
     dask: str | None,
     dask_ca: Path | None,
@@ -45,26 +66,37 @@ def prove(
     dask_key: Path | None,
     as_json: bool,
 ) -> None:
-    """Prove that no tree of a finished RUN can beat its best audited design, or by how little one can.
+    """Prove that no tree of a finished RUN beats its best audited design, or bound by how much one could.
 
-    Branch and bound over root orientation and hinges, with all load cases and torques. Proofs are in the run's
-    folder, proof/KEY, and candidates.csv says of each tree: excluded (it cannot beat the best), within (its own
-    best is proven to be as near as --gap), open, or impossible. The same command resumes a stopped one.
+    Branch and bound over root orientation and hinge angles, with all load cases and torques. Proofs are written to
+    proof/KEY in the run's folder; candidates.csv gets one result per tree: excluded (it cannot beat the best),
+    within (its own best is proven to within --gap), open, or impossible. Run the same command to resume.
 
-    Exit status: 0 all trees are excluded, within the gap or impossible; 4 some are open; 2 bad input;
-    70 workers or the Dask scheduler do not start, answer or come back.
+    With --check, every record is followed box by box, and every box is excluded again by multipliers, bounds and
+    geometry of the checker's own. A proof that does not hold is refused with the box where it fails.
+
+    Exit status: 0 all trees are excluded, within the gap or impossible (with --check: and their proofs hold);
+    4 some are open; 1 the checker refuses a proof; 2 bad input;
+    70 workers or the Dask scheduler do not start, answer or return.
     """
     if dask is None and (dask_ca or dask_cert or dask_key):
         raise click.UsageError("--dask-ca, --dask-cert and --dask-key go with --dask")
+    if checks and time_limit is not None:
+        raise click.UsageError("--time-limit goes with a proof: a check says nothing before its end")
+    if checks:
+        tls = options.certificates(dask_ca, dask_cert, dask_key)
+        _check(folder, topology=topology, workers=workers, dask=dask, dask_tls=tls, as_json=as_json)
+        return
     with explained(resumes=True):
         from topo_search.cli.progress import shown_progress
-        from topo_search.compose import prove as prove_run
-        from topo_search.study.frame import candidates
 
         with shown_progress() as observer, needs_extras("--dask"):
+            from topo_search.compose import prove as prove_run
+
             answer = prove_run(
                 folder,
                 gap=gap,
+                problem=problem,
                 topology=topology,
                 workers=workers,
                 dask=dask,
@@ -72,21 +104,59 @@ def prove(
                 time_limit=math.inf if time_limit is None else time_limit,
                 observer=observer,
             )
+        from topo_search.study.frame import candidates
+
         table = candidates(folder)
         looked_at = table if topology is None else table[table["key"] == topology]
         if as_json:
-            names = ["key", "modules", "objective", "proven_bound", "proven_gap", "proof"]
+            names = ["key", "modules", "objective", "proven_bound", "proven_gap", "proof", "proven_problem"]
             rows = looked_at[names].astype(object).where(looked_at[names].notna(), None).to_dict("records")
             options.echo_json({"sentences": [size.proven for size in answer.sizes], "candidates": rows})
         else:
             columns = (looked_at[name].tolist() for name in ("key", "proof", "proven_bound"))
             for key, proof, bound in zip(*columns, strict=True):
                 by = f", J >= {bound:.6g} rad^4/s^4" if bound > 0 else ""
-                click.echo(f"{key}: {proof if isinstance(proof, str) else 'not looked at'}{by}")
+                click.echo(f"{key}: {proof if isinstance(proof, str) else 'not examined'}{by}")
             for size in answer.sizes:
                 if size.proven is not None:
                     click.echo(size.proven)
         settled = looked_at["proof"].isin(["excluded", "within", "impossible"]).all()
         if not settled:
-            note("some trees are open; the same command goes on from there")
+            note("some trees are still open; run the same command to continue")
             raise SystemExit(OPEN)
+
+
+def _check(
+    folder: Path,
+    *,
+    topology: str | None,
+    workers: int | None,
+    dask: str | None,
+    dask_tls: Certificates | None,
+    as_json: bool,
+) -> None:
+    """Check the proofs of a run, and end with the status that this comes to."""
+    with explained():
+        from topo_search.cli.progress import shown_progress
+        from topo_search.compose import check_proofs
+
+        with shown_progress() as observer, needs_extras("--dask"):
+            found = check_proofs(
+                folder, topology=topology, workers=workers, dask=dask, dask_tls=dask_tls, observer=observer
+            )
+    if as_json:
+        trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in found.trees]
+        options.echo_json({"sentences": found.sentences, "faults": found.faults, "trees": trees})
+    else:
+        for fault in found.faults:
+            click.echo(f"refused: {fault}")
+        for tree in found.trees:
+            by = "" if tree.bound is None or tree.fault else f", J >= {tree.bound:.6g} rad^4/s^4"
+            click.echo(f"{tree.key}: {tree.verdict}{by}" + (f": {tree.fault}" if tree.fault else ""))
+        for sentence in found.sentences:
+            click.echo(sentence)
+    if found.refused:
+        raise SystemExit(REFUSED)
+    if not found.settled:
+        note("some trees are still open; run `topo-search prove` to continue")
+        raise SystemExit(OPEN)

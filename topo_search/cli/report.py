@@ -18,10 +18,16 @@ from topo_search.cli.errors import explained
     metavar="FILE",
     help="Where to write it (default: report.html in the run's folder, or the design's name with .html).",
 )
-def report(source: Path, out: Path | None) -> None:
-    """Write the page of a run, or of a design after auditing it: one file that opens in any browser, offline.
+@click.option(
+    "--flight",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder from `fly DESIGN.json --out DIR`, whose flights the page of that design shows.",
+)
+def report(source: Path, out: Path | None, flight: Path | None) -> None:
+    """Write the report of a run, or of a design after auditing it, as one offline HTML file.
 
-    `run` writes its own page; this writes it again.
+    `run` writes its report itself; this writes it again.
 
     Exit status: 0 written, whatever the verdict; 2 bad input.
     """
@@ -30,4 +36,4 @@ def report(source: Path, out: Path | None) -> None:
 
         if out is not None:
             options.require_writable(out)
-        click.echo(f"the page is in {compose.write_report(source, out=out)}")
+        click.echo(f"the page is in {compose.write_report(source, out=out, flight=flight)}")

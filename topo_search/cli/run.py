@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from topo_search.cli import options
-from topo_search.cli.errors import INPUT_OUTPUT, explained, needs_extras
-from topo_search.limits import TRIALS
+from topo_search.cli import options, own
+from topo_search.cli.errors import INPUT_OUTPUT, OPEN, explained, needs_extras
+from topo_search.limits import GAPS, ROUND, TRIALS
 
 if TYPE_CHECKING:
-    from topo_search.model.oddities import Oddity
-    from topo_search.study import Answer
+    from topo_search.model.task_warnings import TaskWarning
+    from topo_search.study import Answer, SizeAnswer
 
 
 @click.command(epilog="Example: topo-search run push --paper --out push-paper")
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     type=click.Choice(["task", *options.SYMMETRIES]),
     default="task",
     show_default=True,
-    help="Trees that count as one; `task` is the coarsest exact choice.",
+    help="Symmetries under which trees count as one candidate; `task`: all that are exact for the task.",
 )
 @click.option(
     "--strategy",
     type=click.Choice(["exhaustive", "optuna"]),
     default="exhaustive",
     show_default=True,
-    help="Solve all candidates, or those that an Optuna sampler proposes.",
+    help="Solve all candidates, or those that a sampler proposes.",
 )
 @click.option(
     "--sampler",
@@ -48,15 +48,26 @@ if TYPE_CHECKING:
 @click.option(
     "--trials",
     type=click.IntRange(1, TRIALS),
-    help="Number of candidates to propose (default: 512); if there are no more, all are solved from all starts.",
+    help="Number of candidates to propose (default: 512); if fewer exist, all are solved with all starts.",
+)
+@click.option(
+    "--round",
+    "round_size",
+    type=click.IntRange(1, ROUND),
+    help="Proposals of a round (default: 8), which learns from those before; several a worker keep workers busy.",
 )
 @click.option(
     "--prune",
     is_flag=True,
-    help="Skip candidates that are proven no better than the best so far: all that remain once an audited design "
-    "meets the lower bound.",
+    help="Skip candidates that the lower bound proves no better than the best design so far.",
 )
-@options.starts("Starts per topology (default: the solver's).")
+@click.option(
+    "--prove",
+    type=click.FloatRange(*GAPS),
+    metavar="GAP",
+    help="Then prove by branch and bound that nothing better exists, to within this share: see `prove`.",
+)
+@options.starts("Starts per topology (default: by the number of modules).")
 @options.seed
 @options.workers
 @options.dask
@@ -64,6 +75,8 @@ if TYPE_CHECKING:
 @options.root
 @options.connectors
 @options.time_limit
+@own.topologies
+@own.near
 @options.as_json
 def run(
     task: str,
@@ -74,7 +87,9 @@ def run(
     strategy: Any,
     sampler: Any,
     trials: int | None,
+    round_size: int | None,
     prune: bool,
+    prove: float | None,
     starts: int | None,
     seed: int,
     workers: int | None,
@@ -86,33 +101,42 @@ def run(
     root: str | None,
     connectors: str | None,
     time_limit: float | None,
+    topologies: str | None,
+    near: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Search the topologies for TASK (a file, or the name of a shipped example) and audit the best.
 
-    The same command resumes a stopped run, or prints the answer of a finished one.
+    Run the same command again to resume a stopped run, or to print the answer of a finished one.
     Warnings about the task (see `check`) go to stderr first.
 
     Exit status: 0 audited design found; 1 designs found, but none passed its audit;
-    2 bad input; 3 no design found, with the reasons; 70 workers or the Dask scheduler do not start, answer or come
-    back (results are kept; the same command resumes); 74 the disk is full or fails, or the folder is gone (the best
-    design is then printed).
+    2 bad input; 3 no design found, with the reasons; 4 --prove left some trees open; 70 workers or the Dask
+    scheduler do not start, answer or return (results are kept; run the same command to continue); 74 the disk is
+    full or fails, or the folder was removed (the best design is then printed).
     """
-    if strategy == "exhaustive" and (sampler or trials):
-        raise click.UsageError("--sampler and --trials go with --strategy optuna")
+    if strategy == "exhaustive" and (sampler or trials or round_size):
+        raise click.UsageError("--sampler, --trials and --round go with --strategy optuna")
     if dask is None and (dask_ca or dask_cert or dask_key):
         raise click.UsageError("--dask-ca, --dask-cert and --dask-key go with --dask")
     if strategy == "optuna" and prune:
         raise click.UsageError("--prune goes with --strategy exhaustive")
+    if strategy == "optuna" and topologies:
+        raise click.UsageError("--topologies are all solved, and go with --strategy exhaustive")
     with explained(resumes=True):
         from topo_search.cli.progress import shown_progress
-        from topo_search.compose import DEFAULT_TRIALS, search
 
-        asked = options.asked(
-            task, settings, paper=paper, modules=modules, search__root=root, search__connectors=connectors
-        )
-        odd = options.warn(asked)
+        odd: list[TaskWarning] = []
         with _saved(odd, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
+            from topo_search.compose import DEFAULT_TRIALS, search
+            from topo_search.study import DEFAULT_ROUND
+
+            asked = options.asked(
+                task, settings, paper=paper, modules=modules, search__root=root, search__connectors=connectors
+            )
+            listed = None if topologies is None else own.read_topologies(topologies, asked)
+            designs = own.read_near(near)
+            odd += options.warn(asked)
             answer = search(
                 asked,
                 out=out,
@@ -120,13 +144,17 @@ def run(
                 strategy=strategy,
                 sampler=sampler or "moves",
                 trials=trials or DEFAULT_TRIALS,
+                round_size=round_size or DEFAULT_ROUND,
                 prune=prune,
+                prove=prove,
                 starts=starts,
                 seed=seed,
                 workers=workers,
                 dask=dask,
                 dask_tls=options.certificates(dask_ca, dask_cert, dask_key),
                 time_limit=math.inf if time_limit is None else time_limit,
+                near=designs,
+                topologies=listed,
                 observer=observer,
             )
         if as_json:
@@ -135,11 +163,12 @@ def run(
             from topo_search.cli.tables import print_answer
 
             print_answer(answer)
-        raise SystemExit(answer.exit_status)
+        unproven = prove is not None and answer.best is not None and not answer.proven
+        raise SystemExit(OPEN if unproven else answer.exit_status)
 
 
 @contextmanager
-def _saved(odd: tuple[Oddity, ...], *, as_json: bool) -> Iterator[None]:
+def _saved(odd: Sequence[TaskWarning], *, as_json: bool) -> Iterator[None]:
     """Print the best design and what else was found if the run's folder is gone, so that it is not lost."""
     from topo_search.study import LedgerLost
 
@@ -160,7 +189,7 @@ def _saved(odd: tuple[Oddity, ...], *, as_json: bool) -> Iterator[None]:
         raise
 
 
-def answer_as_json(answer: Answer, odd: tuple[Oddity, ...]) -> dict[str, Any]:
+def answer_as_json(answer: Answer, odd: Sequence[TaskWarning]) -> dict[str, Any]:
     """Return an answer, and what is odd about its task, as a JSON value."""
     told = {
         "folder": str(answer.folder),
@@ -168,13 +197,18 @@ def answer_as_json(answer: Answer, odd: tuple[Oddity, ...]) -> dict[str, Any]:
         "best": answer.best and asdict(answer.best),
         "note": answer.note,
         "weakest_point": answer.weakest_point,
-        "sizes": [asdict(size) for size in answer.sizes],
+        "sizes": [_size_as_json(size) for size in answer.sizes],
         "warnings": [asdict(one) for one in odd],
     }
     if not answer.levels:
         return told
     levels = [
-        {"number": at.number, "level": at.level._asdict(), "sizes": [asdict(size) for size in at.sizes]}
+        {"number": at.number, "level": at.level._asdict(), "sizes": [_size_as_json(size) for size in at.sizes]}
         for at in answer.levels
     ]
     return {**told, "levels": levels, "front": [point.cells for point in answer.points]}
+
+
+def _size_as_json(size: SizeAnswer) -> dict[str, Any]:
+    """Return the answer of one size as a JSON value."""
+    return {**asdict(size), "relaxed": size.relaxed and size.relaxed.model_dump(mode="json")}

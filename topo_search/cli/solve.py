@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from topo_search.cli import options
+from topo_search.cli import options, own
 from topo_search.cli.errors import explained, note
 from topo_search.limits import LARGEST_INTEGER
 
@@ -30,10 +30,11 @@ if TYPE_CHECKING:
 @options.modules
 @options.set_field
 @options.paper
-@options.starts("Number of starts (default: until more stop paying, or the time is over).")
+@options.starts("Number of starts (default: until more starts no longer help, or time is up).")
 @options.seed
 @options.time_limit
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Where to write the design.")
+@own.near
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Output file for the design.")
 @options.as_json
 def solve(
     task: str,
@@ -45,25 +46,27 @@ def solve(
     starts: int | None,
     seed: int,
     time_limit: float | None,
+    near: tuple[str, ...],
     out: Path | None,
     as_json: bool,
 ) -> None:
     """Solve TASK for one topology and audit the design.
 
-    Without --starts and --time-limit it stops when more starts no longer pay. Warnings about the task (see `check`)
-    go to stderr first.
+    Without --starts and --time-limit it stops when more starts no longer help. Warnings about the task (see
+    `check`) go to stderr first.
 
-    --json prints the design, or why there is none; so does a failing --out, so that nothing is lost.
-    Exit status as for `run`.
+    --json prints the design, or why there is none. If --out cannot be written, the design is printed instead, so
+    nothing is lost. Exit status as for `run`.
     """
     with explained():
         from topo_search import compose
-        from topo_search.cli.tables import print_solved, standing
+        from topo_search.cli.tables import print_solved, progress_line
         from topo_search.model import Design
         from topo_search.model.files import to_json, write_atomically
 
         asked = options.asked(task, settings, paper=paper, modules=modules)
         topology = _topology(asked, key, sample_seed, sized=modules is not None)
+        designs = own.read_near(near)
         if out is not None:
             options.require_writable(out)
         options.warn(asked.model_copy(update={"modules": topology.n}))
@@ -73,7 +76,8 @@ def solve(
             starts=starts,
             seed=seed,
             time_limit=time_limit,
-            progress=lambda best: note(standing(best)),
+            near=designs,
+            progress=lambda best: note(progress_line(best)),
             note=note,
         )
         if out is not None and isinstance(solved.outcome, Design):
@@ -110,7 +114,7 @@ def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bo
         search = task.search
         (topology,) = sample(task.sizes[0], 1, sample_seed, connectors=search.connectors, root=search.root)
         return topology
-    raise click.UsageError("give --topology or --sample-seed, one of them")
+    raise click.UsageError("give either --topology or --sample-seed")
 
 
 def _print_json(solved: Solved) -> None:

@@ -13,8 +13,9 @@ from rich.table import Table
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audit_summary import survived
 from topo_search.export.flight_lines import flight_lines
-from topo_search.model import Audit, Design, Infeasible, Status
-from topo_search.model.proven import gap_percent
+from topo_search.model import Audit, Design, Infeasible, Relaxed, Status
+from topo_search.model.proven import at_most, gap_percent
+from topo_search.model.stated import NOT_CERTIFIED
 from topo_search.report.near_ties import near_tie_cells, near_tie_columns
 from topo_search.report.wording import counted, length, modules
 from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
@@ -61,7 +62,7 @@ def _print_size(size: SizeAnswer) -> None:
     click.echo(_counts(size))
     click.echo(size.quotient)
     if size.feasible:
-        click.echo(f"feasible trees, each counted with those that it stands for: {size.feasible}")
+        click.echo(f"feasible trees, symmetric copies included: {size.feasible}")
         _print_rows(size.top)
         _print_near_ties(size)
     if not size.complete:
@@ -75,6 +76,13 @@ def _print_size(size: SizeAnswer) -> None:
         click.echo(remark)
     if size.reason is not None:
         click.echo(size.reason)
+    _print_relaxed(size.relaxed)
+
+
+def _print_relaxed(relaxed: Relaxed | None) -> None:
+    """Print which limits to relax."""
+    for sentence in relaxed.sentences if relaxed else ():
+        click.echo(sentence)
 
 
 def _counts(size: SizeAnswer) -> str:
@@ -96,11 +104,11 @@ def _print_front(answer: Answer) -> None:
                 click.echo("  time limit reached; run the same command to continue")
             for remark in (*size.remarks, *([] if size.reason is None else [size.reason])):
                 click.echo(f"  {remark}")
+            for sentence in size.relaxed.sentences if size.relaxed else ():
+                click.echo(f"  {sentence}")
     if not answer.points:
         return
-    click.echo(
-        f"front, {counted(len(answer.points), 'design')} of which none is better than another in everything:"
-    )
+    click.echo(f"front, {counted(len(answer.points), 'design')}, none better than another in every goal:")
     table = Table(box=None, pad_edge=False)
     for name in ("key", "modules", "objective", "clearance", "stand-off", "peak input", "level"):
         table.add_column(name, justify="left" if name == "key" else "right")
@@ -116,6 +124,8 @@ def _print_front(answer: Answer) -> None:
             str(point.number),
         )
     _print(table)
+    for sentence in answer.idle_goals:
+        click.echo(sentence)
 
 
 def _print_rows(rows: tuple[Row, ...]) -> None:
@@ -126,7 +136,7 @@ def _print_rows(rows: tuple[Row, ...]) -> None:
         table.add_row(
             row.key,
             f"{row.objective:.6g}",
-            f"{row.objective / row.lower_bound:.4f}" if row.objective and row.lower_bound else "",
+            f"{at_most(row.objective / row.lower_bound, 5):.4f}" if row.objective and row.lower_bound else "",
             "" if row.gap is None else gap_percent(row.gap),
             f"{row.starts_at_best} of {row.starts}",
             str(row.orbit),
@@ -139,7 +149,7 @@ def _print_near_ties(size: SizeAnswer) -> None:
     """Print what designs leave in hover that cost about the same, unless there is no choice."""
     if size.best is None or len(size.near_ties) < 2:
         return
-    click.echo(f"within {100 * NEAR:g} % of the least effort, the largest reserve of force in hover first:")
+    click.echo(f"within {100 * NEAR:g} % of the least effort, largest force reserve in hover first:")
     table = Table(box=None, pad_edge=False)
     for name in near_tie_columns():
         table.add_column(name, justify="left" if name == "key" else "right")
@@ -147,7 +157,7 @@ def _print_near_ties(size: SizeAnswer) -> None:
         table.add_row(*near_tie_cells(row, size.best))
     _print(table)
     if size.near_ties_unaudited:
-        click.echo(f"as near, but not audited: {counted(size.near_ties_unaudited, 'design')}")
+        click.echo(f"within the same range, but not audited: {counted(size.near_ties_unaudited, 'design')}")
 
 
 def _print(table: Table) -> None:
@@ -162,7 +172,7 @@ def _effort(row: Row) -> str:
     return f"J = {row.objective:.6g} rad^4/s^4{gap}"
 
 
-def standing(outcome: Outcome) -> str:
+def progress_line(outcome: Outcome) -> str:
     """Return the state of one topology in a line."""
     if isinstance(outcome, Failed):
         return f"failed: {outcome.reason}"
@@ -178,7 +188,9 @@ def print_solved(solved: Solved, out: Path | None) -> None:
     """Print what became of one topology."""
     for note in solved.notes:
         click.echo(note)
-    click.echo(standing(solved.outcome))
+    click.echo(progress_line(solved.outcome))
+    if isinstance(solved.outcome, Infeasible):
+        _print_relaxed(solved.outcome.relaxed)
     if isinstance(solved.outcome, Design):
         if isinstance(solved.audit, Audit):
             print_audit(solved.outcome.topology.key, solved.audit)
@@ -206,6 +218,8 @@ def print_audit(name: str, audit: Audit) -> None:
             click.echo(f"  {pair.name}: {pair.status}, {pair.analytic_m:.6g} m")
             for finding in pair.evidence:
                 click.echo(f"    {finding}")
+    for own in audit.stated:
+        click.echo(f"  {own.name} ({NOT_CERTIFIED}): {own.words}, bounds: {own.bounds}")
     for residual in audit.residuals:
         if residual.status != "clear":
             click.echo(f"  {residual.name}: {residual.status}, off by {residual.value:.3g} {residual.unit}")
@@ -226,4 +240,4 @@ def print_tally(verdicts: Sequence[Status], failed: int, refused: int, passed_ov
     told = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
     click.echo(f"{counted(len(verdicts) + failed, 'design')}: {told or 'none'}")
     if passed_over:
-        click.echo(f"{counted(passed_over, 'audit')} in the folders passed over")
+        click.echo(f"{counted(passed_over, 'audit')} in the folders skipped")

@@ -14,9 +14,13 @@ from topo_search.limits import DRAWN_TREES, LISTED_MODULES
 
 @click.command(epilog="Example: topo-search topologies 8 --count")
 @click.argument("n", type=click.IntRange(1, LISTED_MODULES), metavar="N")
-@click.option("--count", "only_count", is_flag=True, help="Print only their number.")
+@click.option("--count", "only_count", is_flag=True, help="Print only the number of topologies.")
 @click.option(
-    "--sample", "size", type=click.IntRange(1, DRAWN_TREES), metavar="M", help="Print M of them, drawn uniformly."
+    "--sample",
+    "size",
+    type=click.IntRange(1, DRAWN_TREES),
+    metavar="M",
+    help="Print M topologies, drawn uniformly.",
 )
 @options.seed
 @click.option(

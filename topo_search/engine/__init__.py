@@ -1,26 +1,27 @@
 """The search engine: solves candidates in worker processes and hands their outcomes on, storing nothing."""
 
+from topo_search.engine.backends import AuditDesign, Backends, Failed, Outcome, Solve
 from topo_search.engine.dask_guard import computing_versions
 from topo_search.engine.dask_tls import Certificates
 from topo_search.engine.dask_workers import DaskWorkers
 from topo_search.engine.engine import Engine, WorkersLost
 from topo_search.engine.exhaustive import exhaustive, may_beat
 from topo_search.engine.job import Job, solved
-from topo_search.engine.merging import merge, record_of
+from topo_search.engine.merging import merge, record_of, scaled_violation
 from topo_search.engine.rounds import rounds
-from topo_search.engine.shortfall import scaled_violation
-from topo_search.engine.space import Space
+from topo_search.engine.space import Listed, Space
 from topo_search.engine.strategy import Proposal, Round, Scored, Stage, Strategy
-from topo_search.engine.verbs import AuditDesign, Failed, Outcome, Solve, Verbs
 from topo_search.engine.workers import Workers, audit_deadline, solve_deadline
 
 __all__ = [
     "AuditDesign",
+    "Backends",
     "Certificates",
     "DaskWorkers",
     "Engine",
     "Failed",
     "Job",
+    "Listed",
     "Outcome",
     "Proposal",
     "Round",
@@ -29,7 +30,6 @@ __all__ = [
     "Space",
     "Stage",
     "Strategy",
-    "Verbs",
     "Workers",
     "WorkersLost",
     "audit_deadline",

@@ -71,7 +71,7 @@ class Connection:
         try:
             return _within(CONNECT, connect)
         except TimeoutError as error:
-            why = str(error) or f"nobody did within {CONNECT:.0f} s"
+            why = str(error) or f"no answer within {CONNECT:.0f} s"
         except (OSError, ValueError) as error:  # ValueError: words arrived before the handshake of TLS
             why = str(error)
         raise WorkersLost(f"no Dask scheduler answers at {self.address}: {why}")

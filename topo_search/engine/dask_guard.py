@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from importlib import metadata
 from multiprocessing import current_process
 
+from topo_search.engine.backends import Failed
 from topo_search.engine.engine import WorkersLost
-from topo_search.engine.verbs import Failed
 from topo_search.engine.workers import Workers
 
 BATCH = 2.0
@@ -139,14 +139,12 @@ def find_fault(versions: Mapping[str, str]) -> Callable[[], str | None]:
 
         if current_process().daemon:
             setting = "DASK_DISTRIBUTED__WORKER__DAEMON=False"
-            return (
-                f"may have no child process to run a job in: start Dask workers with {setting} in their environment"
-            )
+            return f"cannot start a child process for its jobs: set {setting} in the environment of Dask workers"
         for name, version in versions.items():
             try:
                 found = platform.python_version() if name == "Python" else metadata.version(name)
             except metadata.PackageNotFoundError:
-                return f"has no {name}: it needs {version}, as here"
+                return f"lacks {name}: it needs version {version}, as installed here"
             if found != version:
                 return f"has {name} {found}, where this process has {version}: results could differ"
         return None

@@ -12,11 +12,11 @@ from itertools import islice
 from types import TracebackType
 from typing import Any, Self
 
+from topo_search.engine.backends import Failed
 from topo_search.engine.dask_connection import Connection
 from topo_search.engine.dask_guard import BATCH, Batch, Ended, find_fault, run_guarded
 from topo_search.engine.dask_tls import Certificates
 from topo_search.engine.engine import Engine, J, R, WorkersLost
-from topo_search.engine.verbs import Failed
 
 RETURN = 600.0
 """How long Dask workers are waited for when all have left: a scheduler that was restarted may get none [s]."""
@@ -150,11 +150,11 @@ class DaskWorkers(Engine):
         if threads:
             self._left = None
         elif first:
-            self._note(f"the Dask scheduler at {self.address} has no workers; it waits for the first to join")
+            self._note(f"the Dask scheduler at {self.address} has no workers; waiting for the first to join")
         elif self._threads:
             self._left = self._looked
             self._note(
-                f"all workers have left the Dask scheduler at {self.address}; it waits {RETURN:.0f} s for one"
+                f"all workers have left the Dask scheduler at {self.address}; waiting {RETURN:.0f} s for one"
             )
         elif self._left is not None and self._looked - self._left > RETURN:
             raise WorkersLost(f"no worker has come back to the Dask scheduler at {self.address} in {RETURN:.0f} s")

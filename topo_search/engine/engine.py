@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol, TypeVar
 
-from topo_search.engine.verbs import Failed
+from topo_search.engine.backends import Failed
 
 J = TypeVar("J")
 R = TypeVar("R")

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
+from topo_search.engine.backends import Outcome, Solve
 from topo_search.engine.engine import Engine
-from topo_search.engine.verbs import Outcome, Solve
 from topo_search.engine.workers import solve_deadline
 from topo_search.model import Design, Infeasible, ResolvedTask, Topology
 

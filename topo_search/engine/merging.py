@@ -1,8 +1,10 @@
-"""More starts of a candidate: the best of two ranges of starts is the best of their union."""
+"""More starts of a candidate: the best of two ranges of starts is the best of their union.
+
+Infeasible ends are compared by their violation, scaled so that units do not matter.
+"""
 
 from __future__ import annotations
 
-from topo_search.engine.shortfall import scaled_violation
 from topo_search.model import Design, Infeasible, ResolvedTask, SolverRecord
 
 
@@ -15,7 +17,7 @@ def record_of(result: Design | Infeasible) -> SolverRecord | None:
 
 def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: ResolvedTask) -> Design | Infeasible:
     """Return the better of two results of one candidate, with the starts of both counted; `earlier` wins a tie."""
-    best = min(earlier, later, key=lambda result: _standing(result, task))
+    best = min(earlier, later, key=lambda result: _rank(result, task))
     records = [record for record in (record_of(earlier), record_of(later)) if record is not None]
     kept = record_of(best)
     if kept is None:
@@ -34,8 +36,19 @@ def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: Resolv
     return best.with_starts((shortfall for result in both for shortfall in result.shortfalls), record)
 
 
-def _standing(result: Design | Infeasible, task: ResolvedTask) -> tuple[bool, float]:
+def _rank(result: Design | Infeasible, task: ResolvedTask) -> tuple[bool, float]:
     """Order designs by objective, before all that is infeasible, by violation."""
     if isinstance(result, Design):
         return False, result.objective
     return True, scaled_violation(result.violation, result.unit, task)
+
+
+def scaled_violation(violation: float, unit: str, task: ResolvedTask) -> float:
+    """Return a violation in the task's own units: m_t g, l_arm m_t g, l_arm, u_max, rad."""
+    scales = {
+        "N": task.force_unit(task.n),
+        "N m": task.torque_unit(task.n),
+        "m": task.module.arm_length,
+        "rad^2/s^2": task.module.max_input(task.gravity),
+    }
+    return violation / scales.get(unit, 1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from random import Random
 from typing import TypedDict
 
 from topo_search.model import ResolvedTask, Topology
@@ -29,6 +30,8 @@ class Space:
     """It fixes the number of modules, the connectors and the root."""
     symmetry: Symmetry
     """Which trees are one candidate."""
+    rooted: bool = False
+    """Whether trees that differ in their root alone are candidates of their own, though the root is free."""
 
     @property
     def n(self) -> int:
@@ -46,9 +49,8 @@ class Space:
     @property
     def classes(self) -> int:
         """The number of classes of the exact quotient, which the orbits of all candidates add up to."""
-        search = self.task.search
-        exact: Symmetry = "none" if self.symmetry == "none" or search.root == "paper" else "c2"
-        return count(self.n, symmetry=exact, connectors=search.connectors, root=search.root)
+        exact: Symmetry = "none" if self.symmetry == "none" or self._root == "paper" else "c2"
+        return count(self.n, symmetry=exact, connectors=self.task.search.connectors, root=self._root)
 
     def candidate_of(self, topology: Topology) -> Candidate:
         """Return the candidate that stands for a topology."""
@@ -61,7 +63,7 @@ class Space:
         otherwise in the world, and there is none but itself; nor is there without symmetry, where half turns are
         candidates of their own.
         """
-        turned = self.task.search.root != "paper" and self.symmetry != "none"
+        turned = self._root != "paper" and self.symmetry != "none"
         return self.candidate_of(with_spins_reversed(topology) if turned else topology)
 
     def sample(self, m: int, seed: int) -> list[Topology]:
@@ -69,11 +71,51 @@ class Space:
         return sample(self.n, m, seed, **self._family)
 
     @property
+    def _root(self) -> Root:
+        """Which roots make trees differ."""
+        return "paper" if self.rooted else self.task.search.root
+
+    @property
     def _family(self) -> _Family:
         search = self.task.search
         return {
             "symmetry": self.symmetry,
             "connectors": search.connectors,
-            "root": search.root,
+            "root": self._root,
             "task": self.task,
         }
+
+
+@dataclass(frozen=True)
+class Listed(Space):
+    """Candidates that somebody listed: each is solved as it stands, and stands for itself."""
+
+    keys: tuple[str, ...] = ()
+    """In ascending order, all of trees of this size."""
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Yield every candidate, in ascending order of keys."""
+        return (Candidate(key, 1) for key in self.keys)
+
+    def count(self) -> int:
+        """Return the number of candidates."""
+        return len(self.keys)
+
+    @property
+    def classes(self) -> int:
+        """The number of candidates: none stands for another one."""
+        return len(self.keys)
+
+    def candidate_of(self, topology: Topology) -> Candidate:
+        """Return the candidate that a topology is; ValueError if it was not listed."""
+        if topology.key not in self.keys:
+            raise ValueError(f"{topology.key} is none of the {len(self.keys)} topologies that were given")
+        return Candidate(topology.key, 1)
+
+    def twin_of(self, topology: Topology) -> Candidate:
+        """Return the topology's own candidate."""
+        return self.candidate_of(topology)
+
+    def sample(self, m: int, seed: int) -> list[Topology]:
+        """Return m candidates, drawn independently and uniformly."""
+        return [Topology.from_key(key) for key in Random(seed).choices(self.keys, k=m)]

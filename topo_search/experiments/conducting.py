@@ -11,8 +11,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.compose import VERBS, available_cores
-from topo_search.engine import Failed, Verbs, Workers, audit_deadline, solve_deadline
+from topo_search.compose import BACKENDS, available_cores
+from topo_search.engine import Backends, Failed, Workers, audit_deadline, solve_deadline
 from topo_search.experiments.cell import Cell
 from topo_search.experiments.folder import RESULTS, Results, about
 from topo_search.experiments.measured import failed, measure
@@ -20,7 +20,7 @@ from topo_search.experiments.settings import Settings
 from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput, Fault
 from topo_search.model.regular_file import NotReadable, read_regular
-from topo_search.study import Observer, Silent
+from topo_search.study import Observer, Phase, Silent
 from topo_search.study.lost import KEPT
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def conduct(
     *,
     workers: int | None = None,
     observer: Observer | None = None,
-    verbs: Verbs = VERBS,
+    backends: Backends = BACKENDS,
 ) -> pd.DataFrame:
     """Measure the cells that have no row yet, and return all rows.
 
@@ -73,7 +73,7 @@ def conduct(
         out: its folder; taken up again if it holds the same experiment with the same settings.
         workers: worker processes; default: the cores available. Times are CPU times, but cores share caches.
         observer: is told of the progress.
-        verbs: solver and audit.
+        backends: solver and audit.
 
     Raises:
         BadInput: settings or folder cannot be used.
@@ -86,14 +86,14 @@ def conduct(
         cell.resolve()  # what does not fit together is refused before any work is done
     command = f"topo-search experiment {asked.name} {settings.as_options()}"
     fixed = about(asked.name, settings.as_json(), command)
-    with Results.opened(folder, fixed) as rows, Workers(workers or available_cores()) as pool:
+    with Results.open(folder, fixed) as rows, Workers(workers or available_cores()) as pool:
         for n, size in groupby(cells, key=lambda cell: cell.n):
             todo = [cell for cell in size if not rows.has(cell)]
             if not todo:
                 continue
-            told.size(n, len(todo), settings.starts)
+            told.phase(Phase("searching", n, len(todo), settings.starts))
             try:
-                for cell, row in pool.run(partial(measure, verbs), todo, deadline=_deadline):
+                for cell, row in pool.run(partial(measure, backends), todo, deadline=_deadline):
                     rows.add(failed(cell, row) if isinstance(row, Failed) else row)
                     told.settled(None)
             except KeyboardInterrupt as stop:

@@ -48,8 +48,8 @@ class ResultsLost(LedgerLost):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.args = (
-            f"{path}: is gone: removed, moved, replaced or cut off while the experiment worked; the experiment has "
-            "ended, and its rows are kept as far as that file is",
+            f"{path}: was removed, moved, replaced or truncated while the experiment ran; it stopped, and "
+            "only the rows still in that file are kept",
         )
 
 
@@ -65,7 +65,7 @@ class Results:
 
     @classmethod
     @contextmanager
-    def opened(cls, folder: Path, about: dict[str, Any]) -> Iterator[Self]:
+    def open(cls, folder: Path, about: dict[str, Any]) -> Iterator[Self]:
         """Make an experiment's folder, or take it up again.
 
         Args:
@@ -81,12 +81,12 @@ class Results:
             if (folder / name).is_symlink():
                 raise _refused(folder, f"has a symbolic link in place of its {name}")
         if (folder / RESULTS).exists() and not (folder / ABOUT).exists():
-            raise _refused(folder, f"has a {RESULTS} but no {ABOUT}: it is no experiment's folder")
+            raise _refused(folder, f"has a {RESULTS} but no {ABOUT}: it is not an experiment folder")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _refused(folder, f"cannot be made: {error.strerror}") from None
-        with locked(folder), Place.opened(folder) as place:
+        with locked(folder), Place.open(folder) as place:
             place.tidy()
             if (folder / ABOUT).exists():
                 _compare(folder, load_json(folder / ABOUT), about)

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from topo_search.engine import Failed, Verbs, merge, record_of
+from topo_search.engine import Backends, Failed, merge, record_of
 from topo_search.engine.usage import Clock, peak_mb
 from topo_search.experiments.cell import Cell
 from topo_search.export.poses import poses
@@ -75,14 +75,14 @@ class Measured:
 COLUMNS = tuple(field.name for field in fields(Measured))
 
 
-def measure(verbs: Verbs, cell: Cell) -> Measured:
+def measure(backends: Backends, cell: Cell) -> Measured:
     """Solve and audit one cell (in a worker)."""
-    _load(verbs, cell.task, cell.distance_m, min(cell.n, COMPILED))
+    _load(backends, cell.task, cell.distance_m, min(cell.n, COMPILED))
     task, topology = cell.resolve(), Topology.from_key(cell.key)
     clock, spent, iterations = Clock(), 0.0, 0
     best: Design | Infeasible | None = None
     for starts in cell.rounds:
-        outcome = verbs.solve(task, topology, starts=starts, seed=cell.seed)
+        outcome = backends.solve(task, topology, starts=starts, seed=cell.seed)
         best = outcome if best is None else merge(best, outcome, task)
         spent += clock.lap()
         record = record_of(outcome)
@@ -94,7 +94,7 @@ def measure(verbs: Verbs, cell: Cell) -> Measured:
     row = _outcome(cell, best, spent, iterations)
     if not isinstance(best, Design):
         return row
-    audit = verbs.audit(best)
+    audit = backends.audit(best)
     return replace(row, audit_s=round(clock.lap(), 4), peak_mb=round(peak_mb(), 1), **_judged(audit))
 
 
@@ -142,9 +142,9 @@ def _judged(audit: Audit) -> dict[str, Any]:
 
 
 @functools.cache
-def _load(verbs: Verbs, task: str, distance_m: float, n: int) -> None:
+def _load(backends: Backends, task: str, distance_m: float, n: int) -> None:
     """Solve and audit a small platform once a process: it loads compiled code, which no row should count."""
     resolved = read_task(task, (f"modules={n}", f"module.connector_distance={distance_m}")).resolve(n)
-    design = verbs.solve(resolved, sample(n, 1, 0)[0], starts=range(1), seed=0)
+    design = backends.solve(resolved, sample(n, 1, 0)[0], starts=range(1), seed=0)
     if isinstance(design, Design):
-        verbs.audit(design)
+        backends.audit(design)

@@ -11,7 +11,8 @@
 The body `platform` floats freely. Its frame has its origin at the centre of mass and the axes of the task frame
 W, so that a load case reads there as it stands in the task. Modules hang below it as the topology says, each behind
 its hinge with the angle that the design states. Masses are those of the solver and the audit: m at every module's
-centre with the module's inertia, m_E at p_E as a point. The rod that holds it has a shape, but no mass.
+centre with the module's inertia, m_E at p_E as a point. The rod that holds it has a shape, but no mass. `Physics`
+says what else a simulator is to have.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from xml.etree.ElementTree import Comment, Element, SubElement
 
 from topo_search.export import palette
 from topo_search.export.parts import ROTOR_ANGLES, ROTOR_SPINS
+from topo_search.export.physics import AS_SEARCHED, Physics, add_lag, add_rod_mass, add_tip
 from topo_search.export.poses import PORTS, poses
 from topo_search.export.rod import rod_of
 from topo_search.export.xml_text import numbers, rgba, xml_text
@@ -34,19 +36,25 @@ SPIN_CLASSES = {-1: "drag_against_thrust_axis", 1: "drag_along_thrust_axis"}
 ABOUT = """
 Body `platform`: origin at the centre of mass, axes of the task frame. Units: kg, m, s, rad, N.
 Actuator `module_I_rotor_Q`: the thrust of a rotor [N], k_f times its squared speed; its drag torque comes with it.
+Its range is that of a rotor that runs; one that is dead is off (gainprm 0).
 Keyframe `load_case_K`: the thrusts that produce load case K. Gravity is not part of a load case.
 """
 
 
-def mjcf(design: Design) -> str:
-    """Return a design as the text of an MJCF file."""
+def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
+    """Return a design as the text of an MJCF file.
+
+    Args:
+        design: the design.
+        physics: what it is to have beyond the model of the search.
+    """
     task, module = design.task, design.task.module
     at = poses(design)
     model = Element("mujoco", model=f"{task.name} {design.topology.key}")
-    model.append(Comment(ABOUT))
+    model.append(Comment(ABOUT + physics.about))
     SubElement(model, "compiler", angle="radian", eulerseq="zxy", inertiafromgeom="false")
     SubElement(model, "option", gravity=numbers(0, 0, -task.gravity))
-    _defaults(SubElement(model, "default"), module, task.gravity)
+    _defaults(SubElement(model, "default"), module, task.gravity, physics)
     sky = {"type": "skybox", "builtin": "flat", "rgb1": "1 1 1", "rgb2": "1 1 1", "width": "8", "height": "8"}
     asset = SubElement(model, "asset")
     SubElement(asset, "texture", sky)
@@ -68,18 +76,24 @@ def mjcf(design: Design) -> str:
         bodies.append(_module_body(hinge, i, behind, module))
     end_effector = SubElement(platform, "body", name="end_effector", pos=numbers(*at.p_E))
     SubElement(end_effector, "inertial", pos="0 0 0", mass=numbers(task.end_effector.mass), diaginertia="0 0 0")
-    if design.mount is not None and (rod := rod_of(design, at)):
+    rod = rod_of(design, at)
+    if design.mount is not None and rod is not None:
         shape = {"type": "capsule", "size": numbers(rod.radius), "rgba": rgba(palette.END_EFFECTOR)}
         ends = numbers(*(rod.start - rod.end), 0, 0, 0)
-        SubElement(end_effector, "geom", {"name": "rod", "fromto": ends, **shape})
+        passing = {"contype": "0", "conaffinity": "0"} if physics.contacts else {}
+        SubElement(end_effector, "geom", {"name": "rod", "fromto": ends, **shape, **passing})
         _bar(bodies[design.mount.module], design.mount.port, module)
+        if physics.rod_mass:
+            add_rod_mass(platform, rod, design, at)
+    if physics.contacts:
+        add_tip(end_effector, design, rod)
     SubElement(end_effector, "site", name="end_effector", rgba=rgba(palette.END_EFFECTOR))
     _actuators(SubElement(model, "actuator"), design.topology.n)
-    _keyframes(SubElement(model, "keyframe"), design)
+    _keyframes(SubElement(model, "keyframe"), design, physics)
     return xml_text(model)
 
 
-def _defaults(default: Element, module: Module, gravity: float) -> None:
+def _defaults(default: Element, module: Module, gravity: float, physics: Physics) -> None:
     """State once what all sites, parts and rotors have in common."""
     body, l_arm = module.body, module.arm_length
     SubElement(default, "site", type="sphere", size=numbers(body.arm_width / 2))
@@ -100,8 +114,9 @@ def _defaults(default: Element, module: Module, gravity: float) -> None:
     for spin, name in SPIN_CLASSES.items():
         turning = SubElement(default, "default", {"class": name})
         drag_per_thrust = spin * module.torque_coefficient / module.thrust_coefficient
-        gear, span = numbers(0, 0, 1, 0, 0, drag_per_thrust), numbers(0, limit)
-        SubElement(turning, "motor", gear=gear, ctrllimited="true", ctrlrange=span)
+        gear, span = numbers(0, 0, 1, 0, 0, drag_per_thrust), numbers(module.min_input * limit, limit)
+        motor = {"gear": gear, "ctrllimited": "true", "ctrlrange": span}
+        SubElement(turning, "general", add_lag(motor, physics.motor_lag))
 
 
 def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Element:
@@ -155,11 +170,13 @@ def _actuators(actuator: Element, n: int) -> None:
     """Add one motor a rotor, module-major like the inputs."""
     for i, q in itertools.product(range(n), range(4)):
         name = f"module_{i}_rotor_{q + 1}"
-        SubElement(actuator, "motor", {"class": SPIN_CLASSES[ROTOR_SPINS[q]], "name": name, "site": name})
+        SubElement(actuator, "general", {"class": SPIN_CLASSES[ROTOR_SPINS[q]], "name": name, "site": name})
 
 
-def _keyframes(keyframe: Element, design: Design) -> None:
-    """Add one pose at rest a load case, with the thrusts that produce it."""
+def _keyframes(keyframe: Element, design: Design, physics: Physics) -> None:
+    """Add one pose at rest a load case, with the thrusts that produce it, which lag no longer."""
     for k, u_k in enumerate(design.inputs):
         thrusts = numbers(*design.task.module.thrust_coefficient * u_k.ravel())
-        SubElement(keyframe, "key", name=f"load_case_{k}", qpos="0 0 0 1 0 0 0", ctrl=thrusts)
+        running = {} if physics.motor_lag is None else {"act": thrusts}
+        key = {"name": f"load_case_{k}", "qpos": "0 0 0 1 0 0 0", "ctrl": thrusts, **running}
+        SubElement(keyframe, "key", key)

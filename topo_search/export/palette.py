@@ -16,6 +16,7 @@ CENTRE_OF_MASS = "#f0e442"
 OFFSET = "#56b4e9"
 CLOSEST_PAIR = "#000000"
 WRENCH = "#000000"
+CONTACT = "#56b4e9"
 BLOCKED_PORT = "#f0e442"
 
 VERDICTS = {"clear": "#009e73", "undecided": "#e69f00", "violated": "#d55e00", "inconsistent": "#000000"}

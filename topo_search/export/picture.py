@@ -21,8 +21,8 @@ from topo_search.export.scene import Scene, wrenches
 from topo_search.export.tree_plot import draw_tree
 from topo_search.export.viewpoint import poses_to_draw
 from topo_search.model.design import Design
-from topo_search.model.exposure import Exterior
 from topo_search.model.proven import gap_percent
+from topo_search.model.shape import Cone
 
 
 def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | None = None) -> None:
@@ -41,6 +41,12 @@ def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | No
         save(figure_of(design), path, format=format)
 
 
+def picture(design: Design, kind: Literal["png", "svg"]) -> bytes:
+    """Return a picture of a design as the content of a file; errors as `draw`."""
+    with mpl.rc_context({"font.size": 8}):
+        return content(figure_of(design), kind)
+
+
 @dataclass(frozen=True)
 class Picture:
     """A design's picture, for a notebook to show."""
@@ -48,8 +54,7 @@ class Picture:
     design: Design
 
     def _repr_png_(self) -> bytes:
-        with mpl.rc_context({"font.size": 8}):
-            return content(figure_of(self.design), "png")
+        return picture(self.design, "png")
 
 
 def figure_of(design: Design) -> Figure:
@@ -74,7 +79,7 @@ def figure_of(design: Design) -> Figure:
     ):
         figure.text(x, y, text, fontsize=9, ha="center")
     figure.suptitle(title(design), y=0.98, fontsize=11)
-    figure.legend(handles=_legend(design), loc="lower center", ncols=7, frameon=False)
+    figure.legend(handles=_legend(design), loc="lower center", ncols=5, frameon=False, fontsize=9)
     return figure
 
 
@@ -118,9 +123,9 @@ def _legend(design: Design) -> list[Artist]:
         Line2D([], [], color=palette.CASES[k], marker=">", label=f"load case {k}")
         for k in sorted({k for k, *_ in wrenches(design, poses_to_draw(design))})
     ]
-    cones = [isinstance(requirement, Exterior) for requirement in design.task.exposure]
+    cones = [isinstance(shape, Cone) for requirement in design.task.exposure for shape in requirement.shapes]
     if not all(cones):
-        entries.append(volume(palette.EXPOSURE, 0.3, "to be kept out of the airflow"))
+        entries.append(volume(palette.EXPOSURE, 0.3, "keep-out region for airflow"))
     if any(cones):
-        entries.append(volume(palette.EXPOSURE, 0.12, "cone to hold all airflow"))
+        entries.append(volume(palette.EXPOSURE, 0.12, "cone that must contain all airflow"))
     return entries

@@ -1,40 +1,58 @@
-"""Exposure requirements in space: the directions and sizes that they leave to the design."""
+"""The one geometry of exposure requirements that pictures, pages and files for other programs draw.
+
+Shapes have their directions, which some leave to the design, and are in metres from the end-effector.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from collections.abc import Iterator
 
+import numpy as np
+from trimesh import Trimesh
+
+from topo_search.export import outlines
+from topo_search.export.meshes import cone_sphere
 from topo_search.export.poses import Poses
+from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
-from topo_search.model.exposure import Directional, Exterior, Local
 from topo_search.model.hulls import Hull, convex_hull
+from topo_search.model.shape import Capsule, Cone, Polytope, Shape
 
 
-def paths(requirement: Directional, at: Poses) -> list[Array]:
-    """Return the end of every path from the end-effector, (3,) each [m]."""
-    if requirement.segments is not None:
-        return [np.array(segment) for segment in requirement.segments]
-    assert requirement.length is not None  # given with `along`
-    return [requirement.length * _unit(at.p_E)]
+def shapes(task: ResolvedTask, at: Poses) -> Iterator[tuple[int, Shape]]:
+    """Yield every shape of every requirement, with the requirement's number."""
+    for number, requirement in enumerate(task.exposure):
+        for shape in requirement.shapes:
+            yield number, shape.at(at.p_E)
 
 
-def polytope(requirement: Local | Directional) -> Hull:
-    """Return the hull of a region without a radius, a box or another convex shape, from the end-effector [m]."""
-    assert isinstance(requirement, Local)
-    return convex_hull(requirement.corners)
+def hull(shape: Polytope) -> Hull:
+    """Return the hull of a polytope's corners."""
+    return convex_hull(np.array(shape.corners))
 
 
-def cone_axis(requirement: Exterior, at: Poses) -> Array:
-    """Return the unit vector from the apex into the cone, (3,)."""
-    return _unit(-at.p_E if requirement.axis == "com" else np.array(requirement.axis))
+def cone(shape: Cone, slant: float) -> Array:
+    """Return the triangles of a cone's surface out to a slant height, (sides, 3, 3); a disc for a half-space."""
+    assert shape.axis is not None  # as `Shape.at` leaves it
+    theta = math.radians(shape.half_angle_deg)
+    return outlines.cone(np.array(shape.apex), np.array(shape.axis), theta, slant)
+
+
+def mesh(shape: Shape, slant: float) -> Trimesh:
+    """Return the surface of a shape; of a cone out to a slant height."""
+    match shape:
+        case Capsule():
+            return cone_sphere(np.array(shape.start), shape.radius, np.array(shape.end), shape.radius)
+        case Polytope():
+            found = hull(shape)
+            return Trimesh(found.corners, found.triangles)
+        case Cone():
+            triangles = cone(shape, slant)
+            return Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
 
 
 def cone_slant(design: Design, at: Poses) -> float:
     """Return how far an infinite cone is drawn, so that it holds most of the airflow [m]."""
     return float(np.linalg.norm(at.p - at.end_effector, axis=1).max()) + 2 * design.task.module.reach / 3
-
-
-def _unit(vector: Array) -> Array:
-    length = np.linalg.norm(vector)
-    return vector / length if length else np.array([0.0, 0.0, 1.0])

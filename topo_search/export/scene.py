@@ -15,11 +15,11 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from topo_search.export import outlines, palette, parts
 from topo_search.export.poses import PORTS, Poses
-from topo_search.export.regions import cone_axis, cone_slant, paths, polytope
+from topo_search.export.regions import cone, cone_slant, hull, shapes
 from topo_search.export.viewpoint import ELEVATION_DEG, azimuth_deg, towards_viewer
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
-from topo_search.model.exposure import Directional, Exterior, Local
+from topo_search.model.shape import Capsule, Cone, Polytope
 
 LIGHT = np.array([0.27, -0.18, 0.95])
 """Towards the light, for the shading of faces."""
@@ -36,7 +36,16 @@ HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
 class Scene:
     """One drawing of a design in a part of a figure; all that is drawn sets the limits."""
 
-    def __init__(self, figure: Figure, part: tuple[float, float, float, float], design: Design, at: Poses) -> None:
+    def __init__(
+        self,
+        figure: Figure,
+        part: tuple[float, float, float, float],
+        design: Design,
+        at: Poses,
+        *,
+        azimuth: float | None = None,
+    ) -> None:
+        """Begin a drawing, seen from the clearest side or from an azimuth [deg]."""
         left, bottom, width, height = part
         inches_wide, inches_high = figure.get_size_inches()
         self.size = np.array([width * inches_wide, height * inches_high])
@@ -48,7 +57,7 @@ class Scene:
         self.axes = axes
         self.design = design
         self.at = at
-        azimuth = azimuth_deg(at)
+        azimuth = azimuth_deg(at) if azimuth is None else azimuth
         axes.view_init(elev=ELEVATION_DEG, azim=azimuth)
         axes.set_proj_type("ortho")
         axes.computed_zorder = False
@@ -74,20 +83,22 @@ class Scene:
 
     def exposure(self) -> None:
         """Draw every region that the airflow must not reach; of a cone, the surface that encloses all airflow."""
-        apex = self.at.end_effector
-        for requirement in self.design.task.exposure:
-            if isinstance(requirement, Exterior):
-                self._cone(requirement)
-                continue
-            ends = [apex]
-            if isinstance(requirement, Directional):
-                ends = [apex + path for path in paths(requirement, self.at)]
-            r = requirement.radius
-            if r is None:
-                self._region(apex, requirement)
-                continue
-            self._volumes([outlines.cone_sphere(apex, r, end, r, self.v) for end in ends], palette.EXPOSURE, 0.3)
-            self._lines([outlines.circle(end, r, np.array([0.0, 0.0, 1.0])) for end in ends], palette.EXPOSURE, 0.8)
+        apex, up = self.at.end_effector, np.array([0.0, 0.0, 1.0])
+        for _, shape in shapes(self.design.task, self.at):
+            match shape:
+                case Capsule(radius=r):
+                    start, end = apex + shape.start, apex + shape.end
+                    self._volumes([outlines.cone_sphere(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
+                    self._lines([outlines.circle(end, r, up)], palette.EXPOSURE, 0.8)
+                case Polytope():
+                    corners, triangles, _, edges = hull(shape)
+                    self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
+                    self._lines(list(apex + corners[edges]), palette.EXPOSURE, 0.8)
+                case Cone():
+                    surface = apex + cone(shape, cone_slant(self.design, self.at))
+                    self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
+                    self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
+                    self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
 
     def platform(self) -> None:
         """Draw modules, joints and thrust axes, the centre of mass, the end-effector and the line between them."""
@@ -118,8 +129,8 @@ class Scene:
                 ring = outlines.circle(place + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
                 self._lines([ring], colour, 1.4)
 
-    def finish(self) -> None:
-        """Set equal scales on all axes, so large that everything drawn fits into the part."""
+    def finish(self) -> float:
+        """Set equal scales on all axes, as large as everything drawn allows, and return the zoom."""
         points = np.concatenate(self._drawn)
         low, high = points.min(axis=0), points.max(axis=0)
         half = np.maximum(high - low, 0.6 * (high - low).max()) / 2
@@ -141,6 +152,7 @@ class Scene:
             axis.labelpad = 10 if name == "z" else 6
             axis.set_pane_color((1, 1, 1, 0))
             axis._axinfo["grid"].update(color="0.9", linewidth=0.5)
+        return float(zoom.min())
 
     def number_modules(self) -> None:
         """Write every module's number beside it, clear of thrust axes, marks and other numbers; after `finish`."""
@@ -183,18 +195,6 @@ class Scene:
         """Return where points lie on the page, (m, 2) [pt]."""
         pixels = self.axes.transData.transform(self._projected(points))
         return np.asarray(pixels * 72 / self.axes.figure.dpi)
-
-    def _cone(self, requirement: Exterior) -> None:
-        d, theta = cone_axis(requirement, self.at), math.radians(requirement.half_angle_deg)
-        surface = outlines.cone(self.at.end_effector, d, theta, cone_slant(self.design, self.at))
-        self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
-        self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
-        self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
-
-    def _region(self, apex: Array, requirement: Local | Directional) -> None:
-        corners, triangles, _, edges = polytope(requirement)
-        self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
-        self._lines(list(apex + corners[edges]), palette.EXPOSURE, 0.8)
 
     def _volumes(self, polygons: list[Array], colour: str, alpha: float = 0.16, *, edge: float = 0.7) -> None:
         collection = Poly3DCollection(

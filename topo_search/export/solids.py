@@ -17,14 +17,14 @@ from trimesh import Scene, Trimesh
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from topo_search.export import outlines, palette
+from topo_search.export import palette
 from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
 from topo_search.export.poses import Poses, poses, rotation
-from topo_search.export.regions import cone_axis, paths, polytope
+from topo_search.export.regions import mesh, shapes
 from topo_search.export.rod import rod_of
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
-from topo_search.model.exposure import Directional, Exterior
+from topo_search.model.shape import Cone
 
 Parts = Literal["all", "platform", "airflow"]
 """Which solids to write: `all` adds to platform and airflow the regions and marks at the target."""
@@ -95,24 +95,12 @@ def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
 
 def _region(design: Design, number: int, at: Poses) -> Solid:
     """Return the region that a requirement keeps out of the airflow; of a cone, the surface that encloses it."""
-    requirement = design.task.exposure[number]
-    apex = [placed(np.eye(3), at.end_effector)]
-    name, origin = f"exposure_{number}", np.zeros(3)
-    if isinstance(requirement, Exterior):
-        slant = float(np.linalg.norm(at.p - at.end_effector, axis=1).max()) + design.task.module.reach
-        theta = math.radians(requirement.half_angle_deg)
-        triangles = outlines.cone(origin, cone_axis(requirement, at), theta, slant)
-        surface = Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
-        return Solid(name, surface, palette.EXPOSURE, apex, opacity=0.15)
-    r = requirement.radius
-    if r is None:
-        region = polytope(requirement)
-        return Solid(name, Trimesh(region.corners, region.triangles), palette.EXPOSURE, apex, opacity=0.3)
-    ends = [origin]
-    if isinstance(requirement, Directional):
-        ends = paths(requirement, at)
-    volumes = joined([cone_sphere(origin, r, end, r) for end in ends])
-    return Solid(name, volumes, palette.EXPOSURE, apex, opacity=0.3)
+    own = [shape for of, shape in shapes(design.task, at) if of == number]
+    slant = float(np.linalg.norm(at.p - at.end_effector, axis=1).max()) + design.task.module.reach
+    surface = joined([mesh(shape, slant) for shape in own])
+    opacity = 0.15 if isinstance(own[0], Cone) else 0.3
+    here = [placed(np.eye(3), at.end_effector)]
+    return Solid(f"exposure_{number}", surface, palette.EXPOSURE, here, opacity=opacity)
 
 
 def _material(solid: Solid) -> TextureVisuals:

@@ -1,4 +1,4 @@
-"""What a task asks for, drawn around the end-effector: forces, regions kept out of the airflow, a module to scale.
+"""What a task asks for, drawn around the end-effector: forces, torques, regions without airflow, a module to scale.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -13,7 +13,6 @@ decides, towards or away from the centre of mass, is drawn as if the centre of m
 from __future__ import annotations
 
 import math
-from itertools import cycle
 from typing import Any
 
 import matplotlib as mpl
@@ -26,16 +25,21 @@ from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
 from topo_search.export import outlines, palette
 from topo_search.export.poses import Poses
-from topo_search.export.regions import cone_axis, paths, polytope
-from topo_search.model import Directional, Exterior, Local, ResolvedTask, needs_offset
+from topo_search.export.regions import hull, shapes
+from topo_search.model import ResolvedTask, needs_offset
 from topo_search.model.arrays import Array
+from topo_search.model.shape import Capsule, Cone, Polytope
 
 VIEWS = ((0, 2, "from the front"), (1, 2, "from the side"), (0, 1, "from above"))
 """Axes of W that lie to the right and up on the paper."""
 UP = np.array([0.0, 0.0, 1.0])
 """From the centre of mass to the end-effector where a design decides it."""
 LONGEST = 0.9
-"""Length of the arrow of the largest force, over half the width of a view."""
+"""Length of the arrow of the largest force, and of the largest torque, over half the width of a view."""
+PLACE = np.array([-0.75, -0.75, 0.0])
+"""Of the module to scale, the same in all views, over half the width of one."""
+RING = 0.07
+"""Radius of the ring around a torque, over half the width of a view."""
 
 
 def task_figure(task: ResolvedTask) -> Figure:
@@ -49,7 +53,7 @@ def task_figure(task: ResolvedTask) -> Figure:
         below = "; the centre of mass, which the design decides, taken to be straight below"
         undecided = task.end_effector.position == "free" and any(needs_offset(asked) for asked in task.exposure)
         figure.suptitle(f"{task.name}: what is asked for at the end-effector{below if undecided else ''}")
-        figure.legend(handles=_legend(task), loc="outside lower center", ncols=5, frameon=False)
+        figure.legend(handles=_legend(task), loc="outside lower center", ncols=5, handlelength=3, frameon=False)
     return figure
 
 
@@ -58,25 +62,46 @@ def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) ->
     right, up = view
     for is_cone, outline in _regions(task, view, size):
         axes.add_patch(Polygon(outline, **_look(is_cone)))
-    module, envelope = np.zeros(3), task.module.envelope
-    module[right] = -0.75 * size
+    module, envelope = size * PLACE, task.module.envelope
     far = module - envelope.length * UP
     airflow = outlines.cone_sphere(module, envelope.start_radius, far, envelope.end_radius, _towards_viewer(view))
     axes.add_patch(Polygon(airflow[:, view], facecolor=(palette.AIRFLOW, 0.16), edgecolor=palette.AIRFLOW))
     axes.plot(*module[[right, up]], "s", color=palette.MODULE, markersize=4)
-    forces = _forces(task)
-    longest = max((float(np.linalg.norm(force)) for _, force in forces), default=1.0)
-    for (k, force), colour in zip(forces, cycle(palette.SERIES), strict=False):
-        tip = LONGEST * size * force[[right, up]] / longest
-        if np.hypot(*tip) > 0.02 * size:
-            axes.add_patch(FancyArrowPatch((0, 0), tuple(tip), color=colour, arrowstyle="-|>", mutation_scale=9))
-            axes.annotate(str(k), tuple(1.08 * tip), color=colour, ha="center", va="center")
+    for name in ("force", "torque"):
+        _arrows(axes, task, view, size, name)
     axes.plot(0, 0, "o", color=palette.END_EFFECTOR, markeredgecolor="black", zorder=5)
     axes.set(xlim=(-1.1 * size, 1.1 * size), ylim=(-1.1 * size, 1.1 * size), aspect="equal")
     axes.set_xlabel(f"${'xyz'[right]}$ [m]")
     axes.set_ylabel(f"${'xyz'[up]}$ [m]")
     axes.grid(color="0.9", linewidth=0.5)
     axes.set_axisbelow(True)
+
+
+def _arrows(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float, name: str) -> None:
+    """Draw what load cases exert at the end-effector: forces as arrows, torques as dashed ones through a ring."""
+    found, on_paper = _vectors(task, name), list(view)
+    longest = max((float(np.linalg.norm(vector)) for _, vector in found), default=1.0)
+    is_torque = name == "torque"
+    for k, vector in found:
+        colour = _colour(k)
+        arrow = LONGEST * size * vector / longest
+        if is_torque:
+            ring = outlines.circle(0.6 * arrow, RING * size, vector / np.linalg.norm(vector))
+            axes.plot(*ring[:, on_paper].T, color=colour, linewidth=1.2)
+        tip = arrow[on_paper]
+        if np.hypot(*tip) > 0.02 * size:
+            style = "dashed" if is_torque else "solid"
+            axes.add_patch(
+                FancyArrowPatch(
+                    (0, 0), tuple(tip), color=colour, linestyle=style, arrowstyle="-|>", mutation_scale=9
+                )
+            )
+            axes.annotate(str(k), tuple(1.08 * tip), color=colour, ha="center", va="center")
+
+
+def _colour(k: int) -> str:
+    """Return the colour of a load case."""
+    return palette.SERIES[k % len(palette.SERIES)]
 
 
 def _look(is_cone: bool) -> dict[str, Any]:
@@ -87,18 +112,18 @@ def _look(is_cone: bool) -> dict[str, Any]:
 
 def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[tuple[bool, Array]]:
     """Return the outlines of all regions on the paper, (points, 2) each, and whether it is a cone to stay in."""
-    at, outlined = _stand_in(task), list[tuple[bool, Array]]()
-    for asked in task.exposure:
-        if isinstance(asked, Exterior):
-            theta = math.radians(asked.half_angle_deg)
-            outlined.append((True, _wedge(cone_axis(asked, at), theta, view, 4 * size)))
-            continue
-        if asked.radius is None:
-            outlined.append((False, outlines.flat_hull(polytope(asked).corners[:, view])))
-            continue
-        for end in _ends(task, asked):
-            outline = outlines.cone_sphere(np.zeros(3), asked.radius, end, asked.radius, _towards_viewer(view))
-            outlined.append((False, outline[:, view]))
+    outlined, axes = list[tuple[bool, Array]](), list(view)
+    for _, shape in shapes(task, _stand_in(task)):
+        match shape:
+            case Cone():
+                d, apex = np.array(shape.axis), np.array(shape.apex)[axes]
+                outlined.append((True, apex + _wedge(d, math.radians(shape.half_angle_deg), view, 4 * size)))
+            case Polytope():
+                outlined.append((False, outlines.flat_hull(hull(shape).corners[:, view])))
+            case Capsule(radius=r):
+                ends = np.array(shape.start), np.array(shape.end)
+                outline = outlines.cone_sphere(ends[0], r, ends[1], r, _towards_viewer(view))
+                outlined.append((False, outline[:, view]))
     return outlined
 
 
@@ -113,11 +138,6 @@ def _wedge(d: Array, theta: float, view: tuple[int, int], far: float) -> Array:
     return np.asarray(arc if phi == math.pi else np.vstack([np.zeros(2), arc]))
 
 
-def _ends(task: ResolvedTask, asked: Local | Directional) -> list[Array]:
-    """Return where the paths of a requirement end; a ball's is at its centre."""
-    return paths(asked, _stand_in(task)) if isinstance(asked, Directional) else [np.zeros(3)]
-
-
 def _stand_in(task: ResolvedTask) -> Poses:
     """Return one module below the end-effector, in the direction that the task fixes or else straight below."""
     p_E = np.array(task.end_effector.fixed_position or UP)
@@ -129,22 +149,17 @@ def _towards_viewer(view: tuple[int, int]) -> Array:
     return np.asarray(np.eye(3)[3 - sum(view)])
 
 
-def _forces(task: ResolvedTask) -> list[tuple[int, Array]]:
-    """Return number and force of every load case that exerts one at the end-effector [N]."""
-    forces = [(k, np.array(case.at_end_effector.force)) for k, case in enumerate(task.load_cases)]
-    return [(k, force) for k, force in forces if force.any()]
+def _vectors(task: ResolvedTask, name: str) -> list[tuple[int, Array]]:
+    """Return number and force [N], or torque [N m], of every load case that exerts one at the end-effector."""
+    found = [(k, np.array(getattr(case.at_end_effector, name))) for k, case in enumerate(task.load_cases)]
+    return [(k, vector) for k, vector in found if vector.any()]
 
 
 def _reach(task: ResolvedTask) -> float:
     """Return how far all regions with an end reach, and most of a module's airflow [m]."""
-    finite = [asked for asked in task.exposure if not isinstance(asked, Exterior)]
-    reaches = [0.6 * task.module.reach]
-    for asked in finite:
-        if asked.radius is None:
-            reaches.append(float(np.linalg.norm(polytope(asked).corners, axis=1).max()))
-        else:
-            reaches += [asked.radius + float(np.linalg.norm(end)) for end in _ends(task, asked)]
-    return max(reaches)
+    found = (shape for _, shape in shapes(task, _stand_in(task)))
+    reaches = [math.hypot(*shape.apex) if isinstance(shape, Cone) else shape.farthest for shape in found]
+    return max([0.6 * task.module.reach, *reaches])
 
 
 def _legend(task: ResolvedTask) -> list[Artist]:
@@ -162,10 +177,13 @@ def _legend(task: ResolvedTask) -> list[Artist]:
             facecolor=(palette.AIRFLOW, 0.16), edgecolor=palette.AIRFLOW, label="airflow of one module, to scale"
         ),
     ]
-    for is_cone, words in ((False, "to be kept out of the airflow"), (True, "cone to hold all airflow")):
-        if any(isinstance(asked, Exterior) is is_cone for asked in task.exposure):
+    for is_cone, words in ((False, "keep-out region for airflow"), (True, "cone that must contain all airflow")):
+        if any(isinstance(shape, Cone) is is_cone for asked in task.exposure for shape in asked.shapes):
             entries.append(Patch(**_look(is_cone), label=words))
-    for (k, force), colour in zip(_forces(task), cycle(palette.SERIES), strict=False):
-        label = f"{task.case_labels[k]}: {np.linalg.norm(force):.3g} N"
-        entries.append(Line2D([], [], color=colour, marker=">", label=label))
+    for name, unit in (("force", "N"), ("torque", "N m")):
+        for k, vector in _vectors(task, name):
+            told = f"{task.case_labels[k]}: {np.linalg.norm(vector):.3g} {unit}"
+            line = Line2D([], [], color=_colour(k), marker=">", label=told)
+            line.set_linestyle("dashed" if name == "torque" else "solid")
+            entries.append(line)
     return entries

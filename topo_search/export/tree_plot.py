@@ -22,7 +22,7 @@ LEAST_READABLE = 5.0
 
 
 def draw_tree(axes: Axes, design: Design) -> None:
-    """Draw the tree: a square a module, a line a joint with its hinge angle, and the four ports of every module."""
+    """Draw the tree: a square per module with its four ports, a line per joint with its hinge angle."""
     topology = design.topology
     place, turns = layout(topology)
     flat = turns is not None

@@ -16,12 +16,23 @@ from topo_search.model.audit import (
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design, Mount, SolverRecord
 from topo_search.model.end_effector import EndEffector
-from topo_search.model.exposure import LEAST_OFFSET, Directional, Exterior, Local, needs_offset
+from topo_search.model.exposure import (
+    LEAST_OFFSET,
+    Allowed,
+    AnyExposure,
+    Directional,
+    Exterior,
+    Local,
+    Plane,
+    needs_offset,
+    segment_of,
+)
 from topo_search.model.flight import CaseFlight, Flight, JointLoad, RotorsOut
 from topo_search.model.infeasible import Infeasible, Shortfall
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
 from topo_search.model.module import AirflowEnvelope, Module
-from topo_search.model.proof import Chunk, Proof
+from topo_search.model.proof import CheckedChunk, Chunk, Proof
+from topo_search.model.relaxation import Relaxation, Relaxed
 from topo_search.model.search import Search
 from topo_search.model.task import ResolvedTask, Task, Tolerances
 from topo_search.model.topology import Topology
@@ -29,12 +40,15 @@ from topo_search.model.topology import Topology
 __all__ = [
     "LEAST_OFFSET",
     "AirflowEnvelope",
+    "Allowed",
     "AllowedContact",
+    "AnyExposure",
     "Assembly",
     "Audit",
     "BadInput",
     "BoltedJoint",
     "CaseFlight",
+    "CheckedChunk",
     "Chunk",
     "Clearance",
     "Design",
@@ -55,7 +69,10 @@ __all__ = [
     "Mount",
     "Obstacle",
     "Pair",
+    "Plane",
     "Proof",
+    "Relaxation",
+    "Relaxed",
     "Residual",
     "ResolvedTask",
     "Rod",
@@ -71,5 +88,6 @@ __all__ = [
     "WorstCase",
     "Wrench",
     "needs_offset",
+    "segment_of",
     "ten_wrenches",
 ]

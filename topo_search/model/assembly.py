@@ -93,7 +93,7 @@ class Assembly(Value):
         return None if self.end_effector is None else self.end_effector.mount
 
     def csv(self) -> str:
-        """Return the sheet as a table: one row a joint, then one for the rod; its child is the end-effector."""
+        """Return the sheet as a table: one row per joint, then one for the rod; its child is the end-effector."""
         head = (
             "step",
             "module",

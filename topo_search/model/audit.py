@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field
 from topo_search.model.assembly import Assembly
 from topo_search.model.flight import Flight
 from topo_search.model.html import heading, table
+from topo_search.model.stated import NOT_CERTIFIED, StatedCheck
 from topo_search.model.value import Index, NonNegative, Number, Value
 
 SHOWN = 10
@@ -40,12 +41,17 @@ Kind = Literal[
     "local",
     "directional",
     "exterior",
+    "allowed",
     "exclusion",
     "separation",
     "body",
     "rod",
     "rotor-airflow",
     "rod-airflow",
+    "bracket-airflow",
+    "bracket-rotor",
+    "part-region",
+    "rod-region",
 ]
 
 
@@ -54,19 +60,22 @@ class Pair(Value):
 
     kind: Kind
     a: Index
-    """A module."""
+    """A module; of a bracket the child of its joint."""
     b: Annotated[int, Field(strict=True, ge=-1)]
-    """The other module, or whose airflow it is, or the number of the requirement; -1 for p_E, or for its rod."""
+    """The other module, or whose airflow or rotors they are, or the number of the requirement; -1 for p_E, or for
+    its rod."""
     segment: Index | None = None
-    """Index of the capsule in a directional requirement; of a `rotor-airflow` the rotor, None for hub and arms."""
+    """Index of the straight piece in a directional requirement, or of the plane in an allowed one; of a
+    `rotor-airflow` the rotor, None for hub and arms."""
 
     @property
     def name(self) -> str:
         """Both sides in the user's words, as the solver names its constraints."""
         if self.kind == "exclusion":
             return f"end-effector exclusion of module {self.a}"
-        if self.kind in ("local", "directional", "exterior"):
-            segment = "" if self.segment is None else f", segment {self.segment}"
+        if self.kind in ("local", "directional", "exterior", "allowed"):
+            part = "plane" if self.kind == "allowed" else "segment"
+            segment = "" if self.segment is None else f", {part} {self.segment}"
             return f"exposure {self.b} ({self.kind}{segment}) of module {self.a}"
         if self.kind == "rod":
             return f"the end-effector's rod and module {self.a}"
@@ -75,6 +84,13 @@ class Pair(Value):
         if self.kind == "rotor-airflow":
             part = "hub and arms" if self.segment is None else f"rotor {self.segment}"
             return f"{part} of module {self.a} and airflow of module {self.b}"
+        if self.kind in ("part-region", "rod-region"):
+            segment = "" if self.segment is None else f", segment {self.segment}"
+            what = "the end-effector's rod" if self.kind == "rod-region" else f"module {self.a}"
+            return f"{what} and solid exposure {self.b}{segment}"
+        if self.kind in ("bracket-airflow", "bracket-rotor"):
+            beside = "airflow" if self.kind == "bracket-airflow" else "rotors"
+            return f"the bracket of module {self.a} and {beside} of module {self.b}"
         return f"{self.kind} of modules {self.a} and {self.b}"
 
 
@@ -149,7 +165,7 @@ class WorstCase(Pair):
 
 
 class Sensitivity(Value):
-    """How much error the clearances of a design tolerate, each kind alone; None where no size violates anything."""
+    """Errors that the clearances of a design tolerate, one kind at a time; None where no size violates anything."""
 
     hinge_angle_deg: Limit | None
     """Every hinge angle off by as much [deg]."""
@@ -190,6 +206,10 @@ class Audit(Value):
     flight: Flight | None = None
     """What the design can do beyond its task; None where its numbers are too large to compute with, and in files of
     programs that do not measure it."""
+    stated: Annotated[tuple[StatedCheck, ...], Field(exclude_if=lambda given: not given)] = ()
+    """What a user stated beyond the task: evaluated by their own expression, not certified.
+
+    One that is missed makes the verdict `violated`; one that is met proves nothing."""
     assembly: Assembly
     """What to bolt to what."""
     allowed_contacts: tuple[AllowedContact, ...]
@@ -209,4 +229,10 @@ class Audit(Value):
         checked = ("name", "value", "unit", "scaled", "tolerance", "status")
         residuals = table(checked, [tuple(getattr(residual, name) for name in checked) for residual in broken])
         title = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
-        return title + pairs + (heading("not met:") + residuals if broken else "")
+        told = title + pairs + (heading("not met:") + residuals if broken else "")
+        if self.stated:
+            own = table(
+                ("constraint", "bounds", "it came to"), [(one.name, one.bounds, one.words) for one in self.stated]
+            )
+            told += heading(f"{NOT_CERTIFIED}:") + own
+        return told

@@ -1,56 +1,72 @@
 """Load cases that stand for a set of wrenches, as the single wrenches that decide about it.
 
 For fixed angles the inputs of a load case are a convex set and wrenches are linear in them: if the corners of a set
-of wrenches can be produced, so can all of it. A corner is a load case that must be possible and costs nothing.
+of wrenches can be produced, so can all of it. A corner is a load case that must be possible and costs nothing. Few
+of them bind, so that a solver may begin without any and take in those that it finds missed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
 
 from topo_search.model.load_case import LoadCase
-from topo_search.model.reserves import AskedFlight, reserve_corners
+from topo_search.model.reserves import AskedFlight, Corner, failure_corners, reserve_corners
 from topo_search.model.task import ResolvedTask
 
 
 class CorneredTask(ResolvedTask):
-    """A task whose sets of wrenches are written out: its own load cases first, then the corners of all sets."""
+    """A task whose sets of wrenches are written out: its own load cases first, then the corners of sets."""
 
     stated: ResolvedTask
     """The task as it stands in a design."""
-    corner_labels: tuple[str, ...]
-    """What the corners are called."""
+    corners: tuple[Corner, ...]
+    """What follows its own load cases."""
+    groups: tuple[int, ...]
+    """Number of the set that each corner belongs to."""
 
     @property
     def case_labels(self) -> tuple[str, ...]:
         """What the load cases and corners are called."""
-        return (*self.stated.case_labels, *self.corner_labels)
+        return (*self.stated.case_labels, *(corner.label for corner in self.corners))
+
+    @property
+    def dead_rotors(self) -> tuple[int | None, ...]:
+        """The rotor that does not run in each load case and corner."""
+        return (*self.stated.dead_rotors, *(corner.dead for corner in self.corners))
 
     @property
     def declared(self) -> ResolvedTask:
         """The task as it stands in a design."""
         return self.stated
 
+    def keeping(self, corners: Iterable[int]) -> CorneredTask:
+        """Return the task with these of its corners alone."""
+        kept = sorted(corners)
+        return _with_corners(self.stated, [self.corners[c] for c in kept], [self.groups[c] for c in kept])
+
 
 @lru_cache(maxsize=32)
 def cornered(task: ResolvedTask, *, inner: bool = False) -> ResolvedTask:
-    """Return the task with every set of wrenches, and every reserve, as corners; the task itself if there is none.
+    """Return the task with every set of wrenches, reserve and failure as corners; the task itself without any.
 
     Args:
         task: the task.
         inner: whether only what every clear design must be able to do is stated, for proofs: of reserves points of
-            the balls themselves, and none where `search.peak_input` is less than 1, which does not bind them.
+            the balls themselves, and none where `search.peak_input` is less than 1, which does not bind them; no
+            dead rotors.
     """
     if isinstance(task, CorneredTask):
         return task
-    corners = corners_of(task)
+    sets = [[Corner(*corner)] for corner in corners_of(task)]
     if not inner or task.search.peak_input == 1:
-        corners += reserve_corners(task, inner=inner)
-    if not corners:
+        sets += reserve_corners(task, inner=inner)
+    if not inner:
+        sets += failure_corners(task)
+    if not sets:
         return task
-    single = tuple(case.model_copy(update={"cone": None, "vertices": ()}) for case in task.load_cases)
-    fields = {**dict(task), "load_cases": (*single, *(case for _, case in corners)), "flight": AskedFlight()}
-    return CorneredTask(**fields, stated=task, corner_labels=tuple(label for label, _ in corners))
+    groups = [number for number, corners in enumerate(sets) for _ in corners]
+    return _with_corners(task, [corner for corners in sets for corner in corners], groups)
 
 
 def corners_of(task: ResolvedTask) -> list[tuple[str, LoadCase]]:
@@ -60,3 +76,11 @@ def corners_of(task: ResolvedTask) -> list[tuple[str, LoadCase]]:
         for label, case in zip(task.case_labels, task.load_cases, strict=True)
         for number, corner in enumerate(case.corners)
     ]
+
+
+def _with_corners(task: ResolvedTask, corners: list[Corner], groups: list[int]) -> CorneredTask:
+    """Return a task that was checked before with corners written out, maybe more than a file may have."""
+    single = (case.model_copy(update={"cone": None, "vertices": ()}) for case in task.load_cases)
+    cases = (*single, *(corner.case for corner in corners))
+    fields = {**dict(task), "load_cases": cases, "flight": AskedFlight()}
+    return CorneredTask.model_construct(**fields, stated=task, corners=tuple(corners), groups=tuple(groups))

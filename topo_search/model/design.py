@@ -21,6 +21,7 @@ from topo_search.model.arrays import Array, read_only
 from topo_search.model.bad_input import shown
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
+from topo_search.model.stated import Stated
 from topo_search.model.task import ResolvedTask, Task
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
 from topo_search.model.value import Index, Number, Value, Vector, refuse
@@ -71,6 +72,10 @@ class SolverRecord(Value):
     """Number of starts that reached a feasible point."""
     objectives: tuple[Number, ...] = ()
     """J of every feasible start [rad^4/s^4]; empty in files of programs that do not tell."""
+    corners: Annotated[Index | None, Field(exclude_if=lambda given: given is None)] = None
+    """Number of corners of sets of wrenches, reserves and failures that must be possible besides the load cases."""
+    corners_active: Annotated[Index | None, Field(exclude_if=lambda given: given is None)] = None
+    """How many of them were ever stated in a program; all others were met without."""
     versions: dict[str, str]
     """Versions of the libraries that fix the result."""
 
@@ -89,9 +94,9 @@ class Mount(Value):
 
 
 class Design(Value):
-    """A platform that claims to do its task; everything but the claim is derived again by the audit.
+    """A complete platform for a task. The audit derives again everything that it states.
 
-    Fields that a file has beyond these are ignored: other programs may add their own.
+    Unknown fields of a file are ignored, so that other programs may add their own.
     """
 
     model_config = ConfigDict(extra="ignore")
@@ -112,13 +117,15 @@ class Design(Value):
     mount: Mount | None = None
     """Where the end-effector's rod is bolted; None: nowhere yet, or no straight rod reaches."""
     rotor_speeds_squared: tuple[tuple[Number, ...], ...]
-    """u_k: 4 n values a load case, module-major [rad^2/s^2]."""
+    """u_k: 4 n values per load case, module-major [rad^2/s^2]."""
     objective: Number
     """J = sum_k lambda_k ||u_k||^2 [rad^4/s^4]."""
     lower_bound: Number | None = None
     """At most the objective, whatever the topology [rad^4/s^4]."""
     gap: Number | None = None
     """1 - lower_bound / objective."""
+    stated: Annotated[tuple[Stated, ...], Field(exclude_if=lambda given: not given)] = ()
+    """What a user stated beyond the task when it was solved, without the expressions: evaluated, not certified."""
     solver: dict[str, Any] | None = None
 
     @field_validator("task", mode="before")
@@ -145,11 +152,11 @@ class Design(Value):
         n, cases = self.topology.n, len(self.task.load_cases)
         counts: list[tuple[tuple[str | int, ...], str, int, int]] = [
             (("task", "modules"), "must be the number of rows of `topology`", n, self.task.n),
-            (("hinge_angles_rad",), "must have one angle a non-root module", n - 1, len(self.hinge_angles_rad)),
-            (("rotor_speeds_squared",), "must have one list a load case", cases, len(self.rotor_speeds_squared)),
+            (("hinge_angles_rad",), "must have one angle per non-root module", n - 1, len(self.hinge_angles_rad)),
+            (("rotor_speeds_squared",), "must have one list per load case", cases, len(self.rotor_speeds_squared)),
         ]
         for k, u_k in enumerate(self.rotor_speeds_squared):
-            counts.append((("rotor_speeds_squared", k), "must have four values a module", 4 * n, len(u_k)))
+            counts.append((("rotor_speeds_squared", k), "must have four values per module", 4 * n, len(u_k)))
         wrong = [(field, f"{rule}, {due}, but got {got}") for field, rule, due, got in counts if due != got]
         refuse("Design", *wrong)
         return self

@@ -20,6 +20,10 @@ Position = Annotated[
     | Annotated[Vector, Tag("<list>")],
     one_of('must be "free", "com" or [x, y, z]'),
 ]
+Reach = Annotated[
+    Annotated[Positive, Tag("<number>")] | Annotated[Literal[False], Tag("<false>")],
+    one_of("must be a length in metres or false"),
+]
 
 
 class EndEffector(Value):
@@ -36,6 +40,8 @@ class EndEffector(Value):
     rod: Annotated[Literal["none", "straight"], Field(exclude_if=lambda given: given == "none")] = "none"
     """`straight`: a design needs a straight rod, clear of all parts and airflow; `none`: it is told where there is
     none."""
+    largest_reach: Annotated[Reach, Field(exclude_if=lambda given: given is False)] = False
+    """Largest distance of p_E from the connector that holds its rod [m], which the audit judges; or false."""
     rod_radius: Positive = 0.005
     """Of the rod that carries it [m]."""
     rod_linear_density: NonNegative = 0.045

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -19,7 +19,9 @@ from topo_search.model.arrays import Array
 from topo_search.model.bad_input import of_file, printable, shown
 from topo_search.model.hulls import has_volume
 from topo_search.model.mesh_file import FARTHEST, hull_corners
+from topo_search.model.shape import Capsule, Cone, Polytope, Shape, unit
 from topo_search.model.value import (
+    Flag,
     NonEmpty,
     Positive,
     PositiveVector,
@@ -76,6 +78,10 @@ def _not_given(value: object) -> bool:
     return value is None
 
 
+Solid = Annotated[Flag, Field(exclude_if=lambda given: not given)]
+"""Whether a region is a thing: a wall, a pane, an object, rather than a place that must not be blown at."""
+
+
 class Local(Value):
     """A region around the end-effector that no envelope may enter: a ball, a box, or the convex hull of points.
 
@@ -93,6 +99,8 @@ class Local(Value):
         Field(exclude_if=_not_given),
     ] = None
     """Points whose convex hull the region is, from p_E [m]."""
+    solid: Solid = False
+    """Whether rigid parts keep out of it too, and the rod but for its tip where p_E is not inside."""
 
     @model_validator(mode="before")
     @classmethod
@@ -108,6 +116,13 @@ class Local(Value):
             rest = {name: value for name, value in data.items() if name != "mesh"}
             return {**rest, "vertices": _corners_of(data["mesh"], info.context)}
         return data if given else {**data, "radius": 0.15}
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The region."""
+        if self.radius is not None:
+            return (Capsule(self.radius),)
+        return (Polytope(tuple((x, y, z) for x, y, z in self.corners.tolist())),)
 
     @property
     def corners(self) -> Array:
@@ -139,26 +154,58 @@ def _corners_of(name: Any, context: Any) -> Any:
     return None
 
 
+def _path(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
+    if len(points) < 2:
+        raise ValueError(f"must have at least two points, but got {shown(points)}")
+    if max(abs(x) for point in points for x in point) > FARTHEST:
+        raise ValueError(f"must be at most {FARTHEST:g} m away")
+    if any(math.dist(one, other) < 1e-15 for one, other in pairwise(points)):
+        raise ValueError(f"must lead from each point to a different one, but got {shown(points)}")
+    return points
+
+
 class Directional(Value):
-    """Capsules along motion paths that start at the end-effector; no envelope may enter any of them."""
+    """Capsules along motion paths near the end-effector; no envelope may enter any of them."""
 
     kind: Literal["directional"] = "directional"
     radius: Positive = 0.15
     """r_sph [m]."""
     segments: Annotated[tuple[Direction, ...], at_most(SEGMENTS), NonEmpty] | None = None
-    """The end of each path, from p_E [m]."""
+    """The end of each straight path from the end-effector, from p_E [m]."""
+    polylines: Annotated[
+        Annotated[
+            tuple[Annotated[tuple[Vector, ...], at_most(SEGMENTS, "points"), AfterValidator(_path)], ...],
+            at_most(SEGMENTS),
+            NonEmpty,
+        ]
+        | None,
+        Field(exclude_if=_not_given),
+    ] = None
+    """In place of segments: bent paths, each the points that it leads through, from p_E [m]."""
     along: Literal["end_effector"] | None = None
     """In place of segments: one path along p_E, away from the COM."""
     length: Positive | None = None
     """Length of the path along p_E [m]."""
+    solid: Solid = False
+    """Whether rigid parts keep out of the capsules too."""
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
-        given = [name for name in ("segments", "along", "length") if getattr(self, name) is not None]
-        if given not in (["segments"], ["along", "length"]):
-            but = " and ".join(given) or "neither"
-            refuse("Directional", ((), f"must have either `segments` or `along` with `length`, but got {but}"))
+        forms = ("segments", "polylines", "along", "length")
+        given = [name for name in forms if getattr(self, name) is not None]
+        if given not in (["segments"], ["polylines"], ["along", "length"]):
+            but = " and ".join(given) or "none of them"
+            text = f"must have either `segments`, or `polylines`, or `along` with `length`, but got {but}"
+            refuse("Directional", ((), text))
         return self
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """A capsule for each straight piece, by the index that is its `segment` in audits."""
+        if self.length is not None:
+            return (Capsule(self.radius, length=self.length),)
+        paths = self.polylines or tuple(((0.0, 0.0, 0.0), end) for end in self.segments or ())
+        return tuple(Capsule(self.radius, *piece) for path in paths for piece in pairwise(path))
 
 
 class Exterior(Value):
@@ -169,9 +216,45 @@ class Exterior(Value):
     """theta_con [deg]; at 90 the cone is a half-space."""
     axis: Axis = "com"
     """d_con: from p_E into the allowed cone; `com` points from p_E to the centre of mass."""
+    solid: Solid = False
+    """Whether all outside the cone is solid: rigid parts, and the rod but for its tip, stay inside the cone too."""
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The cone."""
+        return (Cone(self.half_angle_deg, None if self.axis == "com" else unit(self.axis)),)
 
 
-Exposure = Annotated[Local | Directional | Exterior, Field(discriminator="kind")]
+class Plane(Value):
+    """A half-space: where normal . x is at most the offset, for x from p_E and the normal made a unit vector."""
+
+    normal: Direction
+    """Out of the half-space, of any length."""
+    offset: Annotated[float, Field(strict=True, ge=-FARTHEST, le=FARTHEST)] = 0.0
+    """Distance of the plane from p_E along the normal [m]; negative where p_E is outside."""
+
+
+class Allowed(Value):
+    """Everything outside a convex polyhedron, which may be unbounded; all envelopes stay inside it."""
+
+    kind: Literal["allowed"] = "allowed"
+    planes: Annotated[tuple[Plane, ...], at_most(SEGMENTS, "planes"), NonEmpty]
+    """Half-spaces whose intersection it is."""
+    solid: Solid = False
+    """Whether all beyond the planes is solid: rigid parts, and the rod but for its tip, stay inside too."""
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """A half-space for each plane, by the index that is its `segment` in audits."""
+        inwards = [(unit(plane.normal), plane.offset) for plane in self.planes]
+        return tuple(
+            Cone(90.0, axis=(-x, -y, -z), apex=(offset * x, offset * y, offset * z))
+            for (x, y, z), offset in inwards
+        )
+
+
+AnyExposure = Local | Directional | Exterior | Allowed
+Exposure = Annotated[AnyExposure, Field(discriminator="kind")]
 """One exposure requirement."""
 
 
@@ -179,8 +262,11 @@ LEAST_OFFSET = 0.1
 """Least ||p_E|| where a requirement takes its direction from p_E [l_arm]."""
 
 
-def needs_offset(requirement: Local | Directional | Exterior) -> bool:
+def needs_offset(requirement: AnyExposure) -> bool:
     """Whether a requirement's direction is p_E itself, so that it is undefined at p_E = 0."""
-    if isinstance(requirement, Directional):
-        return requirement.along is not None
-    return isinstance(requirement, Exterior) and requirement.axis == "com"
+    return any(shape.takes_direction_from_com for shape in requirement.shapes)
+
+
+def segment_of(requirement: AnyExposure, part: int) -> int | None:
+    """Return the `segment` of one of a requirement's shapes in audits: None where there is only ever one."""
+    return part if isinstance(requirement, Directional | Allowed) else None

@@ -103,7 +103,7 @@ def load_json(path: str | Path, *, most_bytes: int = RESULT_BYTES) -> Any:
     Raises:
         BadInput: it cannot be read, is too large, no regular file or no JSON.
     """
-    text = _text(path, hint="no such file", most_bytes=most_bytes)
+    text = load_text(path, most_bytes=most_bytes)
     try:
         return json_data(text)
     except NotParsed as error:
@@ -150,6 +150,11 @@ def write_atomically(path: Path, content: str | bytes, *, lasting: bool = True) 
             raise
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def load_text(path: str | Path, *, most_bytes: int) -> str:
+    """Return the text of a file; BadInput if it cannot be read, is too large, no regular file or no text."""
+    return _text(path, hint="no such file", most_bytes=most_bytes)
 
 
 def _text(path: str | Path, *, hint: str, most_bytes: int) -> str:

@@ -61,6 +61,11 @@ class RotorsOut(Value):
     lost: tuple[tuple[Index, Index], ...] = ()
     """Module and rotor (0..3) of each whose failure is proven to make a wrench impossible."""
     undecided: tuple[tuple[Index, Index], ...] = ()
+    torque_reserve_Nm: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    """Where it was asked for: any torque of this size can be added with any one of the rotors dead [N m]."""
+    torque_reserve_at_most_Nm: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    weakest: Annotated[tuple[Index, Index] | None, Field(exclude_if=lambda given: given is None)] = None
+    """Module and rotor whose failure leaves least."""
 
 
 class JointLoad(Value):
@@ -89,6 +94,8 @@ class Flight(Value):
     """With any one of these rotors dead the platform can still hover."""
     rotors_out_all: RotorsOut
     """And exert every load case."""
+    rotors_out_asked: Annotated[RotorsOut | None, Field(exclude_if=lambda given: given is None)] = None
+    """In the cases for which the task asks for that; None where it does not."""
     joints: tuple[JointLoad, ...]
     """Joint by joint for hover, then for every load case."""
     hinge_tolerance_deg: Size | None

@@ -8,24 +8,42 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from typing import Annotated, NamedTuple, Self, TypeVar
+from typing import Annotated, Any, NamedTuple, Self, TypeVar, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
 from topo_search.limits import LEVELS
 from topo_search.model.bad_input import shown
+from topo_search.model.reserves import Failing
 from topo_search.model.value import Flag, NonNegative, Positive, Value, at_most, refuse
 
-FIELDS = ("search.margin", "end_effector.stand_off", "search.peak_input")
+FIELDS = (
+    "search.margin",
+    "end_effector.stand_off",
+    "search.peak_input",
+    "flight.force_reserve",
+    "flight.torque_reserve",
+    "flight.rotor_out",
+    "flight.joint_moment",
+)
 """What a level sets, in the order of `Level`."""
 
-Levels = TypeVar("Levels", bound=tuple[float, ...])
+Levels = TypeVar("Levels", bound=tuple[float | str, ...])
 
 
 def _different(levels: Levels) -> Levels:
     if len(set(levels)) < len(levels):
         raise ValueError(f"must all be different, but got {shown(levels)}")
     return levels
+
+
+OfFlight = Annotated[
+    tuple[NonNegative, ...],
+    at_most(LEVELS),
+    AfterValidator(_different),
+    Field(exclude_if=lambda given: not given),
+]
+"""Levels of a reserve."""
 
 
 class Level(NamedTuple):
@@ -37,11 +55,20 @@ class Level(NamedTuple):
     """Of end_effector.stand_off [m]."""
     peak_input: float | None
     """Of search.peak_input."""
+    force_reserve: float | None = None
+    """Of flight.force_reserve."""
+    torque_reserve: float | None = None
+    """Of flight.torque_reserve."""
+    rotor_out: Failing | None = None
+    """Of flight.rotor_out."""
+    joint_moment: float | None = None
+    """Of flight.joint_moment [N m]."""
 
     @property
     def words(self) -> str:
         """The fields that it sets, as a task file does."""
-        set_ = [f"{field} = {value:g}" for field, value in zip(FIELDS, self, strict=True) if value is not None]
+        given = [(field, value) for field, value in zip(FIELDS, self, strict=True) if value is not None]
+        set_ = [f"{field} = {f'{v:g}' if isinstance(v, float) else shown(v)}" for field, v in given]
         return ", ".join(set_) or "the task as it is"
 
 
@@ -56,6 +83,21 @@ class Goals(Value):
         tuple[Annotated[Positive, Field(le=1)], ...], at_most(LEVELS), AfterValidator(_different)
     ] = ()
     """Levels of search.peak_input."""
+    force_reserve: OfFlight = ()
+    """Levels of flight.force_reserve, in its units."""
+    torque_reserve: OfFlight = ()
+    """Levels of flight.torque_reserve, in its units."""
+    rotor_out: Annotated[
+        tuple[Failing, ...], AfterValidator(_different), Field(exclude_if=lambda given: not given)
+    ] = ()
+    """Levels of flight.rotor_out."""
+    joint_moment: Annotated[
+        tuple[Positive, ...],
+        at_most(LEVELS),
+        AfterValidator(_different),
+        Field(exclude_if=lambda given: not given),
+    ] = ()
+    """Levels of flight.joint_moment [N m]."""
     modules: Flag = False
     """Whether few modules are a goal, of a task with a range of sizes and wrenches in SI."""
 
@@ -75,7 +117,7 @@ class Goals(Value):
         """Every combination, the loosest first; the last of the goals changes fastest."""
         return tuple(Level(*each) for each in product(*self._axes))
 
-    def neighbour(self, number: int) -> int | None:
+    def previous(self, number: int) -> int | None:
         """Return the level before one of them along a single goal; None of the first."""
         step = 1
         for axis in reversed(self._axes):
@@ -85,7 +127,15 @@ class Goals(Value):
         return None
 
     @property
-    def _axes(self) -> tuple[list[float | None], ...]:
+    def _axes(self) -> tuple[list[Any], ...]:
         """The levels of each goal, the loosest first."""
-        axes = sorted(self.clearance), sorted(self.stand_off), sorted(self.peak_input, reverse=True)
-        return tuple([*axis] or [None] for axis in axes)
+        axes: tuple[list[Any], ...] = (
+            sorted(self.clearance),
+            sorted(self.stand_off),
+            sorted(self.peak_input, reverse=True),
+            sorted(self.force_reserve),
+            sorted(self.torque_reserve),
+            sorted(self.rotor_out, key=get_args(Failing).index),
+            sorted(self.joint_moment, reverse=True),
+        )
+        return tuple(axis or [None] for axis in axes)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from topo_search.model.design import SolverRecord, TopologyRows
+from topo_search.model.relaxation import Relaxed
 from topo_search.model.value import Number, Value
 
 NAMED = 3
@@ -59,6 +62,8 @@ class Infeasible(Value):
     """What all starts ended short of, the most frequent first; none for a proof."""
     solver: SolverRecord | None = None
     """How the closest start came about; None for a proof."""
+    relaxed: Annotated[Relaxed | None, Field(exclude_if=lambda given: given is None)] = None
+    """Which limits, relaxed alone, give the tree a design; None where it was not asked."""
 
     def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
         """Return the same closest start among these starts."""
@@ -67,11 +72,19 @@ class Infeasible(Value):
         return self.model_copy(update=update)
 
     def _message(self, shortfalls: tuple[Shortfall, ...], starts: int) -> str:
-        missed = f"misses `{self.worst_constraint}` by {self.violation:.3g} {self.unit}"
+        missed = f"misses `{self.worst_constraint}` by {_amount(self.violation, 3, self.unit)}"
         if starts == 1:
             return f"the only start {missed}"
-        named = [f"{s.starts} `{s.constraint}` (by {s.violation:.2g} {s.unit} or more)" for s in shortfalls[:NAMED]]
+        named = [
+            f"{s.starts} `{s.constraint}` (by {_amount(s.violation, 2, s.unit)} or more)"
+            for s in shortfalls[:NAMED]
+        ]
         others = sum(s.starts for s in shortfalls[NAMED:])
         if others:
             named.append(f"{others} another constraint")
         return f"the closest of {starts} starts {missed}; what they miss most: {', '.join(named)}"
+
+
+def _amount(value: float, digits: int, unit: str) -> str:
+    """Return a number with its unit, if it has any."""
+    return f"{value:.{digits}g} {unit}".rstrip()

@@ -76,7 +76,10 @@ class LoadCase(Value):
     @model_validator(mode="after")
     def _asks_for_something(self) -> Self:
         if not (self.end_effector or self.com or self.carries_weight or self.cone or self.vertices):
-            refuse("LoadCase", ((), "must have `end_effector`, `com`, `carries_weight` or several, but got none"))
+            refuse(
+                "LoadCase",
+                ((), "must have at least one of `end_effector`, `com` and `carries_weight`, but got none"),
+            )
         return self
 
     @property
@@ -144,7 +147,7 @@ def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: floa
     names = [case.name for case in cases]
     for k, name in enumerate(names):
         if name is not None and (first := names.index(name)) < k:
-            text = f"must be another than that of load_cases[{first}], but got {shown(name)}"
+            text = f"must differ from that of load_cases[{first}], but got {shown(name)}"
             yield ("load_cases", k, "name"), text
     if not any(case.weight for case in cases):
         yield ("load_cases",), "must have a weight greater than 0 in at least one entry, but got 0 in each"

@@ -99,7 +99,7 @@ def _ascii_corners(content: bytes) -> Array:
     words = body.split()
     size = len(ASCII_FACET)
     if len(words) % size:
-        raise ValueError(f"must be a whole ASCII STL, {size} words a facet, but has {len(words):,} words")
+        raise ValueError(f"must be a whole ASCII STL, {size} words per facet, but has {len(words):,} words")
     for place, due in enumerate(ASCII_FACET):
         if due not in (b"x", b"y", b"z"):
             facet = next((f for f, word in enumerate(words[place::size]) if word.lower() != due), None)
@@ -140,7 +140,7 @@ def _lines(content: bytes) -> Iterator[bytes]:
     for line in content.splitlines():
         said = begun + line.split(b"#", 1)[0]
         if len(said) > LINE:
-            raise ValueError(f"must have at most {LINE:,} bytes a line, but has {len(said):,}")
+            raise ValueError(f"must have at most {LINE:,} bytes per line, but has {len(said):,}")
         begun = said[:-1] + b" " if said.endswith(b"\\") else b""
         yield b"" if begun else said
     yield begun
@@ -148,7 +148,7 @@ def _lines(content: bytes) -> Iterator[bytes]:
 
 def _vertex(words: list[bytes]) -> tuple[float, float, float]:
     if not 3 <= len(words) <= 8:  # with a weight, a colour, or both
-        raise ValueError(f"must have three numbers a vertex, but got {len(words)}")
+        raise ValueError(f"must have three numbers per vertex, but got {len(words)}")
     x, y, z, *_ = map(_number, words)
     return x, y, z
 
@@ -156,7 +156,7 @@ def _vertex(words: list[bytes]) -> tuple[float, float, float]:
 def _corners(words: list[bytes], vertices: int) -> list[int]:
     """Return the numbers of a facet's vertices, from 0; the file counts from 1, or back from the last one."""
     if len(words) < 3:
-        raise ValueError(f"must have three corners a facet or more, but got {len(words)}")
+        raise ValueError(f"must have at least three corners per facet, but got {len(words)}")
     found = []
     for word in words:
         match = REFERENCE.fullmatch(word)

@@ -119,14 +119,19 @@ class Module(Value):
     """Largest thrust of a rotor [N], in place of max_thrust_to_weight."""
     torque_to_thrust: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
     """Drag torque of a rotor over its thrust [m], in place of torque_coefficient."""
+    joint_moment: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    """Rated: the largest moment that a joint bears [N m]."""
+    joint_force: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    """Rated: the largest force [N]."""
     min_input: Annotated[float, Field(strict=True, ge=0, lt=1, exclude_if=lambda given: given == 0.0)] = 0.0
     """Least share of its largest squared speed that a rotor runs at; a dead one is exempt."""
     airflow: Airflow = Airflow()
     """The airflow envelope."""
     body: Body = Body()
     """The rigid parts."""
-    bracket: Annotated[Bracket, Field(exclude_if=lambda given: given == Bracket())] = Bracket()
-    """What holds bolted modules at their angle in the lab kit; not written where it is the default."""
+    bracket: Annotated[Bracket | None, Field(exclude_if=lambda given: given is None)] = None
+    """What holds bolted modules at their angle in the lab kit; stated, the audit judges it beside airflow and
+    rotors."""
 
     @model_validator(mode="before")
     @classmethod
@@ -214,6 +219,11 @@ class Module(Value):
             return data
         given = _numbers(data.get("max_thrust"), data.get("mass", Module.model_fields["mass"].default), gravity)
         return data if given is None else {**data, "max_thrust_to_weight": 4 * given[0] / (given[1] * given[2])}
+
+    @property
+    def bracket_sizes(self) -> Bracket:
+        """Sizes of the brackets, stated or not."""
+        return self.bracket or Bracket()
 
     @property
     def inertia(self) -> tuple[float, float, float]:

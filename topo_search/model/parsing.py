@@ -38,7 +38,7 @@ def toml_data(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise NotParsed("must have fewer brackets within each other", beyond=True) from None
+        raise NotParsed("must have fewer nested brackets", beyond=True) from None
     except ValueError as error:
         raise NotParsed(f"is not a TOML file, or only a part of one: {error}") from None
 

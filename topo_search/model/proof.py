@@ -25,6 +25,10 @@ MOST_BYTES = 1 << 28
 Text = Annotated[str, Field(strict=True)]
 Ended = Literal["closed", "many", "stuck"]
 Aim = Literal["excluded", "within"]
+Problem = Literal["task", "solver"]
+"""Which designs a proof is about: `task`, all that an audit may call clear; `solver`, those that keep the solver's
+distances besides: where envelopes or centres need a distance R, d^2 >= R^2 + 2 R margin (`search.margin`), and of
+centres R is `centre_distance` in place of `body_clearance`. What holds of the first holds of the second."""
 
 
 def chunk_count(n: int) -> int:
@@ -64,6 +68,18 @@ class Chunk(Value):
         return record
 
 
+class CheckedChunk(Value):
+    """What a check of one chunk came to."""
+
+    number: Index
+    fault: Text | None
+    """Why it is refused; None: it holds."""
+    boxes: Index = 0
+    """Of the record."""
+    halved: Index = 0
+    """Boxes that the check cut smaller than the record does, to settle them."""
+
+
 class Proof(Value):
     """What is proven of one tree: no design of it costs less than `cut`, once every chunk is closed."""
 
@@ -76,6 +92,8 @@ class Proof(Value):
     aim: Aim
     """`excluded`: the cut is the effort of the run's best; `within`: it is `gap` under the tree's own best."""
     gap: Number
+    problem: Problem = "task"
+    """Which designs it is about."""
     cut: Number
     """Effort [rad^4/s^4]."""
     chunks: tuple[Chunk, ...] = ()

@@ -1,38 +1,66 @@
-r"""What a platform must be able to do beyond its load cases: reserves of force and torque around some of them.
+r"""What a platform must be able to do beyond its load cases: reserves around some of them, and with a rotor dead.
 
 | symbol | meaning | unit |
 |---|---|---|
 | r | radius of the ball, or of the horizontal disc, of what can be added | N, N m |
 
-A ball is no polytope. A design keeps a reserve if all corners of a polytope around the ball can be added: a regular
-icosahedron, or of a disc an octagon. Whoever proves that something is impossible may count on points of the ball
-itself alone: `inner`. The audit measures the ball.
+A ball is no polytope. A design keeps a reserve if all corners of a polytope around the ball can be added: a
+tetrakis hexahedron, a cube with a low pyramid on each face, or of a disc an octagon. Both have every mirror of a
+cube, so that a task that has one keeps it. Whoever proves that something is impossible may count on points of the
+ball itself alone: `inner`. The audit measures the ball.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal
+from itertools import product
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field, Tag
 
-from topo_search.limits import LOAD_CASES
+from topo_search.limits import FAILURES, LOAD_CASES
+from topo_search.model.arrays import Array
 from topo_search.model.load_case import MOST, Broken, LoadCase, Wrench
 from topo_search.model.tolerances import TOLERANCE
-from topo_search.model.value import NonNegative, Value, Vector
+from topo_search.model.value import Flag, NonNegative, Positive, Value, one_of
 
 if TYPE_CHECKING:
+    from topo_search.model.goals import Level
     from topo_search.model.task import ResolvedTask
 
 SIDES = 8
 """Of the polygon around a disc: its corners are 8 % farther out."""
-GOLDEN = (1 + math.sqrt(5)) / 2
-ICOSAHEDRON = math.sqrt(3) * math.sqrt(1 + GOLDEN**2) / GOLDEN**2
-"""Circumscribed over inscribed radius of a regular icosahedron: its corners are 26 % farther out than the ball."""
+AXES, DIAGONALS = math.sqrt(5) / 2, math.sqrt(5 / 3)
+"""How far out the corners of a tetrakis hexahedron around the unit ball are, 12 and 29 %; it is the polar dual of a
+truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and sqrt(3/2) from its centre."""
 UNSEEN = 5 * TOLERANCE
 """By how much a reserve may be less than asked in what an audit calls clear, and more [m_t g, l_arm m_t g]."""
 SAME = 1e-9
 """Share of the weight by which a force that carries it may be less."""
+LEFT = 0.01
+"""Torque that can be added with a rotor dead when nobody says otherwise [l_arm m_t g]."""
+
+LargestLoad = (
+    Annotated[
+        Annotated[Positive, Tag("<number>")] | Annotated[Literal["rated"], Tag("<rated>")],
+        one_of('must be a number or "rated"'),
+    ]
+    | None
+)
+Failing = Literal["none", "hover", "all"]
+Centre = tuple[int, str, LoadCase]
+"""What something is asked for around: number (0: hover, k + 1: load case k), what it is called, its wrench."""
+
+
+class Corner(NamedTuple):
+    """A wrench that must be possible."""
+
+    label: str
+    """What it is called."""
+    case: LoadCase
+    dead: int | None = None
+    """Rotor that does not run, counted module by module."""
 
 
 class AskedFlight(Value):
@@ -48,31 +76,61 @@ class AskedFlight(Value):
     """Which forces: `all`, or `horizontal` ones, across z."""
     torque_reserve: NonNegative = 0.0
     """Any torque of this size can be added, the force as it is."""
+    rotor_out: Annotated[Failing, Field(exclude_if=lambda given: given == "none")] = "none"
+    """With any single rotor dead, possible: `hover`, or `all`: that and every load case that carries the weight."""
+    rotor_out_torque: Annotated[NonNegative | None, Field(exclude_if=lambda given: given is None)] = None
+    """Any torque of this size can be added then; if not given 0.01 l_arm m_t g: attitude remains controllable."""
+    joint_moment: Annotated[LargestLoad, Field(exclude_if=lambda given: given is None)] = None
+    """Largest moment in a joint, about its connector, in any load case [N m]; `rated`: that of the module."""
+    joint_force: Annotated[LargestLoad, Field(exclude_if=lambda given: given is None)] = None
+    """Largest force in a joint [N]."""
+
+    tolerances: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
+    """The clearances survive all errors within [tolerances], proven; costs effort, as a larger margin does."""
+
+    @property
+    def keeps_reserves(self) -> bool:
+        """Whether reserves are asked for with all rotors alive."""
+        return self.force_reserve > 0 or self.torque_reserve > 0
 
     @property
     def asks(self) -> bool:
         """Whether anything is asked for."""
-        return self.force_reserve > 0 or self.torque_reserve > 0
+        return self != AskedFlight(units=self.units, around=self.around, directions=self.directions)
+
+    def at(self, level: Level) -> AskedFlight:
+        """Return the same with what a level of goals sets; without failures no torque is left for them."""
+        set_ = {name: value for name, value in level._asdict().items() if value is not None and hasattr(self, name)}
+        held = self.model_copy(update=set_)
+        return held.model_copy(update={"rotor_out_torque": None}) if held.rotor_out == "none" else held
 
     def to_si(self, force_unit: float, torque_unit: float) -> AskedFlight:
         """Return the same in N and N m, given m_t g [N] and l_arm m_t g [N m]; where nothing is asked, nothing."""
         if not self.asks:
             return AskedFlight()
-        if self.units == "SI":
-            return self
-        reserves = {
-            "force_reserve": self.force_reserve * force_unit,
-            "torque_reserve": self.torque_reserve * torque_unit,
+        f, t = (force_unit, torque_unit) if self.units == "weight" else (1.0, 1.0)
+        changed: dict[str, object] = {
+            "units": "SI",
+            "force_reserve": self.force_reserve * f,
+            "torque_reserve": self.torque_reserve * t,
         }
-        return self.model_copy(update={"units": "SI", **reserves})
+        if self.rotor_out != "none":
+            left = self.rotor_out_torque
+            changed["rotor_out_torque"] = LEFT * torque_unit if left is None else left * t
+        return self.model_copy(update=changed)
 
 
-def centres(task: ResolvedTask) -> list[tuple[int, str, LoadCase]]:
-    """Return where reserves are asked for: number (0: hover, k + 1: load case k), what it is called, its wrench."""
+def centres(task: ResolvedTask) -> list[Centre]:
+    """Return where reserves are asked for."""
+    return centres_of(task, task.flight.around) if task.flight.keeps_reserves else []
+
+
+def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[Centre]:
+    """Return hover, or hover and every load case that carries the weight, none of which weighs anything."""
     weight = task.force_unit(task.n)
     hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, weight)), weight=0.0)
-    found = [(0, "hover", hover)] if task.flight.asks else []
-    if task.flight.asks and task.flight.around == "all":
+    found = [(0, "hover", hover)]
+    if which == "all":
         for k, (label, case) in enumerate(zip(task.case_labels, task.load_cases, strict=True)):
             if case.at_com.force[2] >= weight * (1 - SAME):
                 plain = {"name": None, "weight": 0.0, "cone": None, "vertices": ()}
@@ -80,52 +138,79 @@ def centres(task: ResolvedTask) -> list[tuple[int, str, LoadCase]]:
     return found
 
 
-def broken_reserves(asked: AskedFlight, cases: int, force_unit: float, torque_unit: float) -> Broken:
-    """Yield what is wrong with reserves, for so many load cases and corners of their sets."""
+def broken_reserves(asked: AskedFlight, cases: int, n: int, force_unit: float, torque_unit: float) -> Broken:
+    """Yield what is wrong with reserves, for so many load cases and corners of their sets, and n modules."""
     for field, r, unit in (
         ("force_reserve", asked.force_reserve, force_unit),
         ("torque_reserve", asked.torque_reserve, torque_unit),
+        ("rotor_out_torque", asked.rotor_out_torque, torque_unit),
     ):
         factor, of = (unit, " weights") if asked.units == "weight" else (1.0, "")
-        if not r * factor <= MOST:
+        if r is not None and not r * factor <= MOST:
             yield ("flight", field), f"must be at most {MOST:g} N and N m, but got {r:g}{of}"
-    around = len(_around(asked.directions == "horizontal")) * (asked.force_reserve > 0)
-    around += len(_around(False)) * (asked.torque_reserve > 0)
+    around = len(_around(disc=asked.directions == "horizontal")) * (asked.force_reserve > 0)
+    around += len(_around(disc=False)) * (asked.torque_reserve > 0)
     if around and (number := cases + around * (1 + cases * (asked.around == "all"))) > LOAD_CASES:
         text = f"must ask for at most {LOAD_CASES} wrenches with all load cases, but got up to {number:,}"
         yield ("flight",), text
+    failures = 4 * n * len(_around(disc=False)) * (1 + cases * (asked.rotor_out == "all"))
+    if asked.rotor_out != "none" and failures > FAILURES:
+        text = f"must ask for at most {FAILURES:,} wrenches with a rotor dead, but got up to {failures:,}"
+        yield ("flight", "rotor_out"), text
 
 
-def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[tuple[str, LoadCase]]:
-    """Return the corners around all reserves with what they are called, or points of the balls themselves."""
-    asked, corners = task.flight, list[tuple[str, LoadCase]]()
+def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
+    """Return the corners around each reserve, or points of the balls themselves."""
+    asked, found = task.flight, list[list[Corner]]()
     level = asked.directions == "horizontal"
     for _, label, case in centres(task):
-        own = case.at_end_effector
         for field, r, unit, disc in (
             ("force", asked.force_reserve, task.force_unit(task.n), level),
             ("torque", asked.torque_reserve, task.torque_unit(task.n), False),
         ):
-            size = max(0.0, r - UNSEEN * unit) if inner else r * _farther(disc)
-            for number, v in enumerate(_around(disc) if r > 0 else ()):
-                x, y, z = (a + size * b for a, b in zip(getattr(own, field), v, strict=True))
-                wrench = own.model_copy(update={field: (x, y, z)})
-                corner = case.model_copy(update={"end_effector": wrench})
-                corners.append((f"{label}, {field} reserve {number}", corner))
+            around = _around(disc=disc)
+            if inner:
+                r, around = max(0.0, r - UNSEEN * unit), around / np.linalg.norm(around, axis=1, keepdims=True)
+            if r > 0:
+                found.append(_corners(f"{label}, {field} reserve", case, field, r * around))
+    return found
+
+
+def failure_corners(task: ResolvedTask) -> list[list[Corner]]:
+    """Return what must be possible with each rotor dead: corners around the torques that are left, or the case."""
+    asked, found = task.flight, list[list[Corner]]()
+    if asked.rotor_out == "none":
+        return found
+    around = (asked.rotor_out_torque or 0.0) * _around(disc=False)
+    for _, label, case in centres_of(task, asked.rotor_out):
+        for rotor in range(4 * task.n):
+            words = f"{label}, {rotor_name(rotor)} dead"
+            corners = [Corner(words, case)]
+            if around.any():
+                corners = _corners(f"{words}, torque", case, "torque", around)
+            found.append([corner._replace(dead=rotor) for corner in corners])
+    return found
+
+
+def rotor_name(rotor: int) -> str:
+    """Return what a rotor is called, given its place among all, module by module."""
+    return f"rotor {rotor % 4} of module {rotor // 4}"
+
+
+def _corners(words: str, case: LoadCase, field: str, around: Array) -> list[Corner]:
+    """Return corners around a load case, in its force or torque at the end-effector, shape (c, 3) [N, N m]."""
+    own, corners = case.at_end_effector, list[Corner]()
+    for number, corner in enumerate((np.array(getattr(own, field)) + around).tolist()):
+        x, y, z = corner
+        wrench = own.model_copy(update={field: (x, y, z)})
+        corners.append(Corner(f"{words} {number}", case.model_copy(update={"end_effector": wrench})))
     return corners
 
 
-def _farther(disc: bool) -> float:
-    """Return how much farther out corners are than what they are around."""
-    return 1 / math.cos(math.pi / SIDES) if disc else ICOSAHEDRON
-
-
-def _around(disc: bool) -> list[Vector]:
-    """Return unit vectors to the corners."""
+def _around(*, disc: bool) -> Array:
+    """Return the corners of a polytope around the unit ball, or of a polygon around the unit disc, shape (c, 3)."""
     if disc:
-        angles = 2 * np.pi / SIDES * np.arange(SIDES)
-        return [(float(np.cos(a)), float(np.sin(a)), 0.0) for a in angles]
-    length = math.hypot(1.0, GOLDEN)
-    a, b = 1 / length, GOLDEN / length
-    signs = [(s, t) for s in (1.0, -1.0) for t in (1.0, -1.0)]
-    return [v for s, t in signs for v in ((0.0, s * a, t * b), (s * a, t * b, 0.0), (t * b, 0.0, s * a))]
+        angles, out = 2 * np.pi / SIDES * np.arange(SIDES), 1 / math.cos(math.pi / SIDES)
+        return out * np.stack([np.cos(angles), np.sin(angles), np.zeros(SIDES)], axis=1)
+    cube = np.array(list(product((1.0, -1.0), repeat=3))) / math.sqrt(3)
+    return np.concatenate([AXES * np.eye(3), -AXES * np.eye(3), DIAGONALS * cube])

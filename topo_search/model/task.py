@@ -20,7 +20,7 @@ from topo_search.limits import LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
 from topo_search.model.airflow_room import airflow_folds
 from topo_search.model.bad_input import shown
 from topo_search.model.end_effector import EndEffector
-from topo_search.model.exposure import LEAST_OFFSET, Directional, Exposure, needs_offset
+from topo_search.model.exposure import LEAST_OFFSET, Allowed, Exposure, needs_offset, segment_of
 from topo_search.model.folds import Folds, clear_folds, common
 from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
@@ -121,8 +121,10 @@ class Task(Value):
             broken.append((("modules",), f"`fewest <= most` must hold, but got {shown(self.modules)}"))
         if len(self.sizes) > SIZES:
             broken.append((("modules",), f"must be at most {SIZES} sizes, but got {shown(self.modules)}"))
-        if (paths := sum(len(e.segments or ()) for e in self.exposure if isinstance(e, Directional))) > SEGMENTS:
-            broken.append((("exposure",), f"must have at most {SEGMENTS} segments in all, but got {paths:,}"))
+        numbered = [asked for asked in self.exposure if segment_of(asked, 0) is not None]
+        if (parts := sum(len(asked.shapes) for asked in numbered)) > SEGMENTS:
+            what = "segments and planes" if any(isinstance(asked, Allowed) for asked in numbered) else "segments"
+            broken.append((("exposure",), f"must have at most {SEGMENTS} {what} in all, but got {parts:,}"))
         if self.load_cases != "ten-wrenches" and self.task_seed is not None:
             rule = 'must be left out unless load_cases = "ten-wrenches"'
             broken.append((("task_seed",), f"{rule}, but got {self.task_seed}"))
@@ -147,8 +149,9 @@ class Task(Value):
             units = self.force_unit(n), self.torque_unit(n)
             broken += broken_rules(self.load_cases, *units)
             corners = sum(1 + len(case.corners) for case in self.load_cases)
-            broken += broken_reserves(self.flight, corners, *units)
-        refuse("Task", *broken, *self._broken_thrust(), *self._broken_goals())
+            flights = dict.fromkeys(self.flight.at(level) for level in self.goals.levels)
+            broken += dict.fromkeys(one for asked in flights for one in broken_reserves(asked, corners, n, *units))
+        refuse("Task", *broken, *self._broken_thrust(), *self._broken_flight(), *self._broken_goals())
         return self
 
     def _broken_thrust(self) -> Broken:
@@ -157,7 +160,7 @@ class Task(Value):
         due = module.max_thrust_to_weight * module.mass * self.gravity / 4
         if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=AGREE):
             text = (
-                f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}, which is {due:.4g} N a "
+                f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}, which is {due:.4g} N per "
                 f"rotor, but got {module.max_thrust}: leave one of them out"
             )
             yield ("module", "max_thrust"), text
@@ -167,6 +170,26 @@ class Task(Value):
                 f"must be less than the largest share that rotors may use, {lowest:g}, but got {module.min_input}"
             )
             yield ("module", "min_input"), text
+
+    def _broken_flight(self) -> Broken:
+        """Yield what contradicts itself in what is asked for beyond load cases, or is asked for and not given."""
+        torque = self.flight.rotor_out_torque
+        if torque is not None and {self.flight.rotor_out, *self.goals.rotor_out} == {"none"}:
+            text = f'must be left out where rotor_out = "none", but got {torque:g}'
+            yield ("flight", "rotor_out_torque"), text
+        if self.flight.tolerances and self.tolerances == Tolerances():
+            rule = "must be false where all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
+            yield ("flight", "tolerances"), f"{rule}, but got true"
+        for field in ("force_reserve", "torque_reserve", "rotor_out", "joint_moment"):
+            given, default = getattr(self.flight, field), AskedFlight.model_fields[field].default
+            if getattr(self.goals, field) and given != default:
+                yield (
+                    ("flight", field),
+                    f"must be left out where goals.{field} has levels of it, but got {shown(given)}",
+                )
+        for field in ("joint_moment", "joint_force"):
+            if getattr(self.flight, field) == "rated" and getattr(self.module, field) is None:
+                yield ("module", field), f'must be given with flight.{field} = "rated", but is missing'
 
     def _broken_goals(self) -> Broken:
         """Yield what is wrong with goals over several sizes, or over one."""
@@ -283,6 +306,13 @@ class Task(Value):
             return ((-math.pi / 2, math.pi / 2),)
         return common(clear_folds(self.module, margin), airflow_folds(self.module, margin))
 
+    @property
+    def joint_limits(self) -> tuple[float | None, float | None]:
+        """Largest force [N] and moment [N m] in a joint that are asked for; None of what is not."""
+        asked, module = self.flight, self.module
+        force = module.joint_force if asked.joint_force == "rated" else asked.joint_force
+        return force, module.joint_moment if asked.joint_moment == "rated" else asked.joint_moment
+
     def at(self, level: Level) -> Task:
         """Return the task with its goals held at a level: a task without goals."""
         search = {"margin": level.clearance, "peak_input": level.peak_input}
@@ -291,6 +321,7 @@ class Task(Value):
             update={
                 "search": self.search.model_copy(update=_given(search)),
                 "end_effector": self.end_effector.model_copy(update=_given(end_effector)),
+                "flight": self.flight.at(level),
                 "goals": Goals(),
             }
         )
@@ -346,6 +377,11 @@ class ResolvedTask(Task):
     def case_labels(self) -> tuple[str, ...]:
         """What the load cases are called wherever they are spoken of."""
         return labels(self.load_cases)
+
+    @property
+    def dead_rotors(self) -> tuple[int | None, ...]:
+        """The rotor that does not run in each load case, counted module by module: none where all do."""
+        return (None,) * len(self.load_cases)
 
 
 def _given(fields: dict[str, float | None]) -> dict[str, float]:

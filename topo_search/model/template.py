@@ -18,7 +18,8 @@ HEAD = """\
 # A task for topo-search: what the platform's tool has to do, and what its airflow must not reach.
 # `topo-search check THIS_FILE` explains it in words; `topo-search run THIS_FILE` searches the best platform for it.
 # Axes are those of the task, lengths are in metres, angles in degrees.
-# What has a # in front of it stands at its default: take the # away to change it.
+# What has a # in front of it stands at its default, or is an example where there is none: take the # away to
+# change it.
 
 name = "{name}"
 modules = 5                         # of how many the platform is made; [4, 6] asks for 4, 5 and 6
@@ -58,7 +59,9 @@ carries_weight = true
 # kind = "directional"              # capsules along paths that start at the end-effector
 # radius = 0.15
 # segments = [[1.0, 0.0, 0.0]]      # where each ends, from the end-effector
-# # in place of segments, one path along the line from the centre of mass:
+# # in place of segments, bent paths, each the points that it leads through, or one path along the line from the
+# # centre of mass:
+# # polylines = [[[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, -0.5]]]
 # # along = "end_effector"
 # # length = 1.0
 
@@ -66,10 +69,18 @@ carries_weight = true
 # kind = "exterior"                 # all airflow stays inside a cone with its apex at the end-effector
 # half_angle_deg = 60.0             # up to 90
 # axis = "com"                      # towards the centre of mass; or [x, y, z], from the end-effector into the cone
+
+# [[exposure]]
+# kind = "allowed"                  # all airflow stays on one side of each plane
+# planes = [{ normal = [1.0, 0.0, 0.0], offset = 0.0 }]  # normal . x <= offset, with x from the end-effector
 """
 
 IN_OTHER_WORDS = {"name", "modules", "load_cases", "exposure", "task_seed"}
 """Fields of a task that HEAD and TASK explain, or that belong to the shipped random family."""
+
+RATED = {"joint_moment": 4.0, "joint_force": 60.0}
+LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0}
+"""Examples of fields of a module and of [flight] that have no default."""
 
 
 def task_template(name: str) -> str:
@@ -78,8 +89,16 @@ def task_template(name: str) -> str:
     stated = Task.model_validate({"name": name, "modules": 5, "load_cases": [hover]})
     filled = stated.resolve(5)
     module, k_f = filled.module, filled.module.thrust_coefficient
-    forms = {"max_thrust": k_f * filled.max_input, "torque_to_thrust": module.torque_coefficient / k_f}
-    filled = filled.model_copy(update={"module": module.model_copy(update=forms)})
+    forms = {
+        "max_thrust": k_f * filled.max_input,
+        "torque_to_thrust": module.torque_coefficient / k_f,
+        "bracket": module.bracket_sizes,
+    }
+    changed = {
+        "module": module.model_copy(update={**forms, **RATED}),
+        "flight": filled.flight.model_copy(update=LIMITS),
+    }
+    filled = filled.model_copy(update=changed)
     top = "\n".join(_fields(stated, filled, IN_OTHER_WORDS))
     tables = "\n".join(_tables(stated, filled, ""))
     return f"{HEAD.format(name=name)}{top}\n{TASK}{tables}\n"
@@ -90,8 +109,10 @@ def _tables(stated: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:
     for field in type(filled).model_fields:
         inside = getattr(filled, field)
         if isinstance(inside, BaseModel):
-            given, path = getattr(stated, field), f"{above}{field}"
-            yield from ("", f"[{path}]", *_fields(given, inside, set()), *_tables(given, inside, f"{path}."))
+            optional, path = getattr(stated, field) is None, f"{above}{field}"
+            given = inside if optional else getattr(stated, field)
+            head = f"# [{path}]" if optional else f"[{path}]"
+            yield from ("", head, *_fields(given, inside, set()), *_tables(given, inside, f"{path}."))
 
 
 def _fields(stated: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[str]:

@@ -17,10 +17,11 @@ of one module (kappa + 2) is the same platform and has the same key.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import permutations
+from typing import Any
 
 import networkx as nx
 
@@ -111,6 +112,29 @@ class Topology:
     def from_key(cls, key: str) -> Topology:
         """Return the one concrete rooted tree that a key names; ValueError says what is wrong with it."""
         return _read(key)
+
+    @classmethod
+    def from_graph(cls, graph: nx.Graph[Any]) -> Topology:
+        """Return the tree of a networkx graph, the inverse of `graph`: its first node is the root.
+
+        Every edge carries `ports = {node: port}`: by which port, 0 to 3, either of its modules is joined.
+
+        Raises:
+            ValueError: it is no tree, an edge has no such ports, or they are not those of a tree of modules.
+        """
+        if not graph.number_of_nodes() or not nx.is_tree(graph):
+            nodes, edges = graph.number_of_nodes(), graph.number_of_edges()
+            raise ValueError(f"must be a tree, but got a graph of {nodes} nodes and {edges} edges that is none")
+        root = next(iter(graph))
+        numbers, joints = {root: 0}, [ROOT]
+        for parent, child in nx.bfs_edges(graph, root):
+            ports = graph.edges[parent, child].get("ports")
+            if not isinstance(ports, Mapping) or {parent, child} - set(ports):
+                rule = "must carry `ports = {node: port}` with both of its nodes"
+                raise ValueError(f"the edge of {parent!r} and {child!r} {rule}, but got {ports!r}")
+            numbers[child] = len(numbers)
+            joints.append((numbers[parent], ports[parent], ports[child]))
+        return cls(tuple(joints))
 
     @property
     def bolted(self) -> frozenset[tuple[int, int]]:

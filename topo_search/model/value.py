@@ -2,18 +2,60 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, ValidationError
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationError,
+)
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 from topo_search.limits import LARGEST_INTEGER, MODULES
+
+FIELDS = "\n\nFields:\n"
+"""Between what a value is and what its fields are, for `help`."""
 
 
 class Value(BaseModel):
     """A frozen value: equal by content, picklable, read from and written to TOML and JSON."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Tell `help` the fields, with what is said of each, in place of pydantic's signature."""
+        lines = [f"    {name}: {_words(field)}" for name, field in cls.model_fields.items()]
+        if lines:
+            cls.__doc__ = inspect.cleandoc(cls.__doc__ or cls.__name__) + FIELDS + "\n".join(lines)
+            cls.__signature__ = inspect.Signature(
+                [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in cls.model_fields]
+            )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Describe the value in a schema by its own words: its fields have theirs."""
+        schema = handler(core)
+        described = handler.resolve_ref_schema(schema)
+        if "description" in described:
+            described["description"] = described["description"].split(FIELDS)[0]
+        return schema
+
+
+def _words(field: FieldInfo) -> str:
+    """Return what is said of a field, and its default if it is short."""
+    told = " ".join((field.description or "").split())
+    if field.is_required():
+        return f"{told} (required)".strip()
+    default = repr(field.default)
+    return f"{told} (default: {default})".strip() if len(default) < 40 else told
 
 
 def refuse(model: str, *broken: tuple[tuple[str | int, ...], str]) -> None:

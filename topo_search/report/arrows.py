@@ -34,6 +34,10 @@ THICK = 0.025
 """Radius of an arrow's shaft, over the length of the longest."""
 RING = 0.3
 """Radius of a torque's ring, over the length of the longest arrow."""
+CONTACT = 0.35
+"""Radius of the piece of a contact plane that is drawn, over the length of the longest arrow."""
+CARRIED = 0.999
+"""Share of the weight from which a load case carries it: what it exerts at the end-effector is pushed against."""
 TURN = math.radians(300)
 """How much of the ring is drawn."""
 
@@ -77,7 +81,19 @@ def arrows(design: Design, at: Poses) -> Iterator[Arrows]:
         trace = (
             [drawn_mesh(f"load case {k}", joined(meshes), palette.WRENCH, "case", lighting=MATT)] if meshes else []
         )
-        yield Arrows(f"load case {k}", "; ".join(words) or "nothing", tuple(trace), tuple(ends))
+        name = design.task.case_labels[k]
+        yield Arrows(name, "; ".join(words) or "nothing", (*trace, *_contact(design, case, at, S)), tuple(ends))
+
+
+def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Iterator[Any]:
+    """Yield the contact plane of a push while it hovers: a disc at the end-effector, across the force."""
+    f = np.array(case.at_end_effector.force)
+    weight = design.task.force_unit(design.topology.n)
+    if not f.any() or case.at_com.force[2] < CARRIED * weight:
+        return
+    disc = trimesh.creation.cylinder(radius=CONTACT * longest, height=0.002, sections=48)
+    disc.apply_transform(placed(rotation_to(f / np.linalg.norm(f)), at.end_effector))
+    yield drawn_mesh("contact plane", disc, palette.CONTACT, "contact", opacity=0.5)
 
 
 def metres_per_newton(design: Design, at: Poses) -> float:

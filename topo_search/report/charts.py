@@ -15,7 +15,7 @@ from topo_search.model import Audit, Clearance, Design
 from topo_search.model.proven import at_least, at_most
 from topo_search.report.clearances import clearance, millimetres
 from topo_search.report.wording import figures, length
-from topo_search.study import Solve
+from topo_search.study import SolveEvent
 
 IN_CELLS = 7
 """Most rows and columns of a matrix whose values are written into its cells, so that they fit."""
@@ -31,7 +31,11 @@ PAIRWISE = {
     "separation": "module centres, distance beyond the least one [mm]",
     "body": "bodies, clearance of each pair [mm]",
     "rotor-airflow": "rotors, hubs and arms (rows) beside other modules' airflow (columns) [mm]",
+    "bracket-airflow": "brackets, by the module they hold (rows), beside airflow of modules (columns) [mm]",
+    "bracket-rotor": "brackets (rows) beside rotors of modules (columns) [mm]",
 }
+ONE_WAY = ("rotor-airflow", "bracket-airflow", "bracket-rotor")
+"""Kinds whose rows and columns are not alike."""
 
 
 def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.Figure]]:
@@ -42,7 +46,7 @@ def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.F
         if pairs:
             # the least last: of a module's rotors, hub and arms one cell shows the nearest
             cells = {(p.a, p.b): p for p in sorted(pairs, key=lambda pair: pair.analytic_m, reverse=True)}
-            mirrored = n <= IN_CELLS and kind != "rotor-airflow"
+            mirrored = n <= IN_CELLS and kind not in ONE_WAY
             both = cells | {(b, a): pair for (a, b), pair in cells.items()} if mirrored else cells
             yield caption, _matrix(both, n, [str(j) for j in range(n)], "module")
     rest = [pair for pair in audit.pairs if pair.kind not in PAIRWISE]
@@ -61,7 +65,8 @@ def _requirement(pair: Clearance) -> str:
         return "rod"
     if pair.kind == "rod-airflow":
         return "rod, airflow"
-    return f"exposure {pair.b}" + ("" if pair.segment is None else f", path {pair.segment}")
+    solid = {"part-region": "solid ", "rod-region": "rod, solid "}.get(pair.kind, "")
+    return f"{solid}exposure {pair.b}" + ("" if pair.segment is None else f", path {pair.segment}")
 
 
 def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[str], title: str) -> go.Figure:
@@ -154,7 +159,7 @@ def rotor_inputs(design: Design) -> go.Figure:
     return figure
 
 
-def progress(solves: Sequence[Solve], lower_bound: float) -> go.Figure:
+def progress(solves: Sequence[SolveEvent], lower_bound: float) -> go.Figure:
     """Return the incumbent against the number of solves over the count of each status."""
     J = np.array([np.nan if solve.objective is None else solve.objective for solve in solves]) / lower_bound
     number = np.arange(1, len(solves) + 1)

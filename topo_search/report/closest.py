@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from trimesh.triangles import closest_point
 
-from topo_search.export.poses import Poses
-from topo_search.export.regions import cone_axis, paths, polytope
-from topo_search.model import Clearance, Design, Directional, Exterior
+from topo_search.export.poses import PORTS, Poses
+from topo_search.export.regions import hull
+from topo_search.model import Clearance, Design
 from topo_search.model.arrays import Array
+from topo_search.model.shape import Capsule, Cone, Polytope
 
 SPLITS = 64
 """Cells of the grid along s and t; each finer grid covers four cells of the one before, about its best point."""
@@ -44,7 +45,8 @@ class ConeSphere(NamedTuple):
 def closest_points(design: Design, at: Poses, pair: Clearance, mount: Array | None) -> tuple[Array, Array]:
     """Return the points, one on each side of a clearance, that are closest; (3,) each [m].
 
-    For rigid parts these are their modules' centres, those of rotors, and the point of the rod closest to one.
+    For rigid parts these are their modules' centres, those of rotors, the connector of a bracket, and the point of
+    the rod closest to one.
 
     Args:
         design: the design.
@@ -63,23 +65,27 @@ def closest_points(design: Design, at: Poses, pair: Clearance, mount: Array | No
     if pair.kind == "rotor-airflow":
         part = at.p[pair.a] if pair.segment is None else at.p[pair.a] + at.R[pair.a] @ arms(design)[pair.segment]
         return between(ConeSphere(part, part, 0.0, 0.0), _envelope(design, at, pair.b))
+    if pair.kind in ("part-region", "rod-region"):
+        return at.p[pair.a], at.end_effector
+    if pair.kind in ("bracket-airflow", "bracket-rotor"):
+        joint = _joint(design, at, pair.a)
+        if pair.kind == "bracket-rotor":
+            return joint, at.p[pair.b]
+        return between(ConeSphere(joint, joint, 0.0, 0.0), _envelope(design, at, pair.b))
     if pair.kind in ("separation", "body"):
         return at.p[pair.a], at.p[pair.b]
     envelope = _envelope(design, at, pair.a)
     if pair.kind == "airflow":
         return between(envelope, _envelope(design, at, pair.b))
-    requirement = design.task.exposure[pair.b]
-    if isinstance(requirement, Exterior):
-        axis = cone_axis(requirement, at)
-        return to_cone(envelope, at.end_effector, axis, math.radians(requirement.half_angle_deg))
-    end = at.end_effector
-    if isinstance(requirement, Directional):
-        end = end + paths(requirement, at)[pair.segment or 0]
-    r = requirement.radius
-    if r is None:
-        corners, triangles, *_ = polytope(requirement)
-        return to_polytope(envelope, at.end_effector + corners[triangles])
-    return between(envelope, ConeSphere(at.end_effector, end, r, r))
+    apex = at.end_effector
+    match design.task.exposure[pair.b].shapes[pair.segment or 0].at(at.p_E):
+        case Cone() as cone:
+            return to_cone(envelope, apex + cone.apex, np.array(cone.axis), math.radians(cone.half_angle_deg))
+        case Polytope() as region:
+            corners, triangles, *_ = hull(region)
+            return to_polytope(envelope, apex + corners[triangles])
+        case Capsule(radius=r, start=start, end=end):
+            return between(envelope, ConeSphere(apex + start, apex + end, r, r))
 
 
 def between(one: ConeSphere, other: ConeSphere) -> tuple[Array, Array]:
@@ -140,6 +146,12 @@ def arms(design: Design) -> Array:
     """Return where a module's rotors are in its frame, shape (4, 3) [m]."""
     signs = np.array([[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
     return design.task.module.arm_length / math.sqrt(2) * signs
+
+
+def _joint(design: Design, at: Poses, child: int) -> Array:
+    """Return the connector by which a module is bolted to its parent, (3,) [m]."""
+    parent, port, _ = design.topology.joints[child]
+    return np.asarray(at.p[parent] + design.task.module.connector_distance * at.R[parent] @ PORTS[port])
 
 
 def _envelope(design: Design, at: Poses, i: int) -> ConeSphere:

@@ -6,23 +6,24 @@ from typing import Any
 
 from topo_search.model import Audit, Design, ResolvedTask, Task
 from topo_search.model.files import to_toml
-from topo_search.model.oddities import oddities
 from topo_search.model.proven import at_least, gap_percent
+from topo_search.model.task_warnings import task_warnings
 from topo_search.report.design_part import design_part
 from topo_search.report.headline import checked, headline
-from topo_search.report.page import Page, Reproduction, Table, TaskPart, json_in_script
+from topo_search.report.page import Page, Reproduction, SimulatedPart, Table, TaskPart, json_in_script
 from topo_search.report.task_facts import facts, load_cases
 from topo_search.report.view import shared_meshes
 from topo_search.report.wording import EFFORT, figures, modules
 
 
-def design_page(design: Design, audit: Audit, file: str) -> Page:
+def design_page(design: Design, audit: Audit, file: str, simulated: SimulatedPart | None = None) -> Page:
     """Return the page of a design.
 
     Args:
         design: the design.
         audit: its audit.
         file: the name of its file, for the commands.
+        simulated: what it did in simulation.
     """
     task = design.task
     return Page(
@@ -39,6 +40,7 @@ def design_page(design: Design, audit: Audit, file: str) -> Page:
         meshes=json_in_script(shared_meshes(design)),
         run=None,
         reproduction=_reproduction(design, audit, file),
+        simulated=simulated,
     )
 
 
@@ -50,21 +52,21 @@ def title(name: str, n: int) -> str:
 def task_part(task: ResolvedTask, stated: Task) -> TaskPart:
     """Return the task as it was understood, and what is odd about it as it was stated."""
     columns = ("load case", "the rotors together produce", "weight λ")
-    warnings = tuple(map(str, oddities(stated)))
+    warnings = tuple(map(str, task_warnings(stated)))
     return TaskPart(facts(task), Table(columns, load_cases(task), frozenset({0, 2})), warnings)
 
 
 def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ...]:
     """Return the lower bound and what it means, a paragraph each."""
     if lower_bound is None:
-        return ("The design states no lower bound, so that nothing is known of how good it is.",)
+        return ("The design states no lower bound, so how far it is from the optimum is unknown.",)
     told = f"Lower bound: {figures(at_least(lower_bound, 5), 5)} rad⁴/s⁴ for the control effort {EFFORT}."
     meaning = (
-        f"It holds for every platform of {modules(n)} of this kind, whatever its tree, its hinge angles and the "
-        "place of its end-effector: it is what the forces of the load cases cost rotors that pull within their "
-        "limits, if thrust axes could point where they are needed. Torques and all geometry are left out, so that "
-        "a part of the gap may be the bound's, not the design's. It is proven of wrenches that are met exactly; "
-        "the audit lets 1e-6 of the weight pass."
+        f"It holds for every platform of {modules(n)} of this kind, for any tree, hinge angles and end-effector "
+        "position: it is what the forces of the load cases would cost rotors within their limits if every thrust "
+        "axis could point wherever it is needed. Torques and geometry are neglected, so part of the gap may come "
+        "from the bound rather than from the design. The proof assumes that wrenches are met exactly; the audit "
+        "tolerates 1e-6 of the weight."
     )
     if gap is None:
         return told, meaning

@@ -11,6 +11,7 @@ from markupsafe import Markup
 from topo_search.export.viewpoint import poses_to_draw
 from topo_search.model import Assembly, Audit, Clearance, Design, Limit, Status
 from topo_search.model.proven import at_least, at_most
+from topo_search.model.stated import StatedCheck
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
 from topo_search.report.clearances import clearance
@@ -48,6 +49,7 @@ def design_part(design: Design, audit: Audit | None) -> DesignPart:
         findings=() if audit is None else _findings(audit),
         errors=None if audit is None else _errors(audit),
         residuals=None if audit is None else _residuals(audit),
+        stated=_stated(design, audit),
         inputs=Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
         effort=f"Control effort {EFFORT} = {figures(design.objective, 5)} rad⁴/s⁴.",
         loads=_loads(design),
@@ -154,6 +156,16 @@ def _residuals(audit: Audit) -> Table:
         for row in audit.residuals
     ]
     return Table(("checked", "audit", "off by", "in its scale", "allowed"), rows, frozenset({2, 3, 4}))
+
+
+def _stated(design: Design, audit: Audit | None) -> Table | None:
+    """Return what constraints of the user's own came to, or that nobody looked."""
+    checks = [StatedCheck(**one.model_dump(), status="not checked") for one in design.stated]
+    rows = [
+        [one.name, one.version or "none", one.bounds, one.words]
+        for one in (checks if audit is None else audit.stated)
+    ]
+    return Table(("constraint", "version", "bounds", "it came to"), rows) if rows else None
 
 
 def _loads(design: Design) -> Table:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import plotly.graph_objects as go
 
 from topo_search.export import palette
 from topo_search.report.page import Chart, FrontPart, Table
 from topo_search.report.wording import counted, figures, length, modules
-from topo_search.study import Answer, Point, front
+from topo_search.study import Answer, FrontPoint, front
 
 
 class Axis(NamedTuple):
@@ -26,6 +26,10 @@ AXES = {
     "clearance": Axis("clearance", "least clearance [mm]", 1e3),
     "stand_off": Axis("stand-off", "least distance of the end-effector from a module's centre [cm]", 1e2),
     "peak_input": Axis("peak input", "largest rotor input / u_max", 1.0),
+    "force_reserve": Axis("reserve of force", "any force that can be added at the end-effector [N]", 1.0),
+    "torque_reserve": Axis("reserve of torque", "any torque that can be added [N m]", 1.0),
+    "rotor_out": Axis("failures", "possible with any one rotor dead", 1.0),
+    "joint_moment": Axis("joint moment", "largest moment in a joint [N m]", 1.0),
     "modules": Axis("modules", "modules", 1.0),
 }
 
@@ -45,13 +49,14 @@ def front_part(answer: Answer, names: Sequence[str]) -> FrontPart:
     return FrontPart(tuple(charts), _designs(answer.points), _levels(answer))
 
 
-def _chart(points: Sequence[Point], name: str) -> go.Figure:
+def _chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
     """Return effort over a goal: all points, and what each value of the goal takes, whatever the other goals."""
     least = points[0].row.objective or 1.0
     axis = AXES[name]
 
-    def at(chosen: Sequence[Point]) -> dict[str, list[float | None]]:
-        x = [None if (value := point.cells[name]) is None else axis.scale * value for point in chosen]
+    def at(chosen: Sequence[FrontPoint]) -> dict[str, list[Any]]:
+        values = [point.cells[name] for point in chosen]
+        x = [axis.scale * value if isinstance(value, int | float) else value for value in values]
         return {"x": x, "y": [(point.row.objective or 0.0) / least for point in chosen]}
 
     figure = go.Figure()
@@ -82,16 +87,17 @@ def _chart(points: Sequence[Point], name: str) -> go.Figure:
     return figure
 
 
-def _described(point: Point) -> Iterator[str]:
+def _described(point: FrontPoint) -> Iterator[str]:
     """Yield one design in lines, for the pointer."""
     yield f"{point.row.key}, {modules(point.row.modules)}"
     yield f"J = {figures(point.row.objective or 0.0, 5)} rad⁴/s⁴"
     yield f"clearance {_length(point.clearance)}, stand-off {_length(point.stand_off)}"
     yield f"largest input {point.peak_input:.4f} u_max"
+    yield f"any one rotor dead: {point.rotor_out}"
     yield f"level {point.number}: {point.level.words}"
 
 
-def _designs(points: Sequence[Point]) -> Table:
+def _designs(points: Sequence[FrontPoint]) -> Table:
     least = points[0].row.objective if points else None
     rows = [
         [

@@ -51,7 +51,7 @@ def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str
         power = f"{figures(flight.hover_power_ratio, 3)} times the power of rotors that all pull straight up"
         yield Tile("Throttle in hover", f"{figures(100 * flight.hover_input, 3)} %", power)
     if gap is not None:
-        told = f"no platform of {modules(n)} saves more of the effort"
+        told = f"no platform of {modules(n)} can save more effort"
         yield Tile("Proven gap", gap_percent(gap), told)
     nearest = closest(audit)
     if nearest is not None:
@@ -72,7 +72,7 @@ def _reserves(flight: Flight) -> Iterator[Tile]:
         size = f"{figures(at_least(hover.horizontal_reserve_N, 3), 3)} N"
         yield Tile("Weakest reserve", size, f"side force at the tip in hover{towards}")
     open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
-    yield Tile("One rotor dead", f"{out.survive} of {out.of}", f"failures that it can hover on with{open_}")
+    yield Tile("One rotor dead", f"{out.survive} of {out.of}", f"single rotor failures survived in hover{open_}")
 
 
 def _rod(flight: Flight, audit: Audit | None) -> Tile:

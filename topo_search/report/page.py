@@ -102,6 +102,18 @@ class FlightPart:
 
 
 @dataclass(frozen=True)
+class SimulatedPart:
+    """What a design did in closed-loop simulation."""
+
+    verdict: str
+    """Of all flights: held or not held."""
+    scenarios: Table
+    course: Chart | None
+    """None if nothing was flown."""
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class DesignPart:
     """All that is shown of one design."""
 
@@ -118,6 +130,8 @@ class DesignPart:
     errors: Table | None
     """How much error in building it the clearances survive."""
     residuals: Table | None
+    stated: Table | None
+    """What the user states of it, which nothing certifies."""
     inputs: Chart
     effort: str
     """J in figures."""
@@ -149,6 +163,14 @@ class NearTies:
 
 
 @dataclass(frozen=True)
+class RelaxedLimits:
+    """Which limits give trees of one size a design."""
+
+    caption: str
+    limits: Table
+
+
+@dataclass(frozen=True)
 class RunPart:
     """All that is shown of a search."""
 
@@ -161,6 +183,8 @@ class RunPart:
     progress: tuple[Chart, ...]
     reasons: Table | None
     """Why candidates have no design."""
+    relaxed: tuple[RelaxedLimits, ...]
+    """What would give them one, of each size without any design."""
     remarks: tuple[str, ...]
 
 
@@ -212,6 +236,8 @@ class Page:
     reproduction: Reproduction
     front: FrontPart | None = None
     """None without goals."""
+    simulated: SimulatedPart | None = None
+    """None unless flights of the design are given."""
 
 
 def render(page: Page) -> str:

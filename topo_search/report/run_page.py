@@ -10,7 +10,8 @@ from typing import Any
 
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_toml
-from topo_search.model.proven import at_least, gap_percent
+from topo_search.model.proven import at_least, at_most, gap_percent
+from topo_search.model.stated import NOT_CERTIFIED
 from topo_search.report.cards import cards, rows_to_show
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, task_part, title
@@ -30,9 +31,11 @@ from topo_search.report.page import (
     json_in_script,
     render,
 )
+from topo_search.report.relaxed_part import relaxed_limits
 from topo_search.report.view import shared_meshes
 from topo_search.report.wording import counted, figures, modules
-from topo_search.study import NEAR, REPORT, Answer, Row, RunFolder, SizeAnswer, answer_of
+from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
+from topo_search.study.proofs import Standing
 
 COLUMNS = (
     ("tree", "text"),
@@ -52,6 +55,8 @@ COLUMNS = (
     ("unit", "text"),
 )
 """Of the ranking, with how they sort."""
+PROOF_COLUMNS = (("proof", "text"), ("proven J at least", "number"), ("proven gap [%]", "number"))
+"""Of the ranking, once branch and bound was asked for."""
 
 
 def write_run_page(folder: RunFolder) -> None:
@@ -68,10 +73,10 @@ def run_page(folder: RunFolder) -> Page:
     level = next(itertools.islice(folder.levels(), number, None))  # the ledger now ranks its rows
     at = answer.levels[number]
     page = _page(level, replace(answer, sizes=at.sizes))
-    note = f"All but the front is about level {number} of the goals: {at.level.words}."
+    note = f"Everything but the front refers to level {number} of the goals: {at.level.words}."
     return replace(
         page,
-        notes=(note, *page.notes),
+        notes=(note, *(f"{text[0].upper()}{text[1:]}." for text in answer.idle_goals), *page.notes),
         front=front_part(answer, goals.names),
         reproduction=_reproduction(folder),
     )
@@ -86,7 +91,7 @@ def _page(folder: RunFolder, answer: Answer) -> Page:
     design, audit = (None, None) if shown is None else _read(folder, shown)
     tiles: tuple[Tile, ...] = ()
     if design is not None and shown is not None:
-        tiles = headline(design, audit, shown.gap, f"{counted(_settled(answer), 'candidate')} solved")
+        tiles = headline(design, audit, size.gap_of(shown), f"{counted(_settled(answer), 'candidate')} solved")
     return Page(
         title=title(request.task.name, n),
         key=shown.key if shown else None,
@@ -94,8 +99,8 @@ def _page(folder: RunFolder, answer: Answer) -> Page:
         checked="" if audit is None else checked(audit),
         answer=_answer(answer, request.task.name, shown, size),
         tiles=tiles,
-        notes=tuple(note for size in answer.sizes for note in _limits(size, shown)),
-        bound=bound(size.lower_bound, shown.gap if shown else None, n),
+        notes=(*_own(request.own), *(note for size in answer.sizes for note in _limits(size, shown))),
+        bound=(*bound(size.lower_bound, shown.gap if shown else None, n), *_proven(answer)),
         task=task_part(request.task.resolve(n), request.task),
         design=None if design is None else design_part(design, audit),
         meshes=json_in_script({} if design is None else shared_meshes(design)),
@@ -125,11 +130,18 @@ def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> s
         reasons = "; ".join(f"with {modules(size.modules)}, {size.reason}" for size in answer.sizes)
         return f"No design was found for {name}: {reasons}."
     if answer.best is None:
-        return f"None of the designs that were found for {name} passed its audit; {shown.key} needs the least."
+        return f"No design found for {name} passed its audit; {shown.key} takes the least effort."
     if answer.levels:
         return f"Of {counted(len(answer.points), 'design')} on the front, {shown.key} takes the least effort."
     smallest = f"With {modules(shown.modules)}, {answer.smallest}, " if answer.smallest else ""
     return f"{smallest}{shown.key} is {size.statement}."
+
+
+def _proven(answer: Answer) -> Iterator[str]:
+    """Yield what branch and bound has proven of each size, and of which problem."""
+    for size in answer.sizes:
+        if size.proven is not None:
+            yield f"{size.proven[0].upper()}{size.proven[1:]}."
 
 
 def _limits(size: SizeAnswer, shown: Row | None) -> list[str]:
@@ -137,6 +149,8 @@ def _limits(size: SizeAnswer, shown: Row | None) -> list[str]:
     found = [f"{modules(size.modules)}: {size.quotient}."]
     if size.statement is not None and size.best is not None and size.best != shown:
         found.append(f"{modules(size.modules)}: {size.best.key} is {size.statement}.")
+    if size.relaxed is not None and size.relaxed.sentences:
+        found.append(f"{modules(size.modules)}: {size.relaxed.sentences[0]}.")
     if not size.complete:
         reached = f" after {counted(size.starts, 'start')} of each candidate" if size.starts else ""
         found.append(
@@ -146,15 +160,38 @@ def _limits(size: SizeAnswer, shown: Row | None) -> list[str]:
     return found
 
 
+def _own(own: Own) -> Iterator[str]:
+    """Yield what a user brought to the run beside its task."""
+    if own.constraints:
+        names = ", ".join(f"{one.name} ({one.bounds})" for one in own.constraints)
+        yield f"{NOT_CERTIFIED.capitalize()}: {names}. Lower bounds and proofs do not know it, and remain valid."
+    if own.topologies is not None:
+        yield f"The candidates are {counted(len(own.topologies), 'tree')} that the user listed."
+    if own.near:
+        yield f"Every candidate started from {counted(len(own.near), 'design')} of the user's as well."
+    if own.sampler is not None:
+        yield f"Candidates were proposed by the user's own sampler {own.sampler.name}."
+
+
 def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[Card]:
     """Yield what is shown of the best designs beside the one that the page is about."""
     if shown is not None:
         read = ((row, *_read(folder, row)) for row in rows_to_show(answer, shown))
-        yield from cards(((row, design, audit) for row, design, audit in read if design is not None), shown)
+        of_size = {size.modules: size for size in answer.sizes}
+        told = (
+            (replace(row, gap=of_size[row.modules].gap_of(row)), design, audit)
+            for row, design, audit in read
+            if design is not None
+        )
+        yield from cards(told, shown)
 
 
 def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> RunPart:
-    rows = [row for size in answer.sizes for row in folder.ledger.ranked(size.modules)]
+    standings = [each for size in answer.sizes for each in folder.standings(size.modules)]
+    rows = [row for row, _ in standings]
+    asked = any(size.proven is not None for size in answer.sizes)
+    columns = (*COLUMNS, *PROOF_COLUMNS) if asked else COLUMNS
+    cells = [[*_cells(row), *(_proof_cells(stands) if asked else ())] for row, stands in standings]
     charts = []
     for size in answer.sizes:
         solves = list(folder.ledger.solves(size.modules))
@@ -164,11 +201,12 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> RunPart:
     return RunPart(
         sizes=_sizes(answer),
         near_ties=tuple(_near_ties(size) for size in answer.sizes if len(size.near_ties) > 1),
-        candidates=json_in_script({"columns": COLUMNS, "rows": [_cells(row) for row in rows]}),
+        candidates=json_in_script({"columns": columns, "rows": cells}),
         cards=tuple(_cards(folder, answer, shown)),
         progress=tuple(charts),
         reasons=_reasons(folder, rows),
         remarks=tuple(remark for size in answer.sizes for remark in size.remarks),
+        relaxed=tuple(part for size in answer.sizes if (part := relaxed_limits(size)) is not None),
     )
 
 
@@ -203,7 +241,7 @@ def _near_ties(size: SizeAnswer) -> NearTies:
     """Return the designs of one size that cost about the same as the best."""
     best = size.best or size.near_ties[0]
     told = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least effort, "
-    told += "the largest reserve of force in hover first"
+    told += "largest force reserve in hover first"
     if size.near_ties_unaudited:
         told += f"; {counted(size.near_ties_unaudited, 'design')} as near were not audited"
     columns = near_tie_columns()
@@ -217,7 +255,7 @@ def _cells(row: Row) -> list[Any]:
     return [
         row.key,
         row.modules,
-        _rounded(J / least if J is not None and least else None, 5),
+        at_most(J / least, 5) if J is not None and least else None,
         _rounded(J, 6),
         None if row.gap is None else float(gap_percent(row.gap).removesuffix(" %")),
         row.audit or ("failed" if row.audit_failure else None),
@@ -231,6 +269,13 @@ def _cells(row: Row) -> list[Any]:
         _rounded(row.violation, 3),
         row.unit,
     ]
+
+
+def _proof_cells(stands: Standing) -> list[Any]:
+    """Return what is proven of one candidate in the order of PROOF_COLUMNS."""
+    gap = None if stands.proven_gap is None else float(gap_percent(stands.proven_gap).removesuffix(" %"))
+    least = None if stands.proven_bound is None else at_least(stands.proven_bound, 6)
+    return [stands.proof, least, gap]
 
 
 def _rounded(value: float | None, digits: int) -> float | None:
@@ -278,13 +323,17 @@ def _reproduction(folder: RunFolder) -> Reproduction:
     options = f"--symmetry {request.symmetry} --starts {request.starts} --seed {request.seed}"
     if request.strategy == "optuna":
         trials = request.trials or max(request.space(n).count() for n in request.task.sizes)
-        options += f" --strategy optuna --sampler {request.sampler} --trials {trials}"
+        sampler = "" if request.own.sampler is not None else f" --sampler {request.sampler}"
+        options += f" --strategy optuna{sampler} --trials {trials} --round {request.round_size}"
     elif request.prune:
         options += " --prune"
-    notes = (
+    notes: tuple[str, ...] = (
         f"task.toml is in the run's folder, and below. Seed {request.seed} draws the starts; the number of workers "
         "changes nothing but the time it takes.",
     )
+    if request.own != NOTHING:
+        told = "The command alone does not bring what the user brought: "
+        notes = (*notes, told + " ".join(_own(request.own)))
     return Reproduction(
         (f"topo-search run task.toml {options}",), to_toml(request.task), dict(request.versions), notes
     )

@@ -12,11 +12,12 @@ from trimesh import Trimesh
 from topo_search.export import outlines, palette
 from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
 from topo_search.export.poses import PORTS, Poses
-from topo_search.export.regions import cone_axis, cone_slant, paths, polytope
+from topo_search.export.regions import cone_slant, mesh, shapes
 from topo_search.export.viewpoint import azimuth_deg, towards_viewer
-from topo_search.model import Assembly, Clearance, Design, Directional, Exterior
+from topo_search.model import Assembly, Clearance, Design
 from topo_search.model.arrays import Array
 from topo_search.model.module import Module
+from topo_search.model.shape import Cone
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.clearances import clearance
 from topo_search.report.closest import closest_points
@@ -94,21 +95,12 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
     apex = at.end_effector
     kept_out: list[Trimesh] = []
     cones: list[Trimesh] = []
-    for requirement in design.task.exposure:
-        if isinstance(requirement, Exterior):
-            d, theta = cone_axis(requirement, at), math.radians(requirement.half_angle_deg)
-            cones.append(triangles(outlines.cone(apex, d, theta, cone_slant(design, at))))
-            continue
-        r = requirement.radius
-        if r is None:
-            corners, faces, *_ = polytope(requirement)
-            kept_out.append(Trimesh(apex + corners, faces))
-            continue
-        along = paths(requirement, at) if isinstance(requirement, Directional) else [np.zeros(3)]
-        kept_out += [cone_sphere(apex, r, apex + path, r) for path in along]
+    for _, shape in shapes(design.task, at):
+        surface = mesh(shape, cone_slant(design, at)).apply_translation(apex)
+        (cones if isinstance(shape, Cone) else kept_out).append(surface)
     for part, words, found, opacity in (
-        ("regions", "to be kept out of the airflow", kept_out, 0.4),
-        ("cones", "cone to hold all airflow", cones, 0.15),
+        ("regions", "keep-out region for airflow", kept_out, 0.4),
+        ("cones", "cone that must contain all airflow", cones, 0.15),
     ):
         if found:
             traces.append(drawn_mesh(words, joined(found), palette.EXPOSURE, part, opacity=opacity))

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from topo_search.model import Directional, Exterior, LoadCase, Local, ResolvedTask, Task
+from topo_search.model import Allowed, AnyExposure, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
 from topo_search.model.folds import in_words
+from topo_search.model.shape import unit as unit_vector
 from topo_search.model.task import Tolerances
 from topo_search.model.value import Vector, is_zero
 from topo_search.report.wording import counted, figures, length, modules
@@ -52,7 +53,7 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                 (
                     "largest thrust",
                     f"{figures(module.max_thrust_to_weight)} times the module's weight, "
-                    f"{figures(module.thrust_coefficient * u_max)} N a rotor",
+                    f"{figures(module.thrust_coefficient * u_max)} N per rotor",
                 ),
                 ("largest input u_max", f"{figures(u_max)} rad²/s² ({_speed(u_max)})"),
                 *([("least input", f"{figures(module.min_input)} u_max")] if module.min_input else []),
@@ -80,26 +81,37 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                 ("radius of its rod", length(task.end_effector.rod_radius)),
                 (
                     "straight rod",
-                    "told, not asked for"
+                    "reported, not required"
                     if task.end_effector.rod == "none"
-                    else "needed, clear of all parts and airflow",
+                    else "required, clear of all parts and airflow",
                 ),
+                *_reach(task),
             ),
         ),
-        Facts("must stay out of the airflow", exposure or (("regions", "none but the platform's own modules"),)),
+        Facts("must stay out of the airflow", exposure or (("regions", "only the platform's own modules"),)),
         *_flight(task),
         Facts("search", _search(task)),
         *_tolerances(task),
     )
 
 
+def _reach(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
+    reach = task.end_effector.largest_reach
+    return () if reach is False else (("reach from the connector of its rod", f"at most {length(reach)}"),)
+
+
 def goals(task: Task) -> Facts:
     """Return what effort is weighed against."""
     asked = task.goals
+    force, torque = ("m_t g", "l_arm m_t g") if task.flight.units == "weight" else ("N", "N m")
     levels = (
         ("clearances", [length(x) for x in asked.clearance]),
         ("stand-off of the end-effector", [length(x) for x in asked.stand_off]),
         ("largest rotor input", [f"{figures(x)} u_max" for x in asked.peak_input]),
+        ("reserve of force", [f"{x:g} {force}" for x in asked.force_reserve]),
+        ("reserve of torque", [f"{x:g} {torque}" for x in asked.torque_reserve]),
+        ("possible with any one rotor dead", list(asked.rotor_out)),
+        ("largest moment in a joint", [f"{x:g} N m" for x in asked.joint_moment]),
         ("modules", [str(n) for n in task.sizes] if asked.modules else []),
     )
     rows = [(name, ", ".join(texts)) for name, texts in levels if texts]
@@ -114,22 +126,32 @@ def _region(asked: Local) -> str:
     return f"the convex hull of {counted(len(asked.corners), 'point')} about the end-effector"
 
 
-def requirement(asked: Local | Directional | Exterior) -> str:
+def requirement(asked: AnyExposure) -> str:
     """Return one exposure requirement in words."""
-    if isinstance(asked, Local):
-        return _region(asked)
-    if isinstance(asked, Directional):
-        if asked.segments is None:
-            along = f"{length(asked.length or 0.0)} along p_E, away from the centre of mass"
-        else:
-            ends = ", ".join(vector(end) for end in asked.segments)
-            along = f"{counted(len(asked.segments), 'path')} from the end-effector to {ends} m"
-        return f"capsules of radius {length(asked.radius)} along {along}"
-    axis = "towards the centre of mass" if asked.axis == "com" else f"along {vector(asked.axis)}"
-    return (
-        f"everything outside a cone of half-angle {figures(asked.half_angle_deg)}° with its apex at the "
-        f"end-effector and its axis {axis}"
-    )
+    match asked:
+        case Local():
+            return _region(asked)
+        case Directional():
+            return f"capsules of radius {length(asked.radius)} along {_along(asked)}"
+        case Exterior():
+            axis = "towards the centre of mass" if asked.axis == "com" else f"along {vector(asked.axis)}"
+            return (
+                f"everything outside a cone of half-angle {figures(asked.half_angle_deg)}° with its apex at the "
+                f"end-effector and its axis {axis}"
+            )
+        case Allowed():
+            sides = " and ".join(f"{vector(unit_vector(p.normal))} · x ≤ {length(p.offset)}" for p in asked.planes)
+            return f"everything but where {sides}, with x from the end-effector"
+
+
+def _along(asked: Directional) -> str:
+    if asked.segments is not None:
+        ends = ", ".join(vector(end) for end in asked.segments)
+        return f"{counted(len(asked.segments), 'path')} from the end-effector to {ends} m"
+    if asked.polylines is not None:
+        paths = "; ".join(" to ".join(vector(point) for point in points) for points in asked.polylines)
+        return f"{counted(len(asked.polylines), 'bent path')}, from the end-effector: {paths} m"
+    return f"{length(asked.length or 0.0)} along p_E, away from the centre of mass"
 
 
 def load_cases(task: ResolvedTask) -> list[list[str]]:
@@ -163,22 +185,22 @@ def _sets(case: LoadCase) -> Iterator[str]:
     corners = f"{counted(len(case.corners), 'corner')}, which suffice"
     if case.cone is not None:
         yield (
-            f"besides, at the end-effector any force up to {figures(case.cone.force)} N within "
+            f"in addition, at the end-effector any force up to {figures(case.cone.force)} N within "
             f"{figures(case.cone.half_angle_deg)}° of {vector(case.cone.axis)}: {corners}"
         )
     if case.vertices:
         hull = "; ".join(f"force {vector(w.force)} N, torque {vector(w.torque)} N m" for w in case.vertices)
-        yield f"besides, at the end-effector all wrenches between its own and {hull}: {corners}"
+        yield f"in addition, at the end-effector all wrenches between its own and {hull}: {corners}"
 
 
 def vector(values: Vector | tuple[float, ...]) -> str:
-    """Return a vector with three significant digits an entry."""
+    """Return a vector with three significant digits per entry."""
     return f"[{', '.join(figures(x + 0.0, 3) for x in values)}]"
 
 
 def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
     search = task.search
-    apart = "envelopes of airflow keep out of all modules' envelopes"
+    apart = "airflow envelopes must not overlap"
     if search.interference == "separation":
         apart = f"centres of modules at least {figures(task.separation)} m apart, in place of airflow (ablation)"
     body, kept, folds = task.body_clearance, task.centre_distance, task.folds(search.margin)
@@ -195,7 +217,10 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         *([] if search.peak_input == 1 else [("rotor inputs", f"at most {figures(search.peak_input)} u_max")]),
         ("interference", apart),
         ("centres of modules not bolted together", centres),
-        ("hinge angles", in_words(folds, "°") if folds else "none, lest rotors touch or get into airflow"),
+        (
+            "hinge angles",
+            in_words(folds, "°") if folds else "none: at any angle rotors would touch a neighbour or its airflow",
+        ),
     )
 
 
@@ -206,13 +231,21 @@ def _flight(task: ResolvedTask) -> Iterator[Facts]:
         around = "hover" if asked.around == "hover" else "hover and every load case that carries the weight"
         which = "any horizontal force" if asked.directions == "horizontal" else "any force"
         weights = asked.force_reserve / task.force_unit(task.n), asked.torque_reserve / task.torque_unit(task.n)
-        rows = [("around", around)]
+        rows = [("around", around)] if asked.keeps_reserves else []
         if asked.force_reserve:
             size = f"{figures(asked.force_reserve)} N = {figures(weights[0], 3)} m_t g"
-            rows.append(("reserve of force", f"{which} of {size} at the end-effector"))
+            rows.append(("force reserve", f"{which} of {size} at the end-effector"))
         if asked.torque_reserve:
-            rows.append(("reserve of torque", f"any of {figures(asked.torque_reserve)} N m"))
-        yield Facts("possible beyond the load cases", tuple(rows))
+            rows.append(("torque reserve", f"any of {figures(asked.torque_reserve)} N m"))
+        if asked.rotor_out != "none":
+            in_hover = "hover" + " and every load case that carries the weight" * (asked.rotor_out == "all")
+            torque = f", any torque of {figures(asked.rotor_out_torque or 0.0)} N m to spare"
+            rows.append(("with any one rotor dead", in_hover + torque * bool(asked.rotor_out_torque)))
+        for what, limit, unit in zip(("force", "moment"), task.joint_limits, ("N", "N m"), strict=True):
+            if limit is not None:
+                rows.append((f"{what} in a joint", f"at most {figures(limit)} {unit} in every load case"))
+        if rows:
+            yield Facts("possible beyond the load cases", tuple(rows))
 
 
 def _tolerances(task: ResolvedTask) -> Iterator[Facts]:
@@ -224,7 +257,8 @@ def _tolerances(task: ResolvedTask) -> Iterator[Facts]:
             ("module centres and end-effector", f"within {length(built.position)}"),
             ("airflow beyond its envelope", f"up to {length(built.envelope)}"),
         )
-        yield Facts("tolerances that the audit allows for", rows)
+        kept = "that the clearances survive" if task.flight.tolerances else "that the audit allows for"
+        yield Facts(f"tolerances {kept}", rows)
 
 
 def _position(task: ResolvedTask) -> str:

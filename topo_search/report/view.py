@@ -139,7 +139,7 @@ def _audited(audit: Audit | None, i: int) -> list[str]:
     if audit is None:
         return []
     told = []
-    between = ("airflow", "separation", "body", "rotor-airflow")
+    between = ("airflow", "separation", "body", "rotor-airflow", "bracket-airflow", "bracket-rotor")
     own = [pair for pair in audit.pairs if pair.a == i or (pair.b == i and pair.kind in (*between, "rod-airflow"))]
     if own:
         least = min(own, key=lambda pair: pair.analytic_m)

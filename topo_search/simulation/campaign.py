@@ -12,12 +12,13 @@ from topo_search.model.load_case import labels
 from topo_search.simulation.authority import MET, hardest_rotor, hover_shortfall, weakest_force
 from topo_search.simulation.fly import Options, Track, Watch, fly, judged
 from topo_search.simulation.plant import Nominal, nominal
-from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult
+from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
 from topo_search.simulation.scenarios import (
     Scenario,
     dead_rotor,
     gust,
     held,
+    held_at_tip,
     hovering,
     unbalanced,
 )
@@ -61,7 +62,7 @@ def fly_all(
     rotor, survived = hardest_rotor(known)
     results: list[ScenarioResult] = []
     flown: list[Flown] = []
-    for each in _planned(design, rotor, rotor_out):
+    for each in plan(design, rotor, rotor_out):
         if only and not each.name.startswith(only):
             continue
         if isinstance(each, ScenarioResult):
@@ -73,12 +74,13 @@ def fly_all(
         results.append(result)
         tell(result)
     if not results:
-        names = ", ".join(each.name for each in _planned(design, rotor, rotor_out))
+        names = ", ".join(each.name for each in plan(design, rotor, rotor_out))
         raise BadInput("--only", [Fault("", f"must begin the name of a scenario, one of {names}; got {only[0]}")])
     bad = any(one.counts and one.verdict == "not held" for one in results)
     rod = known.mass - design.task.total_mass(design.topology.n)
     return Campaign(
         FlightResult(
+            design=digest_of(design),
             verdict="not held" if bad else "held",
             scenarios=tuple(results),
             weakest_force_N=force,
@@ -103,24 +105,37 @@ def fly_all(
     )
 
 
-def _planned(design: Design, rotor: int, rotor_out: bool) -> list[Scenario | ScenarioResult]:
-    """Return all scenarios in order; those that are not flown as their results."""
+def plan(design: Design, rotor: int, rotor_out: bool) -> list[Scenario | ScenarioResult]:
+    """Return all scenarios of a design in order; those that are not flown as their results.
+
+    Args:
+        design: the design.
+        rotor: the one that dies.
+        rotor_out: whether its death has to be survived.
+    """
     planned: list[Scenario | ScenarioResult] = [*hovering(), gust()]
+    solid = any(region.solid for region in design.task.exposure)
     for name, case in zip(labels(design.task.load_cases), design.task.load_cases, strict=True):
         if (why := unbalanced(design, case)) is not None:
-            planned.append(ScenarioResult(name=name, verdict="not flown", reason=why))
+            also = f"; nor are its {len(case.corners)} corners" if case.corners else ""
+            planned.append(ScenarioResult(name=name, verdict="not flown", reason=why + also))
             continue
-        planned += held(name, case) or [
-            ScenarioResult(name=name, verdict="not flown", reason="it is hover, which is flown above")
-        ]
+        planned += held(name, case, solid=solid) or [_as_hover(name)]
+        for number, corner in enumerate(case.corners):  # of a contact no wall is known but that of the case
+            called = f"{name}, corner {number}"
+            planned.append(held_at_tip(called, corner) or _as_hover(called))
     return [*planned, dead_rotor(rotor, counts=rotor_out)]
+
+
+def _as_hover(name: str) -> ScenarioResult:
+    return ScenarioResult(name=name, verdict="not flown", reason="same as hover, flown above")
 
 
 def _require_hover(design: Design, known: Nominal) -> None:
     short, _ = hover_shortfall(known)
     if short > MET:
         rule = (
-            f"cannot hover in the attitude of its task: within their limits rotors leave {100 * short:.3g} % of "
-            "the weight, or of the arm length times it, unbalanced; nothing is flown"
+            f"cannot hover in the attitude of its task: rotors within their limits leave {100 * short:.3g} % of "
+            "the weight, or of arm length times weight, unbalanced; nothing was flown"
         )
         raise BadInput(design.task.name, [Fault("", rule)])

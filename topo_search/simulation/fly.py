@@ -18,14 +18,12 @@ import numpy as np
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.simulation.controller import Allocator, Bandwidths, Controller, Reference
-from topo_search.simulation.plant import STEP, Errors, Plant, cross
+from topo_search.simulation.plant import LAG, STEP, Errors, Plant, cross
 from topo_search.simulation.result import ScenarioResult
 from topo_search.simulation.scenarios import APPROACH, RAMP, TILT, Scenario, gust_wrench
 
 EVERY = 5
 """Steps of the simulation a step of the controller: 200 Hz."""
-LAG = 0.05
-"""Time constant of a rotor's thrust [s]."""
 TOLD = 0.1
 """After which the controller knows that a rotor is dead [s]."""
 NOISE = (1e-3, 5e-3, math.radians(0.1), math.radians(0.5))
@@ -73,7 +71,7 @@ def fly(
     design: Design, scenario: Scenario, options: Options, watch: Watch | None = None
 ) -> tuple[Track, str | None]:
     """Fly a scenario and return its track, and when it ended before its time, why."""
-    plant = Plant(design, options.errors, scenario.wall)
+    plant = Plant(design, options.errors, scenario.wall, options.lag)
     rng = np.random.default_rng([options.errors.seed, 1])
     nominal, allocator = plant.nominal, Allocator(plant.nominal)
     controller = Controller(nominal, options.bandwidths, EVERY * STEP)
@@ -82,7 +80,7 @@ def fly(
     if scenario.axis.any():
         mujoco.mju_axisAngle2Quat(quaternion, scenario.axis, math.radians(TILT))
     plant.place(home + scenario.start, quaternion)
-    plant.thrusts[:] = allocator.thrusts(np.array([0, 0, nominal.weight, 0, 0, 0.0]))[0]
+    plant.run_at(allocator.thrusts(np.array([0, 0, nominal.weight, 0, 0, 0.0]))[0])
     track = Track()
     for k in range(round(scenario.seconds / (EVERY * STEP))):
         t = k * EVERY * STEP
@@ -97,17 +95,20 @@ def fly(
         controller.learn(seen, reference, bool(np.abs(scaled).max() <= MISSED))
         share = T / nominal.largest_thrust
         if dead is not None:
+            plant.bury(dead)
             T[dead] = 0.0
         load, wind = _environment(scenario, t), np.zeros(6)
         if scenario.gust is not None and scenario.gust[0] <= t < scenario.gust[1]:
             wind = gust_wrench(nominal)
         for _ in range(EVERY):
-            plant.step(T, options.lag, load, wind)
+            plant.step(T, load, wind)
         _record(track, scenario, plant, reference, t, share, scaled)
         if watch is not None:
             watch(plant, t)
         if np.linalg.norm(track.error[-1]) > GONE or track.tilt[-1] > OVER:
             return track, f"lost after {t:.1f} s"
+        if (struck := plant.struck) is not None:
+            return track, f"{struck} struck the wall after {t:.1f} s"
     return track, None
 
 

@@ -11,9 +11,7 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -22,16 +20,19 @@ import numpy as np
 
 from topo_search.export.allocation import Allocation, allocation
 from topo_search.export.mjcf import mjcf
+from topo_search.export.physics import Physics
 from topo_search.export.poses import poses, rotation_to
-from topo_search.export.rod import rod_of
+from topo_search.export.rod import mass_of, rod_of
 from topo_search.export.xml_text import numbers
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.design import Design
 
 STEP = 0.001
 """Of the simulation [s]."""
-TOUCH = 2
-"""Bit of the only geometries that collide: the tip and the wall."""
+TIP_ALONE, ALL_PARTS = 2, 3
+"""Bits of what a wall touches; all geometries have the first bit, the tip has both."""
+LAG = 0.05
+"""Time constant of a rotor's thrust [s]."""
 WALL = 0.25
 """Half the width and height of a wall [m]."""
 
@@ -79,21 +80,24 @@ class Wall:
     """Unit vector into the wall, (3,)."""
     gap: float
     """From the tip in the initial pose to where it touches [m]."""
+    solid: bool = False
+    """Whether all parts feel it; else the tip alone."""
 
 
 class Plant:
     """The simulated platform."""
 
-    def __init__(self, design: Design, errors: Errors, wall: Wall | None = None) -> None:
+    def __init__(self, design: Design, errors: Errors, wall: Wall | None = None, lag: float = LAG) -> None:
+        """Build it; `lag` is the time constant of the thrusts [s]."""
         self.nominal = nominal(design)
-        self.model = mujoco.MjModel.from_xml_string(_world(design, wall))
+        self.model = mujoco.MjModel.from_xml_string(_world(design, wall, lag))
         rng = np.random.default_rng(errors.seed)
         self.gain = 1.0 + errors.model * rng.standard_normal(self.model.nu)
         scale = np.maximum(1.0 + errors.model * rng.standard_normal(self.model.nbody), 0.1)
         self.model.body_mass *= scale
         self.model.body_inertia *= scale[:, None]
+        self.model.actuator_gainprm[:, 0] = self.gain
         self.data = mujoco.MjData(self.model)
-        self.thrusts = np.zeros(self.model.nu)
         self.tip_body = self.model.body("end_effector").id
         self.platform_body = self.model.body("platform").id
 
@@ -118,17 +122,28 @@ class Plant:
         R, c, omega = self.R, self.nominal.com, self.data.qvel[3:6].copy()
         return self.data.qpos[:3] + R @ c, self.data.qvel[:3] + R @ cross(omega, c), R, omega
 
-    def step(self, commanded: Array, lag: float, at_tip: Array, at_com: Array) -> None:
+    @property
+    def thrusts(self) -> Array:
+        """What the rotors pull, but for their errors, (N,) [N]."""
+        return np.asarray(self.data.act)
+
+    def run_at(self, thrusts: Array) -> None:
+        """Let the rotors pull so much from now on, (N,) [N]."""
+        self.data.act[:] = thrusts
+
+    def bury(self, rotor: int) -> None:
+        """Let a rotor die: it has no least thrust any more."""
+        self.model.actuator_ctrlrange[rotor] = 0.0
+
+    def step(self, commanded: Array, at_tip: Array, at_com: Array) -> None:
         """Go on by STEP.
 
         Args:
             commanded: thrusts that the rotors are told, (N,) [N].
-            lag: time constant of the thrusts [s].
             at_tip: wrench of the environment on the end-effector, world axes, (6,).
             at_com: the same on the platform's COM.
         """
-        self.thrusts += (commanded - self.thrusts) * (1.0 - math.exp(-STEP / lag))
-        self.data.ctrl[:] = self.thrusts * self.gain
+        self.data.ctrl[:] = commanded
         self.data.xfrc_applied[self.tip_body] = at_tip
         platform = self.platform_body
         arm = self.data.subtree_com[platform] - self.data.xipos[platform]
@@ -140,12 +155,28 @@ class Plant:
     def contact_force(self) -> Array:
         """Force of the tip on the wall, world axes, (3,) [N]."""
         total, found = np.zeros(3), np.zeros(6)
-        for k in range(self.data.ncon):
-            mujoco.mj_contactForce(self.model, self.data, k, found)
-            contact = self.data.contact[k]
-            sign = 1.0 if self.model.geom(contact.geom2).name == "tip" else -1.0
-            total += sign * (contact.frame.reshape(3, 3).T @ found[:3])
+        for k, names in enumerate(self._contacts()):
+            if "tip" in names:
+                mujoco.mj_contactForce(self.model, self.data, k, found)
+                sign = 1.0 if names[1] == "tip" else -1.0
+                total += sign * (self.data.contact[k].frame.reshape(3, 3).T @ found[:3])
         return np.asarray(-total)
+
+    @property
+    def struck(self) -> str | None:
+        """What touches the wall besides the tip: the body that it belongs to."""
+        for k, names in enumerate(self._contacts()):
+            if "tip" not in names:
+                geom = max(self.data.contact[k].geom, key=lambda g: self.model.geom_bodyid[g])
+                return str(self.model.body(self.model.geom_bodyid[geom]).name).replace("_", " ")
+        return None
+
+    def _contacts(self) -> list[tuple[str, str]]:
+        """Return the names of what touches, a pair for each contact."""
+        geom = self.model.geom
+        return [
+            (geom(contact.geom1).name, geom(contact.geom2).name) for contact in self.data.contact[: self.data.ncon]
+        ]
 
 
 def nominal(design: Design) -> Nominal:
@@ -155,10 +186,10 @@ def nominal(design: Design) -> Nominal:
     m, J, c = acts.mass_kg, np.array(acts.inertia_kg_m2), np.zeros(3)
     rod = rod_of(design, at)
     if rod is not None:
-        m_rod, own, middle = _rod_mass(design)
-        c = m_rod / (m + m_rod) * middle
-        J = J + m * _spread(c) + own + m_rod * _spread(middle - c)
-        m += m_rod
+        weighs = mass_of(rod, design, at)
+        c = weighs.mass / (m + weighs.mass) * weighs.middle
+        J = J + m * _spread(c) + weighs.inertia + weighs.mass * _spread(weighs.middle - c)
+        m += weighs.mass
     B = np.array(acts.thrust_matrix)
     B[3:] -= np.cross(c, B[:3].T).T
     return Nominal(
@@ -174,18 +205,6 @@ def nominal(design: Design) -> Nominal:
     )
 
 
-def _rod_mass(design: Design) -> tuple[float, Array, Array]:
-    """Return mass, inertia about its middle and middle (from the design's COM) of the rod, a thin tube."""
-    at = poses(design)
-    rod = rod_of(design, at)
-    if rod is None:
-        raise ValueError("the design has no rod")
-    m = design.task.end_effector.rod_linear_density * rod.length
-    v = (rod.end - rod.start) / rod.length
-    across = m * rod.length**2 / 12 * (np.eye(3) - np.outer(v, v))
-    return m, across + m * rod.radius**2 * np.outer(v, v), (rod.start + rod.end) / 2 - at.p_com
-
-
 def cross(a: Array, b: Array) -> Array:
     """Return the vector product of two vectors, (3,), much sooner than numpy does."""
     (a0, a1, a2), (b0, b1, b2) = a, b
@@ -196,49 +215,25 @@ def _spread(r: Array) -> Array:
     return np.asarray(r @ r * np.eye(3) - np.outer(r, r))
 
 
-def _world(design: Design, wall: Wall | None) -> str:
-    """Return the MJCF of the platform with the rod's mass, a tip that touches, and a wall."""
-    root = ElementTree.fromstring(mjcf(design))
-    option = _found(root, "option")
-    option.set("timestep", numbers(STEP))
-    platform = _found(root, "worldbody/body[@name='platform']")
-    at = poses(design)
-    if rod_of(design, at) is not None:
-        m, own, middle = _rod_mass(design)
-        body = SubElement(platform, "body", name="rod_mass", pos=numbers(*middle))
-        moments, axes = np.linalg.eigh(own)
-        axes[:, 2] *= np.sign(np.linalg.det(axes))
-        quaternion = np.zeros(4)
-        mujoco.mju_mat2Quat(quaternion, axes.ravel())
-        inertial = {"pos": "0 0 0", "mass": numbers(m), "quat": numbers(*quaternion)}
-        SubElement(body, "inertial", {**inertial, "diaginertia": numbers(*_balanced(moments))})
-    for geom in root.iter("geom"):
-        geom.set("contype", "0")
-        geom.set("conaffinity", "0")
-    radius = design.task.end_effector.rod_radius
-    touching = {
-        "contype": str(TOUCH),
-        "conaffinity": str(TOUCH),
-        "solref": "0.01 1",
-        "friction": "0.3 0.005 0.0001",
-    }
-    tip = _found(root, "worldbody/body[@name='platform']/body[@name='end_effector']")
-    SubElement(tip, "geom", {"name": "tip", "type": "sphere", "size": numbers(radius), "mass": "0", **touching})
+def _world(design: Design, wall: Wall | None, lag: float) -> str:
+    """Return the MJCF of the platform with all that `Physics` has, and a wall."""
+    root = ElementTree.fromstring(mjcf(design, Physics(motor_lag=lag, rod_mass=True, contacts=True)))
+    _found(root, "option").set("timestep", numbers(STEP))
+    at, radius = poses(design), design.task.end_effector.rod_radius
     if wall is not None:
         centre = at.p_E + (radius + wall.gap + 0.01) * wall.towards
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, rotation_to(wall.towards).ravel())
         shape = {"type": "box", "size": numbers(WALL, WALL, 0.01), "rgba": "0.7 0.75 0.8 0.25"}
         place = {"pos": numbers(*centre), "quat": numbers(*quaternion)}
-        SubElement(_found(root, "worldbody"), "geom", {"name": "wall", **shape, **place, **touching})
+        felt_by = str(ALL_PARTS if wall.solid else TIP_ALONE)
+        touch = {"solref": "0.01 1", "friction": "0.3 0.005 0.0001", "priority": "1"}
+        touch |= {"contype": felt_by, "conaffinity": felt_by}
+        tip = _found(root, "worldbody/body[@name='platform']/body[@name='end_effector']/geom[@name='tip']")
+        tip.attrib.update(contype=str(ALL_PARTS), conaffinity=str(ALL_PARTS))
+        SubElement(_found(root, "worldbody"), "geom", {"name": "wall", **shape, **place, **touch})
     SubElement(SubElement(root, "visual"), "global", offwidth="960", offheight="720")
     return ElementTree.tostring(root, encoding="unicode")
-
-
-def _balanced(moments: Array) -> Any:
-    """Return moments of which none exceeds the sum of the others in floating point, as that of a thin rod may."""
-    x, y, z = moments
-    return min(x, y + z), min(y, x + z), min(z, x + y)
 
 
 def _found(root: Element, path: str) -> Element:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
+from topo_search.model.design import Design
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.value import Flag, Index, Number, Value, Vector
+from topo_search.study.identity import digest
 
 Verdict = Literal["held", "not held", "not flown"]
 
@@ -44,6 +46,8 @@ class FlightResult(Value):
 
     format: Literal["topo-search/flight"] = "topo-search/flight"
     version: Literal[1] = 1
+    design: str | None = None
+    """`digest_of` the design that was flown; None in files that do not say."""
     verdict: Literal["held", "not held"]
     """Whether every scenario that was flown and counts was held."""
     scenarios: tuple[ScenarioResult, ...]
@@ -69,6 +73,11 @@ class FlightResult(Value):
         shown = ("name", "verdict", "drift_m", "tilt_deg", "force_error_share", "saturated_share", "missed_share")
         rows = [(*(getattr(one, name) for name in shown), one.reason) for one in self.scenarios]
         return heading(f"flight in simulation: {self.verdict}") + table(columns, rows) + paragraph(NO_DOWNWASH)
+
+
+def digest_of(design: Design) -> str:
+    """Return a short name of a design that differs whenever its task, tree or numbers do."""
+    return digest(design.model_dump(mode="json", exclude={"solver"}))
 
 
 NO_DOWNWASH = "The simulator has no downwash: that is what the airflow envelopes of the audit stand for."

@@ -96,21 +96,33 @@ def unbalanced(design: Design, case: LoadCase) -> str | None:
     if np.abs(left).max() > BALANCED * W:
         a = ", ".join(f"{x:.2f}" for x in left / task.total_mass(n))
         return (
-            "no steady flight: beside the end-effector's wrench and the weight the rotors' force would accelerate "
-            f"the platform by [{a}] m/s^2; a case to be flown carries the weight at the centre of mass"
+            "not a steady flight: the rotors' force, less the load and the weight, would accelerate "
+            f"the platform by [{a}] m/s^2; to be flown, a case must carry the weight at the centre of mass"
         )
-    return "no steady flight: nothing takes up the torque at the centre of mass"
+    return "not a steady flight: nothing reacts the torque at the centre of mass"
 
 
-def held(name: str, case: LoadCase) -> list[Scenario]:
-    """Return a load case held against a load on the end-effector, and if it is a push, against a wall as well."""
+def held_at_tip(name: str, case: LoadCase) -> Scenario | None:
+    """Return a load case held against a load on the end-effector; None if it has none."""
     wrench = np.array([*case.at_end_effector.force, *case.at_end_effector.torque])
-    if not wrench.any():
+    return Scenario(name, 6.0, 3.5, exerted=wrench) if wrench.any() else None
+
+
+def held(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
+    """Return a load case held against a load on the end-effector, and if it is a push, against a wall as well.
+
+    Args:
+        name: of the load case.
+        case: the load case.
+        solid: whether all parts feel the wall; else the tip alone.
+    """
+    loaded = held_at_tip(f"{name}, load at the tip", case)
+    if loaded is None:
         return []
-    found = [Scenario(f"{name}, load at the tip", 6.0, 3.5, exerted=wrench)]
+    found, wrench = [loaded], loaded.exerted
     force = np.linalg.norm(wrench[:3])
     if force > 0 and not wrench[3:].any():
-        wall = Wall(wrench[:3] / force, APPROACH)
+        wall = Wall(wrench[:3] / force, APPROACH, solid)
         found.append(
             Scenario(f"{name}, wall", 8.0, 5.5, exerted=wrench, wall=wall, ramp_at=3.0, largest_drift=0.02)
         )

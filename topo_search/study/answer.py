@@ -1,4 +1,4 @@
-"""What a run found: read from the ledger, so that it is the same whenever it is asked for."""
+"""The answer of a run, derived from the ledger alone, so that it is reproducible at any time."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from topo_search.engine import scaled_violation
-from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, ResolvedTask
+from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, Relaxed, ResolvedTask
 from topo_search.model.bad_input import faults_of
 from topo_search.model.goals import Level
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
-from topo_search.study.front import Point
+from topo_search.study.front import FrontPoint, idle
 from topo_search.study.place import Place
 from topo_search.study.row import FLIGHT, Row
 from topo_search.study.statements import reason, remark, statement
@@ -61,7 +61,7 @@ class SizeAnswer:
     top: tuple[Row, ...]
     """The best designs, whatever their audit."""
     near_ties: tuple[Row, ...]
-    """Designs whose audit is clear and whose effort is within NEAR of the best: the largest reserve of force first,
+    """Designs whose audit is clear and whose effort is within NEAR of the best: largest force reserve first,
     and of those alike, the largest reserve of torque."""
     near_ties_unaudited: int
     """How many designs within NEAR of the best are not audited, so that nothing is known of their reserves."""
@@ -73,8 +73,20 @@ class SizeAnswer:
     """Whether it is proven that no topology of this size can do the task."""
     statement: str | None
     """What is known of the best design: of how many candidates it is the best, and what is proven of all others."""
+    relaxed: Relaxed | None = None
+    """Which limits, relaxed alone, give the closest trees a design; None where that was not tried."""
     proven: str | None = None
     """What branch and bound proves of all trees of this size, and of which problem; None while it was not asked."""
+    proven_gap: float | None = None
+    """How much less than the best a design of this size can cost at most, as a share, by branch and bound; None
+    while that is not proven of all trees."""
+
+    def gap_of(self, row: Row) -> float | None:
+        """Return how much less than a design of this size another can cost at most, as a share, if it is known."""
+        best = None if self.best is None else self.best.objective
+        if self.proven_gap is None or best is None or not row.objective:
+            return row.gap
+        return max(0.0, 1 - (1 - self.proven_gap) * best / row.objective)
 
     def _repr_html_(self) -> str:
         """Show a notebook the best designs of this size."""
@@ -82,14 +94,15 @@ class SizeAnswer:
         title = heading(f"modules: {self.modules}; candidates: {self.candidates} ({counts or 'none settled'})")
         names = ("key", "J [rad^4/s^4]", "gap", "stands for", "audit")
         rows = [
-            (row.key, row.objective, None if row.gap is None else gap_percent(row.gap), row.orbit, row.audit)
-            for row in self.top
+            (row.key, row.objective, None if gap is None else gap_percent(gap), row.orbit, row.audit)
+            for row, gap in ((row, self.gap_of(row)) for row in self.top)
         ]
-        remarks = (self.quotient, *self.remarks, *([self.reason] if self.reason else []))
+        relaxed = self.relaxed.sentences if self.relaxed else ()
+        remarks = (self.quotient, *self.remarks, *([self.reason] if self.reason else []), *relaxed)
         told = title + (table(names, rows) if rows else "")
         if len(self.near_ties) > 1:
             ties = [(row.key, row.objective, *(getattr(row, name) for name in FLIGHT)) for row in self.near_ties]
-            near = heading(f"within {100 * NEAR:g} % of the least effort, the largest reserve of force first")
+            near = heading(f"within {100 * NEAR:g} % of the least effort, largest force reserve first")
             told += near + table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
         return told + "".join(paragraph(text) for text in remarks)
 
@@ -113,12 +126,35 @@ class Answer:
     """Smallest first; of a run with goals those of its loosest level."""
     levels: tuple[LevelAnswer, ...] = ()
     """Of a run with goals, the loosest first."""
-    points: tuple[Point, ...] = ()
+    points: tuple[FrontPoint, ...] = ()
     """The front of a run with goals, the least effort first."""
+
+    def __str__(self) -> str:
+        """Say what was found, or why nothing was."""
+        if self.best is not None:
+            gap = "" if self.best.gap is None else f", gap {gap_percent(self.best.gap)}"
+            found = f"{self.best.key}, {self.best.modules} modules, J = {self.best.objective:.6g} rad^4/s^4{gap}"
+            return f"{found}, audit {self.best.audit}; everything is in {self.folder}"
+        if any(size.feasible for size in self._all_sizes):
+            return f"designs were found, but none passed its audit; everything is in {self.folder}"
+        reasons = "; ".join(f"{size.modules} modules: {size.reason}" for size in self._all_sizes)
+        return f"no design was found: {reasons}; everything is in {self.folder}"
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a design whose audit is clear."""
+        return self.best is not None
+
+    @property
+    def idle_goals(self) -> list[str]:
+        """A sentence for each goal of which no level binds."""
+        best = [[size.best for size in at.sizes if size.best is not None] for at in self.levels]
+        least = [min((row.objective for row in rows if row.objective is not None), default=None) for rows in best]
+        return idle([(at.level, J) for at, J in zip(self.levels, least, strict=True)], self.points)
 
     @property
     def best(self) -> Row | None:
-        """The best audited design of the smallest size that has one; with goals, that of least effort."""
+        """The best audited design of the smallest feasible size; with goals, the one of least effort."""
         if self.levels:
             return self.points[0].row if self.points else None
         return next((size.best for size in self.sizes if size.best is not None), None)
@@ -131,8 +167,8 @@ class Answer:
         fewer = [size for size in self.sizes if size.modules < self.best.modules]
         if not fewer:
             return "the smallest size asked for"
-        proven = "it is" if all(size.impossible for size in fewer) else "it is not"
-        return f"the smallest size that has one ({proven} proven that fewer, down to {fewer[0].modules}, have none)"
+        proven = "proven" if all(size.impossible for size in fewer) else "not proven"
+        return f"the smallest size with a design ({proven} that fewer, down to {fewer[0].modules}, have none)"
 
     @property
     def design(self) -> Design | None:
@@ -149,7 +185,7 @@ class Answer:
 
     def _read(self, model: type[Model], name: str) -> Model:
         """Return the value of a file of the folder, through no symbolic link."""
-        with Place.opened(self.folder) as place:
+        with Place.open(self.folder) as place:
             content = place.read(name)
         if content is None:
             raise BadInput(str(self.folder / name), [Fault("", "no such file")])
@@ -160,7 +196,7 @@ class Answer:
 
     @property
     def note(self) -> str | None:
-        """What is to be said about the rod of the best design, as its audit says it."""
+        """The audit's note on the rod of the best design."""
         audited = self.audit
         sheet = None if audited is None else audited.assembly.end_effector
         return None if sheet is None else sheet.note
@@ -174,7 +210,7 @@ class Answer:
 
     @property
     def weakest_point(self) -> str | None:
-        """What a pilot of the best design has to know first, as its audit says it."""
+        """The weakest point of the best design in one line, from its audit."""
         audited = self.audit
         return None if audited is None or audited.flight is None else audited.flight.weakest_point
 
@@ -207,6 +243,12 @@ class Answer:
         return front(self.points)
 
     @property
+    def proven(self) -> bool:
+        """Whether branch and bound has closed all trees of every size that has a best design."""
+        sizes = [size for size in self.sizes if size.best is not None]
+        return bool(sizes) and all(size.proven_gap is not None for size in sizes)
+
+    @property
     def complete(self) -> bool:
         """Whether nothing is left to do."""
         return all(size.complete for size in self._all_sizes)
@@ -228,7 +270,7 @@ class Answer:
 
     @property
     def exit_status(self) -> int:
-        """0: audited design found; 1: designs, but none passed its audit; 3: no design."""
+        """Of the command line: 0 for an audited design, 1 if no design passed its audit, 3 for no design."""
         if self.best is not None:
             return 0
         return 1 if any(size.feasible for size in self._all_sizes) else 3
@@ -274,11 +316,11 @@ def size_answer(
         elif row.status == "failed" and statuses["failed"] <= SHOWN:
             remarks.append(f"{row.key}: failed, {row.worst_constraint}")
     if statuses["failed"]:
-        remarks.append("candidates failed that may not fail the next time: this run is not reproducible")
+        remarks.append("some candidates failed for reasons that may not recur: this run is not reproducible")
     settled = candidates if proof else statuses.total()
     if ended and settled < candidates:
         remarks.append(
-            f"not proposed: {candidates - settled} of {candidates} candidates, of which nothing is known"
+            f"{candidates - settled} of {candidates} candidates were never proposed: nothing is known about them"
         )
     if settled < candidates:
         fewest = 0
@@ -315,7 +357,9 @@ def _fragility(row: Row) -> tuple[float, float, float]:
 
 
 def quotient_remark(quotient: Resolution) -> str:
-    """Say which trees stand for one candidate, and what it means if that is not exact."""
+    """Describe which trees are merged into one candidate, and warn if that is not exact."""
     if quotient.exact:
         return quotient.reason
-    return f"{quotient.reason}; this symmetry is lossy here, of trees that can differ in cost it looks at one"
+    return (
+        f"{quotient.reason}; this symmetry is lossy here: merged trees can differ in cost, and only one is solved"
+    )

@@ -11,11 +11,14 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
-from topo_search.engine import AuditDesign, Engine, Failed, Job, Verbs, audit_deadline, solved
+from topo_search.engine import AuditDesign, Backends, Engine, Failed, Job, audit_deadline, solved
 from topo_search.model import Audit, Design, Topology
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
+from topo_search.study.ledger_file import parsed
+from topo_search.study.margins import raise_margins
 from topo_search.study.observer import Observer
+from topo_search.study.phases import Phase, auditing, start_seconds
 from topo_search.study.recording import record
 from topo_search.study.row import Row
 
@@ -26,45 +29,55 @@ AUDITED = 10
 def audit_best(
     ledger: Ledger,
     contexts: Sequence[Context],
-    verbs: Verbs,
+    backends: Backends,
     engine: Engine,
     *,
     starts: int,
     lower_bound: float,
     observer: Observer,
     until: float = math.inf,
+    near: Sequence[Design] = (),
 ) -> None:
     """Audit the best designs of one size until one is clear that nothing unaudited can beat.
 
     Args:
         ledger: where designs are read and verdicts written.
         contexts: of this size: the task's own margin, then each larger one.
-        verbs: solver and audit.
+        backends: solver and audit.
         engine: where they run.
         starts: number of starts when a design is solved again.
         lower_bound: of this size [rad^4/s^4].
         observer: is told what does not pass.
         until: time.monotonic() after which nothing is solved again.
+        near: designs that a design that is solved again starts from as well.
     """
+
+    def judge(step: int, keys: Sequence[str]) -> list[tuple[str, Audit]] | None:
+        context, due = contexts[step], [rows[key] for key in keys]
+        if step:
+            jobs = _jobs(ledger, context, due, starts, near)
+            if jobs and time.monotonic() >= until:
+                return None
+            ledger.begin(context, lower_bound, None)
+            if jobs:
+                seconds = starts * start_seconds(context.task)
+                observer.phase(Phase("polishing", context.task.n, len(jobs), starts, seconds))
+            for job, outcome in solved(iter(jobs), solve=backends.solve, engine=engine, until=until):
+                record(ledger, context, job, outcome, lower_bound=lower_bound)
+                observer.settled(shown)
+        _audit(ledger, context, _rows(ledger, context, due), backends.audit, engine, observer)
+        failing = [row for row in _rows(ledger, context, due) if not row.clear and row.audit_failure is None]
+        for row in failing:
+            observer.note(f"{row.key}: the audit of the design with margin {row.margin:g} m is {row.audit}")
+        return [(row.key, _verdict(ledger, context, row.key)) for row in failing]
+
     place = 0
     while batch := ledger.best_designs(contexts[0], place, AUDITED):
         best = ledger.best_clear(contexts[0].task.n)
         if place and best is not None and _objective(best) <= _objective(batch[0]):
             return
-        rows = batch
-        for context in contexts:
-            if context.step:
-                jobs = _jobs(ledger, context, rows, starts)
-                if jobs and time.monotonic() >= until:
-                    break
-                ledger.begin(context, lower_bound, None)
-                for job, outcome in solved(iter(jobs), solve=verbs.solve, engine=engine, until=until):
-                    record(ledger, context, job, outcome, lower_bound=lower_bound)
-                rows = _rows(ledger, context, rows)
-            _audit(ledger, context, rows, verbs.audit, engine)
-            rows = [row for row in _rows(ledger, context, rows) if not row.clear and row.audit_failure is None]
-            for row in rows:
-                observer.note(f"{row.key}: the audit of the design with margin {row.margin:g} m is {row.audit}")
+        rows, shown = {row.key: row for row in batch}, best or batch[0]
+        raise_margins([context.task for context in contexts], rows, judge)
         place += AUDITED
 
 
@@ -84,20 +97,24 @@ def audits_left(ledger: Ledger, contexts: Sequence[Context], starts: int) -> boo
 
 def _left(ledger: Ledger, contexts: Sequence[Context], key: str, starts: int) -> bool:
     """Return whether one candidate is not yet clear, nor passed over."""
-    for context in contexts:
+    left = False
+
+    def judge(step: int, keys: Sequence[str]) -> list[tuple[str, Audit]]:
+        nonlocal left
+        context = contexts[step]
         row = ledger.row(context, key)
-        if row is None or (context.step and row.asked < starts):
-            return True
-        if not row.feasible:
-            return False
-        if not row.audit_ended:
-            return True
-        if row.clear or row.audit_failure is not None:
-            return False
-    return False
+        if row is None or (step and row.asked < starts) or (row.feasible and not row.audit_ended):
+            left = True
+            return []
+        if not row.feasible or row.clear or row.audit_failure is not None:
+            return []
+        return [(name, _verdict(ledger, context, name)) for name in keys]
+
+    raise_margins([context.task for context in contexts], [key], judge)
+    return left
 
 
-def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], starts: int) -> list[Job]:
+def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], starts: int, near: Sequence[Design]) -> list[Job]:
     """Return what is to be solved in a context with a larger margin."""
     jobs = []
     for row in rows:
@@ -105,7 +122,8 @@ def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], starts: int) ->
         first = 0 if before is None else before.asked
         if first < starts:
             topology = Topology.from_key(row.key)
-            jobs.append(Job(context.task, topology, row.orbit, range(first, starts), context.seed))
+            given = () if first else tuple(near)
+            jobs.append(Job(context.task, topology, row.orbit, range(first, starts), context.seed, given))
     return jobs
 
 
@@ -115,9 +133,23 @@ def _rows(ledger: Ledger, context: Context, rows: Sequence[Row]) -> list[Row]:
     return [row for row in found if row is not None and row.feasible]
 
 
-def _audit(ledger: Ledger, context: Context, rows: Sequence[Row], audit: AuditDesign, engine: Engine) -> None:
+def _verdict(ledger: Ledger, context: Context, key: str) -> Audit:
+    """Return the audit of a candidate's design."""
+    return parsed(ledger.path, Audit, "texts", ledger.audit(context, key) or "", strict=False)
+
+
+def _audit(
+    ledger: Ledger,
+    context: Context,
+    rows: Sequence[Row],
+    audit: AuditDesign,
+    engine: Engine,
+    observer: Observer,
+) -> None:
     """Audit the designs that were not, and write their verdicts."""
     keys = [row.key for row in rows if not row.audit_ended]
+    if keys:
+        observer.phase(auditing(context.task.n, len(keys)))
     results = engine.run(
         partial(_audit_named, audit),
         ((key, ledger.result(context, key)) for key in keys),
@@ -128,6 +160,7 @@ def _audit(ledger: Ledger, context: Context, rows: Sequence[Row], audit: AuditDe
             ledger.record_audit_failure(context, key, verdict.reason)
         else:
             ledger.record_audit(context, key, verdict)
+        observer.settled(rows[0])
 
 
 def _audit_named(audit: AuditDesign, named: tuple[str, Design]) -> Audit:

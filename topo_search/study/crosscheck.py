@@ -62,7 +62,7 @@ def check_designs(ledger: Ledger, contexts: list[Context], space: Space, rows: I
     """
     for row in rows:
         if not 0 <= row.step < len(contexts):
-            raise _differs(ledger, row, f"margin was raised {row.step} times")
+            raise _differs(ledger, row, f"margin has place {row.step} of {len(contexts)}")
         context = contexts[row.step]
         design = ledger.result(context, row.key)
         if not isinstance(design, Design):

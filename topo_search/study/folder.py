@@ -12,9 +12,9 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
+from typing import Any, Self, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import STARTS, TASK_BYTES, TRIALS
 from topo_search.model import BadInput, Fault, Proof, Task
@@ -26,10 +26,13 @@ from topo_search.study.identity import Request, installed
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import blank
 from topo_search.study.lock import HOLDER, LOCK, ReadOnlyFolder, locked
+from topo_search.study.own import NOTHING, Own
 from topo_search.study.own_files import contents
 from topo_search.study.place import PARTIAL, Place
 from topo_search.study.proofs import Standing, cells, standing
 from topo_search.study.row import COLUMNS, Row
+
+Model = TypeVar("Model", bound=BaseModel)
 
 LEDGER = "ledger.sqlite"
 TASK = "task.toml"
@@ -37,11 +40,11 @@ REPORT = "report.html"
 FRONT = "front.csv"
 RESULTS = ("best.json", "candidates.csv", FRONT, REPORT, TASK)
 """Files that tell of a run; with a range of sizes there is a `best-nN.json` of each besides."""
-LEFT = "it is left as it is"
+LEFT = "it is left unchanged"
 PROOFS = "proof"
-"""The folder of the proofs, one file a candidate that was looked at."""
+"""The folder of the proofs, one file per candidate that was looked at."""
 PARTS = ("designs", "audits")
-"""Folders with a file a candidate."""
+"""Folders with a file per candidate."""
 
 
 class RunFolder:
@@ -57,7 +60,7 @@ class RunFolder:
 
     @classmethod
     @contextmanager
-    def opened(cls, path: Path, request: Request) -> Iterator[Self]:
+    def open(cls, path: Path, request: Request) -> Iterator[Self]:
         """Make a run's folder, or take it up again.
 
         Raises:
@@ -75,10 +78,13 @@ class RunFolder:
             if begun and not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
             with locked(path):
-                if not _begun(place):
+                resumed = _begun(place)
+                if not resumed:
                     place.tidy()
-                    place.write(LEDGER, blank(request.identity.model_dump_json(exclude_none=True)))
-                with Ledger.opened(path / LEDGER) as ledger:
+                    place.write(LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
+                with Ledger.open(path / LEDGER) as ledger:
+                    if resumed:
+                        _require_versions(path, ledger)
                     folder = cls._of_ledger(path, request, ledger, place)
                     place.tidy()
                     sizes = [f"best-n{n}.json" for n in request.task.sizes]
@@ -91,12 +97,13 @@ class RunFolder:
     @contextmanager
     def read(cls, path: Path, request: Request) -> Iterator[Self]:
         """Open a folder that cannot be written to; errors as of `opened`."""
-        with _place(path) as place, Ledger.opened(path / LEDGER, read_only=True) as ledger:
+        with _place(path) as place, Ledger.open(path / LEDGER, read_only=True) as ledger:
+            _require_versions(path, ledger)
             yield cls._of_ledger(path, request, ledger, place)
 
     @classmethod
     @contextmanager
-    def found(cls, path: Path, *, writes: bool = False) -> Iterator[Self]:
+    def load(cls, path: Path, *, writes: bool = False) -> Iterator[Self]:
         """Open the folder of any run to read it, with the request that it was last given.
 
         Args:
@@ -105,18 +112,18 @@ class RunFolder:
 
         Raises:
             ReadOnlyFolder: it cannot be written to, but should be.
-            BadInput: it is no run's folder, or another process works in it.
+            BadInput: it is not a run folder, or another process works in it.
         """
         with _place(path) as place:
             if LEDGER not in place.names():
-                raise BadInput(str(path), [Fault("", f"is no run's folder: it has no {LEDGER}")])
+                raise BadInput(str(path), [Fault("", f"is not a run folder: it has no {LEDGER}")])
             if not writes:
-                with Ledger.opened(path / LEDGER, read_only=True) as ledger:
+                with Ledger.open(path / LEDGER, read_only=True) as ledger:
                     yield cls._of_ledger(path, _last_request(path, place, ledger), ledger, place)
                 return
             if not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
-            with locked(path), Ledger.opened(path / LEDGER) as ledger:
+            with locked(path), Ledger.open(path / LEDGER) as ledger:
                 place.tidy()
                 yield cls._of_ledger(path, _last_request(path, place, ledger), ledger, place)
 
@@ -126,8 +133,7 @@ class RunFolder:
         held = ledger.identity()
         for name, value in request.identity:
             if (other := getattr(held, name)) != value:
-                shown = "another task" if name == "task" else f"a run with {name} {other}, not {value}"
-                raise _refused(path, f"holds {shown}")
+                raise _refused(path, f"holds {_another(name, other, value)}")
         ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
         return cls(path, request, ledger, place)
 
@@ -207,8 +213,11 @@ class RunFolder:
 
     def keep_proof(self, proof: Proof) -> None:
         """Write the proof of one tree, or as much of it as there is."""
-        self._place.make(f"{self._level}{PROOFS}")
-        self.keep(f"{PROOFS}/{proof.topology_key}", to_json(proof))
+        self.keep_within(PROOFS, proof.topology_key, to_json(proof))
+
+    def proof_text(self, key: str) -> bytes | None:
+        """Return the proof of one tree as it is in the folder; None if there is none."""
+        return self._place.read(f"{self._level}{PROOFS}/{key}")
 
     def proofs(self, n: int) -> dict[str, Proof]:
         """Return the proofs of candidates of n modules by key: those of this very task.
@@ -216,18 +225,34 @@ class RunFolder:
         Raises:
             BadInput: one of them is damaged.
         """
-        task, found = self.request.contexts(n)[0].task, dict[str, Proof]()
-        for name in self.ledger.files.within(f"{self._level}{PROOFS}"):
-            content = self._place.read(name)
-            if content is None:
+        task = self.request.contexts(n)[0].task
+        found = self.kept_within(PROOFS, Proof).values()
+        return {proof.topology_key: proof for proof in found if proof.task == task}
+
+    def keep_within(self, part: str, name: str, content: str) -> None:
+        """Write a file of the run's own into one of its folders; errors as of `keep`."""
+        self._place.make(f"{self._level}{part}")
+        self.keep(f"{part}/{name}", content)
+
+    def kept_within(self, part: str, model: type[Model]) -> dict[str, Model]:
+        """Return the values that the run wrote into one of its folders, by the names of their files.
+
+        Raises:
+            BadInput: one of them is damaged.
+        """
+        found = dict[str, Model]()
+        for path in self.ledger.files.within(f"{self._level}{part}"):
+            if (content := self._place.read(path)) is None:
                 continue
             try:
-                proof = Proof.model_validate_json(content)
+                found[path.rsplit("/", 1)[1]] = model.model_validate_json(content)
             except ValidationError as error:
-                raise BadInput(str(self._place.path / name), faults_of(error, Proof)) from None
-            if proof.task == task:
-                found[proof.topology_key] = proof
+                raise BadInput(str(self._place.path / path), faults_of(error, model)) from None
         return found
+
+    def drop_within(self, part: str) -> None:
+        """Remove what the run wrote into one of its folders."""
+        self.ledger.files.remove(self._place, self.ledger.files.within(f"{self._level}{part}"))
 
     def _write_best(self) -> None:
         """Write `best.json`, and `best-nN.json` of every size where there are several."""
@@ -250,7 +275,7 @@ class RunFolder:
 def _place(path: Path) -> Iterator[Place]:
     """Hold a run's folder."""
     try:
-        with Place.opened(path) as place:
+        with Place.open(path) as place:
             yield place
     except NotADirectoryError:
         raise _refused(path, "is a file") from None
@@ -268,8 +293,10 @@ def _begun(place: Place) -> bool:
         return False
     shown = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
     if any(name in (*RESULTS, *PARTS) or name.startswith((LEDGER, "best-n")) for name in others):
-        raise _refused(place.path, f"has {shown} but no {LEDGER}: the ledger is gone, or they are no run's; {LEFT}")
-    raise _refused(place.path, f"is no run's folder, and not empty: it has {shown}; {LEFT}")
+        raise _refused(
+            place.path, f"has {shown} but no {LEDGER}: the ledger was removed, or this is not a run folder; {LEFT}"
+        )
+    raise _refused(place.path, f"is not a run folder, and not empty: it has {shown}; {LEFT}")
 
 
 def _last_request(path: Path, place: Place, ledger: Ledger) -> Request:
@@ -277,7 +304,7 @@ def _last_request(path: Path, place: Place, ledger: Ledger) -> Request:
     held = ledger.identity()
     starts, trials = ledger.asked()
     if starts < 1 or (trials is not None and trials < 1):
-        raise BadInput(str(path), [Fault("", "holds no run yet")])
+        raise BadInput(str(path), [Fault("", "has no run yet")])
     if starts > STARTS or (trials is not None and trials > TRIALS):
         rule = f"must ask for at most {STARTS:,} starts and {TRIALS:,} trials, but holds a run with more"
         raise BadInput(str(path), [Fault("", rule)])
@@ -289,8 +316,10 @@ def _last_request(path: Path, place: Place, ledger: Ledger) -> Request:
         strategy=held.strategy,
         sampler=held.sampler or "moves",
         trials=trials,
+        round_size=held.round_size,
         prune=bool(held.prune),
         versions=ledger.versions() or installed(),
+        own=held.own or NOTHING,
     )
 
 
@@ -307,6 +336,27 @@ def _read_task(path: Path, place: Place) -> Task:
     except NotParsed as error:
         raise BadInput(name, [Fault("", str(error))]) from None
     return validate(Task, data, name)
+
+
+def _require_versions(path: Path, ledger: Ledger) -> None:
+    """Refuse to take up a run whose own functions may have changed since: nobody could tell."""
+    own = ledger.identity().own
+    if own is not None and own.unversioned:
+        names = ", ".join(map(repr, own.unversioned))
+        raise _refused(
+            path, f"holds a run with {names} of your own, which has no version, so that it cannot be resumed"
+        )
+
+
+def _another(name: str, held: Any, asked: Any) -> str:
+    """Say what a folder holds in place of what was asked."""
+    if name == "task":
+        return "another task"
+    if name != "own":
+        return f"a run with {name} {held}, not {asked}"
+    held, asked = held or NOTHING, asked or NOTHING
+    other = [part for part in Own.model_fields if getattr(held, part) != getattr(asked, part)]
+    return f"a run with other {' and other '.join(other)}"
 
 
 def _refused(path: Path, what: str) -> BadInput:

@@ -10,9 +10,9 @@ import pandas as pd
 
 from topo_search.model import Infeasible
 from topo_search.study.folder import RunFolder
-from topo_search.study.front import FRONT_COLUMNS, Point
+from topo_search.study.front import FRONT_COLUMNS, FrontPoint
 from topo_search.study.proofs import cells
-from topo_search.study.row import COLUMNS, FLIGHT, Solve
+from topo_search.study.row import COLUMNS, FLIGHT, SolveEvent
 
 
 def candidates(path: Path) -> pd.DataFrame:
@@ -21,9 +21,9 @@ def candidates(path: Path) -> pd.DataFrame:
     With goals there is one for every level too, and its number in the last column.
 
     Raises:
-        BadInput: it is no run's folder.
+        BadInput: it is not a run folder.
     """
-    with RunFolder.found(path) as folder:
+    with RunFolder.load(path) as folder:
         rows = [
             [*cells(row, stands), number]
             for number, level in enumerate(folder.levels())
@@ -38,9 +38,9 @@ def candidates(path: Path) -> pd.DataFrame:
     return frame if goals else frame.drop(columns="level")
 
 
-def front(points: Sequence[Point]) -> pd.DataFrame:
+def front(points: Sequence[FrontPoint]) -> pd.DataFrame:
     """Return a row for every point of a front, with the columns of `front.csv`."""
-    texts = {"key", "audit", "design"}
+    texts = {"key", "audit", "design", "rotor_out", "level_rotor_out"}
     numbers = {name: "int64" if name in ("modules", "level") else "float64" for name in FRONT_COLUMNS}
     frame = pd.DataFrame([point.cells for point in points], columns=list(FRONT_COLUMNS))
     return frame.astype({name: kind for name, kind in numbers.items() if name not in texts})
@@ -54,10 +54,10 @@ def shortfalls(path: Path) -> pd.DataFrame:
     number of the level.
 
     Raises:
-        BadInput: it is no run's folder.
+        BadInput: it is not a run folder.
     """
     rows = []
-    with RunFolder.found(path) as folder:
+    with RunFolder.load(path) as folder:
         for number, level in enumerate(folder.levels()):
             for n in level.request.task.sizes:
                 contexts = level.request.contexts(n)
@@ -71,14 +71,14 @@ def shortfalls(path: Path) -> pd.DataFrame:
 
 
 def solves(path: Path) -> pd.DataFrame:
-    """Return a row for every solve of a run, in the order of their ends, with the fields of `Solve`.
+    """Return a row for every solve of a run, in the order of their ends, with the fields of `SolveEvent`.
 
     With goals the last column has the number of the level.
 
     Raises:
-        BadInput: it is no run's folder.
+        BadInput: it is not a run folder.
     """
-    with RunFolder.found(path) as folder:
+    with RunFolder.load(path) as folder:
         rows = [
             {**asdict(solve), "level": number}
             for number, level in enumerate(folder.levels())
@@ -86,6 +86,6 @@ def solves(path: Path) -> pd.DataFrame:
             for solve in level.ledger.solves(n)
         ]
         goals = folder.request.task.goals.names
-    frame = pd.DataFrame(rows, columns=[*(field.name for field in fields(Solve)), "level"])
+    frame = pd.DataFrame(rows, columns=[*(field.name for field in fields(SolveEvent)), "level"])
     frame = frame.astype({"objective": "float64"}).sort_values("at", kind="stable", ignore_index=True)
     return frame if goals else frame.drop(columns="level")

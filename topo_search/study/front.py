@@ -6,6 +6,9 @@
 | clearance | least of all clearances that the solver holds, but for the end-effector's, to be large | m |
 | stand-off | least distance of p_E from a module's centre, to be large | m |
 | peak input | largest rotor input of all load cases over u_max, to be small | |
+| reserves | radii of the least balls of what can be added in hover, or around what is asked, to be large | N, N m |
+| rotor out | what is proven to be possible with any one rotor dead: none, hover, all load cases | |
+| joint moment | largest in a joint over all load cases, to be small | N m |
 | modules | n, to be small | |
 
 All are those of the audited design, not the level that it was found at: what costs no effort is given anyway.
@@ -18,11 +21,12 @@ import io
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, get_args
 
-from topo_search.model import Audit, Design
+from topo_search.model import Audit, Design, Flight, ResolvedTask
 from topo_search.model.csv_text import harmless
-from topo_search.model.goals import Level
+from topo_search.model.goals import FIELDS, Level
+from topo_search.model.reserves import Failing, centres_of
 from topo_search.study.folder import FRONT, RunFolder
 from topo_search.study.row import Row
 
@@ -34,6 +38,20 @@ STAND_OFF = 1.0e-4
 """Distance that makes none [m]."""
 INPUT = 1.0e-5
 """Share of u_max that makes none."""
+FORCE, TORQUE = 1.0e-4, 1.0e-5
+"""Reserve of force [N], and of torque or moment [N m], that makes none."""
+SAME_EFFORT = 1.0e-4
+"""Relative difference of efforts that starts of their own may make, and no level."""
+UNITS = {
+    "clearance": "m",
+    "stand_off": "m",
+    "peak_input": "u_max",
+    "force_reserve": "N",
+    "torque_reserve": "N m",
+    "rotor_out": "any one rotor dead",
+    "joint_moment": "N m",
+}
+"""Of what a design reaches."""
 MODULE = 0.5
 """Number of modules that makes none."""
 
@@ -46,18 +64,26 @@ FRONT_COLUMNS = (
     "clearance",
     "stand_off",
     "peak_input",
+    "force_reserve",
+    "torque_reserve",
+    "rotor_out",
+    "joint_moment",
     "audit",
     "level",
     "level_clearance",
     "level_stand_off",
     "level_peak_input",
+    "level_force_reserve",
+    "level_torque_reserve",
+    "level_rotor_out",
+    "level_joint_moment",
     "design",
 )
 """The columns of `front.csv`: what a design reaches, then the level that it was found at, and its file."""
 
 
 @dataclass(frozen=True)
-class Point:
+class FrontPoint:
     """A design of the front with what it reaches."""
 
     row: Row
@@ -70,6 +96,14 @@ class Point:
     number: int
     """Of the level that it was found at."""
     level: Level
+    force_reserve: float | None = None
+    """[N]; None where nothing is proven."""
+    torque_reserve: float | None = None
+    """[N m]"""
+    rotor_out: Failing = "none"
+    """What is proven to be possible with any one rotor dead."""
+    joint_moment: float | None = None
+    """[N m]; None without joints."""
 
     @property
     def folder(self) -> str:
@@ -85,6 +119,10 @@ class Point:
             "clearance": self.clearance,
             "stand_off": self.stand_off,
             "peak_input": self.peak_input,
+            "force_reserve": self.force_reserve,
+            "torque_reserve": self.torque_reserve,
+            "rotor_out": self.rotor_out,
+            "joint_moment": self.joint_moment,
             "level": self.number,
             **{f"level_{name}": value for name, value in self.level._asdict().items()},
             "design": f"{self.folder}/designs/{row.key}.json",
@@ -97,25 +135,29 @@ class Point:
             "clearance": -_or_infinite(self.clearance) / CLEARANCE,
             "stand_off": -_or_infinite(self.stand_off) / STAND_OFF,
             "peak_input": self.peak_input / INPUT,
+            "force_reserve": -(self.force_reserve or 0.0) / FORCE,
+            "torque_reserve": -(self.torque_reserve or 0.0) / TORQUE,
+            "rotor_out": -2.0 * get_args(Failing).index(self.rotor_out),
+            "joint_moment": (self.joint_moment or 0.0) / TORQUE,
             "modules": self.row.modules / MODULE,
         }
         effort = math.log(self.row.objective) / EFFORT if self.row.objective else -math.inf
         return (effort, *(steps[name] for name in names))
 
 
-def front_of(folder: RunFolder) -> tuple[Point, ...]:
+def front_of(folder: RunFolder) -> tuple[FrontPoint, ...]:
     """Return the front of a run with goals, the least effort first."""
     points = [point for number, level in enumerate(folder.levels()) for point in _audited(level, number)]
     return front(points, folder.request.task.goals.names)
 
 
-def front(points: Sequence[Point], names: Sequence[str]) -> tuple[Point, ...]:
+def front(points: Sequence[FrontPoint], names: Sequence[str]) -> tuple[FrontPoint, ...]:
     """Return the points that no other one equals or betters in J and all goals of these names, least effort first.
 
     Differences of less than one step count as none: every point that is left out is better than some point of the
     front by two steps at most, in whatever it is better.
     """
-    kept: list[tuple[tuple[float, ...], Point]] = []
+    kept: list[tuple[tuple[float, ...], FrontPoint]] = []
     for point in sorted(points, key=lambda point: (*point.costs(names), point.number, point.row.key)):
         costs = point.costs(names)
         if not any(_covers(better, costs) for better, _ in kept):
@@ -125,6 +167,36 @@ def front(points: Sequence[Point], names: Sequence[str]) -> tuple[Point, ...]:
         for place, (costs, point) in enumerate(kept)
         if not any(_covers(later, costs) for later, _ in kept[place + 1 :])
     )
+
+
+def idle(levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoint]) -> list[str]:
+    """Return a sentence for each goal of which no level binds: all give the same least effort.
+
+    Args:
+        levels: every level with the least J found there; None where there is none.
+        points: the front, the least effort first.
+    """
+    told = []
+    for place, field in enumerate(FIELDS):
+        name = Level._fields[place]
+        groups: dict[tuple[Any, ...], list[float | None]] = {}
+        for level, J in levels:
+            groups.setdefault((*level[:place], *level[place + 1 :]), []).append(J)
+        if all(level[place] is None for level, _ in levels) or not points or not all(map(_alike, groups.values())):
+            continue
+        reached = points[0].cells[name]
+        has = f"{reached:.4g}" if isinstance(reached, float) else f"{reached}"
+        told.append(
+            f"no level of goals.{name} binds: each gives the same least effort, whose design reaches {has} "
+            f"({UNITS[name]}); look for levels of {field} beyond that"
+        )
+    return told
+
+
+def _alike(efforts: list[float | None]) -> bool:
+    """Whether efforts that were found at the levels of one goal are the same."""
+    found = [J for J in efforts if J is not None]
+    return len(found) == len(efforts) and (not found or max(found) <= min(found) * (1 + SAME_EFFORT))
 
 
 def write_front(folder: RunFolder) -> None:
@@ -143,7 +215,7 @@ def write_front(folder: RunFolder) -> None:
         folder.drop("best.json")
 
 
-def _audited(folder: RunFolder, number: int) -> Iterator[Point]:
+def _audited(folder: RunFolder, number: int) -> Iterator[FrontPoint]:
     """Yield the designs of one level whose audit is clear."""
     request = folder.request
     for n in request.task.sizes:
@@ -157,24 +229,43 @@ def _audited(folder: RunFolder, number: int) -> Iterator[Point]:
                 yield _measured(row, design, Audit.model_validate_json(audit), number, request.level)
 
 
-def _measured(row: Row, design: Design, audit: Audit, number: int, level: Level) -> Point:
+def _measured(row: Row, design: Design, audit: Audit, number: int, level: Level) -> FrontPoint:
     """Return what a design reaches."""
     task = design.task
-    left_out = {"exclusion", "body", "rod", "rod-airflow"}
+    left_out = {"exclusion", "body", "rod", "rod-airflow", "bracket-airflow", "bracket-rotor", "rod-region"}
     if task.body_clearance is None:
         left_out.add("rotor-airflow")
     if task.search.interference == "separation":
         left_out.add("airflow")
     clearance = min((pair.analytic_m for pair in audit.pairs if pair.kind not in left_out), default=None)
     spare = min((pair.analytic_m for pair in audit.pairs if pair.kind == "exclusion"), default=None)
-    return Point(
+    return FrontPoint(
         row=row,
         clearance=clearance,
         stand_off=None if spare is None else spare + (task.exclusion_radius or 0.0),
         peak_input=float(design.inputs.max()) / task.module.max_input(task.gravity),
         number=number,
         level=level,
+        **_of_flight(task, audit.flight),
     )
+
+
+def _of_flight(task: ResolvedTask, flight: Flight | None) -> dict[str, Any]:
+    """Return what a design reaches beyond its load cases: around what the task asks for, else around hover."""
+    if flight is None:
+        return {}
+    level = task.flight.directions == "horizontal"
+    numbers = [number for number, _, _ in centres_of(task, task.flight.around)]
+    cases = [flight.cases[number] for number in numbers]
+    forces = [case.horizontal_reserve_N if level else case.force_reserve_N for case in cases]
+    torques = [case.torque_reserve_Nm for case in cases]
+    kept = {"all": flight.rotors_out_all, "hover": flight.rotors_out_hover}
+    return {
+        "force_reserve": min((force or 0.0 for force in forces), default=None),
+        "torque_reserve": min((torque or 0.0 for torque in torques), default=None),
+        "rotor_out": next((what for what, out in kept.items() if out.survive == out.of), "none"),
+        "joint_moment": flight.joint_moment_Nm,
+    }
 
 
 def _covers(one: Sequence[float], other: Sequence[float]) -> bool:

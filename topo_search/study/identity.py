@@ -9,11 +9,16 @@ from functools import cached_property
 from importlib import metadata
 from typing import Any, Literal, get_args
 
-from topo_search.engine import Space
-from topo_search.limits import STARTS, TRIALS
-from topo_search.model import ResolvedTask, Task
+from pydantic import Field
+
+from topo_search.engine import Listed, Space
+from topo_search.limits import ROUND, STARTS, TRIALS
+from topo_search.model import Design, ResolvedTask, Task
 from topo_search.model.goals import Level
 from topo_search.model.value import Value
+from topo_search.protocols import SamplerFactory
+from topo_search.study.margins import margins, with_margin
+from topo_search.study.own import NOTHING, Own
 from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 
 LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl", "scipy")
@@ -22,8 +27,8 @@ LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl", "scipy")
 StrategyName = Literal["exhaustive", "optuna"]
 Sampler = Literal["moves", "tpe", "nsga2", "random"]
 
-LARGER_MARGINS = 3
-"""How often a design that fails its audit is solved again, each time with ten times the margin."""
+DEFAULT_ROUND = 8
+"""Proposals of a round when nobody says otherwise."""
 
 
 def installed() -> dict[str, str]:
@@ -43,18 +48,26 @@ class Context:
 
     task: ResolvedTask
     step: int
-    """How often the margin was raised tenfold because an audit was not clear."""
+    """Which of the task's `margins` it has: 0 for its own, larger ones because an audit was not clear."""
     seed: int
     versions: dict[str, str]
     """Of the libraries."""
     level: Level | None = None
     """Of the goals, if the run has any: what was solved there had other designs to start from."""
+    own: Own = NOTHING
+    """What the user brought."""
 
     @cached_property
     def fixed_by(self) -> dict[str, Any]:
         """The content that the name is a digest of."""
-        fixed_by = {"task": self.task.model_dump(mode="json"), "seed": self.seed, "versions": self.versions}
-        return fixed_by if self.level is None else {**fixed_by, "level": self.level._asdict()}
+        fixed_by: dict[str, Any] = {
+            "task": self.task.model_dump(mode="json"),
+            "seed": self.seed,
+            "versions": self.versions,
+        }
+        if self.level is not None:
+            fixed_by["level"] = self.level._asdict()
+        return {**fixed_by, **self.own.fixes}
 
     @cached_property
     def name(self) -> str:
@@ -79,6 +92,10 @@ class Identity(Value):
     """Of an exhaustive search."""
     sampler: Sampler | None = None
     """Of any other."""
+    round_size: int = Field(DEFAULT_ROUND, ge=1, le=ROUND)
+    """Proposals of a round of any other."""
+    own: Own | None = None
+    """What the user brought, if anything."""
 
 
 @dataclass(frozen=True)
@@ -99,16 +116,28 @@ class Request:
     """Number of candidates to propose; None: all."""
     prune: bool = False
     """Whether candidates are skipped that the bound proves to be no better than the best."""
+    round_size: int = DEFAULT_ROUND
+    """Proposals of a round, which learns from the rounds before."""
     versions: dict[str, str] = field(default_factory=installed)
     """Of the libraries that solve; rows that others solved do not count."""
     level: Level | None = None
     """The level of the goals that `task` holds, if this is one of those of a run with goals."""
-    neighbour: Request | None = None
+    previous: Request | None = None
     """The level before, whose designs are carried over."""
+    own: Own = NOTHING
+    """What the user brought, as the folder keeps it."""
+    near: tuple[Design, ...] = field(default=(), compare=False)
+    """The designs to start from themselves; a folder that is only read needs none."""
+    propose: SamplerFactory | None = field(default=None, compare=False)
+    """What makes the user's own sampler; likewise."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be asked; ValueError names it."""
-        for name, number, most in (("starts", self.starts, STARTS), ("trials", self.trials, TRIALS)):
+        for name, number, most in (
+            ("starts", self.starts, STARTS),
+            ("trials", self.trials, TRIALS),
+            ("round_size", self.round_size, ROUND),
+        ):
             if number is not None and not 1 <= number <= most:
                 raise ValueError(f"`1 <= {name} <= {most:,}` must hold, but got {number:,}")
         for name, value, known in (
@@ -117,6 +146,10 @@ class Request:
         ):
             if value not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, but got {value!r}")
+        if self.own.topologies is not None and self.strategy != "exhaustive":
+            raise ValueError("topologies are all solved: they go with the strategy `exhaustive` alone")
+        if self.own.sampler is not None and self.strategy != "optuna":
+            raise ValueError("a sampler of your own goes with the strategy `optuna` alone")
 
     @cached_property
     def identity(self) -> Identity:
@@ -131,13 +164,15 @@ class Request:
             symmetry=self.symmetry,
             strategy=self.strategy,
             prune=self.prune if exhaustive else None,
-            sampler=None if exhaustive else self.sampler,
+            sampler=None if exhaustive or self.own.sampler is not None else self.sampler,
+            own=None if self.own == NOTHING else self.own,
+            round_size=DEFAULT_ROUND if exhaustive else self.round_size,
         )
 
     @property
     def folder_name(self) -> str:
         """The name of the default folder, NAME-HASH."""
-        identity = self.identity.model_dump(exclude_none=True)
+        identity = self.identity.model_dump(exclude_defaults=True)
         return f"{self.task.name}-{digest({**identity, 'starts': self.starts})[:8]}"
 
     @cached_property
@@ -147,29 +182,54 @@ class Request:
         if not goals.names:
             return (self,)
         for number, level in enumerate(goals.levels):
-            before = goals.neighbour(number)
-            neighbour = None if before is None else requests[before]
-            requests.append(replace(self, task=self.task.at(level), level=level, neighbour=neighbour))
+            before = goals.previous(number)
+            previous = None if before is None else requests[before]
+            requests.append(replace(self, task=self.task.at(level), level=level, previous=previous))
         return tuple(requests)
 
     def space(self, n: int) -> Space:
         """Return the candidates of n modules."""
-        return Space(self.task.resolve(n), self.symmetry)
+        task, symmetry, own = self.task.resolve(n), self.symmetry, self.own
+        if own.topologies is not None:
+            return Listed(task, symmetry, keys=tuple(key for key in own.topologies if len(key) - 1 == n))
+        if symmetry == "task" and own.telling is not None:
+            return Space(task, "none", rooted=True)
+        return Space(task, "c2" if self._proper else symmetry)
 
     def quotient(self, n: int) -> Resolution:
         """Return which trees stand for one candidate, whether that is exact, and why."""
-        return resolve_symmetry(self.task.resolve(n), self.symmetry)
+        task, own = self.task.resolve(n), self.own
+        if own.topologies is not None:
+            return Resolution("c1", True, "every topology that was given is a candidate")
+        if self.symmetry == "task" and own.telling is not None:
+            return Resolution(
+                "c1", True, f"every rooted tree is a candidate: {own.telling!r} may tell modules apart"
+            )
+        if self._proper:
+            found = resolve_symmetry(task, "c2")
+            return replace(found, reason=f"{found.reason}; {own.handed!r} may tell mirror images apart")
+        return _lossy(resolve_symmetry(task, self.symmetry), task, own)
+
+    @property
+    def _proper(self) -> bool:
+        """Whether mirror images count apart because of an own constraint; with the paper's root they do anyway."""
+        free = self.task.search.root == "free"
+        return free and self.symmetry == "task" and self.own.handed is not None
 
     def contexts(self, n: int) -> list[Context]:
         """Return the contexts of n modules: the task's own margin, then each larger one."""
-        task, contexts = self.task.resolve(n), []
-        for step in range(LARGER_MARGINS + 1):
-            contexts.append(Context(task, step, self.seed, self.versions, self.level))
-            search = task.search.model_copy(update={"margin": larger_margin(task.search.margin)})
-            task = task.model_copy(update={"search": search})
-        return contexts
+        task = self.task.resolve(n)
+        return [
+            Context(with_margin(task, margin), step, self.seed, self.versions, self.level, self.own)
+            for step, margin in enumerate(margins(task))
+        ]
 
 
-def larger_margin(margin: float) -> float:
-    """Return the margin to try after one that an audit did not pass [m]."""
-    return 10.0 * margin or 1.0e-4
+def _lossy(found: Resolution, task: ResolvedTask, own: Own) -> Resolution:
+    """Return a symmetry that was asked for by name, which own constraints may break."""
+    broken = own.telling if task.search.root == "free" else None
+    if broken is None and found.group in ("d2", "d4"):
+        broken = own.handed
+    if broken is None or not found.exact:
+        return found
+    return Resolution(found.group, False, f"lossy: {broken!r} may tell trees apart that count as one")

@@ -1,4 +1,4 @@
-"""The ledger: one row a candidate in an SQLite file, the truth about a run.
+"""The ledger: one row per candidate in an SQLite file, the truth about a run.
 
 A row's key is its context (a digest of the task with its margin, the seed and the library versions) and its
 topology's key. Each row is on the disk before the next job's result is taken up (WAL, synchronous = FULL), with a
@@ -21,10 +21,10 @@ from topo_search.engine import Scored
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_json
 from topo_search.study.identity import Context, Identity, digest
-from topo_search.study.ledger_file import BESIDE, damaged, opened, parsed, whole
+from topo_search.study.ledger_file import BESIDE, checked_text, damaged, open_database, parsed
 from topo_search.study.lost import LedgerLost
 from topo_search.study.own_files import OwnFiles
-from topo_search.study.row import Row, Solve, flight_of, score
+from topo_search.study.row import Row, SolveEvent, flight_of, score
 from topo_search.study.seals import changed
 
 _FIELDS = tuple(field.name for field in fields(Row))
@@ -60,7 +60,7 @@ class Ledger:
 
     @classmethod
     @contextmanager
-    def opened(cls, path: Path, *, read_only: bool = False) -> Iterator[Self]:
+    def open(cls, path: Path, *, read_only: bool = False) -> Iterator[Self]:
         """Open a ledger.
 
         Args:
@@ -70,7 +70,7 @@ class Ledger:
         Raises:
             BadInput: the file is damaged, gone, or no ledger of this version; it is left as it is.
         """
-        with opened(path, read_only=read_only) as database:
+        with open_database(path, read_only=read_only) as database:
             yield cls(database, path)
 
     @property
@@ -185,6 +185,12 @@ class Ledger:
         found = self._database.execute(query, (starts, trials, context.name)).fetchone()
         return found is not None and bool(found[0])
 
+    def reached(self, context: Context, starts: int) -> int:
+        """Return how many candidates of a context were solved from so many starts."""
+        query = "SELECT count(*) FROM candidates WHERE context = ? AND asked >= ?"
+        number: int = self._database.execute(query, (context.name, starts)).fetchone()[0]
+        return number
+
     def scores(self, context: Context) -> Iterator[Scored]:
         """Yield what candidates of a context had reached after each of their solves, in the order of the ends."""
         query = "SELECT key, asked, status, objective, violation FROM solves WHERE context = ? ORDER BY number"
@@ -219,8 +225,8 @@ class Ledger:
             f"FROM candidates LEFT JOIN texts USING (context, key) {_STANDING} AND status = 'feasible'"
         )
         for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n,)):
-            verdict = None if audit_checksum is None else whole(self._path, key, audit, audit_checksum)
-            yield key, whole(self._path, key, result, result_checksum), verdict
+            verdict = None if audit_checksum is None else checked_text(self._path, key, audit, audit_checksum)
+            yield key, checked_text(self._path, key, result, result_checksum), verdict
 
     def record(self, context: Context, rows: Sequence[tuple[Row, Design | Infeasible | None]]) -> None:
         """Write rows of candidates that were solved, all or none, with what is known of their designs.
@@ -278,7 +284,7 @@ class Ledger:
         found = self._database.execute(query, (n,)).fetchone()
         return None if found is None else Row(*found)
 
-    def solves(self, n: int) -> Iterator[Solve]:
+    def solves(self, n: int) -> Iterator[SolveEvent]:
         """Yield the solves of n modules in the order in which they ended."""
         query = (
             "SELECT at, key, status, objective, margin FROM solves JOIN contexts USING (context) "
@@ -286,7 +292,7 @@ class Ledger:
             "AND status <> 'impossible' ORDER BY number"  # a proof is no solve
         )
         for values in self._database.execute(query, (n,)):
-            yield Solve(*values)
+            yield SolveEvent(*values)
 
     def best_designs(self, context: Context, first: int, count: int) -> list[Row]:
         """Return a context's designs from place `first` on, by objective, ties by key."""
@@ -300,4 +306,4 @@ class Ledger:
             "WHERE context = ? AND key = ?"
         )
         text, checksum = self._database.execute(query, (context.name, key)).fetchone() or (None, None)
-        return None if checksum is None else whole(self._path, key, text, checksum)
+        return None if checksum is None else checked_text(self._path, key, text, checksum)

@@ -65,8 +65,8 @@ COMMIT;
 """
 """`starts`: asked for last. `standing`: this row speaks for its candidate, not one with another margin. `texts`: of
 results and audits, in JSON; `..._checksum` of a candidate is that of its text, null where there is none. `solves`:
-one row a solve, in the order of their ends, with what the candidate had reached after `asked` starts; a strategy is
-replayed from them. `ended_...`: what the strategy was asked for when it last came to its end. `tallies`: of the
+one row per solve, in the order of their ends, with what the candidate had reached after `asked` starts; a strategy
+is replayed from them. `ended_...`: what the strategy was asked for when it last came to its end. `tallies`: of the
 tables with a `checksum` (`seals`). `files`: what the run itself wrote into its folder (`own_files`)."""
 
 CHECKED = ("sqlite_schema", "run", "contexts", "candidates", "solves", "tallies", "files")
@@ -93,8 +93,8 @@ def blank(identity: str) -> bytes:
 
 
 @contextmanager
-def opened(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection]:
-    """Open a ledger's file; arguments and errors as `Ledger.opened`.
+def open_database(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection]:
+    """Open a ledger's file; arguments and errors as `Ledger.open`.
 
     Damage that is found later is named as well.
     """
@@ -161,7 +161,7 @@ def _damage_named(path: Path) -> Iterator[None]:
         raise _bad(path, f"is damaged or no ledger ({error}); {ADVICE}") from None
 
 
-def whole(path: Path, key: str, text: bytes | None, checksum: int) -> str:
+def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str:
     """Return the text of a candidate's result or audit.
 
     Raises:
@@ -239,7 +239,7 @@ def damaged(path: Path, what: str) -> BadInput:
 
 def refused(path: Path, what: str) -> BadInput:
     """Return the error that says why a file is not used."""
-    return _bad(path, f"{what}; it is left as it is: {ADVICE}")
+    return _bad(path, f"{what}; it is left unchanged: {ADVICE}")
 
 
 def _bad(path: Path, text: str) -> BadInput:

@@ -77,7 +77,7 @@ def _lock(folder: Path, itself: int, handle: int, *, optional: bool = False) -> 
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        rule = f"another run works in this folder (process {_holder(itself)})"
+        rule = f"another run is using this folder (process {_holder(itself)})"
         raise BadInput(str(folder), [Fault("", rule)]) from None
     except OSError as error:
         if optional and error.errno in _NO_LOCKS_ON_FOLDERS:
@@ -98,5 +98,5 @@ def _holder(itself: int) -> str:
 
 
 def _not_ours(folder: Path) -> BadInput:
-    rule = "is not the file that locks a run's folder, and is left as it is: move it away, or choose another folder"
+    rule = "is not the lock file of a run, and is left unchanged: move it away, or choose another folder"
     return BadInput(str(folder / LOCK), [Fault("", rule)])

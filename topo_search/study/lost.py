@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from topo_search.study.answer import Answer
 
 
-KEPT = "all results are kept, and the same command resumes"
+KEPT = "all results are kept; run the same command to continue"
 """Note (PEP 678) of what ends a run early, once it is so."""
 
 
@@ -22,6 +22,6 @@ class LedgerLost(Exception):
         self.design: str | None = None
         """The best design as JSON text: nothing else may hold it any more."""
         super().__init__(
-            f"{path}: is gone: removed, moved, replaced or emptied while the run worked; the run has ended, and "
-            "what it found since is kept nowhere but in what is printed here"
+            f"{path}: was removed, moved, replaced or emptied during the run; the run stopped, and what it found "
+            "since then is kept only in the output printed here"
         )

@@ -125,7 +125,7 @@ class OwnFiles:
     def foreign(place: Place, names: list[str]) -> BadInput:
         """Return the error that names files that stand where the run would write its own."""
         rule = (
-            "is not what this run wrote, and is left as it is: move it away and type the same command again, or "
+            "is not what this run wrote, and is left unchanged: move it away and run the same command again, or "
             "choose another folder with --out"
         )
         return BadInput(str(place.path), [Fault(name, rule) for name in names])

@@ -31,7 +31,7 @@ class Place:
 
     @classmethod
     @contextmanager
-    def opened(cls, path: Path) -> Iterator[Self]:
+    def open(cls, path: Path) -> Iterator[Self]:
         """Hold a folder that is there; OSError says why it cannot be held. Its own path may have links in it."""
         handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
         try:
@@ -62,7 +62,7 @@ class Place:
             if not stat.S_ISREG(status.st_mode):
                 raise self._refused(name, None)
             if status.st_size > most_bytes:
-                rule = f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}; it is left as it is"
+                rule = f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}; it is left unchanged"
                 raise BadInput(str(self.path / name), [Fault("", rule)])
             return stream.read(most_bytes)
 
@@ -148,5 +148,5 @@ class Place:
 
     def _refused(self, name: str, error: OSError | None) -> BadInput:
         why = "is no regular file" if error is None else f"cannot be used ({error.strerror})"
-        rule = f"{why}: a run reads and writes regular files, through no symbolic link; it is left as it is"
+        rule = f"{why}: a run uses regular files only, no symbolic links; it is left unchanged"
         return BadInput(str(self.path / name), [Fault("", rule)])

@@ -7,10 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from topo_search.model import Proof, ResolvedTask
+from topo_search.model.proof import Problem
 from topo_search.model.proven import gap_percent
+from topo_search.study.identity import Request
 from topo_search.study.row import COLUMNS, Row
 
 EXCLUDED, WITHIN, OPEN, IMPOSSIBLE = "excluded", "within", "open", "impossible"
+NO_GOALS = "has goals: a proof needs a single objective; run the task without goals"
 
 
 class Standing(NamedTuple):
@@ -20,6 +23,8 @@ class Standing(NamedTuple):
     """No design of the tree costs less [rad^4/s^4]."""
     proven_gap: float | None
     """1 - proven_bound / objective: how much less than its best one it can cost."""
+    proven_problem: Problem | None
+    """Which designs that is said of."""
     proof: str | None
     """`excluded`: no less than the run's best; `within`: no less than a cut under it; `open`; `impossible`."""
 
@@ -33,9 +38,9 @@ def standing(row: Row, proof: Proof | None, best: float | None) -> Standing:
         best: the least effort of designs of its size whose audit is clear.
     """
     if row.status == IMPOSSIBLE:
-        return Standing(None, None, IMPOSSIBLE)
+        return Standing(None, None, None, IMPOSSIBLE)
     if proof is None:
-        return Standing(None, None, None)
+        return Standing(None, None, None, None)
     bound = proof.cut if proof.complete else row.lower_bound
     word = OPEN
     if proof.complete:
@@ -43,7 +48,7 @@ def standing(row: Row, proof: Proof | None, best: float | None) -> Standing:
     gap = None
     if bound is not None and row.objective:
         gap = max(0.0, 1 - bound / row.objective)
-    return Standing(bound, gap, word)
+    return Standing(bound, gap, proof.problem, word)
 
 
 def cells(row: Row, stands: Standing) -> list[object]:
@@ -63,10 +68,24 @@ def target(row: Row, best: float, gap: float) -> tuple[str, float]:
     return EXCLUDED, best
 
 
-def proven_sentence(
-    rows: Sequence[Row], proofs: Mapping[str, Proof], best: Row | None, task: ResolvedTask, candidates: int
-) -> str | None:
-    """Say what the proofs of one size come to together; None while nobody asked for any.
+class Together(NamedTuple):
+    """What the proofs of one size come to together."""
+
+    sentence: str | None
+    """None while nobody asked for a proof."""
+    gap: float | None
+    """How much less than the best a design of this size can cost at most, as a share; None while trees are open."""
+
+
+def together(
+    rows: Sequence[Row],
+    proofs: Mapping[str, Proof],
+    best: Row | None,
+    task: ResolvedTask,
+    candidates: int,
+    whom: str,
+) -> Together:
+    """Say what the proofs of one size come to together.
 
     Args:
         rows: of all candidates that are settled.
@@ -74,41 +93,64 @@ def proven_sentence(
         best: the best design whose audit is clear.
         task: the task.
         candidates: how many there are.
+        whom: of which trees a complete proof speaks, as `said_of` has it.
     """
     if best is None or best.objective is None or not proofs:
-        return None
+        return Together(None, None)
     stands = [standing(row, proofs.get(row.key), best.objective) for row in rows]
-    counts = Counter(one.proof or "not looked at" for one in stands)
+    counts = Counter(one.proof or "not examined" for one in stands)
     words = {
         EXCLUDED: "cannot beat the best",
         WITHIN: "proven to within the gap asked for",
         IMPOSSIBLE: "impossible",
         OPEN: "open",
-        "not looked at": "not looked at",
+        "not examined": "not examined",
     }
     told = ", ".join(f"{counts[name]} {text}" for name, text in words.items() if counts[name])
-    left = counts[OPEN] + counts["not looked at"] + candidates - len(rows)
+    left = counts[OPEN] + counts["not examined"] + candidates - len(rows)
     if left:
-        return f"branch and bound, {candidates} candidates: {told}; nothing new is proven while some are open"
+        sentence = f"branch and bound, {candidates} candidates: {told}; nothing new is proven while some are open"
+        return Together(sentence, None)
     least = min([one.proven_bound for one in stands if one.proven_bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
     limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
-    return (
-        f"proven by branch and bound: no {task.n}-module topology is {limit}better "
-        f"({candidates} candidates: {told}); {problem(task)}"
+    about = weakest([proof.problem for row in rows if (proof := proofs.get(row.key)) is not None])
+    sentence = (
+        f"proven by branch and bound: {whom} is {limit}better "
+        f"({candidates} candidates: {told}); {problem(task, about)}"
     )
+    return Together(sentence, gap)
 
 
-def problem(task: ResolvedTask) -> str:
-    """Say precisely which problem a proof is about."""
+def said_of(request: Request, n: int) -> str:
+    """Return of which trees of a size a proof of all candidates speaks: of all, if the candidates stand for all."""
+    if request.own.topologies is None and request.quotient(n).exact:
+        return f"no {n}-module topology"
+    return f"none of the {n}-module candidates"
+
+
+def weakest(problems: Sequence[Problem]) -> Problem:
+    """Return which designs several proofs together are about: those that all of them are about."""
+    return "solver" if "solver" in problems else "task"
+
+
+def problem(task: ResolvedTask, about: Problem) -> str:
+    """Say precisely which designs a proof is about."""
+    margin = f" and {task.search.margin:g} m" if about == "solver" else ""
     if task.search.interference == "airflow":
-        kept = "airflow envelopes may touch"
-        if task.body_clearance is not None:
-            kept += f" and centres of modules not bolted together be {task.body_clearance:g} m apart"
+        kept = (
+            f"airflow envelopes may be{margin.removeprefix(' and')} apart"
+            if margin
+            else "airflow envelopes may touch"
+        )
+        apart = task.centre_distance if about == "solver" else task.body_clearance
+        if apart is not None:
+            kept += f" and centres of modules not bolted together be {apart:.6g} m{margin} apart"
     else:
-        kept = f"centres of modules may be {task.separation:g} m apart"
+        kept = f"centres of modules may be {task.separation:g} m{margin} apart"
+    kept = f"the solver's own distances, {kept}" if about == "solver" else kept
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
     return (
-        f"that is about {root}, hinges within a right angle either way, every wrench and input within the audit's "
-        f"tolerance; {kept}; what else the task asks for can only cost more"
+        f"scope: {root}, hinge angles within 90 deg either way, every wrench and input within the audit's "
+        f"tolerance; {kept}; all other requirements can only raise the effort"
     )

@@ -11,17 +11,19 @@ from pathlib import Path
 
 from topo_search.engine import Engine, Failed, WorkersLost
 from topo_search.model import BadInput, Chunk, Fault, Proof, ResolvedTask, Topology
-from topo_search.model.proof import chunk_count
+from topo_search.model.proof import Problem
 from topo_search.model.proven import gap_percent
 from topo_search.study.answer import Answer
 from topo_search.study.folder import RunFolder
+from topo_search.study.identity import Request
 from topo_search.study.lost import KEPT
 from topo_search.study.observer import Observer
-from topo_search.study.proofs import IMPOSSIBLE, target
+from topo_search.study.phases import Phase
+from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, target
 from topo_search.study.row import Row
 from topo_search.study.runner import answer_of
 
-ProveChunk = Callable[[ResolvedTask, Topology, int, float], Chunk]
+ProveChunk = Callable[[ResolvedTask, Topology, int, float, Problem], Chunk]
 """Searches one chunk of a tree for designs under a cut [rad^4/s^4]: a pure function."""
 
 CHUNK_DEADLINE = 7200.0
@@ -30,8 +32,6 @@ MOST_MODULES = 12
 """The allowance for rounding holds for more (`nlp.bounds.branch.box`); nobody can wait for the boxes of so many."""
 LATEST = 1.0
 """Least time between two writes of a proof that is not complete [s]."""
-EVERY = 10.0
-"""Least time between two lines about one tree [s]."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class _Job:
     topology: Topology
     number: int
     cut: float
+    problem: Problem
 
 
 @dataclass
@@ -51,7 +52,6 @@ class _Work:
     folder: RunFolder
     observer: Observer
     proofs: dict[str, Proof] = field(default_factory=dict)
-    told: float = field(default_factory=time.monotonic)
     kept: float = 0.0
     due: set[str] = field(default_factory=set)
     """Proofs with chunks that are not written yet."""
@@ -62,7 +62,7 @@ class _Work:
             for number in self.proofs[key].due():
                 proof = self.proofs[key]
                 if proof.open_at is None:
-                    yield _Job(proof.task, proof.topology, number, proof.cut)
+                    yield _Job(proof.task, proof.topology, number, proof.cut, proof.problem)
 
     def ended(self, job: _Job, result: Chunk | Failed) -> None:
         """Keep what came of a chunk."""
@@ -78,10 +78,6 @@ class _Work:
             self.observer.note(f"{key}: {_words(proof)}, {proof.boxes:,} boxes")
         elif result.outcome != "closed":
             self.observer.note(f"{key}: open, for {_why(result)}")
-        elif time.monotonic() - self.told > EVERY:
-            self.told = time.monotonic()
-            done = len(proof.chunks) / chunk_count(proof.task.n)
-            self.observer.note(f"{key}: {100 * done:.0f} % of its angles, {proof.boxes:,} boxes")
 
     def keep(self) -> None:
         """Write what is not written yet."""
@@ -100,6 +96,7 @@ def prove(
     key: str | None,
     engine: Engine,
     observer: Observer,
+    problem: Problem = "task",
     time_limit: float = math.inf,
     report: Callable[[RunFolder], None] = lambda _: None,
 ) -> Answer:
@@ -113,16 +110,17 @@ def prove(
         key: of the one tree to look at; None: all.
         engine: where chunks are searched; it changes nothing but the time it takes.
         observer: is told of the progress.
+        problem: which designs the proof is about; what is proven of the task's is not proven again of the solver's.
         time_limit: seconds after which no more is searched.
         report: is handed the folder once all its files are written.
 
     Raises:
-        BadInput: it is no run's folder, has no audited design or no such tree, or another process works in it.
+        BadInput: it is not a run folder, has no audited design or no such tree, or another process works in it.
         KeyboardInterrupt: after Ctrl-C, with every finished chunk kept.
         WorkersLost: the engine has no workers any more; likewise.
     """
     until = time.monotonic() + time_limit
-    with RunFolder.found(path, writes=True) as folder:
+    with RunFolder.load(path, writes=True) as folder:
         sizes = _sizes(folder, path, key)
         try:
             for n, best, rows in sizes:
@@ -132,16 +130,28 @@ def prove(
                 for row in rows:
                     aim, cut = target(row, best, gap)
                     held = kept.get(row.key)
-                    if held is None or held.cut < cut or (not held.complete and held.cut != cut):
+                    if held is None or not _serves(held, cut, problem):
                         root = centre(task, Topology.from_key(row.key))
-                        held = Proof(task=task, topology_key=row.key, root_module=root, aim=aim, gap=gap, cut=cut)
+                        held = Proof(
+                            task=task,
+                            topology_key=row.key,
+                            root_module=root,
+                            aim=aim,
+                            gap=gap,
+                            problem=problem,
+                            cut=cut,
+                        )
                     work.proofs[row.key] = held
+                due = sum(len(list(proof.due())) for proof in work.proofs.values() if proof.open_at is None)
+                observer.phase(Phase("proving", n, due))
                 ended = engine.run(
                     partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: CHUNK_DEADLINE, until=until
                 )
                 try:
+                    incumbent = folder.ledger.best_clear(n)
                     for job, result in ended:
                         work.ended(job, result)
+                        observer.settled(incumbent)
                 finally:
                     work.keep()
         except (KeyboardInterrupt, WorkersLost) as stop:
@@ -153,16 +163,34 @@ def prove(
         return answer_of(folder)
 
 
+def refuse_unprovable(request: Request, name: str) -> None:
+    """Refuse to prove what is beyond a proof, before a search for it begins.
+
+    Raises:
+        BadInput: the task has goals, or more modules than a proof can be of; `name` says whose it is.
+    """
+    if request.task.goals.names:
+        raise BadInput(name, [Fault("", NO_GOALS)])
+    if (n := request.task.sizes[-1]) > MOST_MODULES:
+        raise BadInput(name, [Fault("modules", f"must be at most {MOST_MODULES} for a proof, but got {n}")])
+
+
+def _serves(held: Proof, cut: float, problem: Problem) -> bool:
+    """Whether what is held of a tree is what is asked for, or more, or a part of it."""
+    if held.complete:
+        return held.cut >= cut and held.problem in ("task", problem)
+    return held.cut == cut and held.problem == problem
+
+
 def _prove(prove_chunk: ProveChunk, job: _Job) -> Chunk:
     """Search one chunk (in a worker)."""
-    return prove_chunk(job.task, job.topology, job.number, job.cut)
+    return prove_chunk(job.task, job.topology, job.number, job.cut, job.problem)
 
 
 def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, float, list[Row]]]:
     """Return size, best effort and trees to prove of every size that has a best design."""
     request, found = folder.request, list[tuple[int, float, list[Row]]]()
-    if request.task.goals.names:
-        raise BadInput(str(path), [Fault("", "has goals: a proof is about one effort, that of a run without them")])
+    refuse_unprovable(request, str(path))
     known = set[str]()
     for n in request.task.sizes:
         rows = list(folder.ledger.ranked(n))
@@ -170,16 +198,12 @@ def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, fl
         best = folder.ledger.best_clear(n)
         if best is None or not best.objective:
             continue
-        if n > MOST_MODULES:
-            raise BadInput(
-                str(path), [Fault("modules", f"must be at most {MOST_MODULES} for a proof, but got {n}")]
-            )
         due = [row for row in rows if row.status != IMPOSSIBLE and key in (None, row.key)]
         found.append((n, best.objective, due))
     if key is not None and key not in known:
         raise BadInput(str(path), [Fault("", f"has no candidate {key}")])
     if not found:
-        raise BadInput(str(path), [Fault("", "holds no audited design that a proof could be against")])
+        raise BadInput(str(path), [Fault("", "has no audited design to prove against")])
     return found
 
 
@@ -194,4 +218,4 @@ def _why(chunk: Chunk) -> str:
     """Say why a chunk is open."""
     if chunk.outcome == "many":
         return f"chunk {chunk.number} needs more than {chunk.boxes:,} boxes"
-    return f"a box of chunk {chunk.number} as small as can be may hold a better design"
+    return f"a box of chunk {chunk.number} at the smallest size may contain a better design"

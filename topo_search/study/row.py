@@ -17,7 +17,7 @@ FLIGHT = (
     "rod_length_m",
 )
 """Of an audited design, what its audit says of it beyond the task."""
-PROVEN = ("proven_bound", "proven_gap", "proof")
+PROVEN = ("proven_bound", "proven_gap", "proof", "proven_problem")
 """Of a candidate, what branch and bound proves: read from its proof, not from its row in the ledger."""
 COLUMNS = (
     "key",
@@ -74,7 +74,7 @@ class Row:
     margin: float = 0.0
     """The margin that the solver was asked for [m]."""
     step: int = 0
-    """How often that margin was raised."""
+    """Its place among the `margins` of the task, 0 for the task's own."""
     force_reserve_N: float | None = None
     """Any force of this size can be added at the end-effector in hover [N]; this and what follows of an audit."""
     torque_reserve_Nm: float | None = None
@@ -106,7 +106,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Solve:
+class SolveEvent:
     """One solve, when it ended."""
 
     at: float

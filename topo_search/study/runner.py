@@ -12,22 +12,26 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from topo_search.engine import Engine, Verbs, WorkersLost, exhaustive
+from topo_search.engine import Backends, Engine, WorkersLost, exhaustive
 from topo_search.model import BadInput, Infeasible
 from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, quotient_remark, size_answer
 from topo_search.study.audits import audit_best, audits_left
+from topo_search.study.causes import causes, find_causes
 from topo_search.study.crosscheck import check_designs, checked
 from topo_search.study.folder import LEDGER, RunFolder
-from topo_search.study.following import Following
 from topo_search.study.front import front_of, write_front
 from topo_search.study.identity import Context, Request
 from topo_search.study.ledger import Ledger
 from topo_search.study.lock import ReadOnlyFolder
 from topo_search.study.lost import KEPT, LedgerLost
 from topo_search.study.observer import Observer
-from topo_search.study.proofs import proven_sentence
+from topo_search.study.phases import WRITING, proving
+from topo_search.study.planning import planned
+from topo_search.study.proofs import said_of, together
 from topo_search.study.pruning import record_pruned, rests_on_an_audited_design
+from topo_search.study.replay import Replay
 from topo_search.study.row import row_of
+from topo_search.study.statements import proven_statement
 
 MOST_ROWS_OF_A_PROOF = 100_000
 """A proof holds for every candidate; beyond this number they are not written one by one."""
@@ -36,10 +40,11 @@ MOST_ROWS_OF_A_PROOF = 100_000
 def run(
     request: Request,
     path: Path,
-    verbs: Verbs,
+    backends: Backends,
     *,
     engine: Engine,
     observer: Observer,
+    workers: int | None = None,
     time_limit: float = math.inf,
     report: Callable[[RunFolder], None] = lambda _: None,
 ) -> Answer:
@@ -48,9 +53,10 @@ def run(
     Args:
         request: what is asked.
         path: the run's folder; made if there is none, taken up again if there is.
-        verbs: solver, audit and bounds.
+        backends: solver, audit and bounds.
         engine: where jobs run; it changes nothing but the time it takes.
         observer: is told of the progress.
+        workers: how many jobs the engine runs at a time; None where that is not known.
         time_limit: seconds after which no more is solved; the best designs are audited all the same.
         report: is handed the folder once all its files are written.
 
@@ -62,18 +68,21 @@ def run(
     """
     until = time.monotonic() + time_limit
     try:
-        with RunFolder.opened(path, request) as folder, _not_lost(folder):
+        with RunFolder.open(path, request) as folder, _not_lost(folder):
             try:
+                observer.plan(planned(folder, workers, time_limit))
                 for number, level in enumerate(folder.levels()):
                     left = len(request.levels) - number
                     if level.request.level is not None:
                         observer.note(f"level {number} of {len(request.levels)}: {level.request.level.words}")
-                    _search_level(level, verbs, engine, observer, _share(until, left))
+                    _search_level(level, backends, engine, observer, _share(until, left))
+                find_causes(next(folder.levels()), backends, engine, observer, until)
             except (KeyboardInterrupt, WorkersLost) as stop:
                 _write(folder)
                 folder.ledger.require()
                 stop.add_note(KEPT)
                 raise
+            observer.phase(WRITING)
             _write(folder)
             report(folder)
             folder.ledger.require()
@@ -115,11 +124,11 @@ def _share(until: float, parts: int) -> float:
     return until if parts == 1 else now + (until - now) / parts
 
 
-def _search_level(folder: RunFolder, verbs: Verbs, engine: Engine, observer: Observer, until: float) -> None:
+def _search_level(folder: RunFolder, backends: Backends, engine: Engine, observer: Observer, until: float) -> None:
     """Search all sizes of a task without goals."""
     sizes = folder.request.task.sizes
     for number, n in enumerate(sizes):
-        _search_size(folder, n, verbs, engine, observer, _share(until, len(sizes) - number))
+        _search_size(folder, n, backends, engine, observer, _share(until, len(sizes) - number))
 
 
 def _write(folder: RunFolder) -> None:
@@ -133,7 +142,7 @@ def _write(folder: RunFolder) -> None:
 def _search_size(
     folder: RunFolder,
     n: int,
-    verbs: Verbs,
+    backends: Backends,
     engine: Engine,
     observer: Observer,
     until: float,
@@ -144,7 +153,8 @@ def _search_size(
     context = contexts[0]
     bound = ledger.bound(context)
     if bound is None:
-        bound = verbs.lower_bound(context.task), verbs.prove_impossible(context.task)
+        observer.phase(proving(n))
+        bound = backends.lower_bound(context.task), backends.prove_impossible(context.task)
         ledger.begin(context, *bound)
     lower_bound, proof = bound
     quotient = request.quotient(n)
@@ -158,41 +168,39 @@ def _search_size(
         audit_best(
             ledger,
             contexts,
-            verbs,
+            backends,
             engine,
             starts=request.starts,
             lower_bound=lower_bound,
             observer=observer,
             until=until,
+            near=request.near,
         )
 
     if ledger.ended(context, request.starts, request.trials):
         audit()
         return
-    neighbour = None if request.neighbour is None else request.neighbour.contexts(n)[0]
-    following = Following(ledger, context, lower_bound, verbs.solve, engine, observer, neighbour)
-    ended = _follow(following, folder, n, observer, until, lower_bound if request.prune else None)
+    previous = None if request.previous is None else request.previous.contexts(n)[0]
+    replay = Replay(ledger, context, lower_bound, backends.solve, engine, observer, previous, request.near)
+    ended = _follow(replay, folder, n, until, lower_bound if request.prune else None)
     audit()
     if ended and request.prune:
         if rests_on_an_audited_design(ledger, n, lower_bound):
             record_pruned(ledger, context, request.space(n), lower_bound)
         else:
-            ended = _follow(following, folder, n, observer, until, None)
+            ended = _follow(replay, folder, n, until, None)
             audit()
     if ended:
         ledger.end(context, request.starts, request.trials)
 
 
-def _follow(
-    following: Following, folder: RunFolder, n: int, observer: Observer, until: float, bound: float | None
-) -> bool:
+def _follow(replay: Replay, folder: RunFolder, n: int, until: float, bound: float | None) -> bool:
     """Follow the strategy that was asked for, and return whether it came to its end.
 
     Args:
-        following: what is known.
+        replay: what is known.
         folder: of the run.
         n: number of modules.
-        observer: is told how many candidates there are.
         until: time.monotonic() at which to stop.
         bound: of every candidate's objective; None: nothing is pruned.
     """
@@ -200,26 +208,27 @@ def _follow(
     space = request.space(n)
     timed = math.isfinite(until)
     if bound is not None:
-        observer.size(n, space.count(), request.starts)
+        replay.announce(space.count(), request.starts)
         pruned = exhaustive(space, starts=request.starts, timed=timed, bound=lambda _: bound)
-        return following.follow(pruned, until, announced=True)
+        return replay.follow(pruned, until, announced=True)
     if request.strategy == "exhaustive":
-        return following.follow(exhaustive(space, starts=request.starts, timed=timed), until)
+        return replay.follow(exhaustive(space, starts=request.starts, timed=timed), until)
 
     from topo_search.engine.proposals import optuna_study  # loads Optuna
 
     trials = space.count() if request.trials is None else min(request.trials, space.count())
-    observer.size(n, trials, request.starts)
+    replay.announce(trials, request.starts)
     strategy = optuna_study(
         space,
-        sampler=request.sampler,
+        sampler=request.propose or request.sampler,
         trials=trials,
+        round_size=request.round_size,
         starts=request.starts,
         seed=request.seed,
         journal=folder.journal(f"study-n{n}.journal"),
         timed=timed,
     )
-    return following.follow(strategy, until, announced=True)
+    return replay.follow(strategy, until, announced=True)
 
 
 def _record_proof(
@@ -269,7 +278,8 @@ def answer_of(folder: RunFolder) -> Answer:
 
 def _sizes(folder: RunFolder) -> tuple[SizeAnswer, ...]:
     """Read the answer of a task without goals."""
-    return tuple(_proven(folder, _sum_up(folder.ledger, folder.request, n)) for n in folder.request.task.sizes)
+    found = (_proven(folder, _sum_up(folder.ledger, folder.request, n)) for n in folder.request.task.sizes)
+    return tuple(size if size.feasible else replace(size, relaxed=causes(folder, size.modules)) for size in found)
 
 
 def _proven(folder: RunFolder, answer: SizeAnswer) -> SizeAnswer:
@@ -278,7 +288,12 @@ def _proven(folder: RunFolder, answer: SizeAnswer) -> SizeAnswer:
     if not proofs:
         return answer
     task, rows = folder.request.contexts(answer.modules)[0].task, list(folder.ledger.ranked(answer.modules))
-    return replace(answer, proven=proven_sentence(rows, proofs, answer.best, task, answer.candidates))
+    whom = said_of(folder.request, answer.modules)
+    found = together(rows, proofs, answer.best, task, answer.candidates, whom)
+    told = answer.statement
+    if found.gap is not None:
+        told = proven_statement(answer.candidates, found.gap)
+    return replace(answer, statement=told, proven=found.sentence, proven_gap=found.gap)
 
 
 def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from topo_search.engine import (
+    Backends,
     Failed,
     Job,
     Outcome,
-    Verbs,
     Workers,
     audit_deadline,
     merge,
@@ -21,7 +21,9 @@ from topo_search.engine import (
 )
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Topology
 from topo_search.model.html import paragraph
-from topo_search.study.identity import LARGER_MARGINS, larger_margin
+from topo_search.study.margins import margins, raise_margins, with_margin
+from topo_search.study.observer import Silent
+from topo_search.study.relaxing import relax
 
 PATIENCE = 3
 """Rounds of starts in a row without a gain after which more starts do not pay."""
@@ -39,6 +41,18 @@ class Solved:
     notes: tuple[str, ...]
     """What did not go straight."""
 
+    def __str__(self) -> str:
+        """Say what was found, or why nothing was."""
+        if not isinstance(self.outcome, Design):
+            return _words(self.outcome)
+        told = self.audit.verdict if isinstance(self.audit, Audit) else "failed"
+        return f"{self.outcome.topology.key}, J = {self.outcome.objective:.6g} rad^4/s^4, audit {told}"
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a design, and its audit is clear."""
+        return isinstance(self.audit, Audit) and self.audit.verdict == "clear"
+
     @property
     def design(self) -> Design | None:
         """The design, if there is one."""
@@ -51,11 +65,13 @@ class Solved:
             for value in (self.outcome, self.audit)
             if value is not None
         ]
-        return "".join([*(paragraph(note) for note in self.notes), *parts])
+        relaxed = self.outcome.relaxed if isinstance(self.outcome, Infeasible) else None
+        told = (*self.notes, *(relaxed.sentences if relaxed else ()))
+        return "".join([*(paragraph(note) for note in told), *parts])
 
     @property
     def exit_status(self) -> int:
-        """0: audited design; 1: a design that did not pass its audit; 3: no design."""
+        """Of the command line: 0 for an audited design, 1 if it did not pass its audit, 3 for no design."""
         if not isinstance(self.outcome, Design):
             return 3
         return 0 if isinstance(self.audit, Audit) and self.audit.verdict == "clear" else 1
@@ -69,50 +85,74 @@ def _words(outcome: Infeasible | Failed) -> str:
 def solve_single(
     task: ResolvedTask,
     topology: Topology,
-    verbs: Verbs,
+    backends: Backends,
     *,
     starts: int | None,
     round_size: int,
     seed: int,
     time_limit: float | None,
     progress: Callable[[Outcome], None],
+    near: Sequence[Design] = (),
 ) -> Solved:
     """Find the best design of one topology and audit it, both in a child process.
 
     Args:
         task: the task, resolved for the topology's size.
         topology: the tree.
-        verbs: solver, audit and bounds.
+        backends: solver, audit and bounds.
         starts: number of starts; None: until PATIENCE rounds in a row did not pay, or the time is over.
         round_size: starts of a round without a time limit.
         seed: draws the starts.
         time_limit: seconds after which no more is solved.
         progress: is told the best outcome after each round.
+        near: designs to start from, besides the first round's starts.
     """
     until = math.inf if time_limit is None else time.monotonic() + time_limit
-    proof = verbs.prove_impossible(task)
-    if proof is not None:
-        return Solved(proof, None, ())
+    proof = backends.prove_impossible(task)
     notes: list[str] = []
-    kept: tuple[Design, Audit | Failed] | None = None
+    tasks = [with_margin(task, margin) for margin in margins(task)]
+    ends: list[tuple[Outcome, Audit | Failed | None]] = []
     with Workers(1) as worker:
-        for _ in range(LARGER_MARGINS + 1):
+
+        def explained(outcome: Infeasible) -> Infeasible:
+            most = round_size if starts is None else starts
+            relaxed = relax(
+                task,
+                [topology],
+                starts=most,
+                seed=seed,
+                backends=backends,
+                engine=worker,
+                observer=Silent(),
+                until=until,
+            )
+            return outcome.model_copy(update={"relaxed": relaxed})
+
+        if proof is not None:
+            return Solved(explained(proof), None, ())
+
+        def judge(step: int, names: Sequence[str]) -> list[tuple[str, Audit]] | None:
+            if step and time.monotonic() >= until:
+                return None
             ranges = rounds(starts, starts or round_size, timed=time_limit is not None)
-            outcome = _best_of(task, topology, ranges, seed, verbs, worker, until, progress)
+            outcome = _best_of(tasks[step], topology, ranges, seed, backends, worker, until, progress, near)
             if not isinstance(outcome, Design):
-                break
-            audit = worker.one(verbs.audit, outcome, deadline=audit_deadline(topology.n))
-            kept = outcome, audit
+                if step == 0:
+                    ends.append((explained(outcome) if isinstance(outcome, Infeasible) else outcome, None))
+                return []
+            audit = worker.one(backends.audit, outcome, deadline=audit_deadline(topology.n))
+            ends.append((outcome, audit))
             if isinstance(audit, Failed):
                 notes.append(f"the audit failed: {audit.reason}")
-                break
-            if audit.verdict == "clear" or time.monotonic() >= until:
-                break
-            notes.append(f"the audit of the design with margin {task.search.margin:g} m is {audit.verdict}")
-            margin = larger_margin(task.search.margin)
-            task = task.model_copy(update={"search": task.search.model_copy(update={"margin": margin})})
-    best, verdict = kept or (outcome, None)
-    return Solved(best, verdict, tuple(notes))
+                return []
+            if audit.verdict == "clear":
+                return []
+            margin = tasks[step].search.margin
+            notes.append(f"the audit of the design with margin {margin:g} m is {audit.verdict}")
+            return [(name, audit) for name in names]
+
+        raise_margins(tasks, [topology.key], judge)
+    return Solved(*ends[-1], tuple(notes))
 
 
 def _best_of(
@@ -120,17 +160,20 @@ def _best_of(
     topology: Topology,
     ranges: Iterator[range],
     seed: int,
-    verbs: Verbs,
+    backends: Backends,
     worker: Workers,
     until: float,
     progress: Callable[[Outcome], None],
+    near: Sequence[Design],
 ) -> Outcome:
     """Return the best outcome over rounds of starts, until they end, the time does, or they no longer pay."""
     best: Outcome = Failed("timeout", "time limit reached before the first start ended")
     idle = 0
     for starts in ranges:
-        job = Job(task, topology, 1, starts, seed)
-        outcome = next((end for _, end in solved(iter([job]), solve=verbs.solve, engine=worker, until=until)), None)
+        job = Job(task, topology, 1, starts, seed, () if starts.start else tuple(near))
+        outcome = next(
+            (end for _, end in solved(iter([job]), solve=backends.solve, engine=worker, until=until)), None
+        )
         if outcome is None:  # the time limit
             return best
         if isinstance(outcome, Failed):

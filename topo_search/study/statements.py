@@ -20,6 +20,12 @@ def statement(best: Row, settled: int, candidates: int) -> str:
     return f"{found}; proven: no {best.modules}-module topology is {limit}better"
 
 
+def proven_statement(candidates: int, gap: float) -> str:
+    """Say that the best design is proven to be the best, but for a share of its effort."""
+    number = "the only candidate" if candidates == 1 else f"all {candidates} candidates"
+    return f"the best of {number}, proven" + (f" to within {gap_percent(gap)}" if gap > 0 else "")
+
+
 def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
     """Say why there is no design: what is proven, or the smallest shortfall of all starts, which proves nothing.
 
@@ -44,17 +50,17 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
         return tried
     return (
         f"{tried}; the smallest shortfall, which is no proof: {closest.key} misses `{closest.worst_constraint}` "
-        f"by {closest.violation:.3g} {closest.unit}"
+        f"by {closest.violation:.3g} {closest.unit}".rstrip()
     )
 
 
 def remark(row: Row) -> list[str]:
     """Say what an audit led to, if it was not clear at once."""
-    again = f"solved again with margin {row.margin:g} m after an audit that was not clear" if row.step else ""
+    again = f"solved again with margin {row.margin:g} m because its audit was not clear" if row.step else ""
     if row.audit_failure is not None:
-        over = f"passed over, its audit failed: {row.audit_failure}"
+        over = f"skipped, its audit failed: {row.audit_failure}"
     elif row.audit is not None and not row.clear:
-        over = f"passed over, its audit is {row.audit}"
+        over = f"skipped, its audit is {row.audit}"
     else:
         over = ""
     text = "; ".join(part for part in (again, over) if part)

@@ -1,6 +1,7 @@
 """Trees of modules: enumerated, counted and drawn, each design once."""
 
 from topo_search.topologies.candidates import Candidate, candidate_of, candidates, count, draws, sample
+from topo_search.topologies.own import OwnTopology, own_candidates
 from topo_search.topologies.resolution import Resolution, resolve_symmetry
 from topo_search.topologies.symmetry import Connectors, Root, Symmetry
 from topo_search.topologies.task_symmetry import improper_isometry
@@ -8,6 +9,7 @@ from topo_search.topologies.task_symmetry import improper_isometry
 __all__ = [
     "Candidate",
     "Connectors",
+    "OwnTopology",
     "Resolution",
     "Root",
     "Symmetry",
@@ -16,6 +18,7 @@ __all__ = [
     "count",
     "draws",
     "improper_isometry",
+    "own_candidates",
     "resolve_symmetry",
     "sample",
 ]

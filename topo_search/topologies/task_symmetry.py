@@ -27,8 +27,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model import Directional, Exterior, LoadCase, Local, ResolvedTask
+from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.corners import cornered
+from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope
 
 Array = NDArray[np.float64]
 
@@ -108,9 +109,9 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
     """Return an improper isometry that maps the task onto itself, shape (3, 3), or None if there is none.
 
     Load cases, and corners of those that stand for a set, must be mapped onto load cases with the same weight
-    (equal load cases count as one with the sum of their weights), segments, convex regions, cone axes and a fixed
-    p_E onto themselves. Balls, paths along p_E and cones about the COM axis go with p_E and allow every isometry.
-    Among several the one nearest to a plain reflection is returned.
+    (equal load cases count as one with the sum of their weights), segments, convex regions, cones with fixed axes,
+    planes and a fixed p_E onto themselves. Balls, paths along p_E and cones about the COM axis go with p_E and
+    allow every isometry. Among several the one nearest to a plain reflection is returned.
     """
     features = _features(cornered(task))
     regions = [feature for feature in features if feature.kind == REGION]
@@ -142,17 +143,24 @@ def _kinds(features: Iterable[_Feature]) -> list[_Kind]:
 def _features(task: ResolvedTask) -> list[_Feature]:
     """Return what an isometry must map onto itself, each feature once."""
     wanted = _load_cases(task)
-    paths = [e for e in task.exposure if isinstance(e, Directional) and e.segments is not None]
-    points = [(np.array(end), e.radius) for e in paths for end in e.segments or ()]
     p_E = task.end_effector.fixed_position
-    regions = [e.corners for e in task.exposure if isinstance(e, Local) and e.radius is None]
     none, l_arm = np.zeros((0, 3)), task.module.arm_length
-    wanted += [_Feature(REGION, (), _cleaned(V, float(np.linalg.norm(V, axis=1).max())), none) for V in regions]
-    wanted += [_Feature("segment", (radius,), _cleaned(end[None], l_arm), none) for end, radius in points]
-    for exposure in task.exposure:
-        if isinstance(exposure, Exterior) and exposure.axis != "com":
-            axis = np.array([exposure.axis]) / np.linalg.norm(exposure.axis)
-            wanted.append(_Feature("axis", (exposure.half_angle_deg,), axis, none))
+    for asked in task.exposure:
+        solid = float(asked.solid)
+        for shape in asked.shapes:
+            match shape:
+                case Polytope(corners):
+                    V = np.array(corners)
+                    V = _cleaned(V, float(np.linalg.norm(V, axis=1).max()))
+                    wanted.append(_Feature(REGION, (solid,), V, none))
+                case Capsule(length=None, start=start, end=end) if start != end:
+                    orders = ((start, end), (end, start))  # its ends have no order, so both stand for it
+                    for ends in [both for both in orders if NOWHERE not in (start, end) or both[0] == NOWHERE]:
+                        polar = _cleaned(np.array(ends), l_arm)
+                        wanted.append(_Feature("segment", (shape.radius, solid), polar, none))
+                case Cone(axis=(_, _, _)):
+                    vectors = _cleaned(np.array([shape.axis, shape.apex]), l_arm)
+                    wanted.append(_Feature("axis", (shape.half_angle_deg, solid), vectors, none))
     if p_E is not None:
         wanted.append(_Feature("p_E", (), _cleaned(np.array([p_E]), l_arm), none))
     return wanted
@@ -162,16 +170,20 @@ def _load_cases(task: ResolvedTask) -> list[_Feature]:
     """Return the load cases, those that are alike as one."""
     at_com = task.end_effector.fixed_position == (0.0, 0.0, 0.0)
     features: list[_Feature] = []
-    cases = [(case, *_wrench(case, at_com)) for case in task.load_cases]
+    # what must be possible with one rotor dead must be so with any: a mirror may exchange rotors
+    stated = [(case, dead) for case, dead in zip(task.load_cases, task.dead_rotors, strict=True) if not dead]
+    cases = [(case, *_wrench(case, at_com)) for case, _ in stated]
+    kinds = ["load case" if dead is None else "with a rotor dead" for _, dead in stated]
     force, torque = task.force_unit(task.n), task.torque_unit(task.n)
     cleaned = [(case, _cleaned(f, force), _cleaned(tau[None], torque)) for case, f, tau in cases]
     vectors = np.array([np.vstack([f, tau]) for _, f, tau in cleaned])
     kept: list[int] = []
     for k, (case, f, tau) in enumerate(cleaned):
-        equal = np.flatnonzero(_same(vectors[kept], vectors[k]).all(axis=-1))
+        same_kind = np.array([kinds[other] == kinds[k] for other in kept], dtype=bool)
+        equal = np.flatnonzero(same_kind & _same(vectors[kept], vectors[k]).all(axis=-1))
         if equal.size == 0:
             kept.append(k)
-            features.append(_Feature("load case", (case.weight,), f, tau))
+            features.append(_Feature(kinds[k], (case.weight,), f, tau))
         else:
             i = int(equal[0])
             features[i] = features[i]._replace(scalars=(features[i].scalars[0] + case.weight,))

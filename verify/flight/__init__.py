@@ -5,7 +5,7 @@ Reserves of force and torque around hover and every load case, load factors, dea
 
 from __future__ import annotations
 
-from verify.flight.asked import reserve_residuals
+from verify.flight.asked import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
 from verify.flight.measured import flight
 
-__all__ = ["flight", "reserve_residuals"]
+__all__ = ["failure_residuals", "flight", "load_residuals", "reserve_residuals", "tolerance_residuals"]

@@ -1,10 +1,10 @@
-"""Reserves that a task asks for, against those that were measured."""
+"""Reserves that a task asks for, and failures that it must survive, against what was measured."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from topo_search.model import CaseFlight, Design, Flight, Residual, Status
+from topo_search.model import CaseFlight, Design, Flight, Residual, Sensitivity, Status
 from topo_search.model.reserves import centres
 from topo_search.model.tolerances import TOLERANCE
 
@@ -21,30 +21,102 @@ def reserve_residuals(design: Design, measured: Flight | None) -> Iterator[Resid
         ):
             if r > 0:
                 lower, upper = _bracket(case, f"{field}_reserve", unit)
-                short = max(0.0, r - lower)
-                status = Status.UNDECIDED
-                if short <= TOLERANCE * scale:
-                    status = Status.CLEAR
-                elif r - upper > TOLERANCE * scale:
-                    status = Status.VIOLATED
                 words = f"{label}, {'horizontal force' if field == 'horizontal' else field} reserve"
-                yield Residual(
-                    name=words,
-                    value=short,
-                    unit="N" if unit == "N" else "N m",
-                    scaled=short / scale,
-                    tolerance=TOLERANCE,
-                    status=status,
-                    stated=r,
-                    derived=lower,
-                )
+                yield _judged(words, "N" if unit == "N" else "N m", r, lower, upper, scale)
 
 
-def _bracket(case: CaseFlight | None, name: str, unit: str) -> tuple[float, float]:
-    """Return what a reserve is at least, and at most."""
+def failure_residuals(design: Design, measured: Flight | None) -> Iterator[Residual]:
+    """Yield how many single rotors may not fail, and by how much less torque is left than asked."""
+    task, asked = design.task, design.task.flight
+    if asked.rotor_out == "none":
+        return
+    out = None if measured is None else measured.rotors_out_asked
+    where = "hover" if asked.rotor_out == "hover" else "hover and cases that carry the weight"
+    kept = 0 if out is None else out.survive
+    status = Status.CLEAR if kept == 4 * task.n else Status.UNDECIDED
+    yield Residual(
+        name=f"{where}, any rotor dead",
+        value=float(4 * task.n - kept),
+        unit="rotors",
+        scaled=float(4 * task.n - kept),
+        tolerance=0.0,
+        status=Status.VIOLATED if out is not None and out.lost else status,
+        stated=float(4 * task.n),
+        derived=float(kept),
+    )
+    r, scale = asked.rotor_out_torque or 0.0, task.torque_unit(task.n)
+    if r > 0:
+        lower = (None if out is None else out.torque_reserve_Nm) or 0.0
+        upper = None if out is None else out.torque_reserve_at_most_Nm
+        yield _judged(f"{where}, any rotor dead, torque reserve", "N m", r, lower, upper, scale)
+
+
+def load_residuals(design: Design, measured: Flight | None) -> Iterator[Residual]:
+    """Yield by how much the joints bear more than asked, over all joints and load cases."""
+    task = design.task
+    kinds = (("force", "force_N", "N", task.force_unit), ("moment", "moment_Nm", "N m", task.torque_unit))
+    for (what, field, unit, scale), most in zip(kinds, task.joint_limits, strict=True):
+        if most is None:
+            continue
+        stated = () if measured is None else (load for load in measured.joints if load.case != measured.hover.name)
+        largest = max((float(getattr(load, field)) for load in stated), default=0.0)
+        beyond = max(0.0, largest - most)
+        known = Status.CLEAR if beyond <= TOLERANCE * scale(task.n) else Status.VIOLATED
+        yield Residual(
+            name=f"largest {what} in a joint",
+            value=beyond,
+            unit=unit,
+            scaled=beyond / scale(task.n),
+            tolerance=TOLERANCE,
+            status=Status.UNDECIDED if measured is None else known,
+            stated=most,
+            derived=largest,
+        )
+
+
+def tolerance_residuals(design: Design, errors: Sensitivity | None) -> Iterator[Residual]:
+    """Yield by how much the least clearance falls short of 0 within the tolerances, if it must not."""
+    worst = None if errors is None else errors.tolerances
+    if not design.task.flight.tolerances or worst is None:  # there is no clearance to lose
+        return
+    short = 0.0 if worst.status == Status.CLEAR else max(0.0, -worst.lower_m)
+    yield Residual(
+        name="least clearance within the tolerances",
+        value=short,
+        unit="m",
+        scaled=short / design.task.module.arm_length,
+        tolerance=0.0,
+        status=worst.status,
+        stated=0.0,
+        derived=worst.lower_m,
+    )
+
+
+def _judged(name: str, unit: str, r: float, lower: float, upper: float | None, scale: float) -> Residual:
+    """Return by how much a reserve is less than the r that is asked; `upper` is None where nothing is proven."""
+    short = max(0.0, r - lower)
+    status = Status.UNDECIDED
+    if short <= TOLERANCE * scale:
+        status = Status.CLEAR
+    elif upper is not None and r - upper > TOLERANCE * scale:
+        status = Status.VIOLATED
+    return Residual(
+        name=name,
+        value=short,
+        unit=unit,
+        scaled=short / scale,
+        tolerance=TOLERANCE,
+        status=status,
+        stated=r,
+        derived=lower,
+    )
+
+
+def _bracket(case: CaseFlight | None, name: str, unit: str) -> tuple[float, float | None]:
+    """Return what a reserve is at least, and at most; None where nothing is proven."""
     if case is None or case.possible is None:
-        return 0.0, float("inf")
+        return 0.0, None
     if not case.possible:
         return 0.0, 0.0
     lower, upper = getattr(case, f"{name}_{unit}"), getattr(case, f"{name}_at_most_{unit}")
-    return (0.0 if lower is None else lower), (float("inf") if upper is None else upper)
+    return (0.0 if lower is None else lower), upper

@@ -58,8 +58,9 @@ def largest_balls(C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball
         M: shape (k, N).
         g: of each polytope, shape (B, D).
         m: shape (B, k).
-        box: bounds of the variables, the same for all.
+        box: bounds of the variables, the same for all, or a row a polytope.
     """
+    bounds = box.rows(len(g))
     polytopes = [_Polytope(len(C)) for _ in g]
     for _ in range(ROUNDS):
         asked = [(row, polytope.questions()) for row, polytope in enumerate(polytopes)]
@@ -70,7 +71,7 @@ def largest_balls(C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball
         bases = None
         if len(polytopes[rows[0]].asked):
             bases = np.concatenate([polytopes[row].near(d) for row, d in asked])
-        found = greatest(d @ C, M, m[rows], box, bases)
+        found = greatest(d @ C, M, m[rows], Box(bounds.low[rows], bounds.high[rows]), bases)
         x, beside = found.v @ C.T - g[rows], np.sum(d * g[rows], axis=1)
         for row, polytope in enumerate(polytopes):
             mine = rows == row

@@ -34,9 +34,11 @@ from topo_search.model import (
     Sensitivity,
     Wrench,
 )
+from topo_search.model.reserves import centres_of
 from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
 from verify.flight.balls import Ball, largest_balls
+from verify.flight.failures import left
 from verify.flight.inputs import least_inputs
 from verify.flight.joints import joint_loads
 from verify.flight.programs import LARGEST, Box, Solvable, greatest, solvable
@@ -73,6 +75,7 @@ def flight(design: Design, found: Platform, sheet: Assembly, errors: Sensitivity
         cases=measured.cases(),
         rotors_out_hover=measured.rotors_out(1),
         rotors_out_all=measured.rotors_out(len(measured.names)),
+        rotors_out_asked=measured.rotors_asked(),
         joints=measured.joints(None if sheet.mount is None else sheet.mount.module),
         hinge_tolerance_deg=None if angle is None else angle.tolerated,
         hover_input=measured.hover_input,
@@ -153,6 +156,26 @@ class _Measured:
         keep, lose = np.asarray(survive[:cases].all(axis=0)), np.asarray(lost[:cases].any(axis=0))
         open_ = ~keep & ~lose
         return RotorsOut(survive=int(keep.sum()), of=keep.size, lost=_rotors(lose), undecided=_rotors(open_))
+
+    def rotors_asked(self) -> RotorsOut | None:
+        """Return which single rotors may fail in the cases for which that is asked, and what is left then."""
+        asked = self.design.task.flight.rotor_out
+        if asked == "none":
+            return None
+        numbers = [number for number, _, _ in centres_of(self.design.task, asked)]
+        found = [left(self.A, b, self.box) for b in self.wrenches[np.unique(self.same[numbers])]]
+        lower, upper = (np.min([getattr(one, side) for one in found], axis=0) for side in ("lower", "upper"))
+        keep, lose = np.all([one.yes for one in found], axis=0), np.any([one.no for one in found], axis=0)
+        least = int(np.argmin(lower))
+        return RotorsOut(
+            survive=int(keep.sum()),
+            of=keep.size,
+            lost=_rotors(lose),
+            undecided=_rotors(~keep & ~lose),
+            torque_reserve_Nm=float(lower[least]) * self.torque,
+            torque_reserve_at_most_Nm=finite(float(upper.min()) * self.torque),
+            weakest=(least // 4, least % 4),
+        )
 
     def joints(self, holder: int | None) -> tuple[JointLoad, ...]:
         """Return what every joint bears in every case that has inputs."""

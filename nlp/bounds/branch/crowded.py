@@ -54,6 +54,7 @@ def crowded(stated: Stated, middle: Frames, axes: Axes, vertices: Frames, rho: A
             if room.airflow:
                 eta, gamma = _nearest(stated, middle, i, j)
                 radii = 2 * room.start_radius + (eta + gamma) * room.growth
+                radii = math.sqrt(radii * (radii + 2 * room.margin))
                 found = max(found, _too_close(stated, middle, axes, vertices, rho, i, j, eta, gamma, radii, gain))
             if found < ALL_OVER and room.apart > 0.0 and not (room.airflow and tree.bolted[i, j]):
                 apart = _too_close(stated, middle, axes, vertices, rho, i, j, 0.0, 0.0, room.apart, gain)

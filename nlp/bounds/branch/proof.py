@@ -5,15 +5,20 @@ What a chunk is, `topo_search.model.proof` says.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from nlp.bounds.branch.search import CLOSED, MANY, search
 from nlp.bounds.branch.stated import centre, effort_unit, hung, state, whole
+from nlp.reduced import cholesky
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.proof import CHUNK_SPLITS, chunk_count
+from topo_search.model.compiled_code import refresh
+from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
+
+refresh(search, Path(__file__).parent, Path(cholesky.__file__))
 
 MOST_BOXES = 4_000_000
 """Of one chunk, after which it is left open."""
@@ -22,7 +27,13 @@ ABOVE = 1e-12
 
 
 def prove_chunk(
-    task: ResolvedTask, topology: Topology, number: int, cut: float, *, most_boxes: int = MOST_BOXES
+    task: ResolvedTask,
+    topology: Topology,
+    number: int,
+    cut: float,
+    problem: Problem = "task",
+    *,
+    most_boxes: int = MOST_BOXES,
 ) -> Chunk:
     """Search one chunk of a tree's angles for designs that cost less than a cut.
 
@@ -31,6 +42,7 @@ def prove_chunk(
         topology: the tree.
         number: of the chunk.
         cut: effort [rad^4/s^4].
+        problem: which designs it is about.
         most_boxes: after which the chunk is left open.
 
     Raises:
@@ -41,7 +53,7 @@ def prove_chunk(
         raise ValueError(f"`0 <= number < {chunk_count(n)}` must hold, but got {number}")
     tree = hung(topology, centre(task, topology))
     lower, upper = chunk_box(task, n, number)
-    found = search(state(task, tree), lower, upper, cut / effort_unit(task) * (1 + ABOVE), most_boxes)
+    found = search(state(task, tree, problem), lower, upper, cut / effort_unit(task) * (1 + ABOVE), most_boxes)
     outcome: Literal["closed", "many", "stuck"] = "stuck"
     if found.how == CLOSED:
         outcome = "closed"

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
+from topo_search.model.proof import Problem
 from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.topology import ROOT, Joint
 
@@ -95,6 +96,8 @@ class Room(NamedTuple):
     growth: float
     apart: float
     """Least distance of centres: with airflow of modules that share no joint, else of all; 0 if there is none."""
+    margin: float
+    """By which, to first order, envelopes are to clear each other."""
 
 
 class Stated(NamedTuple):
@@ -112,8 +115,14 @@ class Stated(NamedTuple):
     """With the audit's tolerance."""
 
 
-def state(task: ResolvedTask, topology: Topology) -> Stated:
-    """Return the numbers of a task and a tree, which must hang from where `hung` puts it."""
+def state(task: ResolvedTask, topology: Topology, problem: Problem = "task") -> Stated:
+    """Return the numbers of a task and a tree, which must hang from where `hung` puts it.
+
+    Args:
+        task: the task.
+        topology: the tree.
+        problem: which designs the proof is about (`topo_search.model.proof`).
+    """
     n, unit, module = topology.n, Units.of(task), task.module
     l_c = module.connector_distance / unit.length
     drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
@@ -125,8 +134,12 @@ def state(task: ResolvedTask, topology: Topology) -> Stated:
     loads = _loads(task, n, unit)
     U = task.max_thrust_to_weight
     air, airflow = module.envelope, task.search.interference == "airflow"
-    apart = (task.body_clearance or 0.0) if airflow else task.separation
-    lengths = (air.length, air.start_radius, air.growth, apart)
+    margin, body = 0.0, task.body_clearance
+    if problem == "solver":
+        margin, body = task.search.margin, task.centre_distance
+    apart = (body or 0.0) if airflow else task.separation
+    apart = math.sqrt(apart * (apart + 2 * margin))
+    lengths = (air.length, air.start_radius, air.growth, apart, margin)
     return Stated(
         tree,
         levers,

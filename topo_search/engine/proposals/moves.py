@@ -1,4 +1,4 @@
-"""Proposals by moves from the best trees so far, of which a forecast chooses the most promising."""
+"""Proposals by moves from the best trees so far, of which a surrogate chooses the most promising."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from optuna import Study
 from optuna.trial import FrozenTrial, TrialState
 
 from topo_search.engine.proposals.descriptors import descriptors
-from topo_search.engine.proposals.forecast import Forecast
 from topo_search.engine.proposals.promotion import steps
+from topo_search.engine.proposals.surrogate import Surrogate
 from topo_search.engine.proposals.tree_sampler import (
     FRESH,
     KEY,
@@ -34,8 +34,8 @@ from topo_search.topologies.tree_moves import neighbour
 PARENTS = 8
 """The best of a population have children; the others are replaced."""
 CHILDREN = 32
-"""Trees made by moves of which, with the strangers, the most promising is proposed."""
-STRANGERS = 16
+"""Trees made by moves of which, with the random candidates, the most promising is proposed."""
+RANDOM_CANDIDATES = 16
 """Trees drawn uniformly beside them: the best tree need not look like others that are good."""
 STALE = 160
 """A population is given up when so many trials after its best, of new trees or old ones, are no better."""
@@ -57,7 +57,7 @@ BATCHES = 2
 class _Chance(NamedTuple):
     """What may be proposed, and how much it promises."""
 
-    hope: float
+    bound: float
     key: str
     again: bool
 
@@ -67,7 +67,7 @@ class _Known(NamedTuple):
 
     solved: list[FrozenTrial]
     """The best trial of each candidate, in the order of their merit."""
-    forecast: Forecast
+    surrogate: Surrogate
     designs: dict[str, int]
     """Keys of the candidates with a design, the best first, and their places."""
     again: list[_Chance]
@@ -136,20 +136,22 @@ class Moves(TreeSampler):
             for key, parent in self._drawn(best):
                 if key not in settled:
                     parents.setdefault(key, parent)
-            hopes = known.forecast.hopes(self._descriptors([*parents])) if parents else np.empty(0)
-            new = [_Chance(hope, key, again=False) for hope, key in zip(hopes.tolist(), parents, strict=True)]
+            bounds = (
+                known.surrogate.lower_confidence_bounds(self._descriptors([*parents])) if parents else np.empty(0)
+            )
+            new = [_Chance(bound, key, again=False) for bound, key in zip(bounds.tolist(), parents, strict=True)]
             for _, key, repeat in sorted([*new, *twins, *(again if new else [])]):
                 had = (other.user_attrs[NEAR] for other in earlier if other.user_attrs[KEY] == key)
-                yield Idea(key, self._donor(known.designs, key, parents.get(key), running.union(*had)), repeat)
+                yield Idea(key, self._warm_start(known.designs, key, parents.get(key), running.union(*had)), repeat)
 
     def _drawn(self, best: Sequence[FrozenTrial]) -> Iterator[tuple[str, str | None]]:
-        """Yield keys: children of the best, more of the better ones, each with its parent, and strangers."""
+        """Yield keys: children of the best trees, each with its parent, and random candidates."""
         keys: list[str] = [trial.user_attrs[KEY] for trial in best]
         trees = [Topology.from_key(key) for key in keys]
         for _ in range(CHILDREN):
             place = min(self.random.choices(range(len(best)), k=2))
             yield self._moved(trees[place]), keys[place]
-        for _ in range(STRANGERS):
+        for _ in range(RANDOM_CANDIDATES):
             yield self.uniform().key, None
 
     def _moved(self, tree: Topology) -> str:
@@ -166,31 +168,31 @@ class Moves(TreeSampler):
             by_objective = has_design(solved[0])
             alike = groupby(map(merit, solved), key=lambda one: one.objective if by_objective else one.violation)
             places = [place for place, (_, merits) in enumerate(alike) for _ in merits]
-            forecast = Forecast(self._descriptors(keys), places)
+            surrogate = Surrogate(self._descriptors(keys), places)
             designs = {
                 key: place for place, (key, trial) in enumerate(zip(keys, solved, strict=True)) if has_design(trial)
             }
-            again, twins = self._chances(over, solved[forecast.kept], forecast.hopes_again().tolist())
-            self._latest = len(over), _Known(solved, forecast, designs, again, twins)
+            again, twins = self._chances(over, solved[surrogate.kept], surrogate.leave_one_out_bounds().tolist())
+            self._latest = len(over), _Known(solved, surrogate, designs, again, twins)
         return self._latest[1]
 
     def _chances(
-        self, over: Sequence[FrozenTrial], solved: Sequence[FrozenTrial], hopes: Sequence[float]
+        self, over: Sequence[FrozenTrial], solved: Sequence[FrozenTrial], bounds: Sequence[float]
     ) -> tuple[list[_Chance], list[_Chance]]:
         """Return other chances of solved trees: themselves where starts are left, and their twins."""
         starts = {trial.user_attrs[KEY]: trial.user_attrs[STARTS] for trial in over}
         again, twins = list[_Chance](), list[_Chance]()
-        for trial, hope in zip(solved, hopes, strict=True):
+        for trial, bound in zip(solved, bounds, strict=True):
             key, status = trial.user_attrs[KEY], trial.user_attrs[STATUS]
             if status in RELUCTANCE:
                 more = bisect_left(self._steps, starts[key])
-                promise = hope + RELUCTANCE[status] + more
+                promise = bound + RELUCTANCE[status] + more
                 twins.append(_Chance(promise, self._twin(key), again=False))
                 if more + 1 < len(self._steps):
                     again.append(_Chance(promise, key, again=True))
         return again, twins
 
-    def _donor(
+    def _warm_start(
         self, designs: Mapping[str, int], key: str, parent: str | None, without: Set[str]
     ) -> tuple[str, ...]:
         """Return whose design a tree starts from: a child its parent's, others the best a move away, if any is."""

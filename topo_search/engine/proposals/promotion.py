@@ -15,13 +15,13 @@ CERTAIN = 5
 """So many of the best are given all starts in the end; all are if every candidate was proposed."""
 
 NOT_PROMISING = 2
-"""First number of the standing of candidates that are given no more starts."""
+"""First number of the rank of candidates that are given no more starts."""
 
-Standing = tuple[int, float]
+Rank = tuple[int, float]
 """Orders candidates: those with a design by objective, then those without by violation, then all others."""
 
 
-def standing(score: Scored) -> Standing:
+def rank(score: Scored) -> Rank:
     """Return how a candidate stands."""
     if score.objective is not None:
         return 0, score.objective
@@ -39,7 +39,7 @@ def steps(starts: int, few: int) -> Iterator[int]:
     yield starts
 
 
-def goes_on(score: Scored, others: Sequence[Standing], step: int) -> bool:
+def goes_on(score: Scored, others: Sequence[Rank], step: int) -> bool:
     """Whether a candidate is given more starts.
 
     Args:
@@ -47,5 +47,5 @@ def goes_on(score: Scored, others: Sequence[Standing], step: int) -> bool:
         others: how all candidates stand, itself among them, in ascending order.
         step: 1 after the first step.
     """
-    own = standing(score)
+    own = rank(score)
     return own[0] < NOT_PROMISING and bisect_left(others, own) < len(others) // SHARE**step

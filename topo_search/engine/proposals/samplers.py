@@ -10,8 +10,11 @@ from optuna.trial import FrozenTrial
 
 from topo_search.engine.proposals.encoding import decoded
 from topo_search.engine.proposals.moves import Moves
-from topo_search.engine.proposals.tree_sampler import FRESH, Idea, TreeSampler
+from topo_search.engine.proposals.tree_sampler import FRESH, KEY, STARTS, STATUS, Idea, TreeSampler, has_design
 from topo_search.engine.space import Space
+from topo_search.engine.strategy import Scored
+from topo_search.model import BadInput, Fault, Topology
+from topo_search.protocols import SamplerFactory, TopologySampler
 
 SEEDS = 2**32
 """How many seeds Optuna's samplers know."""
@@ -45,8 +48,65 @@ class Optunas(TreeSampler):
             yield Idea(self.space.candidate_of(decoded(numbers, self.space.n)).key)
 
 
-def sampler_of(name: str, space: Space, *, starts: int, seed: int) -> TreeSampler:
-    """Return the sampler of a name; ValueError lists the names."""
+class Owned(TreeSampler):
+    """Has trees proposed by a user's own sampler; what it names that is no candidate is told to the user."""
+
+    def __init__(self, space: Space, seed: int, sampler: TopologySampler) -> None:
+        super().__init__(space, seed)
+        self._sampler = sampler
+
+    def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
+        """Yield what the sampler proposes."""
+        tried = [_scored(other) for other in earlier if other.state.is_finished()]
+        while True:
+            proposed = self._sampler.propose(self.space, tried, self.random)
+            yield Idea(self._candidate(proposed))
+
+    def _candidate(self, proposed: Topology | str) -> str:
+        """Return the key of the candidate that stands for a proposal."""
+        try:
+            topology = Topology.from_key(proposed) if isinstance(proposed, str) else proposed
+            if not isinstance(topology, Topology):
+                raise ValueError(f"must be a Topology or a key, but got {type(topology).__name__}")
+            if topology.n != self.space.n:
+                raise ValueError(f"must have {self.space.n} modules, but {topology.key} has {topology.n}")
+            return self.space.candidate_of(topology).key
+        except ValueError as error:
+            raise BadInput("sampler", [Fault(f"{type(self._sampler).__name__}.propose", str(error))]) from None
+
+
+def _scored(trial: FrozenTrial) -> Scored:
+    """Return what a user's sampler is told of a trial that is over."""
+    found = has_design(trial)
+    missed = None if found or trial.user_attrs[STATUS] != "infeasible" else sum(trial.constraints.values())
+    return Scored(
+        trial.user_attrs[KEY],
+        trial.user_attrs[STARTS],
+        trial.user_attrs[STATUS],
+        trial.value if found else None,
+        missed,
+    )
+
+
+def sampler_of(sampler: str | SamplerFactory, space: Space, *, starts: int, seed: int) -> TreeSampler:
+    """Return the sampler of a name, or that a user's factory makes.
+
+    Raises:
+        ValueError: an unknown name; lists the names.
+        BadInput: the factory makes no sampler.
+    """
+    if not isinstance(sampler, str):
+        made = sampler(seed % SEEDS)
+        if isinstance(made, BaseSampler):
+            return Optunas(space, seed, made)
+        if isinstance(made, TopologySampler):
+            return Owned(space, seed, made)
+        rule = f"must make an Optuna sampler, or an object with `propose`, but made {type(made).__name__}"
+        raise BadInput("sampler", [Fault("", rule)])
+    return _named(sampler, space, starts=starts, seed=seed)
+
+
+def _named(name: str, space: Space, *, starts: int, seed: int) -> TreeSampler:
     if name == "moves":
         return Moves(space, starts=starts, seed=seed)
     if name == "random":

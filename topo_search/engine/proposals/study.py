@@ -15,7 +15,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Callable, Iterator, Set
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,17 +27,16 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
 from topo_search.engine.proposals.encoding import decoded, encoded
-from topo_search.engine.proposals.promotion import CERTAIN, NOT_PROMISING, Standing, goes_on, standing, steps
+from topo_search.engine.proposals.promotion import CERTAIN, NOT_PROMISING, Rank, goes_on, rank, steps
 from topo_search.engine.proposals.samplers import sampler_of
 from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
 from topo_search.engine.rounds import rounds
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Proposal, Scored, Stage, Strategy
 from topo_search.model import Topology
+from topo_search.protocols import SamplerFactory
 from topo_search.topologies import Candidate
 
-ROUND = 8
-"""Candidates a round, new ones or some again: what is learnt is learnt from whole rounds."""
 IMPOSSIBLE = 1.0e6
 """Constraint of a candidate that is proven impossible, behind all for which no design was found."""
 
@@ -55,11 +56,49 @@ class _Asked:
         return self.candidate.key
 
 
+class _NewTrials:
+    """The proposals of a round's trials, asked for one by one while workers solve those before.
+
+    A round ends early with the last candidate that is to be proposed. Nothing is told meanwhile, so that it does
+    not matter when they are asked for.
+    """
+
+    def __init__(
+        self,
+        ask: Callable[[], _Asked],
+        propose: Callable[[_Asked], Proposal],
+        *,
+        size: int,
+        left: int,
+        known: Set[str],
+    ) -> None:
+        """Ask for so many, of which no more than `left` are not known."""
+        self.asked: list[_Asked] = []
+        self.left = left
+        """New candidates that are left to propose."""
+        self._ask = ask
+        self._propose = propose
+        self._size = size
+        self._known = known
+
+    def __iter__(self) -> Iterator[Proposal]:
+        """Yield the proposals; once."""
+        while self.left and len(self.asked) < self._size:
+            self.asked.append(self._ask())
+            self.left -= self.asked[-1].key not in self._known
+            yield self._propose(self.asked[-1])
+
+    def __len__(self) -> int:
+        """Return their number; before all are asked for, the most that it can be."""
+        return self._size if self.left else len(self.asked)
+
+
 def optuna_study(
     space: Space,
     *,
-    sampler: str,
+    sampler: str | SamplerFactory,
     trials: int,
+    round_size: int,
     starts: int,
     seed: int,
     journal: Path | None = None,
@@ -69,8 +108,9 @@ def optuna_study(
 
     Args:
         space: the candidates.
-        sampler: moves, tpe, nsga2 or random.
+        sampler: moves, tpe, nsga2 or random; or what makes one for a seed.
         trials: how many different candidates to propose.
+        round_size: candidates a round, new ones or some again: what is learnt is learnt from whole rounds.
         starts: starts of the best, or in the end of all if all are proposed; the others are given fewer.
         seed: draws the proposals.
         journal: a file that is written anew, for optuna-dashboard.
@@ -78,34 +118,33 @@ def optuna_study(
 
     Raises:
         ValueError: an unknown sampler.
+        BadInput: what is made is no sampler, or proposes what is no candidate.
     """
     proposer = sampler_of(sampler, space, starts=starts, seed=seed)
     study = _new_study(sampler=proposer)
     shown = None if journal is None else _new_journal(journal)
-    standings: dict[str, Standing] = {}
+    ranks: dict[str, Rank] = {}
     ladder = [*steps(starts, proposer.few)]
     had: dict[str, int] = {}  # starts of each candidate so far
     left = min(trials, space.count())
+
+    def next_starts(key: str) -> int:
+        return ladder[bisect_right(ladder, had.get(key, 0))]
+
+    def first(one: _Asked) -> Proposal:
+        return Proposal(one.candidate, next_starts(one.key), one.near)
+
     while left:
-        asked: list[_Asked] = []
-        while len(asked) < ROUND and left:
-            asked.append(_ask(study, proposer))
-            left -= asked[-1].key not in standings
+        new = _NewTrials(partial(_ask, study, proposer), first, size=round_size, left=left, known=ranks.keys())
+        found = yield new
+        left = new.left
         scores: dict[str, Scored] = {}
-        part = asked
-        while part:
-            found = yield [
-                Proposal(
-                    one.candidate,
-                    ladder[bisect_right(ladder, had.get(one.key, 0))],
-                    () if one.key in scores else one.near,
-                )
-                for one in part
-            ]
+        part = new.asked
+        while True:
             scores |= {score.key: score for score in found}
-            standings |= {score.key: standing(score) for score in found}
+            ranks |= {score.key: rank(score) for score in found}
             had |= {score.key: score.starts for score in found}
-            ranking = sorted(standings.values())
+            ranking = sorted(ranks.values())
             part = [
                 one
                 for one in part
@@ -113,10 +152,13 @@ def optuna_study(
                 and had[one.key] < starts
                 and goes_on(scores[one.key], ranking, bisect_right(ladder, had[one.key]))
             ]
-        told = [_tell(study, one.trial, scores[one.key]) for one in asked]
+            if not part:
+                break
+            found = yield [Proposal(one.candidate, next_starts(one.key)) for one in part]
+        told = [_tell(study, one.trial, scores[one.key]) for one in new.asked]
         if shown is not None:
             shown.add_trials(told)
-    best = sorted((reached, key) for key, reached in standings.items() if reached[0] < NOT_PROMISING)
+    best = sorted((reached, key) for key, reached in ranks.items() if reached[0] < NOT_PROMISING)
     most = CERTAIN if trials < space.count() else None
     for stop in (part.stop for part in rounds(starts, starts, timed=timed)):
         if short := [key for _, key in best[:most] if had[key] < stop]:
@@ -130,7 +172,7 @@ def _ask(study: optuna.Study, proposer: TreeSampler) -> _Asked:
     """Return the next candidate, with those whose designs are carried over to it."""
     trial = study.ask(proposer.distributions)
     candidate = proposer.space.candidate_of(decoded(trial.params, proposer.space.n))
-    near = proposer.donors.get(trial.number, ())
+    near = proposer.warm_starts.get(trial.number, ())
     trial.set_user_attr(KEY, candidate.key)
     trial.set_user_attr(NEAR, near)
     return _Asked(trial, candidate, near)

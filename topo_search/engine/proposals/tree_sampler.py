@@ -43,7 +43,7 @@ class Idea(NamedTuple):
 
     key: str
     """Of the candidate."""
-    donors: tuple[str, ...] = ()
+    warm_starts: tuple[str, ...] = ()
     """Keys of the candidates whose designs are carried over to it."""
     again: bool = False
     """Whether it was proposed before and is to have more starts."""
@@ -61,7 +61,7 @@ class TreeSampler(BaseSampler):
         self.space = space
         self.random = Random(seed)
         self.connectors = space.task.search.connectors
-        self.donors: dict[int, tuple[str, ...]] = {}
+        self.warm_starts: dict[int, tuple[str, ...]] = {}
         """Keys of the candidates whose designs a trial's tree starts from, by the trial's number."""
         self.distributions: dict[str, BaseDistribution] = {
             name: CategoricalDistribution(range(values))
@@ -99,7 +99,7 @@ class TreeSampler(BaseSampler):
                 break
         else:
             idea = self._left(known)
-        self.donors[trial.number] = idea.donors
+        self.warm_starts[trial.number] = idea.warm_starts
         return dict(encoded(Topology.from_key(idea.key), self.connectors))
 
     def sample_independent(

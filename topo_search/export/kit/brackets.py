@@ -75,7 +75,7 @@ def brackets(design: Design) -> list[Part]:
     for step, ((h, i, a, b), alpha) in enumerate(edges, start=1):
         angle = f"{math.degrees(alpha):+.{DIGITS}f}deg"
         name = f"bracket_{step:02d}_module{h}-port{a}_module{i}-port{b}_{angle}.stl"
-        parts.append(Part(name, bracket(module.bracket, TURNS[a] * alpha)))
+        parts.append(Part(name, bracket(module.bracket_sizes, TURNS[a] * alpha)))
     return parts
 
 
@@ -89,12 +89,12 @@ def mount(design: Design) -> Part | None:
     i, a = design.mount.module, design.mount.port
     v = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
     grip = min(GRIP * rod.radius, rod.length)
-    return Part(f"rod-mount_module{i}-port{a}.stl", _mount(design.task.module.bracket, v, rod.radius, grip))
+    return Part(f"rod-mount_module{i}-port{a}.stl", _mount(design.task.module.bracket_sizes, v, rod.radius, grip))
 
 
 def require_room(module: Module) -> None:
     """Refuse brackets that reach the modules' centres."""
-    d, l_c = module.bracket.set_back, module.connector_distance
+    d, l_c = module.bracket_sizes.set_back, module.connector_distance
     if d >= l_c:
         rule = (
             "must be smaller: `bolt_circle / 2 + bolt_diameter / 2 + thickness + 2 wall < connector_distance` must "

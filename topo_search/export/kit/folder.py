@@ -13,6 +13,7 @@ from topo_search.export.kit.parts_list import parts_csv, parts_list
 from topo_search.export.kit.px4 import px4_parameters, too_many
 from topo_search.export.kit.sheet import sheet
 from topo_search.export.mjcf import mjcf
+from topo_search.export.physics import AS_SEARCHED, Physics
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
@@ -33,7 +34,7 @@ class Kit:
     """What was left out, and why."""
 
 
-def write_kit(design: Design, folder: Path, notes: Sequence[str] = ()) -> Kit:
+def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: Physics = AS_SEARCHED) -> Kit:
     """Write the kit of a design.
 
     What an older kit left in the folder goes; `design.json` comes last, so that a folder that has it is whole.
@@ -42,6 +43,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = ()) -> Kit:
         design: the design.
         folder: where to.
         notes: what the assembly sheet says first.
+        physics: what the model for MuJoCo has beyond that of the search.
 
     Raises:
         BadInput: the folder holds something else, a number is beyond what PX4 takes, or brackets do not fit.
@@ -50,7 +52,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = ()) -> Kit:
     acts = allocation(design)
     left_out = too_many(acts)
     own = () if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
-    contents = dict(_contents(design, acts, (*notes, *own)))
+    contents = dict(_contents(design, acts, (*notes, *own), physics))
     for old in (*(folder / name for name in FILES), *(folder / BRACKETS).glob("*.stl")):
         old.unlink(missing_ok=True)
     for name, content in contents.items():
@@ -73,20 +75,27 @@ def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
     return tuple(part.file for part in parts)
 
 
-def write_part(design: Design, kind: Literal["allocation", "rotors", "px4", "sheet", "parts"], out: Path) -> None:
+def write_part(
+    design: Design,
+    kind: Literal["allocation", "rotors", "px4", "sheet", "parts"],
+    out: Path,
+    notes: Sequence[str] = (),
+) -> None:
     """Write a part of the kit that is one file; an allocation whose name ends in .json as JSON, else as a table.
+
+    A sheet says the notes first.
 
     Raises:
         BadInput: there are more rotors than PX4 takes, a number is beyond its range, or brackets do not fit.
     """
-    write_atomically(out, _part(design, kind, as_json=out.suffix.lower() == ".json"))
+    write_atomically(out, _part(design, kind, notes, as_json=out.suffix.lower() == ".json"))
 
 
-def _part(design: Design, kind: str, *, as_json: bool) -> str:
+def _part(design: Design, kind: str, notes: Sequence[str], *, as_json: bool) -> str:
     if kind in ("sheet", "parts"):
         joints, held = brackets(design), mount(design)
         rows = parts_list(design, joints, held)
-        return parts_csv(rows) if kind == "parts" else sheet(design, joints, held, rows, ())
+        return parts_csv(rows) if kind == "parts" else sheet(design, joints, held, rows, notes)
     acts = allocation(design)
     if kind == "px4":
         return px4_parameters(acts)
@@ -114,7 +123,9 @@ def _printed(design: Design) -> list[Part]:
     return [*brackets(design), *([] if held is None else [held])]
 
 
-def _contents(design: Design, acts: Allocation, notes: Sequence[str]) -> Iterator[tuple[str, str | bytes]]:
+def _contents(
+    design: Design, acts: Allocation, notes: Sequence[str], physics: Physics
+) -> Iterator[tuple[str, str | bytes]]:
     yield ALLOCATION, to_json(acts)
     yield "allocation.csv", acts.csv()
     yield "rotors.csv", acts.rotor_csv()
@@ -126,5 +137,5 @@ def _contents(design: Design, acts: Allocation, notes: Sequence[str]) -> Iterato
     rows = parts_list(design, joints, held)
     yield PARTS, parts_csv(rows)
     yield SHEET, sheet(design, joints, held, rows, notes)
-    yield "platform.xml", mjcf(design)
+    yield "platform.xml", mjcf(design, physics)
     yield DESIGN, to_json(design)

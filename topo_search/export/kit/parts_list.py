@@ -18,7 +18,7 @@ Row = tuple[str, int, str, str, str]
 
 def parts_list(design: Design, joints: Sequence[Part], mount: Part | None) -> list[Row]:
     """Return a row for every kind of part; masses are those of the model, empty where it has none."""
-    task, bracket = design.task, design.task.module.bracket
+    task, bracket = design.task, design.task.module.bracket_sizes
     rows = [("module", design.topology.n, "", f"{task.module.mass:g}", "")]
     rows += [("bracket", 1, f"{part.volume_cm3:.1f} cm^3", "", f"brackets/{part.file}") for part in joints]
     flanges = 2 * len(joints)

@@ -29,7 +29,7 @@ MOST_CT, MOST_KM, FARTHEST = 100.0, 1.0, 100.0
 """Ranges of PX4's parameters."""
 AIRFRAME = 7
 INT32, FLOAT32 = 6, 9
-ALTERNATIVE = "use allocation.json in a controller of your own, or one autopilot a module"
+ALTERNATIVE = "use allocation.json in your own controller, or one autopilot per module"
 FLOAT32_DIGITS = 9
 
 

@@ -65,7 +65,7 @@ def sheet(
 
 def _faces(design: Design) -> str:
     module = design.task.module
-    at = 1000 * (module.connector_distance - module.bracket.set_back)
+    at = 1000 * (module.connector_distance - module.bracket_sizes.set_back)
     return f"A bracket's flange bolts to a module's face {at:.2f} mm from the module's centre."
 
 
@@ -76,7 +76,7 @@ def _steps(design: Design, joints: Sequence[Part]) -> Iterator[str]:
             f"Step {step}: module {i} by its port {b} ({PORT_NAMES[b]}) to port {a} ({PORT_NAMES[a]}) "
             f"of module {h}, at {math.degrees(alpha):+.{DIGITS}f} deg: {tips(a, alpha)}. Bracket: {part.file}"
         )
-        yield f"<section>{joint(design.task.module.bracket, a, alpha)}{paragraph(text)}</section>"
+        yield f"<section>{joint(design.task.module.bracket_sizes, a, alpha)}{paragraph(text)}</section>"
 
 
 def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:

@@ -21,6 +21,7 @@ function onPaper(is) {
   printing = is;
   folded.forEach((details) => (details.open = is));
   if (dark() !== before) redraw();
+  for (const view of views) view.paper(is);
 }
 window.addEventListener("beforeprint", () => onPaper(true));
 window.addEventListener("afterprint", () => onPaper(false));

@@ -2,7 +2,10 @@
 const FIRST = 100;
 const ON_A_PHONE = ["tree", "J / bound", "gap [%]", "audit"]; // what fits on its screen
 
-function written(value) {
+const DECIMALS = { "J / bound": 4, "gap [%]": 2 }; // the same figures as everywhere
+
+function written(name, value) {
+  if (DECIMALS[name]) return value.toFixed(DECIMALS[name]);
   return typeof value === "number" && value >= 1e6 ? value.toExponential(4) : value;
 }
 
@@ -71,7 +74,7 @@ function ranking(table, beside) {
         const cell = line.insertCell();
         const value = rows[i][j];
         if (name === "tree" && beside?.has(key)) cell.append(opener(key));
-        else cell.textContent = value === null ? "" : written(value);
+        else cell.textContent = value === null ? "" : written(name, value);
         cell.className = (name === "audit" && value !== null ? value : kind) + rest(name);
       });
     }
@@ -89,6 +92,14 @@ function ranking(table, beside) {
     button.textContent = key;
     button.setAttribute("aria-label", `${key}: show beside the best`);
     return button;
+  }
+
+  // The keys of near ties, and of the best of each size, open their designs as well.
+  for (const cell of document.querySelectorAll("td[data-name=key], td[data-name=best]")) {
+    const key = cell.textContent;
+    if (!beside?.has(key)) continue;
+    cell.replaceChildren(opener(key));
+    cell.firstChild.addEventListener("click", () => beside.show(key));
   }
 
   table.addEventListener("click", (event) => {

@@ -16,6 +16,7 @@ const UNFRAMED = ["airflow", "cones", "closest"]; // fade out of a picture of th
 const POINTS = { axes: 3, joints: 4 }; // that a line of these has with the gap after it
 const THROTTLE = [[0, "#f0f0f0"], [0.5, "#f2b779"], [1, "#c8401c"]];
 const MARGIN = 0.08;
+const PAPER = 640; // width of a picture on paper [px]
 
 function numbers(values) {
   // as Plotly writes an array of single precision
@@ -222,6 +223,22 @@ class View {
     if (near && (kind !== "assembly" || number >= p.length)) for (const [text, at] of marks) found.push({ text, at });
     if (kind === "case") for (const [text, at] of cases[number].ends) found.push({ text, at });
     return found;
+  }
+
+  // Paper keeps nothing of a canvas of WebGL: a still picture takes its place, as wide as the paper.
+  paper(is) {
+    const [scene, canvas] = [this.plot._fullLayout?.scene?._scene, this.element.querySelector(".canvas")];
+    this.still?.remove();
+    canvas.style.width = canvas.style.zoom = "";
+    if (!is || !scene?.glplot?.cameraParams) return;
+    this.still = new Image();
+    this.still.className = "still";
+    this.still.alt = "";
+    this.still.src = scene.toImage("png");
+    scene.container.append(this.still);
+    const width = canvas.offsetWidth;
+    canvas.style.width = `${width}px`;
+    canvas.style.zoom = PAPER / width;
   }
 
   // The arrow keys turn the view, plus and minus come closer and go away.

@@ -1,0 +1,189 @@
+"""Objective, constraints and derivatives of `nlp.problem`, put together where they are not zero.
+
+| symbol | meaning | shape |
+|---|---|---|
+| x | geometric unknowns: theta, then p'_E unless the task fixes it | (g,) |
+| u | inputs of every load case | (K, n, 4) |
+| A | wrench of every rotor at unit input; see `nlp.assembled.balance` | (n, 4, 6) |
+
+All dimensionless, variables in the order of `nlp.problem.Variables`. The rows are the balances, then the
+clearances, term by term.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+import casadi as ca
+import numpy as np
+
+from nlp.assembled.balance import add_bends, balances, by_inputs, by_point, rotors, slopes
+from nlp.assembled.chain import Chain
+from nlp.assembled.chain_rule import add_curvature, add_gradients, chain_rule
+from nlp.assembled.local_vectors import Differences, Indices, Mask, Placed, VectorLayout
+from nlp.assembled.terms import Term, derived_rows
+from nlp.requirements import Requirement
+from nlp.symbols.wrench import torque_map
+from nlp.units import Units
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
+
+
+class Clearances:
+    """A term with the places of its derivatives."""
+
+    def __init__(self, term: Term, moved: Mask, n: int) -> None:
+        """Find them; `moved`: see `VectorLayout`."""
+        self.derived, self.vectors = term.derived, term.vectors
+        self.plus, self.minus = term.vectors.plus, term.vectors.minus
+        self.m = len(self.plus)
+        moving = term.vectors.moving(moved)
+        self.rows, self.columns = np.nonzero(moving & ~term.vectors.turned_as_one(moved, n))
+        self.starts = np.concatenate([[0], np.cumsum(moving.sum(axis=1))])
+        self.moving = np.nonzero(moving)[1]
+
+
+class AssembledProblem:
+    """The program of one task and topology with some of its clearances, as numbers."""
+
+    def __init__(self, task: ResolvedTask, topology: Topology, stated: Iterable[Requirement], beta: float) -> None:
+        """Index the program; no symbol of the topology is built.
+
+        Args:
+            task: the task.
+            topology: the tree.
+            stated: the clearances (4) to (9), or as many of them as are near.
+            beta: sharpness of the log-sum-exp.
+        """
+        module, unit = task.module, Units.of(task)
+        self.n, self.K = topology.n, len(task.load_cases)
+        self._chain = Chain(topology, module.connector_distance / unit.length)
+        self._fixed = task.end_effector.fixed_position
+        self._torque_map = np.array(torque_map(module))
+        self.g = self.n + 2 + (3 if self._fixed is None else 0)
+        self.size = self.g + 4 * self.n * self.K
+        m_E = task.end_effector.mass / module.mass
+        self._share = m_E / (self.n + m_E)
+        if self._fixed is not None:
+            self._from_centroid = np.array(self._fixed) / unit.length / (1 - self._share)
+        tip, com = [c.at_end_effector for c in task.load_cases], [c.at_com for c in task.load_cases]
+        self._f_E, self._f_C = (np.array([w.force for w in side]) / (self.n * unit.force) for side in (tip, com))
+        self._tau = (np.array([w.torque for w in tip]) + np.array([w.torque for w in com])) / (self.n * unit.torque)
+        weights = np.array([case.weight for case in task.load_cases])
+        self._weights = weights / (4 * self.n * weights.sum())
+        layout = VectorLayout(self.n)
+        moved = layout.moved(self._chain.moves.astype(bool), free=self._fixed is None)
+        terms = [term for requirement in stated for term in _terms(requirement, layout, beta)]
+        self._clearances = [Clearances(term, moved, self.n) for term in terms]
+        self._index()
+        margins = [np.full(placed.m, term.margin) for placed, term in zip(self._clearances, terms, strict=True)]
+        self.lower = np.concatenate([np.zeros(6 * self.K), *margins])
+        self.upper = np.concatenate([np.zeros(6 * self.K), np.full(self.rows - 6 * self.K, math.inf)])
+        self._x = np.full(self.g, math.nan)
+
+    def _index(self) -> None:
+        """Find where derivatives are not zero."""
+        n, K, g = self.n, self.K, self.g
+        rows, columns = (index.ravel() for index in np.indices((6 * K, g)))
+        self.rows = 6 * K
+        for placed in self._clearances:
+            rows = np.concatenate([rows, self.rows + placed.rows])
+            columns = np.concatenate([columns, placed.columns])
+            self.rows += placed.m
+        self._by_geometry = np.lexsort((rows, columns))
+        by_geometry = _pattern(self.rows, g, rows[self._by_geometry], columns[self._by_geometry])
+        balances_by_inputs = ca.diagcat(*[ca.Sparsity.dense(6, 4 * n)] * K)
+        clearances_by_inputs = ca.Sparsity(self.rows - 6 * K, 4 * n * K)
+        self.jacobian_pattern = ca.horzcat(by_geometry, ca.vertcat(balances_by_inputs, clearances_by_inputs))
+
+        moving = self._chain.moves.T.astype(bool)
+        self._starts = np.concatenate([[0], np.cumsum(moving.sum(axis=1))])
+        self._angles = np.nonzero(moving)[1]
+        rotor, angle = np.nonzero(np.repeat(moving, 4, axis=0))
+        mixed = ca.horzcat(*[_pattern(g, 4 * n, angle, rotor)] * K)
+        inputs = ca.Sparsity.diag(4 * n * K)
+        geometry = ca.vertcat(ca.Sparsity.upper(g), ca.Sparsity(4 * n * K, g))
+        self.hessian_pattern = ca.horzcat(geometry, ca.vertcat(mixed, inputs))
+        self._columns, self._rows = np.tril_indices(g)  # of the upper triangle, column by column
+
+    def _at(self, variables: Array) -> tuple[Placed, Array]:
+        """Return the platform and the inputs; the platform is kept until the geometry changes."""
+        x = variables[: self.g]
+        if not np.array_equal(x, self._x):
+            self._x = x.copy()
+            angles, tip = self._x[: self.n + 2], self._x[self.n + 2 :]
+            links = self._chain.at(angles)
+            free = self._fixed is None
+            self._platform = Placed(links, tip if free else self._from_centroid, self._share, free=free)
+            self._A = rotors(links.R, links.p, self._torque_map)
+        return self._platform, variables[self.g :].reshape(self.K, self.n, 4)
+
+    def objective(self, variables: Array) -> float:
+        """Return (1)."""
+        u = variables[self.g :].reshape(self.K, -1)
+        return float(self._weights @ np.einsum("kr,kr->k", u, u))
+
+    def gradient(self, variables: Array) -> Array:
+        """Return the gradient of (1)."""
+        u = variables[self.g :].reshape(self.K, -1)
+        return np.concatenate([np.zeros(self.g), (2 * self._weights[:, None] * u).ravel()])
+
+    def constraints(self, variables: Array) -> Array:
+        """Return (2) to (9)."""
+        at, u = self._at(variables)
+        balance = balances(self._A, u, at.p_E, at.p_COM, self._f_E, self._f_C, self._tau)
+        values = [placed.derived(0, placed.vectors.values(at))[0] for placed in self._clearances]
+        return np.concatenate([balance.ravel(), *values])
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the Jacobian of (2) to (9), its entries in the order of `jacobian_pattern`."""
+        at, u = self._at(variables)
+        links, dp_E, dp_COM = at.links, at.dV[self.n], at.dV[self.n + 1]
+        by_geometry = slopes(
+            self._A, u, links.omega, links.v, self._chain.parents, self._f_E, self._f_C, dp_E, dp_COM
+        )
+        entries = [by_geometry.ravel()]
+        for placed in self._clearances:
+            _, gradient = placed.derived(1, placed.vectors.values(at))
+            entries.append(chain_rule(gradient, placed.plus, placed.minus, at.dV, placed.rows, placed.columns))
+        return np.concatenate([np.concatenate(entries)[self._by_geometry], *[self._A.ravel()] * self.K])
+
+    def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
+        """Return the Hessian of the Lagrangian, its entries in the order of `hessian_pattern` (upper triangle)."""
+        at, u = self._at(variables)
+        n, K, A, chain = self.n, self.K, self._A, self._chain
+        omega, v, p = at.links.omega, at.links.v, at.links.p
+        mu = multipliers[: 6 * K].reshape(K, 6)
+        H = np.zeros((self.g, self.g))
+        to = np.zeros_like(at.V)
+        to[n], to[n + 1] = by_point(mu, self._f_E), by_point(mu, self._f_C)
+        row = 6 * K
+        for placed in self._clearances:
+            _, gradient, hessian = placed.derived(2, placed.vectors.values(at))
+            weights = multipliers[row : row + placed.m]
+            row += placed.m
+            add_gradients(weights, gradient, placed.plus, placed.minus, to)
+            add_curvature(weights, hessian, placed.plus, placed.minus, at.dV, placed.starts, placed.moving, H)
+        g_p, g_axes = at.pushed_to_modules(to), to[n + 2 : -1]
+        add_bends(A, u, mu, omega, v, chain.parents, p, at.axes, g_p, g_axes, H)
+        diagonal = 2 * of_objective * self._weights
+        inputs = by_inputs(A, mu, omega, v, self._starts, self._angles, diagonal)
+        return np.concatenate([H[self._rows, self._columns], inputs])
+
+
+def _terms(requirement: Requirement, layout: VectorLayout, beta: float) -> Iterator[Term]:
+    """Yield the terms of a requirement."""
+    subjects = requirement.subjects.T
+    if not subjects.size:
+        return
+    for formula in requirement.formulas:
+        vectors = Differences.of(*(layout.ends(seen, subjects) for seen in formula.sees))
+        for derived in derived_rows(formula, beta):
+            yield Term(derived, vectors, requirement.margin)
+
+
+def _pattern(rows: int, columns: int, i: Indices, j: Indices) -> ca.Sparsity:
+    """Return CasADi's pattern of entries (i, j), which come column by column as its own do."""
+    starts = np.searchsorted(j, np.arange(columns + 1))
+    return ca.Sparsity(rows, columns, starts.tolist(), i.tolist())

@@ -1,0 +1,127 @@
+"""Corners in a program: taken in as they are found missed, for few of them bind.
+
+A corner is a load case that must be possible and costs nothing (`topo_search.model.corners`). Whether a platform of
+given angles produces it is a small convex problem of its own, so that all are judged after a solve at little cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from nlp.joints import Limits, holder, limit_of, limited, loads, name_of
+from nlp.numbers.point import Point
+from nlp.own import OwnConstraints, finished, judged
+from nlp.programs.ipopt import IpoptResult
+from nlp.requirements.balances import WRENCH_TOLERANCE, missed_wrenches
+from nlp.trial import Trial
+from topo_search.model import ResolvedTask
+from topo_search.model.corners import CorneredTask
+
+Solve = Callable[[Point, Limits | None], IpoptResult]
+NEAR_LIMIT = 0.6
+"""Share of its limit from which a load in a joint is stated."""
+ROUNDS = 8
+"""Most solves, each with more corners than the one before."""
+TAKEN = 8
+"""Most corners that are taken in at once, no two of one set."""
+
+
+def without_corners(task: ResolvedTask) -> ResolvedTask:
+    """Return a task with its own load cases alone."""
+    return task.keeping(()) if isinstance(task, CorneredTask) else task
+
+
+def held(
+    task: ResolvedTask,
+    start: int,
+    origin: Point,
+    solve: Solve,
+    own: OwnConstraints = (),
+) -> Trial:
+    """Return the trial of a start whose program takes in corners, and loads in joints, until none is missed.
+
+    Args:
+        task: the task with all corners.
+        start: index of the start.
+        origin: of a task with some of them.
+        solve: solves the program of a point's own task from there, with limits of what joints bear if it has any.
+        own: own constraints, to which the trial is held as well.
+    """
+    point, iterations, limits = origin, 0, None
+    for _ in range(ROUNDS):
+        answer = solve(point, limits)
+        iterations += answer.iterations
+        answer = replace(answer, iterations=iterations)
+        reached = finished(answer.point if answer.finite else point, own)
+        whole = with_all(reached, task, own)
+        trial = Trial.at(start, whole, answer, _labels(point.task), own)
+        if trial.worst.met:
+            return trial
+        more, near = _missed(whole, point.task), limits
+        lacking = {check.name for check in judged(reached, own) if not check.met}
+        overloaded = lacking & {name_of(task, load) for load in limited(task, origin.topology)}
+        if overloaded and limits is None:
+            near, lacking = _near(reached), lacking - overloaded
+        if lacking or (not more and near is limits):
+            return trial
+        point, limits = _with_more(whole, point.task, more) if more else reached, near
+    return trial
+
+
+def _near(point: Point) -> Limits:
+    """Return the loads that are not far below their limits."""
+    task = point.task.declared
+    listed = limited(task, point.topology)
+    sizes = zip(listed, loads(point).tolist(), strict=True)
+    return Limits(holder(point), tuple(load for load, size in sizes if size > NEAR_LIMIT * limit_of(task, load)))
+
+
+def with_all(point: Point, task: ResolvedTask, own: OwnConstraints = ()) -> Point:
+    """Return a finished point of a task with some corners as one of all, those with inputs of their own."""
+    if len(point.task.load_cases) == len(task.load_cases):
+        return point
+    u = np.zeros((len(task.load_cases), *point.u.shape[1:]))
+    u[_places(point.task, task)] = point.u
+    return finished(replace(point, task=task, u=u), own)
+
+
+def _missed(whole: Point, had: ResolvedTask) -> list[int]:
+    """Return the corners that are missed most and were not had, by their places among all, one of a set."""
+    task, taken = whole.task, list[int]()
+    if not isinstance(task, CorneredTask):
+        return taken
+    declared = len(task.stated.load_cases)
+    missed = missed_wrenches(whole).max(axis=1)[declared:]
+    missed[_places(had, task)[declared:] - declared] = 0.0
+    groups: set[int] = set()
+    for c in np.argsort(-missed, kind="stable").tolist():
+        if missed[c] <= WRENCH_TOLERANCE or len(taken) == TAKEN:
+            break
+        if task.groups[c] not in groups:
+            taken.append(c)
+            groups.add(task.groups[c])
+    return taken
+
+
+def _with_more(whole: Point, had: ResolvedTask, more: list[int]) -> Point:
+    """Return a point of all corners as one of those that were had and some more."""
+    task = whole.task
+    if not isinstance(task, CorneredTask):
+        raise TypeError("a task without corners has no more of them")
+    declared = len(task.stated.load_cases)
+    kept = sorted([*(_places(had, task)[declared:] - declared).tolist(), *more])
+    cases = [*range(declared), *(declared + c for c in kept)]
+    return replace(whole, task=task.keeping(kept), u=whole.u[cases])
+
+
+def _places(some: ResolvedTask, task: ResolvedTask) -> np.ndarray:
+    """Return where the load cases of a task with some corners are in that with all, shape (K,)."""
+    where = {label: k for k, label in enumerate(task.case_labels)}
+    return np.array([where[label] for label in some.case_labels], dtype=np.intp)
+
+
+def _labels(task: ResolvedTask) -> frozenset[str]:
+    return frozenset(corner.label for corner in task.corners) if isinstance(task, CorneredTask) else frozenset()

@@ -1,0 +1,183 @@
+r"""What the joints bear in the load cases that a task states, and limits of it as rows of a program.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| j, o_j | module beyond the joint, the child's side; its centre from the COM | (3,) | l_arm |
+| c | the connector at which the joint is cut, from the COM | (3,) | l_arm |
+| M = n + m_E | mass of the platform | | m |
+| a, w' | acceleration of the platform and its angular acceleration | (3,) | g, g / l_arm |
+| F_c, tau_c | what the joint exerts on what is beyond it | (3,) | m g, l_arm m g |
+| L | the largest that is allowed | | m g, l_arm m g |
+
+A load case is the whole wrench that the rotors produce, so what is left unbalanced is what it asks for at the COM
+less the weight: a = f_C / M - e_z, w' = I^-1 tau_C. Newton and Euler for what is beyond:
+
+.. math::
+
+    F_c = \sum_j (a + w' \times o_j + e_z) - s_j z_j, \qquad
+    \tau_c = \sum_j (I_j w' - m_j) + (o_j - c) \times (a + w' \times o_j + e_z - s_j z_j)
+
+with the end-effector, its reaction f_E, tau_E included where it is mounted beyond. Both are linear in the inputs. A
+limit is stated as (L^2 - |.|^2) / (2 L) >= 0, which near the limit is the length that is left.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from nlp.numbers.point import Point
+from nlp.symbols.kinematics import PORTS, poses
+from nlp.symbols.wrench import scaled, thrust, torque_map
+from nlp.units import Units
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
+
+
+@dataclass(frozen=True)
+class Load:
+    """The size of a force or moment in one joint and load case."""
+
+    case: int
+    child: int
+    """The module beyond the joint."""
+    moment: bool
+    """Else a force."""
+
+
+def limited(task: ResolvedTask, topology: Topology) -> tuple[Load, ...]:
+    """Return the loads that a task limits: in every joint and every load case that it states."""
+    asked = enumerate(task.declared.joint_limits)  # force, moment
+    kinds = [bool(moment) for moment, limit in asked if limit is not None]
+    cases = range(len(task.declared.load_cases))
+    return tuple(Load(k, i, moment) for moment in kinds for k in cases for i in range(1, topology.n))
+
+
+def limit_of(task: ResolvedTask, load: Load) -> float:
+    """Return L of a load [N] or [N m]."""
+    limit = task.declared.joint_limits[load.moment]
+    if limit is None:
+        raise ValueError("`load` must be one that the task limits")
+    return limit
+
+
+def name_of(task: ResolvedTask, load: Load) -> str:
+    """Name a limit as the failure report does."""
+    what = "moment" if load.moment else "force"
+    return f"{task.case_labels[load.case]}, {what} in the joint of module {load.child} and its parent"
+
+
+def holder(point: Point) -> int:
+    """Return the module that carries the end-effector: the one with the free connector nearest to it."""
+    R, p = point.poses
+    taken = {(h, a) for h, _, a, _ in point.topology.edges()} | {(i, b) for _, i, _, b in point.topology.edges()}
+    free = [(i, a) for i in range(point.topology.n) for a in range(4) if (i, a) not in taken]
+    l_c = point.task.module.connector_distance
+    reach = [np.linalg.norm(p[i] + l_c * R[i] @ np.array(PORTS[a]) - point.p_E) for i, a in free]
+    return free[int(np.argmin(np.round(reach, 12)))][0]
+
+
+def loads(point: Point) -> Array:
+    """Return the size of every load that is limited, in the order of `limited` [N], [N m]."""
+    task, listed = point.task, limited(point.task, point.topology)
+    if not listed:
+        return np.zeros(0)
+    unit, cases = Units.of(task), len(task.declared.load_cases)
+    plain = Point(task.declared, point.topology, point.root, point.alpha, point.p_E, point.u[:cases])
+    found = _sizes(task.declared, point.topology, holder(point), listed)
+    units = np.array([unit.torque if load.moment else unit.force for load in listed])
+    return np.asarray(np.asarray(found(plain.pack())).ravel() * units)
+
+
+@lru_cache(maxsize=8)
+def _sizes(task: ResolvedTask, topology: Topology, held: int, listed: tuple[Load, ...]) -> ca.Function:
+    x, vectors = _vectors(task, topology, held, listed)
+    return ca.Function("sizes", [x], [ca.vertcat(*(ca.norm_2(v) for v in vectors))])
+
+
+class Limits(NamedTuple):
+    """Loads that a program states."""
+
+    held: int
+    """The module that carries the end-effector."""
+    loads: tuple[Load, ...]
+
+
+class LimitRows:
+    """Limits of some loads as rows of a program."""
+
+    def __init__(self, task: ResolvedTask, topology: Topology, limits: Limits) -> None:
+        """State them as expressions of the task's unknowns, those of its corners included."""
+        unit = Units.of(task)
+        self.x, vectors = _vectors(task, topology, limits.held, limits.loads)
+        """The unknowns of `nlp.problem.Variables` as one column."""
+        rows = []
+        for load, v in zip(limits.loads, vectors, strict=True):
+            L = limit_of(task, load) / (unit.torque if load.moment else unit.force)
+            rows.append((L * L - ca.dot(v, v)) / (2 * L))
+        self.g = ca.vertcat(*rows)
+        """The rows, each at least zero."""
+        self.bounds = np.zeros(len(rows)), np.full(len(rows), math.inf)
+        """Least and largest value of each."""
+
+
+def _vectors(
+    task: ResolvedTask, topology: Topology, held: int, listed: tuple[Load, ...]
+) -> tuple[ca.SX, list[ca.SX]]:
+    """Return the unknowns of `nlp.problem.Variables` as one column, and the force or moment of each load."""
+    n, unit, module, position = topology.n, Units.of(task), task.module, task.end_effector.fixed_position
+    l_c, m_E = module.connector_distance / unit.length, task.end_effector.mass / module.mass
+    root, alpha = ca.SX.sym("root", 3), ca.SX.sym("alpha", n - 1)
+    tip = ca.SX.sym("p_E", 3 if position is None else 0)
+    u = [ca.SX.sym(f"u_{k}", 4 * n) for k in range(len(task.load_cases))]
+    placed = poses(topology, root, alpha, l_c)
+    centroid = ca.sum2(ca.horzcat(*(pose.p for pose in placed))) / n
+    p_E = tip if position is None else centroid + (n + m_E) / n * scaled(position, unit.length)
+    p_COM = (m_E * p_E + n * centroid) / (n + m_E)
+    o, q, up = [pose.p - p_COM for pose in placed], p_E - p_COM, ca.DM([0, 0, 1])
+    inertia = ca.diag(ca.DM(module.inertia)) / (module.mass * unit.length**2)
+    turning = [pose.R @ inertia @ pose.R.T for pose in placed]
+    whole = sum((_spread(at) for at in o), start=m_E * _spread(q)) + sum(turning[1:], start=turning[0])
+    own, beyond = torque_map(module), _beyond(topology)
+    joints = {i: o[h] + l_c * placed[h].R @ ca.DM(PORTS[a]) for h, i, a, _ in topology.edges()}
+    vectors = []
+    for load in listed:
+        case, c = task.load_cases[load.case], joints[load.child]
+        f_C, tau_C = scaled(case.at_com.force, unit.force), scaled(case.at_com.torque, unit.torque)
+        f_E, tau_E = (
+            scaled(case.at_end_effector.force, unit.force),
+            scaled(case.at_end_effector.torque, unit.torque),
+        )
+        a, spin = f_C / (n + m_E) - up, ca.SX.zeros(3)
+        if any(case.at_com.torque):
+            spin = ca.solve(whole, tau_C)
+        force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
+        for j in beyond[load.child]:
+            u_j = u[load.case][4 * j : 4 * j + 4]
+            pull = a + ca.cross(spin, o[j]) + up - thrust(u_j) * placed[j].z
+            force += pull
+            moment += turning[j] @ spin - placed[j].R @ (own @ u_j) + ca.cross(o[j] - c, pull)
+        if held in beyond[load.child]:
+            pull = m_E * (a + ca.cross(spin, q) + up) + f_E
+            force += pull
+            moment += ca.cross(q - c, pull) + tau_E
+        vectors.append(moment if load.moment else force)
+    return ca.vertcat(root, alpha, tip, *u), vectors
+
+
+def _spread(at: ca.SX) -> ca.SX:
+    """Return the inertia of a unit mass somewhere about the COM."""
+    return ca.dot(at, at) * ca.DM.eye(3) - at @ at.T
+
+
+def _beyond(topology: Topology) -> list[set[int]]:
+    """Return which modules hang at each one, itself included."""
+    beyond = [{i} for i in range(topology.n)]
+    for h, i, _, _ in reversed(list(topology.edges())):
+        beyond[h] |= beyond[i]
+    return beyond

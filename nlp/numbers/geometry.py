@@ -1,0 +1,193 @@
+"""Poses and exact clearances as numbers: what the starts are drawn with and what the answer is checked with.
+
+Nothing here shares code with the symbols of the problem. Lengths in metres.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| R, p | orientations and positions of all modules in W | (n,3,3), (n,3) | -, m |
+| P(eta) = o + eta d, r_0 + eta dr | axis and radius of a swept ball | (...,3), scalars | m |
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from topo_search.model import AirflowEnvelope, Topology
+from topo_search.model.arrays import Array
+from topo_search.model.hulls import Hull
+
+PORTS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""e_a of the ports 0..3."""
+QUARTER_TURNS = np.array(
+    [[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]] for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
+)
+"""Rz(kappa pi/2) for kappa = 0..3."""
+
+
+def rotation(axis: ArrayLike, angle: float) -> Array:
+    """Return the rotation about a unit axis (Rodrigues' formula)."""
+    x, y, z = np.asarray(axis, dtype=float)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    R: Array = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
+    return R
+
+
+def root_rotation(root: ArrayLike) -> Array:
+    """Return Rz(psi) Rx(alpha_0) Ry(alpha_1)."""
+    psi, alpha_0, alpha_1 = np.asarray(root, dtype=float)
+    R: Array = rotation([0, 0, 1], psi) @ rotation([1, 0, 0], alpha_0) @ rotation([0, 1, 0], alpha_1)
+    return R
+
+
+def root_angles(R: Array) -> Array:
+    """Return psi in +-pi, alpha_0 in +-pi/2, alpha_1 in +-pi of a rotation."""
+    psi = np.arctan2(-R[0, 1], R[1, 1])
+    alpha_0 = np.arctan2(R[2, 1], np.hypot(R[0, 1], R[1, 1]))
+    x, _, z = np.array([np.cos(psi), np.sin(psi)]) @ R[:2]  # first row of Rx(alpha_0) Ry(alpha_1)
+    return np.array([psi, alpha_0, np.arctan2(z, x)])
+
+
+def poses(topology: Topology, R_root: Array, alpha: Array, l_c: float) -> tuple[Array, Array]:
+    """Return R and p of all modules for hinge angles alpha of the modules 1..n-1 [rad]."""
+    n, edges = topology.n, list(topology.edges())
+    ports = np.array([a for _, _, a, _ in edges], dtype=int)
+    hinges = _hinge_rotations(ports, np.asarray(alpha, dtype=float))
+    turned = hinges @ QUARTER_TURNS[np.array(topology.kappas[1:], dtype=int)]
+    arms = l_c * (PORTS[ports] + np.einsum("iab,ib->ia", hinges, PORTS[ports]))
+    R, p = np.empty((n, 3, 3)), np.zeros((n, 3))
+    R[0] = R_root
+    for (h, i, _, _), turn, arm in zip(edges, turned, arms, strict=True):
+        p[i] = p[h] + R[h] @ arm
+        R[i] = R[h] @ turn
+    return R, p
+
+
+def _hinge_rotations(ports: NDArray[np.intp], alpha: Array) -> Array:
+    """Return the rotations about the hinges in their parents' frames: about y on the ports +-x, else about x."""
+    cosine, sine, about_y = np.cos(alpha), np.sin(alpha), ports % 2 == 0
+    R = np.zeros((len(alpha), 3, 3))
+    R[:, 0, 0], R[:, 1, 1], R[:, 2, 2] = np.where(about_y, cosine, 1.0), np.where(about_y, 1.0, cosine), cosine
+    R[:, 0, 2], R[:, 2, 0] = np.where(about_y, (sine, -sine), 0.0)
+    R[:, 2, 1], R[:, 1, 2] = np.where(about_y, 0.0, (sine, -sine))
+    return R
+
+
+@dataclass(frozen=True)
+class Swept:
+    """Balls swept along segments with linearly growing radius; leading shapes broadcast."""
+
+    o: Array
+    d: Array
+    r_0: float
+    dr: float = 0.0
+
+
+def envelopes(air: AirflowEnvelope, R: Array, p: Array) -> Swept:
+    """Return the airflow envelopes of modules with orientations R (n,3,3) and centres p (n,3) [m]."""
+    return Swept(p, -air.length * R[:, :, 2], air.start_radius, air.growth)
+
+
+def clearance(one: Swept, other: Swept) -> Array:
+    """Return a clearance with the exact sign of min ||P_i - P_j|| - r_i - r_j [m].
+
+    It is the gap at the minimiser of f = ||P_i - P_j||^2 - (r_i + r_j)^2 over [0, 1]^2, which lies among f's
+    stationary point, the stationary points of its edges and its corners. f and the gap have one sign
+    everywhere, so the gap at that point is negative exactly if some gap is; it is never under the least gap.
+    """
+    w = one.o - other.o
+    r = one.r_0 + other.r_0
+    A = _dot(one.d, one.d) - one.dr**2
+    B = _dot(other.d, other.d) - other.dr**2
+    C = -2 * (_dot(one.d, other.d) + one.dr * other.dr)
+    D = 2 * _dot(one.d, w) - 2 * r * one.dr
+    E = -2 * _dot(other.d, w) - 2 * r * other.dr
+    det = 4 * A * B - C**2
+    candidates: list[tuple[Array | float, Array | float]]
+    candidates = [(_ratio(C * E - 2 * B * D, det), _ratio(C * D - 2 * A * E, det))]
+    candidates += [(_ratio(-(C * gamma + D), 2 * A), gamma) for gamma in (0.0, 1.0)]
+    candidates += [(eta, _ratio(-(C * eta + E), 2 * B)) for eta in (0.0, 1.0)]
+    candidates += [(eta, gamma) for eta in (0.0, 1.0) for gamma in (0.0, 1.0)]
+    least, reach = np.full(w.shape[:-1], np.inf), np.zeros(w.shape[:-1])
+    for eta, gamma in candidates:
+        f = (A * eta + C * gamma + D) * eta + (B * gamma + E) * gamma
+        less = f < least
+        least = np.where(less, f, least)
+        reach = np.where(less, r + eta * one.dr + gamma * other.dr, reach)
+    distance_squared = np.maximum(0.0, least + _dot(w, w) - r**2 + reach**2)
+    gap: Array = np.sqrt(distance_squared) - reach
+    return gap
+
+
+def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float) -> Array:
+    """Return min over both end balls of s - r: positive inside the cone, a signed violation outside [m]."""
+    ends = []
+    for eta in (0.0, 1.0):
+        q = envelope.o + eta * envelope.d - apex
+        along = _dot(q, axis)
+        across = np.linalg.norm(q - along[..., None] * axis, axis=-1)
+        ends.append(along * np.sin(half_angle) - across * np.cos(half_angle) - envelope.r_0 - eta * envelope.dr)
+    least: Array = np.minimum(*ends)
+    return least
+
+
+def cone_reach(envelopes: Swept, centre: Array, upstream: Array, half_angle: float) -> float:
+    """Return how far upstream of a centre an apex must be for its cone, open downstream, to hold all envelopes.
+
+    In metres. There `cone_clearance` vanishes: (reach - h) sin(theta) - rho cos(theta) = r for the end ball that
+    asks for most, with h its height upstream of the centre and rho its distance from the axis.
+    """
+    reaches = []
+    for eta in (0.0, 1.0):
+        q = envelopes.o + eta * envelopes.d - centre
+        h = q @ upstream
+        rho = np.linalg.norm(q - h[:, None] * upstream, axis=1)
+        r = envelopes.r_0 + eta * envelopes.dr
+        reaches.append(np.max(h + (rho * np.cos(half_angle) + r) / np.sin(half_angle)))
+    return float(max(reaches))
+
+
+def hull_clearance(envelope: Swept, corner: Array, hull: Hull) -> Array:
+    """Return the clearance of n envelopes from a hull that stands at a place, with its exact sign [m].
+
+    Outside the hull the nearest point is on an edge, or inside a face and then nearest to an end of the axis: the
+    distance from a plane is linear. Where the axis enters the hull the largest radius in there counts too; balls
+    that have left it may reach deeper into it.
+
+    Args:
+        envelope: the envelopes, `o` and `d` of shape (n, 3).
+        corner: where the hull's origin is, shape (3,).
+        hull: the hull.
+    """
+    a, b = hull.corners[hull.edges].transpose(1, 0, 2)
+    one = Swept((envelope.o - corner)[:, None], envelope.d[:, None], envelope.r_0, envelope.dr)
+    least = clearance(one, Swept(a, b - a, 0.0)).min(axis=1)
+    heights = [(one.o[:, 0] + eta * envelope.d) @ hull.normals.T - hull.offsets for eta in (0.0, 1.0)]  # (n, f)
+    for eta, height in enumerate(heights):
+        face = height.argmax(axis=1)
+        gap = height.max(axis=1)
+        foot = one.o[:, 0] + eta * envelope.d - gap[:, None] * hull.normals[face]
+        on_face = (gap > 0) & np.all(foot @ hull.normals.T <= hull.offsets + 1e-12, axis=1)
+        least = np.where(on_face, np.minimum(least, gap - envelope.r_0 - eta * envelope.dr), least)
+    slope = heights[1] - heights[0]
+    crossing = -heights[0] / np.where(slope == 0, 1.0, slope)
+    enters = np.max(np.where(slope < 0, crossing, 0.0), axis=1, initial=0.0)
+    leaves = np.min(np.where(slope > 0, crossing, 1.0), axis=1, initial=1.0)
+    pierced = (enters <= leaves) & ~np.any((slope == 0) & (heights[0] > 0), axis=1)
+    deepest = np.where(pierced, -envelope.r_0 - leaves * envelope.dr, np.inf)
+    result: Array = np.minimum(least, deepest)
+    return result
+
+
+def _dot(a: Array, b: Array) -> Array:
+    result: Array = np.einsum("...i,...i->...", a, b)
+    return result
+
+
+def _ratio(numerator: Array, denominator: Array) -> Array:
+    """Return numerator / denominator bounded to [0, 1]; 0 where the denominator vanishes."""
+    safe = np.where(denominator == 0, 1.0, denominator)
+    result: Array = np.clip(np.where(denominator == 0, 0.0, numerator / safe), 0.0, 1.0)
+    return result

@@ -1,0 +1,89 @@
+"""A point of the problem as numbers in SI: what Ipopt starts from and what it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from nlp.numbers.geometry import Swept, envelopes, poses, root_rotation
+from nlp.units import Units
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
+
+
+@dataclass(frozen=True)
+class Point:
+    """Values of all variables of one topology, and what follows from them."""
+
+    task: ResolvedTask
+    topology: Topology
+    root: Array
+    """psi, alpha_0, alpha_1, shape (3,) [rad]."""
+    alpha: Array
+    """Hinge angles, shape (n-1,) [rad]."""
+    p_E: Array
+    """p'_E, shape (3,) [m]."""
+    u: Array
+    """Squared rotor speeds, shape (K, n, 4) [rad^2/s^2]."""
+
+    @cached_property
+    def poses(self) -> tuple[Array, Array]:
+        """R (n,3,3) and p (n,3) [m] of all modules."""
+        l_c = self.task.module.connector_distance
+        return poses(self.topology, root_rotation(self.root), self.alpha, l_c)
+
+    @cached_property
+    def p_COM(self) -> Array:
+        """Centre of mass in W [m]."""
+        n, m, m_E = self.topology.n, self.task.module.mass, self.task.end_effector.mass
+        result: Array = (m_E * self.p_E + m * self.poses[1].sum(axis=0)) / (n * m + m_E)
+        return result
+
+    @cached_property
+    def envelopes(self) -> Swept:
+        """Airflow envelopes of all modules."""
+        R, p = self.poses
+        return envelopes(self.task.module.envelope, R, p)
+
+    @cached_property
+    def platform(self) -> dict[str, Array]:
+        """What the platform carries (`nlp.requirements.statement`): p [l_arm] and axes of all modules, (n,3) each.
+
+        Besides p'_E and p_COM, (1,3) each [l_arm].
+        """
+        unit, (R, p) = self.task.module.arm_length, self.poses
+        axes = {axis: R[:, :, column] for column, axis in enumerate("xyz")}
+        return {"p": p / unit, **axes, "p'_E": self.p_E[None] / unit, "p_COM": self.p_COM[None] / unit}
+
+    @property
+    def objective(self) -> float:
+        """J [rad^4/s^4]."""
+        weights = np.array([case.weight for case in self.task.load_cases])
+        return float(np.sum(weights * np.sum(self.u**2, axis=(1, 2))))
+
+    def pack(self) -> Array:
+        """Return the dimensionless vector of `nlp.problem.Variables`."""
+        unit = Units.of(self.task)
+        p_E = self.p_E if self.task.end_effector.fixed_position is None else np.empty(0)
+        return np.concatenate([self.root, self.alpha, p_E / unit.length, self.u.ravel() / unit.input])
+
+    @classmethod
+    def unpack(cls, task: ResolvedTask, topology: Topology, x: Array) -> Point:
+        """Return the point of a dimensionless vector of `nlp.problem.Variables`."""
+        n, K, unit = topology.n, len(task.load_cases), Units.of(task)
+        root, alpha = x[:3], x[3 : n + 2]
+        u = x[-4 * n * K :].reshape(K, n, 4) * unit.input
+        free = task.end_effector.fixed_position is None
+        p_E = x[n + 2 : n + 5] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
+        return cls(task, topology, root.copy(), alpha.copy(), p_E, u)
+
+
+def fixed_end_effector(task: ResolvedTask, topology: Topology, root: Array, alpha: Array) -> Array:
+    """Return p'_E [m] for the position from the COM that the task fixes: centroid + (m_t / n m) p_E."""
+    _, p = poses(topology, root_rotation(root), alpha, task.module.connector_distance)
+    n_m = topology.n * task.module.mass
+    p_E = np.asarray(task.end_effector.fixed_position)
+    result: Array = p.mean(axis=0) + (n_m + task.end_effector.mass) / n_m * p_E
+    return result

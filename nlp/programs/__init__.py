@@ -1,0 +1,1 @@
+"""The printed problem as a nonlinear program, and Ipopt."""

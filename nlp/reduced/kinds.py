@@ -1,0 +1,33 @@
+"""The kinds of rows that the compiled search knows, and what a row of each is made of."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, CONE, CONE_COM, OFFSET, PARTS, PARTS_CONE, PARTS_CAPSULE = range(12)
+"""Kinds of rows: two envelopes; two centres; p'_E and a centre; an envelope and a ball about p'_E, a capsule from
+near there, one along p_E; an end ball of an envelope in a cone, its axis fixed or to the COM; the length of p_E;
+the parts of one module and the envelope of another; the parts of one in a cone, or off a capsule near p'_E."""
+
+WIDTH = 9
+"""Numbers of a row."""
+
+
+class Kernel(NamedTuple):
+    """A row of a clearance, dimensionless."""
+
+    kind: int
+    vector: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """A path or an axis; a path along p_E has its length first."""
+    size: float = 0.0
+    """A radius or distance; of a cone, the end of the envelope that is to be inside: eta, 0 or 1."""
+    sine: float = 0.0
+    """Of a half-angle."""
+    cosine: float = 0.0
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where a path starts or the apex of a cone is, from p'_E."""
+
+    @property
+    def data(self) -> tuple[float, ...]:
+        """Its numbers in a row, WIDTH of them."""
+        return (*self.vector, self.size, self.sine, self.cosine, *self.start)

@@ -1,0 +1,50 @@
+"""Every requirement of the inner problem, stated once.
+
+| room | requirements | of the printed problem |
+|---|---|---|
+| `balances` | force and torque of every load case, reserves among them | (2), (3) |
+| `modules` | airflow pairs, bodies, parts beside airflow | (4), (5), (6) |
+| `end_effector` | exclusion, and the end-effector beside airflow | (7), (8) |
+| `exposure`, `regions` | every kind of exposure | (9) |
+| `bounds` | inputs, hinges, root, reach of the end-effector | (10) |
+
+A statement has the constraint's name, the bodies, a smooth form for Ipopt, the exact value, margin and unit. The
+printed problem (`nlp.problem`), its exact evaluation (`nlp.numbers.evaluate`), the assembled terms, the untangling
+of starts, and the rows of the reduced search with the choice of what it expresses all go through these statements;
+none of them has cases of its own.
+
+To add a clearance, write a `Formula` (`statement`): which local vectors it sees, its smooth and exact forms, and
+its rows of the compiled search, if that knows such rows (`nlp.reduced.kinds`; tasks that ask for a formula without
+any are solved the longer way). Then yield a `Requirement` with it. `tests/test_nlp_requirements.py` holds its forms
+together.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from nlp.requirements.balances import Balance, balances
+from nlp.requirements.bounds import Bound, bounds, variable_bounds
+from nlp.requirements.end_effector import around_end_effector
+from nlp.requirements.exposure import exposure
+from nlp.requirements.modules import between_modules
+from nlp.requirements.statement import Formula, Requirement
+from topo_search.model import ResolvedTask, Topology
+
+__all__ = [
+    "Balance",
+    "Bound",
+    "Formula",
+    "Requirement",
+    "balances",
+    "bounds",
+    "clearances",
+    "exposure",
+    "variable_bounds",
+]
+
+
+@lru_cache(maxsize=16)
+def clearances(task: ResolvedTask, topology: Topology) -> tuple[Requirement, ...]:
+    """Return (4) to (9) of the printed problem, in its order."""
+    return (*between_modules(task, topology), *around_end_effector(task), *exposure(task))

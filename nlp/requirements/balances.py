@@ -1,0 +1,110 @@
+"""The wrench balance of every load case; (2) and (3) of the printed problem.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| A | wrench of every rotor at unit input, about W's origin | (6, 4n) | N, N m |
+| u | inputs of every load case | (K, n, 4) | rad^2/s^2 |
+
+What a task asks to be possible besides (reserves, cones and sets of wrenches) are load cases by now
+(`topo_search.model.corners`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from nlp import names
+from nlp.numbers.point import Point
+from nlp.symbols.kinematics import Pose
+from nlp.symbols.wrench import force_residual, torque_residual
+from nlp.units import Units
+from topo_search.model import LoadCase, Module, ResolvedTask
+from topo_search.model.arrays import Array
+
+WRENCH_TOLERANCE = 1e-8
+"""Largest wrench residual of a design [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
+
+
+@dataclass(frozen=True)
+class Balance:
+    """An equation between what the rotors produce and what a load case asks for."""
+
+    equation: int
+    """Its number on the printed problem (`nlp.problem`)."""
+    name: str
+    case: LoadCase
+    unit: str
+    one: float
+    """m_t g [N] or l_arm m_t g [N m]."""
+    tolerance: float = WRENCH_TOLERANCE
+    """Largest residual of a design, over `one`."""
+
+    def smooth(
+        self, modules: list[Pose], u: ca.SX, *, p_E: ca.SX, p_COM: ca.SX, module: Module, unit: Units
+    ) -> ca.SX:
+        """Return what is produced less what is asked for, over the number of modules, dimensionless, (3,)."""
+        if self.equation == 2:
+            residual = force_residual(self.case, modules, u, unit)
+        else:
+            residual = torque_residual(self.case, modules, u, unit, p_E=p_E, p_COM=p_COM, module=module)
+        return residual / len(modules)
+
+
+def balances(task: ResolvedTask) -> Iterator[Balance]:
+    """Yield (2) and (3) of every load case."""
+    force, torque = task.force_unit(task.n), task.torque_unit(task.n)
+    for label, case in zip(task.case_labels, task.load_cases, strict=True):
+        yield Balance(2, names.force(label), case, "N", force)
+        yield Balance(3, names.torque(label), case, "N m", torque)
+
+
+def missed_wrenches(point: Point) -> Array:
+    """Return by how much every load case's force and torque are missed, shape (K, 2) [m_t g, l_arm m_t g].
+
+    These are the exact residuals of all `balances`, in their order; of a torque, the larger one of those about the
+    COM and about p_E.
+    """
+    task, n = point.task, point.topology.n
+    K = len(task.load_cases)
+    residual = point.u.reshape(K, -1) @ wrench_matrix(point).T - asked_wrenches(point)
+    # the residual is about W's origin; a force that is missing makes a torque there, so move it to the COM
+    residual[:, 3:] -= np.cross(point.p_COM, residual[:, :3])
+    amounts = np.linalg.norm(residual.reshape(K, 2, 3), axis=2)
+    # about p_E too, where a missing force has another lever: whichever is more
+    at_tip = np.linalg.norm(residual[:, 3:] - np.cross(point.p_E - point.p_COM, residual[:, :3]), axis=1)
+    amounts[:, 1] = np.maximum(amounts[:, 1], at_tip)
+    return np.asarray(amounts / (task.force_unit(n), task.torque_unit(n)))
+
+
+def wrench_matrix(point: Point) -> Array:
+    """Return A about W's origin, shape (6, 4n): force [N] and torque [N m] of every rotor at unit input."""
+    module, (R, p) = point.task.module, point.poses
+    z = R[:, :, 2]
+    rotors = p[:, None] + np.einsum("iab,qb->iqa", R, rotor_positions(module))
+    thrust_axis = np.broadcast_to(z[:, None], rotors.shape)
+    spin = np.array([-1.0, 1.0, -1.0, 1.0])[None, :, None]
+    torque = module.thrust_coefficient * np.cross(rotors, thrust_axis)
+    torque += spin * module.torque_coefficient * thrust_axis
+    columns = np.concatenate([module.thrust_coefficient * thrust_axis, torque], axis=-1)
+    return columns.reshape(-1, 6).T
+
+
+def rotor_positions(module: Module) -> Array:
+    """Return delta_1..delta_4 in the module frame, shape (4, 3) [m]."""
+    signs = np.array([[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    return signs * module.arm_length / math.sqrt(2)
+
+
+def asked_wrenches(point: Point) -> Array:
+    """Return the wrench of every load case about W's origin, shape (K, 6) [N, N m]."""
+    tip = [case.at_end_effector for case in point.task.load_cases]
+    com = [case.at_com for case in point.task.load_cases]
+    f_E, tau_E = np.array([wrench.force for wrench in tip]), np.array([wrench.torque for wrench in tip])
+    f_C, tau_C = np.array([wrench.force for wrench in com]), np.array([wrench.torque for wrench in com])
+    torque = tau_E + tau_C + np.cross(point.p_E, f_E) + np.cross(point.p_COM, f_C)
+    return np.concatenate([f_E + f_C, torque], axis=1)

@@ -1,0 +1,211 @@
+"""Regions at the end-effector that an airflow envelope keeps out of, or in (paper, Sec. III-B to III-D).
+
+| symbol | meaning | unit |
+|---|---|---|
+| q | p_i - p'_E, the module's centre from the end-effector | l_arm |
+| p_E | end-effector from the COM | l_arm |
+| r_sph | radius of a ball or capsule | l_arm |
+| d_con, theta | unit axis of an allowed cone, from p_E into it; half-angle | -, rad |
+| P, rho | P(eta) from the apex of the cone, and its part across that axis | l_arm |
+
+The paper asks two things of the cone: d_con . P >= r and s - r >= 0, s = d_con . P sin(theta) - ||rho|| cos(theta).
+The second implies the first for theta up to 90 deg (d_con . P >= r / sin(theta) >= r), so it stands alone here.
+It is concave along the axis, so that the two end balls are enough.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from nlp.numbers.geometry import Swept, cone_clearance, hull_clearance
+from nlp.numbers.geometry import clearance as exact_clearance
+from nlp.reduced.kinds import ALONG, BALL, CAPSULE, CONE, CONE_COM, Kernel
+from nlp.requirements.air import Air
+from nlp.requirements.statement import FROM_COM, FROM_TIP, Z_I, Seen
+from nlp.symbols.envelope import Ball, ConeSphere, clearance
+from nlp.symbols.hull import hull_clearances
+from topo_search.model.arrays import Array
+from topo_search.model.hulls import Hull, convex_hull
+from topo_search.model.value import Vector
+
+ROUNDING = 1e-8
+"""Added to ||rho||^2 so that its root is smooth on the axis [l_arm^2]; asks for more clearance, never for less."""
+
+
+@dataclass(frozen=True)
+class OffBall:
+    """An envelope keeps out of a ball around the end-effector."""
+
+    air: Air
+    radius: float
+    sees = (FROM_TIP, Z_I)
+    segment = None
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the paper's log-sum-exp over three candidates."""
+        return clearance(self.air.symbol(*y), Ball(ca.SX.zeros(3), self.radius), beta)
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return the gap where f is least."""
+        return exact_clearance(self.air.number(*y), Swept(np.zeros(3), np.zeros(3), self.radius))
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return one row."""
+        return (Kernel(BALL, size=self.radius),)
+
+
+@dataclass(frozen=True)
+class OffCapsule:
+    """An envelope keeps out of a capsule along a path near the end-effector."""
+
+    air: Air
+    radius: float
+    start: Vector
+    """From p_E."""
+    path: Vector
+    """From there to the end."""
+    segment: int
+    sees = (FROM_TIP, Z_I)
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the paper's log-sum-exp over nine candidates."""
+        capsule = ConeSphere(ca.SX(ca.DM(self.start)), ca.SX(ca.DM(self.path)), self.radius)
+        return clearance(self.air.symbol(*y), capsule, beta)
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return the gap where f is least."""
+        return exact_clearance(self.air.number(*y), Swept(np.array(self.start), np.array(self.path), self.radius))
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return one row."""
+        return (Kernel(CAPSULE, self.path, size=self.radius, start=self.start),)
+
+
+@dataclass(frozen=True)
+class OffCapsuleAlong:
+    """An envelope keeps out of a capsule from the end-effector away from the COM."""
+
+    air: Air
+    radius: float
+    length: float
+    sees = (FROM_TIP, Z_I, FROM_COM)
+    segment = 0
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the paper's log-sum-exp over nine candidates."""
+        q, z, p_E = y
+        capsule = ConeSphere(ca.SX.zeros(3), self.length * p_E / ca.norm_2(p_E), self.radius)
+        return clearance(self.air.symbol(q, z), capsule, beta)
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return the gap where f is least."""
+        q, z, p_E = y
+        path = self.length * p_E / np.linalg.norm(p_E, axis=-1, keepdims=True)
+        return exact_clearance(self.air.number(q, z), Swept(np.zeros(3), path, self.radius))
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return one row."""
+        return (Kernel(ALONG, (self.length, 0.0, 0.0), size=self.radius),)
+
+
+@dataclass(frozen=True)
+class OffHull:
+    """An envelope keeps out of the convex hull of points."""
+
+    air: Air
+    corners: tuple[Vector, ...]
+    """From p_E."""
+    sees = (FROM_TIP, Z_I)
+    segment = None
+
+    @cached_property
+    def _hull(self) -> Hull:
+        return convex_hull(np.array(self.corners))
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return two rows: the log-sum-exp, and how far the centre is outside (`nlp.symbols.hull`)."""
+        return hull_clearances(self.air.symbol(*y), ca.SX.zeros(3), self._hull, beta)
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return the gap where f is least."""
+        return hull_clearance(self.air.number(*y), np.zeros(3), self._hull)
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return none: it has no closed form that is compiled."""
+        return ()
+
+
+@dataclass(frozen=True)
+class InfiniteCone:
+    """An infinite cone that must hold something; at a right angle a half-space."""
+
+    half_angle: float
+    axis: Vector | None
+    """d_con; None: towards the COM."""
+    apex: Vector = (0.0, 0.0, 0.0)
+    """From p_E."""
+
+    @property
+    def sees(self) -> tuple[Seen, ...]:
+        """The COM where the axis points there."""
+        return () if self.axis is not None else (FROM_COM,)
+
+    def smooth(self, balls: Sequence[Ball], towards: Sequence[ca.SX]) -> ca.SX:
+        """Return s - r of every ball; `towards`: what it `sees`."""
+        d_con = ca.SX(ca.DM(self.axis)) if self.axis is not None else -towards[0] / ca.norm_2(towards[0])
+        gaps = []
+        for ball in balls:
+            P = ball.o - ca.DM(self.apex)
+            along = ca.dot(d_con, P)
+            rho = P - along * d_con
+            s = along * math.sin(self.half_angle)
+            s -= ca.sqrt(ca.dot(rho, rho) + ROUNDING) * math.cos(self.half_angle)
+            gaps.append(s - ball.end_radius)
+        return ca.vertcat(*gaps)
+
+    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
+        """Return the lesser s - r of both ends; `towards`: what it `sees`."""
+        axis = np.array(self.axis)
+        if self.axis is None:
+            axis = -towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
+        return cone_clearance(swept, np.array(self.apex), axis, self.half_angle)
+
+    def kernel(self, kind: int, eta: float) -> Kernel:
+        """Return the row of a ball, which eta tells from others."""
+        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
+        return Kernel(kind, self.axis or (0.0, 0.0, 0.0), eta, sine, cosine, self.apex)
+
+
+@dataclass(frozen=True)
+class InCone:
+    """An envelope stays in an infinite cone."""
+
+    air: Air
+    cone: InfiniteCone
+    segment: int | None = None
+
+    @property
+    def sees(self) -> tuple[Seen, ...]:
+        """The envelope, and what the cone sees."""
+        return (FROM_TIP, Z_I, *self.cone.sees)
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return s - r of both end balls."""
+        envelope = self.air.symbol(y[0], y[1])
+        ends = [Ball(envelope.o + eta * envelope.d, envelope.r_0 + eta * envelope.dr) for eta in (0.0, 1.0)]
+        return self.cone.smooth(ends, y[2:])
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return the lesser s - r of both end balls."""
+        return self.cone.exact(self.air.number(y[0], y[1]), y[2:])
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return a row for each end ball."""
+        kind = CONE_COM if self.cone.axis is None else CONE
+        return tuple(self.cone.kernel(kind, eta) for eta in (0.0, 1.0))

@@ -1,0 +1,130 @@
+"""What a requirement is to the solver: clearances of some modules, each stated once.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| p_i, x_i, y_i, z_i | place and axes of module i in W | (3,) each | l_arm, - |
+| p'_E, p_COM, p_E | end-effector and centre of mass in W; p'_E - p_COM | (3,) each | l_arm |
+| y | the s local vectors that a clearance is a function of: differences of those above | (s, 3) | l_arm, - |
+| g | clearance, positive when clear | | l_arm |
+
+A clearance has a smooth form, which Ipopt gets, an exact value, which judges what Ipopt found, and rows of the
+compiled search. All three are functions of the same local vectors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from nlp.reduced.kinds import Kernel
+from topo_search.model.arrays import Array
+
+Subjects = NDArray[np.intp]
+"""Modules i and j of some clearances, shape (m, 2); where a clearance concerns one module, or none, j is i."""
+Platform = Mapping[str, Any]
+"""From `Carried.what` to what is carried: of every module, or the one of the platform alone."""
+
+
+class Carried(NamedTuple):
+    """A vector that the platform carries."""
+
+    what: str
+    """`p`, `x`, `y`, `z`, `p'_E` or `p_COM`."""
+    of: int | None = None
+    """Of which module: 0 for i, 1 for j; None for what the platform has one of."""
+
+    def at(self, platform: Platform, subject: Any) -> Any:
+        """Return it, of a subject (i, j) or, where the platform is arrays, of columns of subjects."""
+        return platform[self.what][0 if self.of is None else subject[self.of]]
+
+
+class Seen(NamedTuple):
+    """A local vector: the difference of two carried ones, or one as it is."""
+
+    plus: Carried
+    minus: Carried | None = None
+
+    def at(self, platform: Platform, subject: Any) -> Any:
+        """Return it; see `Carried.at`."""
+        plus = self.plus.at(platform, subject)
+        return plus if self.minus is None else plus - self.minus.at(platform, subject)
+
+
+TIP, COM = Carried("p'_E"), Carried("p_COM")
+APART = Seen(Carried("p", 0), Carried("p", 1))
+"""p_i - p_j."""
+FROM_TIP = Seen(Carried("p", 0), TIP)
+"""p_i - p'_E."""
+FROM_COM = Seen(TIP, COM)
+"""p_E."""
+X_I, Y_I, Z_I = (Seen(Carried(axis, 0)) for axis in "xyz")
+Z_J = Seen(Carried("z", 1))
+
+
+class Formula(Hashable, Protocol):
+    """One clearance as a function of local vectors, its own numbers in l_arm; hashable."""
+
+    @property
+    def sees(self) -> tuple[Seen, ...]:
+        """What it is a function of."""
+
+    @property
+    def segment(self) -> int | None:
+        """Which part of its requirement it is about, if that has several."""
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return its rows for Ipopt, each positive when clear and g to first order at contact.
+
+        Args:
+            y: the local vectors.
+            beta: sharpness of the log-sum-exp.
+        """
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return g with its exact sign, shape (m,), of m local vectors each, (m, 3)."""
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return its rows of the compiled search; none if that cannot express it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Requirement:
+    """Clearances of one kind, asked for of some modules."""
+
+    equation: int
+    """Its number on the printed problem (`nlp.problem`)."""
+    name: Callable[[int, int, int | None], str]
+    """From (i, j, segment) to the constraint's name."""
+    subjects: Subjects
+    formulas: tuple[Formula, ...]
+    margin: float
+    """What is asked for beyond zero [l_arm]."""
+    beside: bool = False
+    """Whether it is met by most points that meet all others, so that a large graph may leave it out at first."""
+    near: float = math.inf
+    """Clearance from which on a round of Ipopt does without a row [l_arm]."""
+
+    def rows(self) -> Iterator[tuple[str, tuple[int, int], Formula]]:
+        """Yield name, modules and formula of every clearance."""
+        for i, j in self.subjects.tolist():
+            for formula in self.formulas:
+                yield self.name(i, j, formula.segment), (i, j), formula
+
+    def gaps(self, platform: Platform) -> Array:
+        """Return the exact clearances of all subjects and formulas, shape (m, len(formulas)) [l_arm]."""
+        m, columns = len(self.subjects), self.subjects.T
+        seen = {one: one.at(platform, columns) for formula in self.formulas for one in formula.sees}
+        exact = (formula.exact([seen[one] for one in formula.sees]) for formula in self.formulas)
+        return np.stack([np.broadcast_to(gaps, m) for gaps in exact], axis=-1)
+
+    def at_hand(self, platform: Platform) -> Requirement:
+        """Return what a round of Ipopt from a platform states of it: the subjects that are near, all as a rule."""
+        if self.near == math.inf:
+            return self
+        return replace(self, subjects=self.subjects[(self.gaps(platform) < self.near).any(axis=1)])

@@ -1,0 +1,192 @@
+"""Random points to start from: splayed modules, thrust along the mean force, the end-effector outside.
+
+A start is a function of (task, topology, start index, seed) alone, whatever ran before it or beside it.
+
+Parallel neighbours blow into each other, so hinges start splayed: a child's airflow leans away from its parent's.
+`tests/benchmarks/starts.py` measures how many more solves that alone makes end feasible. Large platforms need more:
+their hinges are untangled (`nlp.starts.untangling`) until no envelopes overlap, and where a cone must hold all
+airflow so that its apex can be near; the end-effector is then put there, and the platform turned to where the
+wrenches cost least.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from nlp.numbers.geometry import cone_reach, poses, root_angles, rotation
+from nlp.numbers.hinges import largest_turn, signs, within
+from nlp.numbers.point import Point, fixed_end_effector
+from nlp.requirements.balances import asked_wrenches, wrench_matrix
+from nlp.running import running
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
+from topo_search.model.shape import Cone
+
+LARGEST_SPLAY = 0.8
+"""Largest hinge angle of a start [rad]."""
+UNTANGLED_FROM = 8
+"""Fewest modules for which hinges are placed free of overlaps first; with fewer, Ipopt sorts them out as well."""
+LEVEL = 1e-9
+"""Planes whose normals add up to less leave no direction that leads out of them all."""
+CONE_SPREAD = 0.3
+"""Scatter of the end-effector's direction about the axis of an allowed cone."""
+TURNS = 24
+"""Ways round the mean force of which a start with such a cone takes the one that costs the least effort."""
+TIE = 1e-6
+"""Efforts so close together are the same: of turns that symmetry makes alike rounding must not choose."""
+LEAST_INPUT, LARGEST_INPUT = 0.05, 0.95
+"""Range of the inputs of a start, in that of their bounds: strictly inside, as an interior-point method wants."""
+
+
+def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> np.random.Generator:
+    """Return the random numbers of one start."""
+    text = f"{task.declared.model_dump_json()}\n{topology.key}\n{start}\n{seed}"
+    return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big"))
+
+
+def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
+    """Return a random start."""
+    alpha, cone = splayed(task, topology, rng), None
+    if topology.n >= UNTANGLED_FROM:
+        from nlp.starts.untangling import (  # compiled code, which small platforms need not load
+            place_in_cone,
+            untangle,
+        )
+
+        alpha, cone = untangle(task, topology, alpha, rng), _narrowest_cone(task)
+        if cone is not None and cone.axis is None:  # else the apex is not where the thrusts pull
+            alpha = place_in_cone(task, topology, alpha, math.radians(cone.half_angle_deg), rng)
+
+    R, _ = poses(topology, np.eye(3), alpha, task.module.connector_distance)
+    upright, turn = _towards(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0
+    if task.search.root == "free":
+        turn = rng.uniform(-np.pi, np.pi)
+    nowhere, nothing = np.zeros(3), np.empty((len(task.load_cases), topology.n, 4))
+
+    def turned(angle: float) -> Point:
+        root = root_of(task, rotation(_unit(mean_force(task)), angle) @ upright)
+        return Point(task, topology, root, alpha, nowhere, nothing)
+
+    if cone is None:
+        start = turned(turn)
+        return with_inputs(replace(start, p_E=_end_effector(start, rng)))
+    turns = turn + 2 * np.pi / TURNS * np.arange(TURNS if task.search.root == "free" else 1)
+    starts = [_with_least_norm(replace(start, p_E=_apex(start, cone))) for start in map(turned, turns)]
+    cheap = min(start.objective for start in starts) * (1.0 + TIE)
+    return _bounded(next(start for start in starts if start.objective <= cheap))
+
+
+def splayed(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
+    """Return random hinge angles at which airflows of neighbours lean away from each other, shape (n-1,)."""
+    phi = rng.uniform(0.0, min(LARGEST_SPLAY, largest_turn(task)), topology.n - 1)
+    return within(task, topology, signs(topology) * phi)
+
+
+def root_of(task: ResolvedTask, R: Array) -> Array:
+    """Return the root angles of an orientation, brought inside their bounds if they have any."""
+    root = root_angles(R)
+    return root if task.search.root == "free" else np.array([0.0, *np.clip(root[1:], -np.pi / 2, np.pi / 2)])
+
+
+def _end_effector(start: Point, rng: np.random.Generator) -> Array:
+    """Return p'_E: anywhere around the platform; upstream of the rotors if the target must not be blown at."""
+    task = start.task
+    direction, distance = rng.normal(size=3), rng.uniform(1.0, 10.0) * task.module.arm_length
+    distance += task.end_effector.stand_off
+    if task.end_effector.fixed_position is not None:
+        return fixed_end_effector(task, start.topology, start.root, start.alpha)
+    upstream = upstream_of(task)
+    if cones(task):
+        direction = upstream + CONE_SPREAD * direction
+    elif task.exposure and direction @ upstream < 0:
+        direction = -direction
+    result: Array = start.poses[1].mean(axis=0) + distance * _unit(direction)
+    return result
+
+
+def _apex(start: Point, cone: Cone) -> Array:
+    """Return p'_E: upstream of the rotors, just so far that the cone from there holds all airflow."""
+    task, p, half_angle = start.task, start.poses[1], math.radians(cone.half_angle_deg)
+    centroid, upstream, margin = p.mean(axis=0), _upstream(task, cone), task.search.margin
+    reach = cone_reach(start.envelopes, centroid, upstream, half_angle) + margin / math.sin(half_angle)
+    reach -= float(np.array(cone.apex) @ upstream)
+    off = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin
+    result: Array = centroid + max(reach, off) * upstream
+    return result
+
+
+def cones(task: ResolvedTask) -> list[Cone]:
+    """Return the cones and half-spaces that must hold all airflow."""
+    return [shape for asked in task.exposure for shape in asked.shapes if isinstance(shape, Cone)]
+
+
+def _narrowest_cone(task: ResolvedTask) -> Cone | None:
+    """Return the narrowest cone that must hold all airflow, if its apex may be chosen."""
+    if task.end_effector.fixed_position is not None:
+        return None
+    return min(cones(task), key=lambda cone: cone.half_angle_deg, default=None)
+
+
+def upstream_of(task: ResolvedTask) -> Array:
+    """Return where no airflow goes: out of the last region whose direction is fixed, else along the mean force."""
+    for asked in reversed(task.exposure):
+        axes = [shape.axis for shape in asked.shapes if isinstance(shape, Cone) and shape.axis is not None]
+        if axes and np.linalg.norm(inwards := np.sum(axes, axis=0)) > LEVEL:
+            return -_unit(inwards)
+    return _upstream(task, None)
+
+
+def _upstream(task: ResolvedTask, cone: Cone | None) -> Array:
+    """Return where no airflow goes: out of a cone whose axis is fixed, else along the mean force."""
+    if cone is None or cone.axis is None:
+        return _unit(mean_force(task))
+    return -_unit(np.asarray(cone.axis))
+
+
+def with_inputs(point: Point) -> Point:
+    """Return the point with the least-norm inputs of every load case, brought inside their bounds."""
+    return _bounded(_with_least_norm(point))
+
+
+def _with_least_norm(point: Point) -> Point:
+    """Return the point with the least-norm inputs of every load case, whatever their bounds."""
+    u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=1e-6)[0]
+    return replace(point, u=np.asarray(u.T, dtype=float).reshape(point.u.shape))
+
+
+def _bounded(point: Point) -> Point:
+    """Return the point with its inputs brought inside their bounds."""
+    alive = running(point.task).reshape(point.u.shape)
+    low, high = point.task.min_input * alive, point.task.max_input * alive
+    least, largest = (low + share * (high - low) for share in (LEAST_INPUT, LARGEST_INPUT))
+    return replace(point, u=np.clip(point.u, least, largest))
+
+
+def mean_force(task: ResolvedTask) -> Array:
+    """Return the weighted sum of the load cases' forces; upwards if they cancel."""
+    force = sum(
+        (case.weight * np.add(case.at_end_effector.force, case.at_com.force) for case in task.load_cases),
+        start=np.zeros(3),
+    )
+    result: Array = force if np.linalg.norm(force) > 1e-9 * task.force_unit(task.n) else np.array([0.0, 0.0, 1.0])
+    return result
+
+
+def _towards(a: Array, b: Array) -> Array:
+    """Return the least rotation that turns the direction of a into that of b."""
+    a, b = _unit(a), _unit(b)
+    axis = np.cross(a, b)
+    sine = np.linalg.norm(axis)
+    if sine < 1e-12:
+        across = np.eye(3)[np.argmin(np.abs(a))]
+        return np.eye(3) if a @ b > 0 else rotation(_unit(np.cross(a, across)), np.pi)
+    return rotation(axis / sine, float(np.arctan2(sine, a @ b)))
+
+
+def _unit(vector: Array) -> Array:
+    result: Array = vector / np.linalg.norm(vector)
+    return result

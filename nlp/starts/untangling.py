@@ -1,0 +1,179 @@
+r"""Geometry first: hinge angles at which no two envelopes overlap, before any wrench is considered.
+
+The search itself is compiled (`nlp.starts.tabu_search`); here a task and a topology become its numbers.
+
+A cone that must hold all airflow asks for more than that. The farther its apex, the end-effector, has to be, the
+longer is the lever of the forces there, and thrusts that point apart do little against it. What counts is
+
+.. math::  \ell = \frac{\text{reach}}{\text{lift}}, \qquad
+           \text{lift} = \tfrac{1}{n} \left\| \sum\nolimits_i z_i \right\|,
+
+| symbol | meaning | unit |
+|---|---|---|
+| reach | distance of the nearest apex upstream of the centroid whose cone holds all envelopes | m |
+| lift | share of the thrust that is left of equal inputs; 1 if all axes are parallel | |
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nlp.numbers.geometry import PORTS, cone_reach, envelopes, poses
+from nlp.numbers.hinges import largest_turn, signs, within
+from nlp.requirements.air import Air
+from nlp.requirements.distance import Distance
+from nlp.requirements.modules import EnvelopePair, between_modules
+from nlp.starts.tabu_search import Poses, Rules, Tree, straighten, tabu_search
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
+
+CLEAR = 0.02
+"""Clearance at which a pair counts as free [l_arm]."""
+ENOUGH = 0.1
+"""Clearance that is given where there is room [l_arm]: leeway for the angles that the wrenches will want."""
+TURNS = 100
+"""Most turns of hinges, a module."""
+SWEEPS = 3
+"""How often every hinge is turned back towards zero, once no envelopes overlap."""
+KICKS = 15
+"""Hinges turned at random for a cone's sake, a module."""
+REPAIRS = 20
+"""Most turns of hinges after each, to undo the overlaps that it makes."""
+PATIENCE = 1 / 6
+"""Share of the kicks after which a platform that still has overlaps is let be: there each takes all its repairs."""
+
+
+def untangle(
+    task: ResolvedTask, topology: Topology, alpha: Array, rng: np.random.Generator, *, leeway: bool = True
+) -> Array:
+    """Return hinge angles, found from alpha, without overlaps; those with the fewest if there are none.
+
+    Without leeway pairs may be as close as they like, and angles at which none overlap are returned as they are.
+    """
+    order = _preorder(topology)
+    l_c = task.module.connector_distance / task.module.arm_length
+    tree, rules = _tree(topology, order), _rules(task, topology, CLEAR if leeway else 0.0)
+    found = np.concatenate([[0.0], alpha])[order]
+    at = _platform(topology, alpha, l_c, order)
+    if tabu_search(tree, at, found, rules, TURNS * topology.n, rng) == 0.0 and leeway:
+        straighten(tree, at, found, rules._replace(enough=ENOUGH), SWEEPS, rng)
+        tabu_search(tree, at, found, rules, TURNS * topology.n, rng)  # if room for some cost others all theirs
+    return _by_module(found, order)
+
+
+def place_in_cone(
+    task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float, rng: np.random.Generator
+) -> Array:
+    """Return hinge angles, found from alpha, with no more overlaps and, with as many, no longer a lever l.
+
+    An iterated local search: a hinge is turned anywhere, what then overlaps is turned free, and the angles that
+    this leads to are kept if there are fewer overlaps or, with as many, if l is less.
+
+    Args:
+        task: the task.
+        topology: the tree.
+        alpha: hinge angles, best those of `place`, shape (n-1,) [rad].
+        half_angle: of the cone [rad].
+        rng: random numbers.
+    """
+    order = _preorder(topology)
+    l_c = task.module.connector_distance / task.module.arm_length
+    tree, rules = _tree(topology, order), _rules(task, topology, CLEAR)
+
+    def repaired(alpha: Array) -> tuple[float, Array]:
+        found = np.concatenate([[0.0], alpha])[order]
+        overlap = tabu_search(tree, _platform(topology, alpha, l_c, order), found, rules, REPAIRS, rng)
+        return overlap, _by_module(found, order)
+
+    least, best = repaired(alpha)
+    shortest, kicks = lever(task, topology, best, half_angle), KICKS * topology.n
+    for kick in range(kicks):
+        if least > 0.0 and kick >= PATIENCE * kicks:
+            break
+        kicked = best.copy()
+        kicked[rng.integers(topology.n - 1)] = rng.uniform(-rules.turn, rules.turn)
+        kicked = within(task, topology, kicked)
+        if least == 0.0 and lever(task, topology, kicked, half_angle) >= shortest:
+            continue
+        overlap, kicked = repaired(kicked)
+        length = lever(task, topology, kicked, half_angle)
+        if (overlap, length) < (least, shortest):
+            least, shortest, best = overlap, length, kicked
+    return best
+
+
+def lever(task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float) -> float:
+    """Return the lever l of hinge angles [m]."""
+    R, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
+    thrust = R[:, :, 2].sum(axis=0)
+    lift = max(float(np.linalg.norm(thrust)), 1e-9)
+    reach = cone_reach(envelopes(task.module.envelope, R, p), p.mean(axis=0), thrust / lift, half_angle)
+    return topology.n * reach / lift
+
+
+def _by_module(found: Array, order: list[int]) -> Array:
+    """Return the hinge angles of the modules 1..n-1, given those of all in preorder."""
+    alpha = np.empty_like(found)
+    alpha[order] = found
+    result: Array = alpha[1:]
+    return result
+
+
+def _preorder(topology: Topology) -> list[int]:
+    """Return the modules so that all that hangs on a module follows it at once."""
+    children: list[list[int]] = [[] for _ in range(topology.n)]
+    for h, i, _, _ in topology.edges():
+        children[h].append(i)
+    order, stack = [], [0]
+    while stack:
+        i = stack.pop()
+        order.append(i)
+        stack.extend(reversed(children[i]))
+    return order
+
+
+def _tree(topology: Topology, order: list[int]) -> Tree:
+    """Return who hangs on whom, in preorder."""
+    n, rank = topology.n, np.argsort(order)
+    parent = np.array([-1, *(rank[topology.parents[i]] for i in order[1:])])
+    end = np.arange(1, n + 1)
+    for i in range(n - 1, 0, -1):
+        end[parent[i]] = max(end[parent[i]], end[i])
+    return Tree(parent, end, np.concatenate([[0.0], signs(topology)])[order])
+
+
+def _platform(topology: Topology, alpha: Array, l_c: float, order: list[int]) -> Poses:
+    """Return where modules and hinges are, in preorder; lengths in the unit of l_c."""
+    R, p = poses(topology, np.eye(3), alpha, l_c)
+    c, omega = np.zeros_like(p), np.zeros_like(p)
+    for h, i, a, _ in topology.edges():
+        c[i] = p[h] + l_c * R[h] @ PORTS[a]
+        omega[i] = R[h][:, 1 - a % 2]
+    return Poses(p[order], R[order, :, 2], c[order], omega[order])
+
+
+def _rules(task: ResolvedTask, topology: Topology, enough: float) -> Rules:
+    """Return what modules must be clear of, and by how much, of what the problem states between them [l_arm].
+
+    Parts beside airflow are left to Ipopt: few platforms that are clear of all else have any in there.
+    """
+    stated = [formula for asked in between_modules(task, topology) for formula in asked.formulas]
+    air, apart = None, -math.inf
+    for formula in stated:
+        if isinstance(formula, EnvelopePair):
+            air = formula.air
+        elif isinstance(formula, Distance):
+            apart = formula.least
+    length, start_radius, growth = air or Air.of(task)
+    return Rules(
+        enough=enough,
+        airflow=air is not None,
+        length=length,
+        start_radius=start_radius,
+        growth=growth,
+        apart=apart,
+        turn=largest_turn(task),
+        folds=np.array(task.folds(task.search.margin) or ((0.0, 0.0),)),
+    )

@@ -1,0 +1,1 @@
+"""The paper's formulas as CasADi expressions: poses, wrenches, smooth clearances."""

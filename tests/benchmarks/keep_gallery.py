@@ -1,0 +1,114 @@
+"""Keep what a search of every shipped task finds: the gallery of the documentation, the picture of the README.
+
+    python tests/benchmarks/keep_gallery.py [EXAMPLE ...]
+
+Searches each task as `topo-search run EXAMPLE` does, large ones with `--strategy optuna --trials 48`. Its picture
+goes to `notebooks/pictures/gallery-EXAMPLE.png`, its answer with the CPU time of all processes to
+`notebooks/results/gallery.json`; those of other tasks stay. The winner of `wall-push` is drawn from all sides,
+`notebooks/pictures/turning.webp`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import resource
+import tempfile
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+import topo_search
+from topo_search.export.picture import figure_of
+from topo_search.export.poses import Poses
+from topo_search.export.scene import Scene
+from topo_search.export.viewpoint import azimuth_deg, poses_to_draw
+from topo_search.model import Design
+from topo_search.model.files import examples, read_json, read_task, write_atomically
+
+ROOT = Path(__file__).parents[2]
+PICTURES = ROOT / "notebooks/pictures"
+RESULTS = ROOT / "notebooks/results/gallery.json"
+EXHAUSTIVE = 8
+"""Modules up to which all trees are searched."""
+TRIALS = 48
+DPI = 70
+TURNED = "wall-push"
+FRAMES = 45
+FRAME_MS = 90
+
+
+def main() -> None:
+    """Search, draw and keep."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("examples", nargs="*", default=examples())
+    for name in parser.parse_args().examples:
+        before = _cpu_seconds()
+        with tempfile.TemporaryDirectory() as folder:
+            task = read_task(name)
+            large = isinstance(task.modules, int) and task.modules > EXHAUSTIVE
+            how = {"strategy": "optuna", "trials": TRIALS} if large else {}
+            answer = topo_search.search(task, out=Path(folder) / "run", **how)
+            if answer.best is None:
+                raise SystemExit(f"{name}: no design to show; give it more trials")
+            design = read_json(Design, Path(folder) / "run" / "best.json")
+        kept = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+        kept[name] = {
+            "options": f" --strategy optuna --trials {TRIALS}" if large else "",
+            "key": answer.best.key,
+            "modules": answer.best.modules,
+            "candidates": sum(size.candidates for size in answer.sizes),
+            "feasible": sum(size.statuses["feasible"] for size in answer.sizes),
+            "gap": answer.best.gap,
+            "audit": answer.best.audit,
+            "cpu_seconds": round(_cpu_seconds() - before),
+        }
+        write_atomically(RESULTS, json.dumps(dict(sorted(kept.items())), indent=1) + "\n")
+        with mpl.rc_context({"font.size": 8}):
+            figure_of(design).savefig(PICTURES / f"gallery-{name}.png", dpi=DPI)
+        if name == TURNED:
+            write_atomically(PICTURES / "turning.webp", turning(design))
+        print(name, kept[name], flush=True)
+
+
+def turning(design: Design) -> bytes:
+    """Return an animated picture of the platform with its airflow, turning once about the vertical."""
+    at = poses_to_draw(design)
+    first = azimuth_deg(at)
+    drawn = [_drawn(design, at, first + 360 * k / FRAMES) for k in range(FRAMES)]
+    zoom = min(zoom for _, _, zoom in drawn)
+    frames = []
+    for figure, scene, _ in drawn:
+        low, high = np.array([getattr(scene.axes, f"get_{name}lim")() for name in "xyz"]).T
+        scene.axes.set_box_aspect(tuple((high - low) / 2), zoom=zoom)
+        scene.axes.set_axis_off()
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=100)
+        frames.append(Image.open(buffer).convert("RGB"))
+    out = io.BytesIO()
+    frames[0].save(out, "webp", save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0, quality=70)
+    return out.getvalue()
+
+
+def _drawn(design: Design, at: Poses, azimuth: float) -> tuple[Figure, Scene, float]:
+    figure = Figure(figsize=(4.4, 4.4))
+    scene = Scene(figure, (0.0, 0.0, 1.0, 1.0), design, at, azimuth=azimuth)
+    scene.exposure()
+    scene.airflow()
+    scene.platform()
+    return figure, scene, scene.finish()
+
+
+def _cpu_seconds() -> float:
+    return sum(
+        used.ru_utime + used.ru_stime
+        for used in (resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN))
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,35 @@
+"""Keep the JSON schemas of the files that go in and out, which the package ships and the site shows.
+
+    python tests/benchmarks/keep_schemas.py
+
+Writes `topo_search/schemas/NAME.json` from the models that read and write the files.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from topo_search.export.allocation import Allocation
+from topo_search.model import Audit, Design, Task
+from topo_search.model.files import write_atomically
+from topo_search.simulation.result import FlightResult
+
+FOLDER = Path(__file__).parents[2] / "topo_search/schemas"
+MODELS = {"task": Task, "design": Design, "audit": Audit, "allocation": Allocation, "flight": FlightResult}
+
+
+def schemas() -> dict[str, str]:
+    """Return the text of every schema, by its name."""
+    return {name: json.dumps(model.model_json_schema(), indent=1) + "\n" for name, model in MODELS.items()}
+
+
+def main() -> None:
+    """Write them all."""
+    FOLDER.mkdir(exist_ok=True)
+    for name, text in schemas().items():
+        write_atomically(FOLDER / f"{name}.json", text)
+
+
+if __name__ == "__main__":
+    main()

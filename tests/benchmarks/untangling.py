@@ -1,0 +1,78 @@
+"""How many trees can be placed free of overlaps: share of trees and starts, and CPU time a start.
+
+    python tests/benchmarks/untangling.py [--sizes 20 40 100] [--connector-distances 0.22 0.30] [--trees N]
+        [--starts N] [--body-clearance]
+
+Uniformly drawn trees; a start asks for the geometry of `nlp.starts.untangling` alone, not for a wrench. The first
+row bears the time of compiling, unless the compiled code is cached already.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+
+from nlp.numbers.geometry import Swept, clearance, poses
+from nlp.starts.random_starts import draw, generator
+from topo_search.model import ResolvedTask, Task, Topology
+from topo_search.model.arrays import Array
+from topo_search.topologies import sample
+
+
+def short(task: ResolvedTask, topology: Topology, alpha: Array) -> int:
+    """Return how many pairs overlap, or are nearer than the body clearance."""
+    R, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
+    i, j = np.triu_indices(topology.n, 1)
+    air, z = task.module.envelope, R[:, :, 2]
+    one, other = (Swept(p[k], -air.length * z[k], air.start_radius, air.growth) for k in (i, j))
+    near = np.zeros(len(i), dtype=bool)
+    if task.centre_distance is not None:
+        bolted = np.array([pair in topology.bolted for pair in zip(i.tolist(), j.tolist(), strict=True)])
+        near = ~bolted & (np.linalg.norm(p[i] - p[j], axis=1) < task.centre_distance)
+    return int(np.sum(near | (clearance(one, other) < 0.0)))
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[20, 40, 100])
+    parser.add_argument("--connector-distances", type=float, nargs="+", default=[0.22, 0.30], help="[m]")
+    parser.add_argument("--trees", type=int, default=20)
+    parser.add_argument("--starts", type=int, default=5, help="at most, of each tree")
+    parser.add_argument("--body-clearance", action="store_true")
+    arguments = parser.parse_args()
+    print(f"{'n':>4}{'l_c [m]':>9}{'trees placed':>14}{'by first start':>16}{'left over':>11}{'CPU s a start':>15}")
+    for n in arguments.sizes:
+        for l_c in arguments.connector_distances:
+            stated = {
+                "name": "placing",
+                "modules": n,
+                "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}],
+                "module": {"connector_distance": l_c},
+                "search": {} if arguments.body_clearance else {"body_clearance": False},
+            }
+            task = Task.model_validate(stated).resolve(n)
+            fewest, first, seconds = [], 0, []
+            for topology in sample(n, arguments.trees, seed=0):
+                left = []
+                for start in range(arguments.starts):
+                    began = time.process_time()
+                    alpha = draw(task, topology, generator(task, topology, start, 0)).alpha
+                    seconds.append(time.process_time() - began)
+                    left.append(short(task, topology, alpha))
+                    if left[-1] == 0:
+                        break
+                fewest.append(min(left))
+                first += left[0] == 0
+            unplaced = sorted(count for count in fewest if count)
+            over = f"{np.median(unplaced):.0f}" if unplaced else "-"
+            placed = f"{fewest.count(0)} / {len(fewest)}"
+            row = f"{n:>4}{l_c:>9.2f}{placed:>14}{first:>16}{over:>11}{np.mean(seconds):>15.2f}"
+            print(row, flush=True)
+    print("left over: overlapping pairs of the best start, median over the trees that were not placed")
+
+
+if __name__ == "__main__":
+    main()

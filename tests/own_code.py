@@ -1,0 +1,87 @@
+"""What a user of the package writes: it imports nothing but public names, and worker processes import it."""
+
+from functools import partial
+from itertools import combinations
+
+import casadi as ca
+import optuna
+
+from topo_search import Candidates, Design, OwnConstraint, OwnFormat, OwnSampler, SymbolicPlatform, Topology
+
+
+def spans(platform: SymbolicPlatform):
+    """Distance of any two modules' centres [m]."""
+    return ca.vertcat(*(ca.norm_2(a - b) for a, b in combinations(platform.centres, 2)))
+
+
+def fold_differences(platform: SymbolicPlatform):
+    """How far every joint's fold is from their mean [rad]."""
+    mean = sum(platform.folds) / len(platform.folds)
+    return [fold - mean for fold in platform.folds]
+
+
+def uprightness(platform: SymbolicPlatform):
+    """Vertical part of the first module's thrust axis."""
+    return platform.axes[0][2]
+
+
+def height(platform: SymbolicPlatform, module: int):
+    """Of one module over the centre of mass [m]."""
+    return platform.centres[module][2]
+
+
+def sideways(platform: SymbolicPlatform):
+    """Of the end-effector along y [m]."""
+    return platform.end_effector[1]
+
+
+def largest_inputs(platform: SymbolicPlatform):
+    """All inputs of the first load case [rad^2/s^2]."""
+    return platform.inputs[0]
+
+
+def nonsense(platform: SymbolicPlatform):
+    return platform.centres[99]
+
+
+def words(platform: SymbolicPlatform):
+    return "large"
+
+
+def span(limit, **fields):
+    return OwnConstraint("span", spans, upper=limit, unit="m", invariant="mirror", **fields)
+
+
+def lifted(module, least, **fields):
+    return OwnConstraint(f"height of {module}", partial(height, module=module), lower=least, unit="m", **fields)
+
+
+EQUAL_FOLDS = OwnConstraint("equal folds", fold_differences, 0.0, 0.0, "rad", version="1", invariant="mirror")
+UPRIGHT = OwnConstraint("upright", uprightness, lower=0.99, version="1")
+
+
+class Fewest:
+    """Proposes every tree in turn, as the keys are sorted: a sampler without a state."""
+
+    def propose(self, candidates: Candidates, tried, random) -> Topology | str:
+        known = {row.key for row in tried}
+        left = [tree for tree in candidates.sample(20, random.getrandbits(32)) if tree.key not in known]
+        return min(left or candidates.sample(1, 0), key=lambda tree: tree.key)
+
+
+def make_random(seed: int) -> optuna.samplers.BaseSampler:
+    return optuna.samplers.RandomSampler(seed=seed)
+
+
+def make_qmc(seed: int) -> optuna.samplers.BaseSampler:
+    return optuna.samplers.QMCSampler(seed=seed, warn_independent_sampling=False)
+
+
+MINE = OwnSampler("random rows", make_random, version="1")
+
+
+def as_text(design: Design) -> str:
+    return f"{design.topology_key} {design.objective:.6g}\n"
+
+
+TEXT = OwnFormat("plain-text", as_text, (".own",), "a line")

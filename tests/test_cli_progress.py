@@ -1,0 +1,191 @@
+"""What a command shows while it works: the plan, the stage, the incumbent and the time left."""
+
+import fcntl
+import importlib.util
+import io
+import os
+import pty
+import re
+import select
+import statistics
+import struct
+import sys
+import termios
+import time
+from pathlib import Path
+
+import pytest
+import toy_problem
+from rich.console import Console
+from toy_problem import toy_run
+
+from topo_search.cli.progress import Bar
+from topo_search.model.files import to_toml
+from topo_search.report.progress import Lines, told
+from topo_search.study import Phase, Plan, TimeLeft
+from topo_search.study.phases import WRITING, auditing, proving
+
+SEARCHING = Phase("searching", 3, 100, 24, seconds=2.0)
+ROW = toy_problem.toy_row("a110", objective=4.0, gap=0.25)
+
+
+def test_a_bar_shows_the_stage_the_incumbent_its_gap_and_the_count():
+    stream = io.StringIO()
+    console = Console(file=stream, force_terminal=True, width=140)
+    with Bar.show(console) as bar:
+        bar.plan(Plan((SEARCHING, WRITING), workers=2))
+        bar.phase(Phase("searching", 3, 2, 1, seconds=1.0))
+        bar.settled(None)
+        bar.settled(ROW)
+        bar.note("something happened")
+    shown = stream.getvalue()
+    assert "best a110 J 4, gap 25.00 %" in shown
+    assert "searching 3 modules" in shown
+    assert "2/2" in shown
+    assert "something happened" in shown
+    assert "100 candidates" in shown
+
+
+def test_plain_lines_come_now_and_then_without_control_characters(monkeypatch):
+    now, lines = 0.0, list[str]()
+    monkeypatch.setattr("topo_search.report.progress.time.monotonic", lambda: now)
+    observer = Lines(lines.append)
+    observer.plan(Plan((SEARCHING, WRITING), workers=2))
+    observer.phase(SEARCHING)
+    for _ in range(50):
+        now += 1.0
+        observer.settled(ROW)
+    assert lines[1] == "searching 3 modules: 100 candidates, at most 24 starts each"
+    assert re.fullmatch(
+        r"searching 3 modules: 10 of 100, best a110 J 4, gap 25.00 %, about [89]\d s left", lines[2]
+    )
+    assert len(lines) == 2 + 5
+    assert all(line.isprintable() for line in lines)
+
+
+def test_a_notebook_is_told_in_the_same_plain_lines(tmp_path, capsys):
+    toy_run(tmp_path / "run", observer=Lines(), workers=None)
+    shown = capsys.readouterr().out
+    assert shown.startswith("plan: 3 modules: ")
+    assert "searching 3 modules: " in shown
+    assert "auditing 3 modules: " in shown
+    assert not re.search(r"[\x00-\x09\x0b-\x1f\x1b]", shown)
+
+
+def test_the_plan_names_candidates_starts_workers_stages_and_time():
+    phases = (proving(5), Phase("searching", 5, 28, 8, seconds=3.0), auditing(5, 10), WRITING)
+    text = told(Plan(phases, workers=2))
+    assert text.startswith(
+        "plan: 5 modules: 28 candidates, 8 starts each; audits of the best 10; "
+        "proving, searching, auditing, writing on 2 workers: about "
+    )
+    assert re.search(r"about [45]\d s$", text)
+    assert told(Plan(phases, workers=2, time_limit=20.0)).endswith("about 25 s, of which at most 20 s to solve")
+
+
+def test_a_plan_is_what_is_left_to_do(tmp_path):
+    plans = []
+
+    class Planned(Lines):
+        def plan(self, plan):
+            plans.append({(phase.name, phase.n): (phase.steps, phase.starts) for phase in plan.phases})
+
+    for starts in (2, 2, 4):
+        toy_run(tmp_path / "run", starts=starts, observer=Planned(lambda _: None))
+    first, again, more = plans
+    number, starts = first["searching", 3]
+    assert starts == 2
+    assert set(first) == {("proving", 3), ("searching", 3), ("auditing", 3), ("writing", 0)}
+    assert set(again) == {("writing", 0)}
+    assert more["searching", 3] == (number, 4)
+
+
+def test_a_timed_run_plans_rounds_of_more_starts_by_the_name_of_polishing(tmp_path):
+    phases = []
+
+    class Told(Lines):
+        def plan(self, plan):
+            phases.append([phase.same for phase in plan.phases if phase.starts])
+
+        def phase(self, phase):
+            phases.append(phase.same)
+
+    toy_run(tmp_path / "run", starts=4, time_limit=1000.0, observer=Told(lambda _: None))
+    planned, *met = phases
+    assert planned == [("searching", 3, 1), ("polishing", 3, 2), ("polishing", 3, 4)]
+    assert [same for same in met if same[2]] == planned
+
+
+def test_time_left_is_learnt_from_the_steps():
+    left = TimeLeft()
+    left.plan(Plan((Phase("searching", 3, 10, 1, seconds=1.0), auditing(3, 10)), workers=1), 0.0)
+    before = left(0.0)
+    left.begin(Phase("searching", 3, 10, 1, seconds=1.0), 0.0)
+    for number in range(1, 6):
+        left.step(10.0 * number, known=False)
+    assert left(50.0) > 30.0 > before
+    left.plan(Plan((), workers=1, time_limit=5.0), 50.0)
+    assert left(50.0) <= 5.0
+
+
+def test_known_steps_take_no_time():
+    left = TimeLeft()
+    left.plan(Plan((SEARCHING,), workers=1), 0.0)
+    left.begin(SEARCHING, 0.0)
+    for _ in range(98):
+        left.step(0.0, known=True)
+    assert left(0.0) < 10.0
+
+
+def benchmark():
+    path = Path(__file__).parent / "benchmarks" / "time_left.py"
+    specification = importlib.util.spec_from_file_location("benchmark_of_time_left", path)
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def test_over_recorded_runs_the_median_time_left_is_off_by_less_than_a_factor_of_two():
+    replay = benchmark()
+    records = sorted(replay.RECORDED.glob("*.json"))
+    assert len(records) >= 5
+    factors = [replay.replayed(path) for path in records]
+    assert all(len(of_run) == 90 for of_run in factors)
+    assert statistics.median([factor for of_run in factors for factor in of_run]) < 2.0
+    assert statistics.median([statistics.median(of_run) for of_run in factors]) < 2.0
+
+
+def frames(argv, seconds):
+    """Return what a command writes to a terminal, with the times since its first character."""
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.execve(argv[0], argv, {**os.environ, "TERM": "xterm-256color"})
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 140, 0, 0))
+    began, shown = time.monotonic(), []
+    try:
+        while time.monotonic() - began < seconds and select.select([terminal], [], [], seconds)[0]:
+            shown.append((time.monotonic(), os.read(terminal, 65536).decode(errors="replace")))
+    except OSError:  # the command has ended
+        pass
+    os.close(terminal)
+    os.waitpid(pid, 0)
+    return [(at - shown[0][0], text) for at, text in shown]
+
+
+@pytest.mark.slow
+def test_on_a_terminal_the_bar_stands_first_and_moves(tmp_path):
+    task = tmp_path / "toy.toml"
+    task.write_text(to_toml(toy_problem.toy_task(3)))
+    shown = frames(
+        [sys.executable, "-m", "topo_search", "run", str(task), "--starts", "1", "--out", str(tmp_path / "run")],
+        300,
+    )
+    bars = [(at, text) for at, text in shown if "loading" in text or "searching" in text or "auditing" in text]
+    assert bars[0][0] <= 2.0
+    everything = "".join(text for _, text in shown)
+    assert "\x1b[" in everything
+    assert "plan: 3 modules: " in everything
+    for name in ("loading", "searching 3 modules", "auditing 3 modules", "about "):
+        assert name in everything
+    early = {text for at, text in bars if at <= 2.0}
+    assert len(early) > 1  # it moves

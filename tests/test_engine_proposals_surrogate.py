@@ -1,0 +1,164 @@
+"""What trees are compared by, and what is expected of those that were never solved."""
+
+import numpy as np
+import optuna
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from topo_search.engine.proposals.descriptors import PATTERNS, descriptors
+from topo_search.engine.proposals.moves import Moves
+from topo_search.engine.proposals.surrogate import MOST, Surrogate
+from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS
+from topo_search.engine.space import Space
+from topo_search.model import Topology
+from topo_search.model.files import read_task
+from topo_search.topologies import Connectors, candidate_of, sample
+from topo_search.topologies.tree_moves import part_of
+
+
+@given(st.integers(1, 14), st.integers(0, 10**6), st.sampled_from(["aligned", "any"]))
+def test_trees_that_are_one_candidate_are_described_alike(n: int, seed: int, connectors: Connectors) -> None:
+    (rooted,) = sample(n, 1, seed, symmetry="none", root="paper", connectors=connectors)
+    for symmetry in ("none", "c2", "d2"):
+        listed = candidate_of(rooted, symmetry=symmetry, connectors=connectors).topology
+        one, other = descriptors([listed, rooted])
+        assert one.tolist() == other.tolist()
+
+
+@pytest.mark.parametrize(
+    ("key", "expected", "paths"),
+    [
+        ("a0", [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0], {}),
+        ("a10", [0, 0.25, 0, 0, 2, 0, 0, 2, 1 / 2, 0, 0, 0], {}),
+        ("p18", [0, 0.25, 0, 0, 2, 0, 0, 0, 1 / 2, 0, 0, 0], {}),  # spins cancel
+        ("af0000", [0.4, 0.4, 0, 0, 4, 0, 1, 5, 16 / 5, 0, 0, 0], {"0": 2, "1": 4}),
+        # a square without its last joint
+        ("a3400", [0.25, 0.25, 0, 1, 2, 2, 0, 4, 10 / 4, 0, 0, 0], {"1": 2, "11": 1}),
+        # a corner
+        ("a300", [1 / 9, 1 / 3, 0, 0, 2, 1, 0, 3, 4 / 3, 3, 0, 2**0.5 / 27], {"1": 1}),
+        # three in a row, and one aside
+        (
+            "a5100",
+            [1 / 8, 3 / 4, 0, 0, 2, 2, 0, 4, 10 / 4, 4, 2, 0.625**0.5 / 4],
+            {"0": 1, "1": 1, "01": 1},
+        ),
+        # the same, the one aside turned by a quarter
+        (
+            "p5180",
+            [1 / 8, 3 / 4, 0, 0, 2, 2, 0, 2, 10 / 4, 4, 2, 0.625**0.5 / 4],
+            {"0": 1, "1": 1, "01": 1},
+        ),
+    ],
+)
+def test_descriptors_of_trees_that_can_be_looked_at(key: str, expected: list[float], paths: dict[str, int]) -> None:
+    counted = [paths.get("".join(map(str, pattern)), 0) for pattern in PATTERNS]
+    (described,) = descriptors([Topology.from_key(key)])
+    assert described == pytest.approx([*expected, *counted])
+
+
+@given(st.integers(2, 14), st.integers(0, 10**6), st.data())
+def test_a_part_mirrored_at_its_joint_keeps_the_patterns_of_all_paths(
+    n: int, seed: int, data: st.DataObject
+) -> None:
+    (tree,) = sample(n, 1, seed, symmetry="none")
+    i = data.draw(st.integers(1, n - 1))
+    part = part_of(tree, i)
+    across = {port: port if (port - tree.joints[i][2]) % 2 == 0 else (port + 2) % 4 for port in range(4)}
+    joints = [
+        (h, across[a] if h in part else a, across[b] if child in part else b)
+        for child, (h, a, b) in enumerate(tree.joints)
+        if child
+    ]
+    mirrored = Topology((tree.joints[0], *joints))
+    one, other = descriptors([mirrored, tree])[:, -len(PATTERNS) :]
+    assert one.tolist() == other.tolist()
+
+
+@pytest.mark.parametrize("bend", [0.0, 3.0])
+def test_a_ranking_is_forecast_and_the_unknown_is_given_a_chance(bend: float) -> None:
+    """A trend, and what no trend tells: the best have their first number in the middle."""
+    rng = np.random.default_rng(0)
+    described = rng.normal(size=(400, 3)) * [1.0, 100.0, 0.0] + [0.0, 5.0, 7.0]
+    value = described[:, 0] - described[:, 1] / 50 + bend * described[:, 0] ** 2
+    solved = described[:300][np.argsort(value[:300])]
+    surrogate = Surrogate(solved, range(300))
+    ranks = (
+        np.argsort(np.argsort(surrogate.lower_confidence_bounds(described[300:]))),
+        np.argsort(np.argsort(value[300:])),
+    )
+    assert np.corrcoef(*ranks)[0, 1] > 0.95
+    usual = solved.mean(axis=0)
+    known, strange = surrogate.lower_confidence_bounds(np.array([usual, [*usual[:2], 1000.0]]))
+    assert strange < known - 100
+
+
+def test_of_very_many_solved_trees_some_of_all_places_are_looked_at() -> None:
+    rng = np.random.default_rng(1)
+    described = np.sort(rng.normal(size=(2 * MOST + 1, 1)), axis=0)
+    bounds = Surrogate(described, range(len(described))).lower_confidence_bounds(np.array([[-2.0], [0.0], [2.0]]))
+    assert bounds[0] < bounds[1] - 0.5 < bounds[2] - 1.0
+
+
+def test_one_solved_tree_is_enough() -> None:
+    bounds = Surrogate(np.ones((1, 4)), [0]).lower_confidence_bounds(np.ones((2, 4)))
+    assert np.all(np.isfinite(bounds))
+    assert bounds[0] == bounds[1]
+
+
+def test_what_falls_short_is_told_from_what_the_others_say() -> None:
+    rng = np.random.default_rng(2)
+    described = rng.normal(size=(240, 2))
+    order = np.argsort(described[:, 0])
+    missed = order[3]  # among the best, but it stands last
+    ranking = np.array([*order[order != missed], missed])
+    bounds = Surrogate(described[ranking], range(240)).leave_one_out_bounds()
+    assert np.argsort(bounds).tolist().index(239) < 12
+    for place in (10, 100, 239):
+        others = np.arange(240) != place
+        alone = Surrogate(described[ranking[others]], np.arange(240)[others]).lower_confidence_bounds(
+            described[[ranking[place]]]
+        )
+        assert bounds[place] == pytest.approx(alone[0], abs=0.05)
+
+
+def test_trees_that_stand_alike_are_told_apart_by_nothing_but_what_they_look_like() -> None:
+    rng = np.random.default_rng(3)
+    described = rng.normal(size=(40, 2))
+    places = [*range(10), *(30 * [10])]
+    surrogate, other = (
+        Surrogate(np.concatenate([described[:10], tied]), places) for tied in (described[10:], described[:9:-1])
+    )
+    unknown = rng.normal(size=(5, 2))
+    assert surrogate.lower_confidence_bounds(unknown) == pytest.approx(other.lower_confidence_bounds(unknown))
+
+
+def test_by_how_much_trees_without_a_design_miss_it_counts_only_while_none_has_one() -> None:
+    space = Space(read_task("push", ("modules=6",)).resolve(6), "task")
+    keys = [candidate.key for candidate in space.sample(12, 0)]
+
+    def bounds(violations: list[float], designs: int) -> list[float]:
+        study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
+        for number, (key, violation) in enumerate(zip(keys, violations, strict=True)):
+            trial = study.ask()
+            found = number < designs
+            for name, value in (
+                (KEY, key),
+                (STARTS, 1),
+                (STATUS, "feasible" if found else "infeasible"),
+                (NEAR, ()),
+            ):
+                trial.set_user_attr(name, value)
+            trial.set_constraint("violation", 0.0 if found else violation)
+            study.tell(trial, float(number) if found else float("inf"))
+        moves = Moves(space, starts=4, seed=0)
+        over = study.get_trials(deepcopy=False)
+        learnt = moves._learnt(over)
+        return learnt.surrogate.lower_confidence_bounds(
+            moves._descriptors([one.key for one in space.sample(20, 1)])
+        ).tolist()
+
+    rising = [1.0 + number for number in range(12)]
+    falling = rising[::-1]
+    assert bounds(rising, 3) == pytest.approx(bounds(falling, 3))
+    assert bounds(rising, 0) != pytest.approx(bounds(falling, 0))

@@ -1,0 +1,157 @@
+"""The contract of every kind of exposure: solver, audit and brute force agree on every clearance."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from nlp_cases import (
+    BELOW,
+    BENT,
+    BOX,
+    CONE,
+    CONE_DOWN,
+    HALF_SPACE,
+    HALF_SPACE_DOWN,
+    LOCAL,
+    OUTWARDS,
+    TWO_PATHS,
+    WEDGE,
+    as_design,
+    push,
+    random_point,
+    random_tree,
+    solved,
+)
+
+from nlp.numbers.evaluate import violations
+from nlp.solve import solve
+from topo_search.export.poses import poses
+from topo_search.export.regions import mesh, shapes
+from topo_search.model import Design, Exterior, Topology
+from topo_search.model.files import to_json
+from topo_search.report.closest import closest_points
+from topo_search.report.task_facts import facts
+from verify import audit
+
+KINDS = {
+    "ball": LOCAL,
+    "box": BOX,
+    "convex region": WEDGE,
+    "paths": TWO_PATHS,
+    "bent paths": BENT,
+    "path along p_E": OUTWARDS,
+    "cone": CONE,
+    "fixed cone": CONE_DOWN,
+    "half-space": HALF_SPACE,
+    "fixed half-space": HALF_SPACE_DOWN,
+    "planes": BELOW,
+}
+EXPOSED = ("local", "directional", "exterior", "allowed")
+FINE = np.linspace(0.0, 1.0, 401)
+
+
+def random_design(kind, seed):
+    rng = np.random.default_rng(seed)
+    task = push(2, exposure=[KINDS[kind]])
+    return random_point(task, random_tree(2, rng, aligned=True), rng)
+
+
+def exposed(found):
+    return [pair for pair in found.pairs if pair.kind in EXPOSED]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(2))
+def test_solver_and_audit_name_the_same_clearances_with_the_same_sign(kind, seed):
+    point = random_design(kind, seed)
+    told = {check.name: -check.amount for check in violations(point) if check.name.startswith("exposure")}
+    found = exposed(audit(as_design(point)))
+    assert {pair.name for pair in found} == set(told)
+    for pair in found:
+        assert pair.status in ("clear", "violated")
+        assert (pair.analytic_m > 0) == (told[pair.name] > 0) == (pair.status == "clear")
+        if pair.kind in ("exterior", "allowed"):
+            assert told[pair.name] == pytest.approx(pair.analytic_m, abs=1e-9)
+
+
+def brute_force(point, kind):
+    """The least clearance of sampled balls of every envelope from the region as its fields say it, in metres."""
+    asked, air, (R, p) = KINDS[kind], point.task.module.envelope, point.poses
+    centres = p[:, None] - FINE[:, None] * air.length * R[:, None, :, 2] - point.p_E
+    radii = air.start_radius + FINE * air.growth
+    if "planes" in asked:
+        normals = np.array([plane["normal"] for plane in asked["planes"]])
+        lengths = np.linalg.norm(normals, axis=1)
+        offsets = np.array([plane["offset"] for plane in asked["planes"]])
+        return (offsets - centres @ (normals / lengths[:, None]).T - radii[:, None]).min(axis=1)
+    gaps = []
+    for path in asked["polylines"]:
+        for start, end in pairwise(path):
+            on_path = np.array(start) + FINE[:, None] * np.subtract(end, start)
+            apart = np.linalg.norm(centres[:, :, None] - on_path, axis=-1)
+            gaps.append(apart.min(axis=2) - radii - asked["radius"])
+    return np.stack(gaps, axis=-1).min(axis=1)
+
+
+@pytest.mark.parametrize("kind", ["bent paths", "planes"])
+@pytest.mark.parametrize("seed", range(2))
+def test_the_audit_agrees_with_brute_force(kind, seed):
+    point = random_design(kind, seed)
+    sampled = brute_force(point, kind)
+    for pair in exposed(audit(as_design(point))):
+        assert pair.analytic_m == pytest.approx(sampled[pair.a, pair.segment], abs=2e-3)
+        assert pair.analytic_m <= sampled[pair.a, pair.segment] + 1e-12
+
+
+def test_a_plane_through_the_end_effector_is_the_half_space_of_a_cone():
+    out = np.array(HALF_SPACE_DOWN["axis"])
+    point = random_design("fixed half-space", 5)
+    plane = {"kind": "allowed", "planes": [{"normal": (-out).tolist()}]}
+    both = push(2, exposure=[HALF_SPACE_DOWN, plane])
+    cone, allowed = (
+        [pair for pair in exposed(audit(as_design(point).model_copy(update={"task": both}))) if pair.kind == name]
+        for name in ("exterior", "allowed")
+    )
+    for one, other in zip(cone, allowed, strict=True):
+        assert one.analytic_m == pytest.approx(other.analytic_m, abs=1e-12)
+        assert one.status == other.status
+
+
+def test_a_polyline_of_one_piece_from_the_end_effector_is_a_segment():
+    end = [0.6, -0.2, 0.3]
+    forms = ({"segments": [end]}, {"polylines": [[[0.0, 0.0, 0.0], end]]}, {"polylines": [[end, [0.0, 0.0, 0.0]]]})
+    point = random_design("paths", 6)
+    rows = []
+    for form in forms:
+        task = push(2, exposure=[{"kind": "directional", "radius": 0.15, **form}])
+        design = as_design(point).model_copy(update={"task": task})
+        rows.append([pair.analytic_m for pair in exposed(audit(design))])
+    np.testing.assert_allclose(rows[1:], [rows[0]] * 2, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["bent paths", "planes"])
+def test_designs_are_found_and_certified(kind):
+    task = push(5, exposure=[KINDS[kind]])
+    design = solved(solve(task, Topology.from_key("a11210"), starts=range(4), seed=0))
+    found = audit(design)
+    assert found.verdict == "clear"
+    assert {pair.status for pair in exposed(found)} == {"clear"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_told_drawn_and_stored(kind):
+    point = random_design(kind, 7)
+    design = as_design(point)
+    assert Design.model_validate_json(to_json(design)) == design
+    at = poses(design)
+    for _, shape in shapes(design.task, at):
+        assert len(mesh(shape, 1.0).faces) > 0
+    words = next(group for group in facts(point.task) if group.rows[0][0] == "requirement 0").rows[0][1]
+    assert len(words) > 10
+    for pair in exposed(audit(design)):
+        on_envelope, on_region = closest_points(design, at, pair, None)
+        gap = float(np.linalg.norm(on_envelope - on_region))
+        if pair.analytic_m > 0 and not isinstance(design.task.exposure[0], Exterior):
+            assert gap == pytest.approx(pair.analytic_m, abs=1e-4)
+        assert math.isfinite(gap)

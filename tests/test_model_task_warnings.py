@@ -1,0 +1,160 @@
+"""What is odd about a task, and what is not."""
+
+from typing import Any
+
+import pytest
+
+from topo_search.model import Task
+from topo_search.model.files import examples, read_task
+from topo_search.model.task_warnings import task_warnings
+
+HOVER = {"com": {"force": [0.0, 0.0, 1.0]}}
+PUSH_WHILE_HOVERING = {"end_effector": {"force": [0.2, 0.0, 0.0]}, **HOVER}
+
+
+def found(**fields: Any) -> dict[str, str]:
+    """The warnings of a task in which nothing else is odd, by field."""
+    task = {"name": "odd", "modules": 3, "load_cases": [PUSH_WHILE_HOVERING, HOVER], **fields}
+    return {one.path: one.words for one in task_warnings(Task.model_validate(task))}
+
+
+def test_nothing_is_odd_about_a_plain_task() -> None:
+    assert found() == {}
+
+
+def test_the_shipped_tasks_are_odd_only_where_the_paper_pushes_with_half_the_weight() -> None:
+    for name in examples():
+        odd = {one.path for one in task_warnings(read_task(name))}
+        assert odd == ({"load_cases[0]", "load_cases[1]"} if name.startswith("push") else set()), name
+
+
+@pytest.mark.parametrize(
+    ("case", "odd"),
+    [
+        ({"end_effector": {"force": [0.5, 0.0, 0.5]}}, True),
+        ({"end_effector": {"force": [0.5, 0.0, 1.0]}}, False),
+        ({"end_effector": {"force": [0.0, 0.0, 0.3]}, "com": {"force": [0.0, 0.0, 0.7]}}, False),
+        ({"end_effector": {"force": [0.0, 0.0, 0.3]}, "com": {"force": [0.0, 0.0, 0.6]}}, True),
+        # pressing down while hovering: the target carries a part of the weight
+        ({"end_effector": {"force": [0.0, 0.0, -0.3]}, "com": {"force": [0.0, 0.0, 1.0]}}, False),
+        ({"end_effector": {"force": [0.0, 0.0, -0.3]}}, True),
+        ({"units": "SI", "com": {"force": [1.0, 0.0, 7.53]}}, True),
+        ({"units": "SI", "com": {"force": [1.0, 0.0, 7.54]}}, False),  # 0.768 kg at 9.81 m/s^2: 7.534 N
+        ({"units": "SI", "carries_weight": True, "end_effector": {"force": [1.0, 0.0, -2.0]}}, False),
+        ({"carries_weight": True, "com": {"force": [0.0, 0.0, -0.1]}}, True),
+    ],
+)
+def test_a_load_case_that_does_not_carry_the_weight(case: dict[str, Any], odd: bool) -> None:
+    words = found(load_cases=[HOVER, case]).get("load_cases[1]", "")
+    assert (
+        "is under the weight, 7.534 N of 3 modules and the end-effector; gravity is added only where it" in words
+    ) is odd
+
+
+def test_with_a_range_of_sizes_the_largest_platform_counts() -> None:
+    case = {"units": "SI", "com": {"force": [1.0, 0.0, 8.0]}}
+    assert found(load_cases=[HOVER, case]) == {}
+    assert list(found(load_cases=[HOVER, case], modules=[3, 4])) == ["load_cases[1]"]
+
+
+def test_a_task_in_which_nothing_hovers() -> None:
+    assert "none is plain hover" in found(load_cases=[PUSH_WHILE_HOVERING])["load_cases"]
+    tilted = {"com": {"force": [0.0, 0.0, 1.0], "torque": [0.1, 0.0, 0.0]}}
+    assert "load_cases" in found(load_cases=[tilted])
+    si = {"units": "SI", "com": {"force": [0.0, 0.0, 0.768 * 9.81]}}
+    assert found(load_cases=[si]) == {}
+    assert found(load_cases=[{"carries_weight": True}], modules=[2, 5]) == {}
+
+
+@pytest.mark.parametrize(
+    ("fields", "path", "said"),
+    [
+        ({"gravity": 1.62}, "gravity", "1.62 m/s^2 is not that of the Earth's surface"),
+        ({"module": {"mass": 240.0}}, "module.mass", "240 kg is outside 0.01 to 50 kg"),
+        ({"module": {"arm_length": 100.0}}, "module.arm_length", "is the unit right?"),
+        ({"module": {"connector_distance": 150.0}}, "module.connector_distance", "150 m is outside"),
+        ({"module": {"thrust_coefficient": 3.87e-3}}, "module.thrust_coefficient", "19.5 rad/s (186 rpm)"),
+        ({"module": {"torque_coefficient": 1e-7}}, "module.torque_coefficient", "k_tau / k_f = 0.258 m"),
+        ({"module": {"max_thrust_to_weight": 1.05}}, "module.max_thrust_to_weight", "pull with 7.416 N at most"),
+        ({"module": {"body": {"rotor_radius": 0.08}}}, "module.body.rotor_radius", "reach into each other"),
+        ({"module": {"connector_distance": 0.12}}, "module.connector_distance", "rotors reach 0.121 m out"),
+        ({"search": {"peak_input": 0.4}}, "search.peak_input", "pull with 7.063 N at most"),
+        ({"end_effector": {"stand_off": 100.0}}, "end_effector.stand_off", "lengths are in metres"),
+        (
+            {"end_effector": {"position": [0.2, 0.0, 0.1], "stand_off": 0.3}},
+            "end_effector.stand_off",
+            "0.3 m is more than the 0.2236 m from the centre of mass",
+        ),
+        ({"end_effector": {"position": [100.0, 0.0, 0.0]}}, "end_effector.position", "lengths are in metres"),
+        (
+            {"exposure": [{"kind": "local", "radius": 150.0}]},
+            "exposure[0].radius",
+            "150 m is 289 times the width of 3",
+        ),
+        (
+            {"exposure": [{"kind": "directional", "segments": [[1.0, 0.0, 0.0], [0.0, 0.0, -800.0]]}]},
+            "exposure[0].segments[1]",
+            "800 m is 1540 times",
+        ),
+        (
+            {"exposure": [{"kind": "directional", "along": "end_effector", "length": 500.0}]},
+            "exposure[0].length",
+            "500 m is 962 times",
+        ),
+        ({"load_cases": [{"com": {}}, HOVER]}, "load_cases[0]", "asks for no force and no torque"),
+        ({"load_cases": [HOVER, PUSH_WHILE_HOVERING, HOVER]}, "load_cases[2]", "is the same as load_cases[0]"),
+        ({"load_cases": [HOVER, {**PUSH_WHILE_HOVERING, "weight": 1e4}]}, "load_cases", "by a factor of 1e+04"),
+        ({"module": {"arm_length": 0.135}}, "module.body", "hinges turn by at most 47.5 deg"),
+        ({"module": {"body": {"rotor_radius": 0.09}}}, "module.body", "no hinge angle is known to keep rotors off"),
+        ({"search": {"margin": 0.0}}, "search.margin", "too close for the audit"),
+        ({"search": {"margin": 0.1}}, "search.margin", "0.1 m beyond every clearance"),
+    ],
+)
+def test_values_that_are_seldom_meant(fields: dict[str, Any], path: str, said: str) -> None:
+    odd = found(**fields)
+    assert said in odd[path]
+
+
+@pytest.mark.parametrize(
+    ("fields", "path"),
+    [
+        ({"exposure": [{"kind": "local", "radius": 20.0}]}, "exposure[0].radius"),
+        ({"exposure": [{"kind": "local", "box": [40.0, 40.0, 40.0]}]}, "exposure[0]"),
+        ({"exposure": [{"kind": "directional", "radius": 15.0, "segments": [[1, 0, 0]]}]}, "exposure[0].radius"),
+        ({"exposure": [{"kind": "directional", "segments": [[1, 0, 0], [100, 0, 0]]}]}, "exposure[0].segments[1]"),
+        (
+            {"exposure": [{"kind": "directional", "along": "end_effector", "length": 100.0}]},
+            "exposure[0].length",
+        ),
+        ({"end_effector": {"stand_off": 20.0}}, "end_effector.stand_off"),
+        ({"end_effector": {"position": [0.0, 20.0, 0.0]}}, "end_effector.position"),
+    ],
+)
+def test_centimetres_are_told_whatever_the_number_of_modules(fields: dict[str, Any], path: str) -> None:
+    """What is a hundred times as long as was meant; what was meant is not odd."""
+    for n in (1, 3, 100):
+        assert "lengths are in metres" in found(**fields, modules=n)[path]
+
+
+def test_the_farthest_corner_of_a_region_counts() -> None:
+    corners = [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 30.0]]
+    assert "30 m is" in found(exposure=[{"kind": "local", "vertices": corners}])["exposure[0]"]
+
+
+@pytest.mark.parametrize("n", [1, 3, 100])
+def test_lengths_of_the_platforms_size_are_not_odd(n: int) -> None:
+    exposure = [
+        {"kind": "local", "radius": 0.3},
+        {"kind": "directional", "segments": [[4.0, 0.0, 0.0]]},
+        {"kind": "directional", "along": "end_effector", "length": 4.0},
+    ]
+    assert found(exposure=exposure, end_effector={"stand_off": 1.0}, modules=n) == {}
+
+
+@pytest.mark.parametrize(("edge", "odd"), [(0.3, False), (0.314, False), (0.316, True), (0.42, True)])
+def test_frames_that_reach_past_their_connectors(edge: float, odd: bool) -> None:
+    """The audit lets them touch up to 7.5 mm past."""
+    start = f"hub and arms reach {edge / 2:.3g} m out, past the connector at 0.15 m"
+    for hub in ([edge, 0.02, 0.02], [0.02, edge, 0.02]):
+        given = {"name": "odd", "modules": 3, "load_cases": [HOVER], "module": {"body": {"hub": hub}}}
+        assert any(one.words.startswith(start) for one in task_warnings(Task.model_validate(given))) is odd

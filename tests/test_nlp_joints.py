@@ -1,0 +1,117 @@
+"""What joints bear: the solver's loads against the audit's, derivatives, and limits that designs keep."""
+
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from nlp_cases import GENTLE_PUSH, HOVER, as_design, push, random_point, random_tree, solved
+
+from nlp import solve
+from nlp.assembled.problem import AssembledProblem
+from nlp.joints import LimitRows, Limits, holder, limit_of, limited, loads
+from nlp.numbers.point import Point
+from nlp.own import Beside
+from nlp.requirements import clearances
+from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
+from topo_search.model import BadInput, Status, Task, Topology
+from topo_search.model.files import validate
+from verify import audit
+from verify.flight.joints import joint_loads
+from verify.kinematics import platform
+
+TREE = Topology.from_key("a300")
+TWISTED = [*GENTLE_PUSH, {"com": {"force": [0.0, 0.1, 0.9], "torque": [0.2, 0.1, -0.3]}}]
+
+
+def balanced(point: Point) -> Point:
+    """The point with inputs, of any sign, that produce its load cases."""
+
+    u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=None)[0].T
+    return replace(point, u=u.reshape(point.u.shape))
+
+
+@pytest.mark.parametrize("fields", [{}, {"end_effector": {"position": [0.1, 0.1, 0.3]}}])
+def test_loads_are_those_of_the_audit_at_any_balanced_point(fields: Any) -> None:
+    rng = np.random.default_rng(0)
+    asked = {"joint_moment": 1.0, "joint_force": 1.0}
+    for n in (4, 5, 6):
+        task = push(n, load_cases=TWISTED, flight=asked, **fields)
+        point = balanced(random_point(task, random_tree(n, rng), rng))
+        assert missed_wrenches(point).max() < 1e-9
+        design = as_design(point)
+        found = platform(design)
+        own = loads(point)
+        held, u = holder(point), point.u
+        rows = [
+            load
+            for k, case in enumerate(task.load_cases)
+            for load in joint_loads(design, found, case, u[k], "", held)
+        ]
+        assert own == pytest.approx([r.force_N for r in rows] + [r.moment_Nm for r in rows], rel=1e-6)
+
+
+def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both() -> None:
+    rng = np.random.default_rng(1)
+    task, topology = push(4, load_cases=TWISTED, flight={"joint_moment": 1.0}), random_tree(4, rng)
+    point = random_point(task, topology, rng)
+    base = AssembledProblem(task, topology, clearances(task, topology), 50.0)
+    listed = limited(task, topology)[::3]
+    rows = LimitRows(task, topology, Limits(holder(point), listed))
+    both, x = Beside(base, rows), point.pack()
+    unit = task.module.arm_length * task.module.mass * task.gravity
+    at = dict(zip(limited(task, topology), loads(point), strict=True))
+    L = np.array([limit_of(task, load) for load in listed]) / unit
+    sizes = np.array([at[load] for load in listed]) / unit
+    assert both.constraints(x)[base.rows :] == pytest.approx((L**2 - sizes**2) / (2 * L), rel=1e-9)
+
+    def gradient(y: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        J = np.array(ca.DM(both.jacobian_pattern, both.jacobian(y)))
+        return both.gradient(y) * 0.7 + J.T @ multipliers
+
+    multipliers, step = rng.normal(size=both.rows), 1e-6
+    H = np.array(ca.DM(both.hessian_pattern, both.hessian(x, 0.7, multipliers)))
+    H = H + np.triu(H, 1).T
+    J = np.array(ca.DM(both.jacobian_pattern, both.jacobian(x)))
+    for j in range(0, len(x), 5):
+        e = step * np.eye(len(x))[j]
+        slope = (both.constraints(x + e) - both.constraints(x - e)) / (2 * step)
+        assert slope == pytest.approx(J[:, j], rel=1e-5, abs=1e-6)
+        bend = (gradient(x + e, multipliers) - gradient(x - e, multipliers)) / (2 * step)
+        assert bend == pytest.approx(H[:, j], rel=1e-5, abs=1e-4)
+
+
+def test_a_design_keeps_the_largest_moment_that_it_is_asked_to_and_the_audit_judges_it() -> None:
+    plain = solved(solve(push(3, load_cases=GENTLE_PUSH), TREE, starts=range(4), seed=0))
+    flight = audit(plain).flight
+    assert flight is not None
+    assert flight.joint_moment_Nm is not None
+    most = 0.9 * flight.joint_moment_Nm
+    asked = push(3, load_cases=GENTLE_PUSH, flight={"joint_moment": most})
+    design = solved(solve(asked, TREE, starts=range(4), seed=0))
+    judged = audit(design)
+    assert judged.verdict == "clear"
+    (row,) = (row for row in judged.residuals if row.name == "largest moment in a joint")
+    assert row.derived <= row.stated * (1 + 1e-6)
+    assert design.objective >= plain.objective
+    again = audit(plain.model_copy(update={"task": asked}))
+    (row,) = (row for row in again.residuals if row.name == "largest moment in a joint")
+    assert row.status is Status.VIOLATED
+
+
+def test_a_rating_is_that_of_the_module_and_must_be_given() -> None:
+    fields = {"name": "t", "modules": 3, "load_cases": [HOVER], "flight": {"joint_moment": "rated"}}
+    with pytest.raises(BadInput, match=r'module.joint_moment: must be given with flight.joint_moment = "rated"'):
+        validate(Task, fields, "t")
+    rated = validate(Task, {**fields, "module": {"joint_moment": 4.0}}, "t").resolve(3)
+    assert rated.joint_limits == (None, 4.0)
+    for wrong in ("high", True, 0.0):
+        with pytest.raises(BadInput, match=r"flight.joint_moment: must be"):
+            validate(Task, {**fields, "flight": {"joint_moment": wrong}}, "t")
+
+
+def test_what_no_start_keeps_is_told_by_joint_and_load_case() -> None:
+    result = solve(push(3, load_cases=GENTLE_PUSH, flight={"joint_moment": 1e-3}), TREE, starts=range(1), seed=0)
+    assert not hasattr(result, "objective")
+    assert "moment in the joint of module" in result.message

@@ -1,0 +1,78 @@
+"""Every requirement is stated once: its smooth form, exact value and compiled rows agree, for every feature."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from nlp_cases import FEATURES, push, random_point, random_tree
+
+from nlp.numbers.evaluate import violations
+from nlp.problem import problem
+from nlp.reduced.expressed import reason_against
+from nlp.requirements import clearances
+
+SHARP = 1e8
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_the_smooth_form_has_the_sign_of_the_exact_value(name):
+    """Away from contact: at a sharpness at which the log-sum-exp is the least of its candidates."""
+    rng = np.random.default_rng(0)
+    task = push(4, **FEATURES[name])
+    topology = random_tree(4, rng, aligned=True)
+    platforms = [random_point(task, topology, rng).platform for _ in range(5)]
+    told = 0
+    for requirement in clearances(task, topology):
+        for part, formula in enumerate(requirement.formulas):
+            y = [ca.SX.sym("y", 3) for _ in formula.sees]
+            smooth = ca.Function("smooth", y, [formula.smooth(y, ca.SX(SHARP))])
+            for platform in platforms:
+                for subject, gaps in zip(requirement.subjects, requirement.gaps(platform), strict=True):
+                    values = smooth.call([np.ravel(seen.at(platform, subject)) for seen in formula.sees])
+                    if abs(gaps[part]) > 0.01:
+                        assert np.sign(np.array(values[0]).min()) == np.sign(gaps[part]), requirement.name(
+                            *subject, part
+                        )
+                        told += 1
+    assert told > 20
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_the_printed_problem_and_the_evaluation_have_the_same_constraints_in_the_same_order(name):
+    rng = np.random.default_rng(1)
+    task = push(4, **FEATURES[name])
+    topology = random_tree(4, rng, aligned=True)
+    stated = [constraint.name for constraint in problem(task, topology).constraints]
+    judged = [check.name for check in violations(random_point(task, topology, rng))]
+    assert judged[: len(stated)] == stated
+    assert stated[2 * len(task.load_cases) :] == [
+        row for requirement in clearances(task, topology) for row, *_ in requirement.rows()
+    ]
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_what_has_no_compiled_rows_is_solved_the_longer_way(name):
+    task = push(4, **FEATURES[name])
+    topology = random_tree(4, np.random.default_rng(2), aligned=True)
+    formulas = [formula for requirement in clearances(task, topology) for formula in requirement.formulas]
+    if not all(formula.kernels() for formula in formulas):
+        assert reason_against(task) is not None
+    elif len(task.folds(task.search.margin)) == 1:
+        assert reason_against(task) is None
+
+
+def test_statements_of_equal_tasks_share_their_derivatives():
+    """Formulas are equal by their numbers: CasADi derives each once a process, whatever the topology."""
+    tree = random_tree(4, np.random.default_rng(3), aligned=True)
+    for fields in FEATURES.values():
+        one, other = (list(clearances(push(4, **fields), tree)) for _ in range(2))
+        assert [hash(a.formulas) for a in one] == [hash(b.formulas) for b in other]
+        assert all(a.formulas == b.formulas for a, b in zip(one, other, strict=True))
+
+
+def test_a_round_of_ipopt_does_without_far_subjects():
+    task, tree = push(6), random_tree(6, np.random.default_rng(4), aligned=True)
+    platform = random_point(task, tree, np.random.default_rng(5)).platform
+    for requirement in clearances(task, tree):
+        kept = requirement.at_hand(platform)
+        gaps = requirement.gaps(platform).min(axis=1)
+        np.testing.assert_array_equal(kept.subjects, requirement.subjects[gaps < requirement.near])

@@ -1,0 +1,161 @@
+"""Geometry first: hinges are placed where no envelopes overlap."""
+
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from nlp_cases import push, random_tree
+
+from nlp.numbers.geometry import Swept, poses
+from nlp.numbers.geometry import clearance as vectorised
+from nlp.numbers.hinges import largest_turn
+from nlp.starts.random_starts import draw, generator
+from nlp.starts.tabu_search import Rules, clearance
+from nlp.starts.untangling import CLEAR, untangle
+from topo_search.model import Topology
+from topo_search.topologies import sample
+from verify.bodies import ConeSphere
+from verify.clearance import clearances
+
+FREE = np.array([[-1.0, 1.0]])
+"""Folds that hinges may have."""
+
+
+def least_clearance(task, topology, alpha):
+    """The least clearance of all pairs of envelopes, by the audit's closed form [m]."""
+    R, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
+    air = task.module.envelope
+    bodies = [
+        ConeSphere(p_i, -air.length * R_i[:, 2], air.start_radius, air.growth)
+        for R_i, p_i in zip(R, p, strict=True)
+    ]
+    pairs = [(bodies[i], bodies[j]) for i in range(topology.n) for j in range(i)]
+    return float(np.min(clearances(pairs).d))
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_twelve_modules_are_freed_of_overlaps(number):
+    task = push(12, module={"connector_distance": 0.22}, search={"body_clearance": False})
+    topology = sample(12, 5, seed=3)[number]
+    flat = np.zeros(11)
+    alpha = untangle(task, topology, flat, np.random.default_rng(number))
+    assert np.all(np.abs(alpha) <= np.pi / 2)
+    assert least_clearance(task, topology, alpha) >= CLEAR * task.module.arm_length - 1e-9
+
+
+def test_a_hundred_modules_are_freed_of_overlaps():
+    task = push(100, module={"connector_distance": 0.3}, search={"body_clearance": False})
+    topology = sample(100, 1, seed=0)[0]
+    flat = np.zeros(99)
+    assert least_clearance(task, topology, flat) < 0.0
+    alpha = untangle(task, topology, flat, np.random.default_rng(0))
+    assert least_clearance(task, topology, alpha) >= CLEAR * task.module.arm_length - 1e-9
+
+
+def test_hinges_are_turned_back_where_there_is_room():
+    """A straight chain needs no bend at all; what stays is less than the step between the angles tried."""
+    task = push(10, module={"connector_distance": 0.3}, search={"body_clearance": False})
+    chain = Topology(((-1, -1, -1), *((h, 0, 2) for h in range(9))))
+    bent = np.full(9, -0.5)
+    alpha = untangle(task, chain, bent, np.random.default_rng(0))
+    assert np.mean(np.abs(alpha)) < 0.1
+    assert least_clearance(task, chain, alpha) >= CLEAR * task.module.arm_length - 1e-9
+
+
+def test_body_clearance_is_kept_between_modules_that_are_not_bolted():
+    task = push(8, module={"connector_distance": 0.22})
+    topology = sample(8, 1, seed=1)[0]
+    alpha = untangle(task, topology, np.zeros(7), np.random.default_rng(0))
+    _, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
+    assert task.centre_distance is not None
+    for i in range(8):
+        for j in range(i):
+            if (j, i) not in topology.bolted:
+                assert np.linalg.norm(p[i] - p[j]) >= task.centre_distance
+
+
+def test_no_hinge_is_turned_to_where_rotors_touch():
+    """Rotors as high as these meet at 52 degrees; there some hinge of this tree ends, which would turn farther."""
+    task = push(10, module={"body": {"rotor_height": 0.12}})
+    limit = largest_turn(task)
+    assert limit == pytest.approx(math.pi - 2 * math.atan2(0.0601, 0.15 - 0.1 / math.sqrt(2) - 0.0501))
+    alpha = untangle(task, sample(10, 1, seed=1)[0], np.zeros(9), np.random.default_rng(0))
+    assert np.abs(alpha).max() == limit
+
+
+def test_no_start_has_rotors_that_touch():
+    task, topology = push(5, module={"body": {"rotor_radius": 0.076}}), Topology.from_key("a11210")
+    starts = [draw(task, topology, generator(task, topology, start, 0)) for start in range(10)]
+    turned = max(np.abs(start.alpha).max() for start in starts)
+    assert 0.9 * largest_turn(task) < turned <= largest_turn(task)
+
+
+def test_in_the_ablation_only_centres_count():
+    """Flat platforms overlap with their airflow but not with their centres: nothing is turned away."""
+    task = push(4, module={"connector_distance": 0.22}, search={"interference": "separation"})
+    topology = sample(4, 1, seed=0)[0]
+    alpha = np.full(3, 0.01)
+    assert np.all(np.abs(untangle(task, topology, alpha, np.random.default_rng(0))) <= alpha)
+
+
+def test_one_seed_one_placing():
+    rng = np.random.default_rng(2)
+    topology = random_tree(10, rng)
+    task = push(10, search={"connectors": "any"})
+    first, second = (untangle(task, topology, np.zeros(9), np.random.default_rng(7)) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def random_axes(count, rng):
+    z = rng.normal(size=(count, 3))
+    return z / np.linalg.norm(z, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("growth", [0.0, 1.0, 11.9])
+@pytest.mark.parametrize("axes", ["any", "parallel", "opposite"])
+def test_the_compiled_clearance_is_the_vectorised_one(axes, growth):
+    rng = np.random.default_rng(5)
+    w, z_i, z_j = 5.0 * rng.normal(size=(500, 3)), random_axes(500, rng), random_axes(500, rng)
+    if axes != "any":
+        z_j = z_i if axes == "parallel" else -z_i
+    rules = Rules(
+        enough=1e3,
+        airflow=True,
+        length=12.0,
+        start_radius=1.0,
+        growth=growth,
+        apart=-np.inf,
+        turn=1.0,
+        folds=np.array([[-1.0, 1.0]]),
+    )
+    one, other = Swept(w, -12.0 * z_i, 1.0, growth), Swept(np.zeros(3), -12.0 * z_j, 1.0, growth)
+    compiled = [clearance(rules, tuple(w[k].tolist()), z_i[k], z_j[k]) for k in range(500)]
+    np.testing.assert_allclose(compiled, vectorised(one, other), atol=1e-9)
+
+
+def test_modules_in_any_order_are_placed():
+    """Breadth first, so that what hangs on a module is not one run of numbers."""
+    joints = [(-1, -1, -1), (0, 0, 2), (0, 1, 3), (0, 2, 0), (1, 0, 1), (2, 0, 1), (3, 1, 2), (4, 0, 1), (5, 0, 3)]
+    topology = Topology((*joints, (6, 0, 2)))
+    task = push(10, module={"connector_distance": 0.22}, search={"body_clearance": False})
+    rng = np.random.default_rng(4)
+    alpha = rng.uniform(-1.0, 1.0, 9)
+    assert least_clearance(task, topology, alpha) < 0.0
+    alpha = untangle(task, topology, alpha, rng)
+    assert least_clearance(task, topology, alpha) >= CLEAR * task.module.arm_length - 1e-9
+
+
+def test_small_platforms_load_no_compiled_code():
+    code = """
+import sys
+import nlp
+from nlp.starts.random_starts import draw, generator
+from topo_search.model import Topology
+from topo_search.model.files import read_task
+task, topology = read_task("push").resolve(7), Topology.from_key("a1111110")
+draw(task, topology, generator(task, topology, 0, 0))
+sys.exit("numba" in sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,81 @@
+"""The package as it is shipped: schemas are current, and the wheel holds all data and runs the first task."""
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests/benchmarks"))
+
+from keep_schemas import FOLDER, schemas  # noqa: E402
+
+PACKAGES = ("topo_search", "nlp", "verify")
+
+
+def without_words(schema):
+    """Return a schema without its descriptions: fields, types, ranges and defaults have to be current."""
+    if isinstance(schema, list):
+        return [without_words(each) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    return {
+        name: without_words(each)
+        for name, each in schema.items()
+        if name != "description" or not isinstance(each, str)
+    }
+
+
+def test_the_schemas_are_those_of_the_models():
+    kept = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in FOLDER.glob("*.json")}
+    due = {name: json.loads(text) for name, text in schemas().items()}
+    assert without_words(kept) == without_words(due), "stale: run python tests/benchmarks/keep_schemas.py"
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Build the wheel with the pinned build tools."""
+    out = tmp_path_factory.mktemp("wheel")
+    pip(sys.executable, "wheel", "--no-deps", "--wheel-dir", str(out), str(ROOT))
+    (built,) = out.glob("*.whl")
+    return built
+
+
+def pip(python, *words):
+    pins = str(ROOT / "constraints.txt")
+    environment = {**os.environ, "PIP_CONSTRAINT": pins, "PIP_BUILD_CONSTRAINT": pins}
+    command = [str(python), "-m", "pip", *words[:1], "--quiet", "--disable-pip-version-check", *words[1:]]
+    subprocess.run(command, check=True, env=environment)
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_every_file_of_the_packages(wheel):
+    held = set(zipfile.ZipFile(wheel).namelist())
+    due = {
+        str(path.relative_to(ROOT))
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*")
+        if path.suffix in (".py", ".toml", ".json", ".j2", ".js", ".css") or path.name == "py.typed"
+    }
+    assert due <= held
+    assert {f"{package}/py.typed" for package in PACKAGES} <= held
+    assert {"topo_search/examples/push.toml", "topo_search/schemas/task.json"} <= held
+    assert "topo_search/report/templates/page.html.j2" in held
+    assert not [name for name in held if name.startswith(("tests/", "docs/"))]
+
+
+@pytest.mark.slow
+def test_the_first_task_runs_from_the_wheel_in_a_fresh_environment(wheel, tmp_path):
+    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "fresh")], check=True)
+    pip(tmp_path / "fresh/bin/python", "install", str(wheel))
+    clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    command = [str(tmp_path / "fresh/bin/topo-search"), "run", "push"]
+    done = subprocess.run(command, cwd=tmp_path, env=clean, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "best design: a70010, 5 modules" in done.stdout
+    (page,) = tmp_path.glob("runs/push-*/report.html")
+    assert page.stat().st_size > 1_000_000

@@ -1,0 +1,128 @@
+"""The check of a run's proofs: what it refuses, and what it says; the checker of chunks is a stand-in here."""
+
+import json
+
+import pytest
+from test_study_proving import Prover, proven, table
+from toy_problem import InProcess, audit, toy_run
+
+from topo_search.model import BadInput, CheckedChunk
+from topo_search.study import Silent, check
+
+
+class Checker:
+    """Holds every chunk, but those of a tree that it is told of."""
+
+    def __init__(self, *, refuses=None):
+        self.refuses, self.seen = refuses, []
+
+    def __call__(self, task, topology, root_module, cut, chunk, problem):
+        self.seen.append((topology.key, chunk.number, cut))
+        fault = "box 2 of 3: no bound excludes it" if topology.key == self.refuses and chunk.number == 7 else None
+        return CheckedChunk(number=chunk.number, fault=fault, boxes=len(chunk.record), halved=1)
+
+
+def checked(path, checker=None, **options):
+    given = {"key": None, "engine": InProcess(1), "observer": Silent(), **options}
+    return check(path, checker or Checker(), audit, **given)
+
+
+@pytest.fixture
+def run(tmp_path, log):
+    toy_run(tmp_path / "run")
+    proven(tmp_path / "run", Prover())
+    return tmp_path / "run"
+
+
+def test_proofs_that_hold_are_checked_and_nothing_is_written(run):
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    checker = Checker()
+    found = checked(run, checker)
+    assert not found.refused
+    assert found.settled
+    assert {tree.verdict for tree in found.trees} == {"checked"}
+    assert len(checker.seen) == 64 * len(table(run))
+    assert all(tree.boxes == 3 * 64 and tree.halved == 64 for tree in found.trees)
+    (sentence,) = found.sentences
+    assert sentence.startswith("checked: no 3-module topology is more than 1.00 % better than ")
+    assert before == {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+
+
+def test_a_chunk_that_does_not_hold_is_named_with_its_box(run):
+    key = list(table(run))[-1]
+    found = checked(run, Checker(refuses=key))
+    assert found.refused
+    (tree,) = (tree for tree in found.trees if tree.verdict == "refused")
+    assert (tree.key, tree.fault) == (key, "chunk 7: box 2 of 3: no bound excludes it")
+    assert found.sentences[0].endswith("1 refused")
+
+
+def edited(path, **changes):
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def test_the_proof_of_another_tree_or_task_is_refused(run):
+    first, second, *_ = sorted((run / "proof").iterdir())
+    one, other = first.read_bytes(), second.read_bytes()
+    first.write_bytes(other)
+    second.write_bytes(one)
+    told = {tree.key: tree.fault for tree in checked(run).trees}
+    assert told[first.name] == f"proof/{first.name} is the proof of another tree, {second.name}"
+    first.write_bytes(one)
+    task = json.loads(one)["task"]
+    edited(first, task=task | {"gravity": 9.0})
+    told = {tree.key: tree.fault for tree in checked(run).trees}
+    assert told[first.name] == f"proof/{first.name} is about another task"
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"version": 2}, "version"),
+        ({"format": "other"}, "format"),
+        ({"cut": "low"}, "cut"),
+        ({"more": 1}, "more"),
+    ],
+)
+def test_a_proof_that_cannot_be_read_is_refused(run, change, why):
+    file = min((run / "proof").iterdir())
+    edited(file, **change)
+    found = checked(run)
+    (tree,) = (tree for tree in found.trees if tree.verdict == "refused")
+    assert tree.key == file.name
+    assert why in tree.fault
+
+
+def test_a_proof_that_is_cut_off_or_has_a_chunk_twice_or_too_few_is_not_checked(run):
+    file = min((run / "proof").iterdir())
+    text = file.read_text()
+    file.write_text(text[: len(text) // 2])
+    assert checked(run).refused
+    chunks = json.loads(text)["chunks"]
+    file.write_text(text)
+    edited(file, chunks=[*chunks, chunks[0]])
+    assert f"proof/{file.name} has a chunk twice" in {tree.fault for tree in checked(run).trees}
+    edited(file, chunks=chunks[:-1])
+    found = checked(run)
+    assert not found.refused
+    assert not found.settled
+    assert "1 open" in found.sentences[0]
+
+
+def test_one_tree_alone_and_a_tree_without_a_proof(run):
+    key = min(table(run))
+    found = checked(run, key=key)
+    assert [tree.key for tree in found.trees] == [key]
+    assert not found.sentences
+    (run / "proof" / key).unlink()
+    assert [tree.verdict for tree in checked(run, key=key).trees] == ["not examined"]
+    with pytest.raises(BadInput, match="has no candidate a999"):
+        checked(run, key="a999")
+
+
+def test_the_best_design_is_audited_again(run, monkeypatch):
+    best = min(table(run).values(), key=lambda row: float(row["objective"]))["key"]
+    monkeypatch.setenv("TOY_VIOLATED", best)
+    found = checked(run)
+    assert found.refused
+    assert found.faults == [f"{best}: the audit of the best design is violated"]

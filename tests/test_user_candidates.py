@@ -1,0 +1,175 @@
+"""Candidates, samplers and designs to start from of a user's own, from outside the package."""
+
+import networkx as nx
+import optuna
+import pytest
+from click.testing import CliRunner
+from own_code import MINE, Fewest, make_qmc, make_random
+
+from topo_search import BadInput, OwnSampler, Topology, read_task, search, solve, to_json
+from topo_search.cli import main
+
+HOVER = ("load_cases=[{com={force=[0.0,0.0,1.0]}}]", "exposure=[]")
+
+
+@pytest.fixture(scope="module")
+def hover():
+    return read_task("push", ("modules=3", *HOVER))
+
+
+def keys(answer):
+    return sorted(answer.candidates["key"])
+
+
+def test_only_listed_candidates_are_solved_as_they_stand(hover, tmp_path):
+    listed = ["a500", Topology.from_key("a300"), Topology.from_key("aa00").graph()]
+    answer = search(hover, out=tmp_path / "run", topologies=listed, starts=1, workers=2)
+    assert keys(answer) == ["a300", "a500", "aa00"]
+    assert "every topology that was given is a candidate" in answer.sizes[0].quotient
+    again = search(hover, out=tmp_path / "run", topologies=reversed(listed), starts=1)
+    assert again.best == answer.best
+    with pytest.raises(BadInput, match="a run with other topologies"):
+        search(hover, out=tmp_path / "run", topologies=["a500"], starts=1)
+    assert "3 trees that the user listed" in (tmp_path / "run/report.html").read_text()
+
+
+def test_trees_that_are_one_design_are_solved_apart_when_both_are_listed(hover, tmp_path):
+    answer = search(hover, out=tmp_path / "run", topologies=["a500", "aa00", "a140"], starts=1, workers=1)
+    assert keys(answer) == ["a140", "a500", "aa00"]
+
+
+@pytest.mark.parametrize(
+    ("listed", "words"),
+    [
+        ([], "must list at least one topology, but has none"),
+        (["a10"], r"\[0\]: must have 3 modules, as the task asks, but a10 has 2"),
+        (["a500", "a500"], r"\[1\]: must be listed once, but a500 is in \[0\] already"),
+        (["zz"], r"\[0\]: a topology key starts with `a` or `p`, but got 'zz'"),
+        (["p308"], 'p308 needs search.connectors = "any", but the task has "aligned"'),
+        ([7], r"\[0\]: must be a Topology, a key or a networkx graph, but got int"),
+        ([nx.cycle_graph(3)], "must be a tree, but got a graph of 3 nodes and 3 edges that is none"),
+        ([nx.path_graph(3)], "the edge of 0 and 1 must carry `ports = {node: port}` with both of its nodes"),
+        (["a" + "1" * 500], "must be a key of at most 200 modules, but got a text of 501 characters"),
+        (["a500"] * 10_001, "must list at most 10,000 topologies, but has more"),
+    ],
+)
+def test_a_wrong_list_is_refused_before_a_folder_is_made(hover, tmp_path, listed, words):
+    with pytest.raises(BadInput, match=words):
+        search(hover, out=tmp_path / "run", topologies=listed, starts=1)
+    assert not (tmp_path / "run").exists()
+
+
+def test_every_size_of_the_task_needs_a_topology(tmp_path):
+    task = read_task("push", ("modules=[2, 3]", *HOVER))
+    with pytest.raises(BadInput, match="must list a topology of each size of the task, but none has 2 modules"):
+        search(task, out=tmp_path / "run", topologies=["a500"])
+
+
+def test_a_graph_is_the_tree_that_it_came_from():
+    for key in ("a0", "a71000", "a3200", "p308"):
+        tree = Topology.from_key(key)
+        assert Topology.from_graph(tree.graph()).key == key
+
+
+def test_a_file_lists_the_candidates_of_a_run(tmp_path):
+    lines = tmp_path / "keys.txt"
+    lines.write_text("a500\n\na300\n")
+    options = ["--modules", "3", "--set", HOVER[0], "--set", HOVER[1], "--starts", "1", "--workers", "1"]
+    done = CliRunner().invoke(
+        main, ["run", "push", *options, "--topologies", str(lines), "--out", str(tmp_path / "run"), "--json"]
+    )
+    assert done.exit_code == 0, done.output
+    assert '"candidates": 2' in done.output
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a500\na10\n", "line 2: must have 3 modules, as the task asks, but a10 has 2"),
+        ("a500\n\na500\n", "line 3: must be listed once, but a500 is in line 1 already"),
+        ("\n", "must list at least one topology, but has none"),
+        ("\n".join(["x"] * 30), "has 10 more faults"),
+        ("a" * 5_000_000, "must have at most 4,194,304 bytes, but has 5,000,000"),
+    ],
+)
+def test_a_wrong_file_of_candidates_is_named_with_2(tmp_path, text, words):
+    lines = tmp_path / "keys.txt"
+    lines.write_text(text)
+    done = CliRunner().invoke(main, ["run", "push", "--modules", "3", "--topologies", str(lines)])
+    assert done.exit_code == 2
+    assert words in done.output
+    done = CliRunner().invoke(main, ["run", "push", "--topologies", str(tmp_path / "none")])
+    assert (done.exit_code, "no such file" in done.output) == (2, True)
+
+
+def test_a_design_to_start_from_is_one_more_start(hover, tmp_path):
+    tree = Topology.from_key("a500")
+    known = solve(hover, tree, starts=2)
+    again = solve(hover, tree, starts=1, near=[known.design])
+    assert again.design.solver["starts"] == 2
+    assert again.design.objective <= known.design.objective * (1 + 1e-6)
+    file = tmp_path / "design.json"
+    file.write_text(to_json(known.design))
+    options = ["--modules", "3", "--set", HOVER[0], "--set", HOVER[1], "--starts", "1", "--near", str(file)]
+    done = CliRunner().invoke(main, ["solve", "push", "--topology", "a500", *options, "--json"])
+    assert done.exit_code == 0, done.output
+    assert '"starts": 2' in done.output
+
+
+def test_a_design_to_start_from_belongs_to_the_run(hover, tmp_path):
+    known = solve(hover, Topology.from_key("a500"), starts=1).design
+    given = {"out": tmp_path / "run", "starts": 1, "workers": 1, "topologies": ["a500", "a300"]}
+    answer = search(hover, **given, near=[known])
+    assert set(answer.candidates["starts"]) == {2}
+    assert search(hover, **given, near=[known]).best == answer.best
+    with pytest.raises(BadInput, match="a run with other near"):
+        search(hover, **given)
+    with pytest.raises(BadInput, match=r"near: \[0\]: must be a Design, but got str"):
+        search(hover, **{**given, "out": tmp_path / "other"}, near=["design.json"])
+
+
+@pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")  # what Optuna says of its own
+@pytest.mark.parametrize("sampler", [make_random, make_qmc, MINE, Fewest(), lambda seed: Fewest()])
+def test_any_sampler_proposes(hover, tmp_path, sampler):
+    given = {"strategy": "optuna", "trials": 2, "starts": 1, "workers": 1, "sampler": sampler}
+    answer = search(hover, out=tmp_path / "run", **given)
+    assert len(answer.candidates) == 2
+    if isinstance(sampler, OwnSampler):
+        again = search(hover, out=tmp_path / "run", **{**given, "trials": 3})
+        assert len(again.candidates) == 3
+        with pytest.raises(BadInput, match="a run with other sampler"):
+            search(hover, out=tmp_path / "run", **{**given, "sampler": OwnSampler("random rows", make_random, "2")})
+    else:
+        with pytest.raises(BadInput, match="has no version, so that it cannot be resumed"):
+            search(hover, out=tmp_path / "run", **given)
+
+
+class Wrong:
+    def __init__(self, proposed):
+        self.proposed = proposed
+
+    def propose(self, candidates, tried, random):
+        return self.proposed
+
+
+@pytest.mark.parametrize(
+    ("sampler", "error", "words"),
+    [
+        (Wrong("a10"), BadInput, "Wrong.propose: must have 3 modules, but a10 has 2"),
+        (Wrong("zz"), BadInput, "a topology key starts with"),
+        (Wrong(5), BadInput, "must be a Topology or a key, but got int"),
+        (lambda seed: 3, BadInput, "must make an Optuna sampler, or an object with `propose`, but made int"),
+        (optuna.samplers.RandomSampler(seed=1), ValueError, "lambda seed: RandomSampler"),
+        (5, ValueError, "sampler must be moves, tpe, nsga2, random, or make one for a seed"),
+    ],
+)
+def test_a_wrong_sampler_is_named(hover, tmp_path, sampler, error, words):
+    with pytest.raises(error, match=words):
+        search(hover, out=tmp_path / "run", strategy="optuna", trials=2, starts=1, workers=1, sampler=sampler)
+
+
+def test_own_parts_that_do_not_go_together_are_refused(hover, tmp_path):
+    with pytest.raises(ValueError, match="topologies are all solved"):
+        search(hover, out=tmp_path / "run", strategy="optuna", topologies=["a500"])
+    with pytest.raises(ValueError, match="a sampler of your own goes with the strategy `optuna` alone"):
+        search(hover, out=tmp_path / "run", sampler=make_random)

@@ -1,0 +1,185 @@
+"""Constraints of a user's own, from outside the package."""
+
+import json
+from functools import partial
+
+import pytest
+from own_code import EQUAL_FOLDS, UPRIGHT, height, lifted, nonsense, sideways, span, spans, words
+
+from topo_search import BadInput, OwnConstraint, Topology, audit, read_task, search, solve, to_json, write_report
+
+
+@pytest.fixture(scope="module")
+def task():
+    return read_task("push", ("modules=3",))
+
+
+@pytest.fixture(scope="module")
+def hover():
+    return read_task("push", ("modules=3", "load_cases=[{com={force=[0.0,0.0,1.0]}}]", "exposure=[]"))
+
+
+@pytest.fixture(scope="module")
+def free(hover):
+    return solve(hover, Topology.from_key("a500"), starts=2)
+
+
+def test_a_design_meets_what_is_stated_and_its_audit_lists_it_apart(hover, free):
+    limit = 0.5 * (0.3 + max_span(free.design))
+    solved = solve(hover, Topology.from_key("a500"), starts=2, constraints=[span(limit, version="1")])
+    (check,) = solved.audit.stated
+    assert solved.found
+    assert (check.name, check.version, check.status, check.unit) == ("span", "1", "met", "m")
+    assert check.value <= limit + 1e-7
+    assert solved.design.objective >= free.design.objective * (1 - 1e-6)
+    assert [one.name for one in solved.design.stated] == ["span"]
+    assert "span" not in {row.name for row in solved.audit.residuals}
+    assert "stated by the user, not certified" in solved.audit._repr_html_()
+
+
+def max_span(design):
+    (check,) = audit(design, constraints=[OwnConstraint("span", spans, upper=10.0, unit="m")]).stated
+    return check.value
+
+
+def test_an_audit_without_the_expression_says_that_it_did_not_check(hover):
+    solved = solve(hover, Topology.from_key("a500"), starts=4, constraints=[EQUAL_FOLDS])
+    (check,) = audit(solved.design).stated
+    assert (check.status, check.value) == ("not checked", None)
+    assert audit(solved.design).verdict == "clear"
+
+
+def test_a_design_that_misses_what_is_stated_is_not_clear(free):
+    audited = audit(free.design, constraints=[span(0.01)])
+    (check,) = audited.stated
+    assert (check.status, audited.verdict) == ("missed", "violated")
+    assert check.off_by == pytest.approx(check.value - 0.01)
+
+
+def test_what_nothing_can_meet_is_infeasible_by_its_name(hover):
+    solved = solve(hover, Topology.from_key("a500"), starts=1, constraints=[span(0.05)])
+    assert not solved.found
+    assert solved.outcome.status == "infeasible"  # not proven: nothing about it is
+    assert "span" in solved.outcome.message
+
+
+def test_large_platforms_keep_what_is_stated_as_well():
+    hover = read_task("push", ("modules=8", "load_cases=[{com={force=[0.0,0.0,1.0]}}]", "exposure=[]"))
+    solved = solve(hover, Topology.from_key("a74202200"), starts=2, constraints=[UPRIGHT])
+    assert solved.found, str(solved)
+    (check,) = solved.audit.stated
+    assert check.status == "met"
+    assert check.value >= 0.99 - 1e-6
+
+
+def test_a_run_with_versions_resumes_and_others_are_refused(hover, tmp_path):
+    stated = [span(0.55, version="1"), EQUAL_FOLDS]
+    first = search(hover, out=tmp_path / "run", constraints=stated, starts=1, workers=2)
+    again = search(hover, out=tmp_path / "run", constraints=stated, starts=1, workers=1)
+    assert first.best == again.best
+    assert len(first.solves) == len(again.solves)
+    assert {one.name for one in first.audit.stated} == {"span", "equal folds"}
+    for others in ([], [span(0.55, version="2"), EQUAL_FOLDS], [span(0.54, version="1"), EQUAL_FOLDS]):
+        with pytest.raises(BadInput, match="a run with other constraints"):
+            search(hover, out=tmp_path / "run", constraints=others, starts=1)
+    page = (tmp_path / "run/report.html").read_text()
+    assert "Stated by the user, not certified" in page
+    assert "equal folds" in page
+    assert write_report(tmp_path / "run").exists()
+
+
+def test_a_run_without_versions_is_not_resumed(hover, tmp_path):
+    answer = search(hover, out=tmp_path / "run", constraints=[span(0.6)], starts=1, workers=1)
+    assert answer.found
+    assert not answer.candidates.empty  # reading it is another matter
+    for others in ([span(0.6)], []):
+        with pytest.raises(BadInput, match="'span' of your own, which has no version, so"):
+            search(hover, out=tmp_path / "run", constraints=others, starts=1)
+
+
+def test_a_constraint_that_tells_modules_apart_gets_every_rooted_tree(hover, tmp_path):
+    plain = search(hover, out=tmp_path / "plain", starts=1, workers=2)
+    told = search(hover, out=tmp_path / "told", starts=1, workers=2, constraints=[lifted(0, 0.0, version="1")])
+    assert (plain.sizes[0].candidates, told.sizes[0].candidates) == (3, 18)  # n F(n) = 3 * 6
+    assert "may tell modules apart" in told.sizes[0].quotient
+    assert told.best.objective >= plain.best.objective * (1 - 1e-6)
+
+
+def test_a_constraint_that_tells_mirror_images_apart_keeps_half_turns_alone():
+    task = read_task("push", ("modules=4",))
+    plain, told = (counted(task, stated) for stated in ([], [("sideways", "numbering")]))
+    assert plain == 10
+    assert told > plain
+
+
+def counted(task, stated):
+    from topo_search.study import Own, Request
+
+    own = Own(constraints=tuple({"name": name, "upper": 0.0, "invariant": claim} for name, claim in stated))
+    return Request(task, "task", 1, 0, own=own).space(task.n).count()
+
+
+@pytest.mark.parametrize(
+    ("expression", "invariant"), [(partial(height, module=0), "numbering"), (sideways, "mirror")]
+)
+def test_a_wrong_claim_of_invariance_is_found(task, tmp_path, expression, invariant):
+    stated = [OwnConstraint("claim", expression, upper=0.0, invariant=invariant, version="1")]
+    with pytest.raises(BadInput, match=f"claim: says that it is invariant to {invariant}, but one platform is"):
+        search(task, out=tmp_path / "run", constraints=stated, starts=1)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ([OwnConstraint("far", nonsense, upper=1.0)], "far: cannot be stated for a110: IndexError"),
+        (
+            [OwnConstraint("text", words, upper=1.0)],
+            "text: must return a casadi.SX, or a list of them",
+        ),
+        (
+            [OwnConstraint("lambda", lambda p: p.axes[0][2], upper=1.0)],
+            "lambda: cannot be sent to worker processes",
+        ),
+        ([UPRIGHT, UPRIGHT], "upright: must be the name of one constraint"),
+        ([3], r"\[0\]: must be an OwnConstraint, but got int"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_before_a_folder_is_made(task, tmp_path, stated, words):
+    with pytest.raises(BadInput, match=words):
+        search(task, out=tmp_path / "run", constraints=stated, starts=1)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({}, "lower or upper must be a number"),
+        ({"lower": 2.0, "upper": 1.0}, "`lower <= upper` must hold, but got lower=2.0, upper=1.0"),
+        ({"upper": float("nan")}, "`lower <= upper` must hold"),
+        ({"upper": 1.0, "scale": 0.0}, "`0 < scale < inf` must hold, but got 0.0"),
+        ({"upper": 1.0, "expression": 3}, "expression must be a function of a SymbolicPlatform, but got 3"),
+        ({"upper": 1.0, "name": ""}, "name"),
+        ({"upper": 1.0, "name": "a\nb"}, "name"),
+    ],
+)
+def test_a_constraint_that_bounds_nothing_is_refused(fields, words):
+    with pytest.raises(ValueError, match=words):
+        OwnConstraint(**{"name": "one", "expression": spans, **fields})
+
+
+def test_a_design_file_keeps_the_names(hover, tmp_path):
+    solved = solve(hover, Topology.from_key("a500"), starts=1, constraints=[span(0.7, version="1")])
+    (kept,) = json.loads(to_json(solved.design))["stated"]
+    assert kept == {
+        "name": "span", "version": "1", "lower": None, "upper": 0.7, "unit": "m", "invariant": "mirror",
+    }  # fmt: skip
+
+
+def test_a_dask_cluster_solves_what_is_stated_in_a_module_that_it_has(cluster, hover, tmp_path):
+    stated = [span(0.55, version="1")]
+    options = {"constraints": stated, "starts": 1, "topologies": ["a500", "a300"]}
+    here = search(hover, out=tmp_path / "here", workers=1, **options)
+    there = search(hover, out=tmp_path / "there", dask=cluster.address, **options)
+    assert here.best.objective == there.best.objective
+    assert there.audit.stated == here.audit.stated

@@ -1,0 +1,122 @@
+"""Formats, nouns and help as a user meets them, from outside the package."""
+
+import inspect
+import pydoc
+from importlib import metadata
+
+import pytest
+from click.testing import CliRunner
+from own_code import TEXT
+
+import topo_search
+from topo_search import BadInput, OwnFormat, export_design, register_format, to_json
+from topo_search.cli import main
+from topo_search.export import formats
+
+
+@pytest.fixture(autouse=True)
+def only_ours(monkeypatch):
+    """Every test begins with the formats of the package."""
+    monkeypatch.setattr(formats, "_registered", {one.name: one for one in formats.OURS})
+
+
+def test_a_registered_format_is_written_by_name_and_by_suffix(solved_push, tmp_path):
+    register_format(TEXT)
+    for out, format in ((tmp_path / "design.own", None), (tmp_path / "design.txt", "plain-text")):
+        assert export_design(solved_push, out, format=format) == out
+        assert out.read_text().startswith("a70010 ")
+
+
+@pytest.mark.parametrize("name", ["glb", "mjcf", "stl", "urdf"])
+def test_our_own_formats_go_through_the_same_door(solved_push, tmp_path, name):
+    assert export_design(solved_push, tmp_path / f"design.{name}").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("own", "words"),
+    [
+        (OwnFormat("Text", str), "name must be small letters, digits and dashes, but got 'Text'"),
+        (OwnFormat("glb", str), "there is a format 'glb'"),
+        (OwnFormat("kit", str), "there is a format 'kit'"),
+        (OwnFormat("other", str, (".PNG",)), "a suffix must be new, but .PNG is that of png"),
+        (OwnFormat("other", str, ("own",)), "a suffix must be a dot with letters or digits, but got 'own'"),
+    ],
+)
+def test_a_format_that_cannot_be_registered_is_refused(own, words):
+    with pytest.raises(ValueError, match=words):
+        register_format(own)
+
+
+def fails(design):
+    raise ValueError("needs two modules")
+
+
+@pytest.mark.parametrize(
+    ("own", "words"),
+    [
+        (OwnFormat("fails", fails), "fails: needs two modules"),
+        (OwnFormat("odd", len), "odd: must write text or bytes, but wrote int"),
+    ],
+)
+def test_what_a_format_cannot_write_is_told(solved_push, tmp_path, monkeypatch, own, words):
+    if own.name == "odd":
+        own = OwnFormat("odd", lambda design: 3)
+    register_format(own)
+    with pytest.raises(BadInput, match=words):
+        export_design(solved_push, tmp_path / "out", format=own.name)
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_format_or_suffix_is_named(solved_push, tmp_path):
+    with pytest.raises(BadInput, match=r"must end in \.glb, \.mjcf"):
+        export_design(solved_push, tmp_path / "design.own")
+    with pytest.raises(BadInput, match="must be one of glb, mjcf, png, stl, svg, urdf, but got 'plain-text'"):
+        export_design(solved_push, tmp_path / "design.own", format="plain-text")
+
+
+def test_an_installed_package_adds_a_format_to_the_command(solved_push, tmp_path, monkeypatch):
+    entry = metadata.EntryPoint("plain-text", "own_code:TEXT", formats.GROUP)
+    monkeypatch.setattr(formats.metadata, "entry_points", lambda group: [entry] if group == formats.GROUP else [])
+    design = tmp_path / "design.json"
+    design.write_text(to_json(solved_push))
+    for options in (
+        ["--format", "plain-text", "--out", str(tmp_path / "a.txt")],
+        ["--out", str(tmp_path / "b.own")],
+    ):
+        done = CliRunner().invoke(main, ["export", str(design), *options])
+        assert done.exit_code == 0, done.output
+        assert (tmp_path / options[-1]).read_text().startswith("a70010 ")
+
+
+def test_an_installed_package_whose_format_is_none_is_named(solved_push, tmp_path, monkeypatch):
+    entry = metadata.EntryPoint("spans", "own_code:spans", formats.GROUP)
+    monkeypatch.setattr(formats.metadata, "entry_points", lambda group: [entry])
+    with pytest.raises(BadInput, match="own_code:spans: must be an OwnFormat of this name, but is function"):
+        export_design(solved_push, tmp_path / "design.own")
+
+
+def test_every_noun_of_a_script_is_at_the_top():
+    task = topo_search.Task(
+        name="mine",
+        modules=3,
+        module=topo_search.Module(mass=0.3, airflow=topo_search.Airflow(spread_angle_deg=8.0)),
+        end_effector=topo_search.EndEffector(mass=0.1),
+        load_cases=(topo_search.LoadCase(com=topo_search.Wrench(force=(0.0, 0.0, 1.0))),),
+        exposure=(
+            topo_search.Local(radius=0.1),
+            topo_search.Directional(radius=0.1, segments=((1.0, 0.0, 0.0),)),
+            topo_search.Exterior(half_angle_deg=60.0),
+        ),
+        search=topo_search.Search(margin=1e-3),
+    )
+    assert task.resolve(3).n == 3
+    assert all(getattr(topo_search, name) is not None for name in topo_search.__all__)
+
+
+@pytest.mark.parametrize("noun", ["Task", "Module", "Local", "Design", "Audit"])
+def test_help_tells_the_fields(noun):
+    value = getattr(topo_search, noun)
+    told = pydoc.plain(pydoc.render_doc(value)).splitlines()
+    assert len(told[2]) < 120
+    assert all(any(f" {name}:" in line for line in told) for name in value.model_fields)
+    assert "Annotated" not in str(inspect.signature(value))

@@ -1,0 +1,328 @@
+"""The checker of proofs, attacked: by points of boxes, by cuts that are too high, by records that were changed."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from nlp_cases import HOVER, push, random_tree
+from test_nlp_bounds_attack import random_task
+from test_nlp_bounds_branch import seen
+
+from nlp import proof_root, prove_chunk, solve
+from nlp.bounds.branch.crowded import ALL_OVER, crowded
+from nlp.bounds.branch.stated import state
+from topo_search.model import Chunk, Design, Topology
+from topo_search.model.proof import chunk_count
+from verify import check_chunk
+from verify.bodies import ConeSphere
+from verify.clearance import clearances
+from verify.kinematics import ROTOR_DIRECTIONS, Platform, poses
+from verify.proof import arcs, ascent, dual, nearness
+from verify.proof.check import chunk_box
+from verify.proof.platform import all_angles, hang, numbers
+from verify.wrench import required_wrench, wrench_map
+
+PAIR = Topology(((-1, -1, -1), (0, 0, 2)))
+
+
+def framed(stated, lower, upper):
+    """Corners of a box, and frames of all modules for each choice of them."""
+    corners, frames = np.zeros((len(lower), 3, 2)), arcs.room(stated, 3)
+    arcs.fill_corners(lower, upper, 0, corners)
+    arcs.fill_frames(stated, corners, 3, frames)
+    return corners, frames
+
+
+def framed_middle(stated, theta):
+    points = np.stack([np.cos(theta), np.sin(theta)], axis=-1)[:, None]
+    frames = arcs.room(stated, 1)
+    arcs.fill_frames(stated, points, 1, frames)
+    return points, frames
+
+
+def bound_of(stated, y, lower, upper):
+    corners, frames = framed(stated, lower, upper)
+    return dual.bound(stated, y, corners, frames, dual.sums(stated, len(frames.p)))
+
+
+def dual_value(task, tree, theta, tip, y):
+    """The dual function with the audit's kinematics and wrenches, inputs within limits, in units of `dual`."""
+    module, n = task.module, tree.n
+    at = poses(tree, theta[:3], theta[3:], module.connector_distance)
+    mass, fixed = task.total_mass(n), task.end_effector.fixed_position
+    if fixed is None:
+        p_COM = (module.mass * at.p.sum(axis=0) + task.end_effector.mass * tip) / mass
+    else:
+        p_COM = at.p.mean(axis=0) + task.end_effector.mass / (n * module.mass) * np.array(fixed)
+        tip = p_COM + np.array(fixed)
+    o = at.p - p_COM
+    rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * ROTOR_DIRECTIONS)
+    platform = Platform(at, p_COM, o, tip - p_COM, rotors)
+    F, most = module.thrust_coefficient * task.max_input, max(case.weight for case in task.load_cases)
+    A, total = wrench_map(platform, module) * task.max_input, 0.0
+    for case, y_k in zip(task.load_cases, y, strict=True):
+        nu, mu = y_k[:3] / F, y_k[3:] / (F * module.arm_length)
+        about_com = np.concatenate([nu + np.cross(mu, p_COM), mu])
+        t, weight = about_com @ A, case.weight / most
+        u = np.clip(np.divide(t, 2 * weight), 0, 1) if weight > 1e-300 else (t > 0).astype(float)
+        total += about_com @ required_wrench(case, platform.p_e) - np.sum(u * (t - weight * u))
+    return total
+
+
+def any_multipliers(stated, rng):
+    z = rng.normal(size=stated.free.shape[1]) * 10 ** rng.uniform(-2, 1)
+    return (stated.free @ z).reshape(-1, 6)
+
+
+def any_tree(rng):
+    task = random_task(rng)
+    tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
+    return task, tree if task.search.root == "paper" else hang(tree, int(rng.integers(task.n)))
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed):
+    rng = np.random.default_rng([41, seed])
+    task, tree = any_tree(rng)
+    stated = numbers(task, tree)
+    least, most = all_angles(task, task.n)
+    middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, -0.1, size=len(least))
+    lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
+    y = any_multipliers(stated, rng)
+    proven = bound_of(stated, y, lower, upper)
+    for draw in range(60):
+        theta = rng.uniform(lower, upper)
+        if draw % 3 == 0:
+            theta = np.where(rng.random(len(theta)) < 0.5, lower, upper)
+        tip = rng.normal(size=3) * task.module.arm_length * 10 ** rng.uniform(-1, 1)
+        assert dual_value(task, tree, theta, tip, y) >= proven
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(seed):
+    rng = np.random.default_rng([42, seed])
+    task, tree = any_tree(rng)
+    stated = numbers(task, tree)
+    theta, y = rng.uniform(*all_angles(task, task.n)), any_multipliers(stated, rng)
+    true, proven = dual_value(task, tree, theta, np.zeros(3), y), bound_of(stated, y, theta, theta)
+    lever = 2 * stated.l_c * tree.n + 2
+    size = np.abs(stated.f).sum() + np.abs(stated.t).sum() + lever * (np.abs(stated.h).sum() + tree.n)
+    assert 0 < true - proven < 1e-4 * (1 + np.linalg.norm(y, axis=1).sum()) * (1 + lever) * size
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_two_modules_are_too_near_at_every_point_of_a_box_that_is_said_to_be_so(seed):
+    rng = np.random.default_rng([43, seed])
+    task = push(int(rng.integers(2, 6)), search={"connectors": "any"})
+    tree = random_tree(task.n, rng, aligned=False)
+    stated, (least, most), found = numbers(task, tree), all_angles(task, task.n), 0
+    for _ in range(60):
+        middle, half = rng.uniform(least, most), 10 ** rng.uniform(-2, -0.3)
+        lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
+        corners, _ = framed(stated, lower, upper)
+        _, at = framed_middle(stated, (lower + upper) / 2)
+        if nearness.too_near(stated, corners, at, np.zeros(2, np.int64)):
+            found += 1
+            assert all(clearance_missed(task, tree, rng.uniform(lower, upper)) for _ in range(10))
+    assert found > 0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_two_points_of_modules_are_farther_apart_than_is_said(seed):
+    rng = np.random.default_rng([44, seed])
+    task = push(5, search={"connectors": "any"})
+    tree = random_tree(5, rng, aligned=False)
+    stated, (least, most) = numbers(task, tree), all_angles(task, 5)
+    middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, -0.2, size=7)
+    lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
+    corners, _ = framed(stated, lower, upper)
+    for i in range(5):
+        for j in range(i):
+            down = rng.uniform(0, stated.length, size=2)
+            limit = nearness.farthest(stated, corners, i, j, tuple(down))
+            for _ in range(20):
+                at = poses(tree, (0.0, 0.0, 0.0), rng.uniform(lower, upper)[3:], stated.l_c)
+                apart = at.p[i] - down[0] * at.z[i] - at.p[j] + down[1] * at.z[j]
+                assert apart @ apart <= limit
+
+
+def test_prover_and_checker_ask_for_the_solvers_distances_where_the_proof_is_about_them():
+    """Envelopes, and then centres, that clear each other by less than the solver keeps, but do clear each other."""
+    task, three = push(3), Topology.from_key("a300")
+    air, l_c = task.module.envelope, task.module.connector_distance
+
+    def clearance_at(angle):
+        at = poses(three, (0.0, 0.0, 0.0), (angle, 0.0), l_c)
+        cones = [
+            ConeSphere(p, -air.length * z, air.start_radius, air.growth) for p, z in zip(at.p, at.z, strict=True)
+        ]
+        return clearances([(cones[0], cones[1])]).d[0]
+
+    assert clearance_at(1.2) * clearance_at(-1.2) < 0
+    low, high = sorted((1.2, -1.2), key=clearance_at)
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if clearance_at(middle) < task.search.margin / 2 else (low, middle)
+    far = 1.2 if clearance_at(1.2) > 0 else -1.2
+    theta = np.array([0.0, 0.0, 0.0, high, -far])
+    assert 0 < clearance_at(high) < task.search.margin
+    assert [crowded_at(task, three, theta, problem) for problem in ("task", "solver")] == [
+        (False,) * 2,
+        (True,) * 2,
+    ]
+    stated = [numbers(task, three, problem) for problem in ("task", "solver")]
+    kept = math.sqrt(task.centre_distance**2 + 2 * task.centre_distance * task.search.margin)
+    assert [each.apart for each in stated] == pytest.approx([3.0, kept / 0.1])
+
+
+def crowded_at(task, tree, theta, problem):
+    """Whether prover and checker find two modules too close to each other at a point."""
+    stated = numbers(task, tree, problem)
+    corners, _ = framed(stated, theta, theta)
+    _, at = framed_middle(stated, theta)
+    other = state(task, tree, problem)
+    _, middle, axes, vertices, rho = seen(other, theta, theta)
+    return (
+        crowded(other, middle, axes, vertices, rho, np.zeros(len(theta))) == ALL_OVER,
+        bool(nearness.too_near(stated, corners, at, np.zeros(2, np.int64))),
+    )
+
+
+def clearance_missed(task, tree, theta):
+    """Whether envelopes overlap or centres are too close, as the audit measures it."""
+    air, at = task.module.envelope, poses(tree, theta[:3], theta[3:], task.module.connector_distance)
+    cones = [ConeSphere(p, -air.length * z, air.start_radius, air.growth) for p, z in zip(at.p, at.z, strict=True)]
+    pairs = [(i, j) for i in range(tree.n) for j in range(i)]
+    if clearances([(cones[i], cones[j]) for i, j in pairs]).d.min() < 0:
+        return True
+    apart = [np.linalg.norm(at.p[i] - at.p[j]) for i, j in pairs if (j, i) not in tree.bolted]
+    return bool(apart) and min(apart) < task.body_clearance
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_wrenches_change_with_every_angle_as_is_said(seed):
+    rng = np.random.default_rng([45, seed])
+    task, tree = any_tree(rng)
+    stated, theta = numbers(task, tree), rng.uniform(-1.5, 1.5, size=tree.n + 2)
+
+    def wrenches(theta):
+        points, frames = framed_middle(stated, theta)
+        at = ascent.room(stated)
+        ascent.look(stated, points, frames, np.zeros(len(theta)), at)
+        return at
+
+    at, step = wrenches(theta), 1e-6
+    for angle in range(len(theta)):
+        by = step * np.eye(len(theta))[angle]
+        measured = (wrenches(theta + by).a - wrenches(theta - by).a) / (2 * step)
+        for j in range(4 * tree.n):
+            above, path = j // 4, set[int]()
+            while above > 0:
+                path.add(above + 2)
+                above = tree.parents[above]
+            ascent.fill_change(at, j, angle)
+            expected = at.change if angle < 3 or angle in path else np.zeros(6)
+            assert measured[j] == pytest.approx(expected, abs=1e-7 * tree.n)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Two modules, a design near their best, and the proof of a cut under it."""
+    task = push(2, load_cases=[{"end_effector": {"force": [0.25, 0.0, 0.75]}}, HOVER])
+    design = solve(task, PAIR, starts=range(24), seed=0)
+    assert isinstance(design, Design)
+    cut = 0.99 * design.objective
+    root = proof_root(task, PAIR)
+    return task, root, design, cut, [prove_chunk(task, PAIR, number, cut) for number in range(chunk_count(2))]
+
+
+def longest(chunks):
+    """The chunk with most boxes that are bounded."""
+    return max(chunks, key=lambda chunk: chunk.record.count(0))
+
+
+def test_a_proof_is_checked(pair):
+    task, root, _, cut, chunks = pair
+    checked = [check_chunk(task, PAIR, root, cut, chunk) for chunk in chunks]
+    assert all(each.fault is None for each in checked)
+    assert [each.boxes for each in checked] == [chunk.boxes for chunk in chunks]
+
+
+def test_a_cut_above_the_best_is_refused_with_the_box(pair):
+    task, root, design, _, chunks = pair
+    faults = [check_chunk(task, PAIR, root, 1.002 * design.objective, chunk).fault for chunk in chunks]
+    refused = [fault for fault in faults if fault is not None]
+    assert refused
+    assert all("no bound excludes it (psi " in fault for fault in refused)
+
+
+def with_record(chunk, record):
+    return Chunk.of(chunk.number, "closed", bytes(record))
+
+
+def test_a_byte_that_says_less_than_is_true_is_refused(pair):
+    """Bounded boxes that are said to be crowded, and the reverse; splits that are said to be leaves."""
+    task, root, _, cut, chunks = pair
+    chunk, rng = longest(chunks), np.random.default_rng(46)
+    record = bytearray(chunk.record)
+    for position in rng.choice(len(record), size=12, replace=False):
+        changed = record.copy()
+        changed[position] = 1 if record[position] == 0 else 0
+        checked = check_chunk(task, PAIR, root, cut, with_record(chunk, changed))
+        assert checked.fault is not None
+        assert f"of {len(record)}: " in checked.fault
+
+
+def test_a_box_that_is_dropped_or_added_is_refused(pair):
+    task, root, _, cut, chunks = pair
+    chunk = longest(chunks)
+    record = chunk.record
+    for changed, why in (
+        (record[:-1], "the record ends before it"),
+        (b"", "box 1 of 0: the record ends before it"),
+        (record + b"\0", "the record goes on after the last box"),
+        (record[:3] + record[4:], "box"),
+        (bytes([2 + PAIR.n + 2]) + record[1:], "box 1 of .*: the record halves an unknown angle"),
+        (b"\2" * 10_000, "the record halves it more often than a number can be"),
+    ):
+        fault = check_chunk(task, PAIR, root, cut, with_record(chunk, changed)).fault
+        assert fault is not None
+        assert re.search(why, fault)
+
+
+def test_what_cannot_be_looked_at_is_refused(pair):
+    task, root, _, cut, chunks = pair
+    three = Topology.from_key("aa00")
+    for given, why in (
+        ((task, PAIR, 2, cut, chunks[0]), "angles cannot be counted from module 2"),
+        ((task, three, 0, cut, chunks[0]), "the task has 2 modules, but the tree 3"),
+        ((task, PAIR, root, cut, chunks[0].model_copy(update={"number": 64})), "there is no chunk 64"),
+        ((task, PAIR, root, cut, chunks[0].model_copy(update={"packed": "AAAA"})), "cannot be unpacked"),
+        ((task, PAIR, root, cut, Chunk.of(3, "many", b"\0")), "it is not closed"),
+    ):
+        assert why in check_chunk(*given).fault
+
+
+def test_chunks_cover_all_angles_that_an_audit_lets_pass():
+    for n in (1, 2, 3, 6):
+        for root in ("free", "paper"):
+            task = push(n, search={"root": root})
+            least, most = all_angles(task, n)
+            assert np.all(most[3:] > math.pi / 2 + 1e-6)
+            assert root == "paper" or (most[0] > math.pi and most[1] >= math.pi / 2 and most[2] > math.pi)
+            boxes = [chunk_box(task, n, number) for number in range(chunk_count(n))]
+            volume = sum(np.prod(upper - lower) for lower, upper in boxes)
+            assert volume == pytest.approx(np.prod(most - least))
+            assert len({(*lower, *upper) for lower, upper in boxes}) == len(boxes)
+
+
+def test_the_same_platform_hangs_from_any_module():
+    rng = np.random.default_rng(47)
+    for n in (2, 3, 5, 8):
+        tree = random_tree(n, rng, aligned=False)
+        for root in range(n):
+            other = hang(tree, root)
+            assert hang(other, 0).key == other.key
+            assert sorted(dict(other.graph().degree).values()) == sorted(dict(tree.graph().degree).values())
+            assert sum(kappa % 2 for kappa in other.kappas) == sum(kappa % 2 for kappa in tree.kappas)

@@ -1,0 +1,153 @@
+"""Kinds of files that a design can be exported as: ours, those that a script registers, those of other packages.
+
+A package adds one by an entry point of the group `topo_search.formats` that names an `OwnFormat`.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib import metadata
+from pathlib import Path
+
+from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.design import Design
+from topo_search.model.files import write_atomically
+from topo_search.protocols import OwnFormat
+
+GROUP = "topo_search.formats"
+"""Of the entry points of other packages."""
+NAME = re.compile(r"[a-z0-9][a-z0-9-]*")
+SUFFIX = re.compile(r"\.[A-Za-z0-9]+")
+
+
+def _glb(design: Design) -> bytes:
+    from topo_search.export.solids import glb
+
+    return glb(design)
+
+
+def _stl(design: Design) -> bytes:
+    from topo_search.export.solids import stl
+
+    return stl(design)
+
+
+def _mjcf(design: Design) -> str:
+    from topo_search.export.mjcf import mjcf
+
+    return mjcf(design)
+
+
+def _urdf(design: Design) -> str:
+    from topo_search.export.urdf import urdf
+
+    return urdf(design)
+
+
+def _png(design: Design) -> bytes:
+    from topo_search.export.picture import picture
+
+    return picture(design, "png")
+
+
+def _svg(design: Design) -> bytes:
+    from topo_search.export.picture import picture
+
+    return picture(design, "svg")
+
+
+OURS = (
+    OwnFormat("glb", _glb, (".glb",), "a scene for viewers and Blender"),
+    OwnFormat("stl", _stl, (".stl",), "solids in millimetres for CAD and printing"),
+    OwnFormat("mjcf", _mjcf, (".mjcf", ".xml"), "a model for the simulator MuJoCo"),
+    OwnFormat("urdf", _urdf, (".urdf",), "a robot description"),
+    OwnFormat("png", _png, (".png",), "a picture"),
+    OwnFormat("svg", _svg, (".svg",), "a picture"),
+)
+"""The formats of this package that are one file of a design."""
+
+RESERVED = ("allocation", "assembly", "brackets", "csv", "kit", "parquet", "parts", "px4", "rotors", "sheet")
+"""Other kinds that the command line knows."""
+
+_registered: dict[str, OwnFormat] = {one.name: one for one in OURS}
+
+
+def register_format(own: OwnFormat) -> None:
+    """Make a format of your own known to this process, by its name and the ends of its files' names.
+
+    Raises:
+        ValueError: a name or an end that is not allowed, or that another format has.
+    """
+    if not NAME.fullmatch(own.name):
+        raise ValueError(f"name must be small letters, digits and dashes, but got {own.name!r}")
+    if own.name in _registered or own.name in RESERVED:
+        raise ValueError(f"name must be new, but there is a format {own.name!r}")
+    for suffix in own.suffixes:
+        if not SUFFIX.fullmatch(suffix):
+            raise ValueError(f"a suffix must be a dot with letters or digits, but got {suffix!r}")
+        if (other := _of_suffix(suffix)) is not None:
+            raise ValueError(f"a suffix must be new, but {suffix} is that of {other.name}")
+    _registered[own.name] = own
+
+
+def formats() -> dict[str, OwnFormat]:
+    """Return all formats by name, with those of installed packages.
+
+    Raises:
+        BadInput: a package's entry point is no format, or has a name or an end that another one has.
+    """
+    for entry in metadata.entry_points(group=GROUP):
+        if entry.name in _registered:
+            continue
+        source = f"{GROUP}: {entry.name} = {entry.value}"
+        own = entry.load()
+        if not isinstance(own, OwnFormat) or own.name != entry.name:
+            rule = f"must be an OwnFormat of this name, but is {type(own).__name__}"
+            raise BadInput(source, [Fault("", rule)])
+        try:
+            register_format(own)
+        except ValueError as error:
+            raise BadInput(source, [Fault("", str(error))]) from None
+    return dict(_registered)
+
+
+def export_design(design: Design, out: str | Path, *, format: str | None = None) -> Path:
+    """Write a design as one of the formats, and return where it is.
+
+    Args:
+        design: any design, audited or not.
+        out: the file; its folder is made if need be, and a file that is there is replaced.
+        format: its kind; default: by the end of its name.
+
+    Raises:
+        BadInput: there is no such format, or it cannot show this design.
+    """
+    path, known = Path(out), formats()
+    if format is None:
+        found = _of_suffix(path.suffix)
+        if found is None:
+            ends = ", ".join(sorted(suffix for one in known.values() for suffix in one.suffixes))
+            raise BadInput(str(out), [Fault("", f"must end in {ends}, or a format be given")])
+    elif format in known:
+        found = known[format]
+    else:
+        raise BadInput("format", [Fault("", f"must be one of {', '.join(sorted(known))}, but got {format!r}")])
+    write_atomically(path, content(design, found))
+    return path
+
+
+def content(design: Design, own: OwnFormat) -> str | bytes:
+    """Return the content of a design's file; BadInput says why there is none."""
+    try:
+        made = own.write(design)
+    except ValueError as error:
+        raise BadInput(own.name, [Fault("", str(error))]) from error
+    if not isinstance(made, str | bytes):
+        rule = f"must write text or bytes, but wrote {type(made).__name__}"
+        raise BadInput(own.name, [Fault("", rule)])
+    return made
+
+
+def _of_suffix(suffix: str) -> OwnFormat | None:
+    """Return the format that the end of a name means."""
+    return next((one for one in _registered.values() if suffix.lower() in map(str.lower, one.suffixes)), None)

@@ -1,0 +1,202 @@
+"""Which limits of a task can be relaxed, and the task with one of them relaxed by a share.
+
+A share x makes an upper limit (1 + x) times as large, and what is asked for (1 - x) times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from topo_search.model.exposure import Allowed, AnyExposure, Exterior, Local
+from topo_search.model.load_case import LoadCase, Wrench
+from topo_search.model.task import ResolvedTask
+
+LEAST = 0.2
+"""Share of what is asked for that is left at most of all relaxing."""
+SHARES = (0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
+"""Changes that are tried."""
+
+
+@dataclass(frozen=True)
+class Relaxable:
+    """One limit that can be relaxed."""
+
+    limit: str
+    """What it is called."""
+    field: str
+    """Of the task."""
+    more: str
+    """What a change brings: `more thrust`."""
+    most: float
+    """Largest share."""
+    relaxed: Callable[[float], ResolvedTask]
+    """The task with the limit relaxed by a share."""
+    value: Callable[[ResolvedTask], float | None]
+    """Returns the limit; None where it is no single number."""
+    unit: str = ""
+    at_once: bool = False
+    """Whether there is nothing between the limit and none."""
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """The changes that are tried, in ascending order."""
+        return (self.most,) if self.at_once else tuple(x for x in SHARES if x <= self.most)
+
+    def change(self, share: float) -> str:
+        """Say what a share is."""
+        return self.more if self.at_once else f"{100 * share:.3g} % {self.more}"
+
+
+def relaxable(task: ResolvedTask) -> list[Relaxable]:
+    """Return the limits of a task that can be relaxed without another module or another tree."""
+    return [one for one in (*_module(task), *_search(task), *_exposure(task), *_asked(task)) if one.shares]
+
+
+def _module(task: ResolvedTask) -> Iterator[Relaxable]:
+    module = task.module
+
+    def stronger(x: float) -> ResolvedTask:
+        update = {"max_thrust_to_weight": module.max_thrust_to_weight * (1 + x)}
+        if module.max_thrust is not None:
+            update["max_thrust"] = module.max_thrust * (1 + x)
+        return _with(task, "module", **update)
+
+    name, unit = ("max_thrust_to_weight", "") if module.max_thrust is None else ("max_thrust", "N")
+    yield Relaxable("rotor limits", f"module.{name}", "more thrust", 1.0, stronger, _of("module", name), unit)
+    yield _scaled(
+        task, "distance of module centres", "module", "connector_distance", 1.0, "longer connectors", unit="m"
+    )
+
+
+def _search(task: ResolvedTask) -> Iterator[Relaxable]:
+    if task.search.peak_input < 1:
+        most = 1 / task.search.peak_input - 1
+        yield _scaled(task, "rotor inputs", "search", "peak_input", most, "larger share of the largest input")
+    if task.search.root == "paper":
+        yield _freed(task, "orientation of the root", "search", "root", "free")
+    if task.end_effector.fixed_position is not None:
+        yield _freed(task, "position of the end-effector", "end_effector", "position", "free")
+    if task.end_effector.stand_off:
+        yield _scaled(
+            task,
+            "stand-off",
+            "end_effector",
+            "stand_off",
+            LEAST - 1,
+            "less stand-off of the end-effector",
+            unit="m",
+        )
+
+
+def _exposure(task: ResolvedTask) -> Iterator[Relaxable]:
+    for number, asked in enumerate(task.exposure):
+
+        def less(x: float, number: int = number, asked: Any = asked) -> ResolvedTask:
+            changed = asked.model_copy(update=_smaller(asked, x, task.module.envelope.length))
+            return task.model_copy(
+                update={"exposure": (*task.exposure[:number], changed, *task.exposure[number + 1 :])}
+            )
+
+        limit = f"exposure {number} ({asked.kind})"
+        at = f"exposure[{number}]"
+        if isinstance(asked, Exterior):
+            most = min(1.0, 90 / asked.half_angle_deg - 1)
+            value = _entry(number, "half_angle_deg")
+            yield Relaxable(limit, f"{at}.half_angle_deg", "wider cone", most, less, value, "deg")
+        elif isinstance(asked, Allowed):
+            yield Relaxable(limit, f"{at}.planes", "of the airflow's length more room", 1.0, less, lambda _: None)
+        elif asked.radius is not None:
+            value = _entry(number, "radius")
+            yield Relaxable(limit, f"{at}.radius", "smaller radius", 1 - LEAST, less, value, "m")
+        elif isinstance(asked, Local):
+            field = f"{at}.box" if asked.box is not None else f"{at}.vertices"
+            yield Relaxable(limit, field, "smaller region", 1 - LEAST, less, lambda _: None)
+
+
+def _asked(task: ResolvedTask) -> Iterator[Relaxable]:
+    for name, what in (("force_reserve", "force"), ("torque_reserve", "torque")):
+        if getattr(task.flight, name):
+            limit = f"reserve of {what}"
+            yield _scaled(task, limit, "flight", name, LEAST - 1, "less", unit="N" if what == "force" else "N m")
+
+    def lighter(x: float) -> ResolvedTask:
+        return task.model_copy(update={"load_cases": tuple(_lighter(case, 1 - x) for case in task.load_cases)})
+
+    if lighter(0.5) != task:
+        more = "less force and torque at the end-effector"
+        yield Relaxable("load cases", "load_cases", more, 1 - LEAST, lighter, lambda _: None)
+
+
+def _lighter(case: LoadCase, factor: float) -> LoadCase:
+    """Return a load case with what it exerts at the end-effector scaled; the weight stays."""
+
+    def scaled(wrench: Wrench) -> Wrench:
+        return wrench.scaled(factor, factor)
+
+    return case.model_copy(
+        update={
+            "end_effector": case.end_effector and scaled(case.end_effector),
+            "cone": case.cone and case.cone.scaled(factor),
+            "vertices": tuple(scaled(wrench) for wrench in case.vertices),
+        }
+    )
+
+
+def _smaller(asked: AnyExposure, x: float, length: float) -> dict[str, Any]:
+    """Return what of a requirement changes."""
+    if isinstance(asked, Exterior):
+        return {"half_angle_deg": min(90.0, asked.half_angle_deg * (1 + x))}
+    if isinstance(asked, Allowed):
+        farther = (plane.model_copy(update={"offset": plane.offset + x * length}) for plane in asked.planes)
+        return {"planes": tuple(farther)}
+    if asked.radius is not None:
+        return {"radius": asked.radius * (1 - x)}
+    if isinstance(asked, Local) and asked.box is not None:
+        return {"box": tuple((1 - x) * edge for edge in asked.box)}
+    return {"vertices": tuple(tuple((1 - x) * c for c in point) for point in asked.vertices or ())}
+
+
+def _with(task: ResolvedTask, part: str, **fields: Any) -> ResolvedTask:
+    """Return the task with fields of one of its tables changed."""
+    return task.model_copy(update={part: getattr(task, part).model_copy(update=fields)})
+
+
+def _of(part: str, name: str) -> Callable[[ResolvedTask], float | None]:
+    """Return what reads a field of a table."""
+    return lambda task: float(getattr(getattr(task, part), name))
+
+
+def _entry(number: int, name: str) -> Callable[[ResolvedTask], float | None]:
+    """Return what reads a field of an exposure requirement."""
+    return lambda task: float(getattr(task.exposure[number], name))
+
+
+def _scaled(
+    task: ResolvedTask, limit: str, part: str, name: str, most: float, more: str, unit: str = ""
+) -> Relaxable:
+    """Return a limit that is one number: it grows if `most` is positive, else shrinks."""
+    given, sign = float(getattr(getattr(task, part), name)), 1 if most > 0 else -1
+    return Relaxable(
+        limit,
+        f"{part}.{name}",
+        more,
+        abs(most),
+        lambda x: _with(task, part, **{name: given * (1 + sign * x)}),
+        _of(part, name),
+        unit,
+    )
+
+
+def _freed(task: ResolvedTask, limit: str, part: str, name: str, free: str) -> Relaxable:
+    """Return a limit that is there or not."""
+    return Relaxable(
+        limit,
+        f'{part}.{name} = "{free}"',
+        "freeing it",
+        1.0,
+        lambda _: _with(task, part, **{name: free}),
+        lambda _: None,
+        at_once=True,
+    )

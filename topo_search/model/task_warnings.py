@@ -1,0 +1,233 @@
+"""Values of a task that are allowed but seldom meant: what `topo-search check` warns about.
+
+| symbol | meaning | unit |
+|---|---|---|
+| F_z, m_t g | upward force of a load case; weight of the platform | N |
+| k_tau / k_f | drag torque of a rotor over its thrust | m |
+| u_max | largest squared rotor speed of a module | rad^2/s^2 |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from topo_search.model.bad_input import shown
+from topo_search.model.exposure import Allowed, Directional, Local
+from topo_search.model.folds import in_words
+from topo_search.model.load_case import LoadCase
+from topo_search.model.module import Module
+from topo_search.model.room import LARGE, OUTWARDS, frame_reach, packed_width
+from topo_search.model.task import Task
+
+EARTH = (9.76, 9.84)
+"""Gravity at the Earth's surface, from the equator to the poles [m/s^2]."""
+LARGEST_RATIO = 1000.0
+"""Of the weights of two load cases; effort then counts for the heavier one alone."""
+LARGEST_MARGIN = 0.01
+"""[m]"""
+LONG_PATH = 20.0
+"""Paths are seldom meant to be longer, in packed widths."""
+SAME = 1e-9
+"""Relative tolerance of comparisons between forces."""
+
+
+@dataclass(frozen=True)
+class TaskWarning:
+    """A value that is allowed but seldom meant."""
+
+    path: str
+    """The field, e.g. `load_cases[2]`."""
+    words: str
+    """What is odd about it, and what may have been meant."""
+
+    def __str__(self) -> str:
+        """Return `path: words`."""
+        return f"{self.path}: {self.words}"
+
+
+def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
+    """Return what is odd about a task, in the order of its file."""
+    n = task.sizes[-1]
+    return (
+        *_gravity(task),
+        *_module(task.module, task.module.max_input(task.gravity)),
+        *_lengths(task, n),
+        *_thrust(task, n),
+        *_load_cases(task, n),
+        *_search(task),
+    )
+
+
+def _gravity(task: Task) -> Iterator[TaskWarning]:
+    if not EARTH[0] <= task.gravity <= EARTH[1]:
+        yield TaskWarning("gravity", f"{task.gravity:g} m/s^2 is not that of the Earth's surface")
+
+
+def _module(module: Module, u_max: float) -> Iterator[TaskWarning]:
+    """Yield what hints at a slip of units, or at parts that cannot be as stated."""
+    body, speed = module.body, math.sqrt(u_max)
+    usual = (
+        ("module.mass", module.mass, 0.01, 50.0, "kg"),
+        ("module.arm_length", module.arm_length, 0.01, 2.0, "m"),
+        ("module.connector_distance", module.connector_distance, 0.01, 3.0, "m"),
+    )
+    for path, value, low, high, unit in usual:
+        if not low <= value <= high:
+            yield TaskWarning(path, f"{value:g} {unit} is outside {low:g} to {high:g} {unit}: is the unit right?")
+    if not 50 <= speed <= 10_000:
+        yield TaskWarning(
+            "module.thrust_coefficient",
+            f"full thrust then needs {speed:.3g} rad/s ({speed * 30 / math.pi:.3g} rpm): is it in N s^2/rad^2?",
+        )
+    drag = module.torque_coefficient / module.thrust_coefficient
+    if drag > module.arm_length:
+        yield TaskWarning(
+            "module.torque_coefficient" if module.torque_to_thrust is None else "module.torque_to_thrust",
+            f"k_tau / k_f = {drag:.3g} m is more than the arm, {module.arm_length:g} m: is it in N m s^2/rad^2?",
+        )
+    if 2 * body.rotor_radius > math.sqrt(2) * module.arm_length:
+        yield TaskWarning("module.body.rotor_radius", "neighbouring rotors of a module reach into each other")
+    least = module.arm_length / math.sqrt(2) + body.rotor_radius
+    if module.connector_distance < least:
+        yield TaskWarning(
+            "module.connector_distance",
+            f"rotors reach {least:.3g} m out, beyond the connector at {module.connector_distance:g} m: those of "
+            "two modules that are bolted together flat overlap",
+        )
+    if (reach := frame_reach(module)) > (1 + OUTWARDS) * module.connector_distance:
+        yield TaskWarning(
+            "module.body",
+            f"hub and arms reach {reach:.3g} m out, past the connector at {module.connector_distance:g} m: those "
+            "of two modules that are bolted together may overlap, and the search does not prevent that",
+        )
+
+
+def _lengths(task: Task, n: int) -> Iterator[TaskWarning]:
+    """Yield lengths at the target that look as if they were in centimetres or millimetres."""
+    width = packed_width(task.module, n)
+    for path, length, usual in _lengths_at_target(task):
+        if length > usual * width:
+            yield TaskWarning(
+                path,
+                f"{length:g} m is {length / width:.0f} times the width of {n} modules in a square, "
+                f"{width:.3g} m: lengths are in metres",
+            )
+
+
+def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
+    """Yield each length with its field and the most that is usual, in packed widths."""
+    yield "end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,))), LARGE
+    yield "end_effector.stand_off", task.end_effector.stand_off, LARGE
+    for e, asked in enumerate(task.exposure):
+        if isinstance(asked, Local | Directional):
+            yield f"exposure[{e}].radius", asked.radius or 0.0, LARGE
+        if isinstance(asked, Local):
+            yield (
+                f"exposure[{e}]",
+                max((math.hypot(*corner) for corner in asked.corners.tolist()), default=0.0),
+                LARGE,
+            )
+        if isinstance(asked, Directional):
+            for k, end in enumerate(asked.segments or ()):
+                yield f"exposure[{e}].segments[{k}]", math.hypot(*end), LONG_PATH
+            for k, points in enumerate(asked.polylines or ()):
+                yield f"exposure[{e}].polylines[{k}]", max(math.hypot(*point) for point in points), LONG_PATH
+            yield f"exposure[{e}].length", asked.length or 0.0, LONG_PATH
+        if isinstance(asked, Allowed):
+            for k, plane in enumerate(asked.planes):
+                yield f"exposure[{e}].planes[{k}].offset", abs(plane.offset), LARGE
+
+
+def _thrust(task: Task, n: int) -> Iterator[TaskWarning]:
+    most, weight = largest_thrust(task, n), task.force_unit(n)
+    if most < weight:
+        limit = "module.max_thrust_to_weight" if task.module.max_thrust is None else "module.max_thrust"
+        yield TaskWarning(
+            limit if task.search.peak_input == 1 else "search.peak_input",
+            f"all rotors together pull with {most:.4g} N at most, but {_platform(n)} weigh {weight:.4g} N",
+        )
+
+
+def _load_cases(task: Task, n: int) -> Iterator[TaskWarning]:
+    if task.load_cases == "ten-wrenches":
+        return
+    weight = task.force_unit(n)
+    unnamed = [case.model_copy(update={"name": None}) for case in task.load_cases]
+    cases = [case.to_si(weight, task.torque_unit(n)) for case in unnamed]
+    for k, case in enumerate(cases):
+        path = f"load_cases[{k}]"
+        if case.largest == 0:
+            yield TaskWarning(path, "asks for no force and no torque: every design meets that with its rotors off")
+        elif _falls(case, weight):
+            upwards = case.at_end_effector.force[2] + case.at_com.force[2]
+            yield TaskWarning(
+                path,
+                f"its upward force of {upwards:.4g} N is under the weight, {weight:.4g} N of {_platform(n)}; "
+                "gravity is added only where it is asked for: to exert it while hovering, set "
+                "carries_weight = true",
+            )
+        if (first := cases.index(case)) < k:
+            yield TaskWarning(path, f"is the same as load_cases[{first}]")
+    if not any(_hovers(case, weight) for case in cases):
+        yield TaskWarning(
+            "load_cases", "none is plain hover (carries_weight = true alone): a design need not be able to hover"
+        )
+    weights = [case.weight for case in cases if case.weight]
+    if max(weights) > LARGEST_RATIO * min(weights):
+        yield TaskWarning(
+            "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {shown(weights)}"
+        )
+
+
+def _search(task: Task) -> Iterator[TaskWarning]:
+    position, stand_off = task.end_effector.fixed_position, task.end_effector.stand_off
+    if position is not None and math.hypot(*position) < stand_off:
+        yield TaskWarning(
+            "end_effector.stand_off",
+            f"{stand_off:g} m is more than the {math.hypot(*position):.4g} m from the centre of mass to "
+            "`end_effector.position`: the modules would have to surround the end-effector",
+        )
+    margin = task.search.margin
+    folds = task.folds(margin)
+    if not folds:
+        yield TaskWarning(
+            "module.body",
+            "no hinge angle is known to keep rotors off a bolted neighbour and its airflow",
+        )
+    elif folds != ((-math.pi / 2, math.pi / 2),):
+        yield TaskWarning(
+            "module.body",
+            f"hinges turn by {in_words(folds, ' deg')}: rotors reach a bolted neighbour or its airflow",
+        )
+    if margin == 0:
+        yield TaskWarning(
+            "search.margin", "with 0, clearances that touch can be too close for the audit to call clear"
+        )
+    elif margin > LARGEST_MARGIN:
+        yield TaskWarning(
+            "search.margin", f"{margin:g} m beyond every clearance that the task asks for costs effort"
+        )
+
+
+def _platform(n: int) -> str:
+    return f"{n} module{'s' * (n > 1)} and the end-effector"
+
+
+def largest_thrust(task: Task, n: int) -> float:
+    """Return what all rotors of n modules together may pull with, if all point the same way [N]."""
+    return 4 * n * task.module.thrust_coefficient * task.max_input
+
+
+def _falls(case: LoadCase, weight: float) -> bool:
+    """Whether neither the whole wrench nor its part at the COM carries the platform's weight."""
+    at_com = case.at_com.force[2]
+    return max(at_com, at_com + case.at_end_effector.force[2]) < weight * (1 - SAME)
+
+
+def _hovers(case: LoadCase, weight: float) -> bool:
+    """Whether a load case asks for nothing but to carry the weight."""
+    wrench = case.at_com
+    others = (*case.at_end_effector.force, *case.at_end_effector.torque, *wrench.force[:2], *wrench.torque)
+    return not any(others) and math.isclose(wrench.force[2], weight, rel_tol=SAME)

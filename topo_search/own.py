@@ -1,0 +1,149 @@
+"""What a user hands in beside a task, checked and put into the form that a run takes."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+from topo_search.limits import NEAR, OWN_CONSTRAINTS
+from topo_search.model import BadInput, Design, Fault, Task
+from topo_search.model.stated import Stated
+from topo_search.protocols import OwnConstraint, OwnSampler, SamplerFactory, TopologySampler
+from topo_search.study import Own, Sampler
+from topo_search.study.identity import digest
+from topo_search.topologies import OwnTopology, own_candidates
+
+AnySampler = Sampler | OwnSampler | SamplerFactory | TopologySampler
+"""What `search` takes as a sampler."""
+
+
+@dataclass(frozen=True)
+class Handed:
+    """What a user handed in to a search."""
+
+    own: Own
+    """As far as the run's folder keeps it."""
+    near: tuple[Design, ...]
+    sampler: Sampler
+    """The one that a name stands for."""
+    propose: SamplerFactory | None
+    """What makes the user's own."""
+
+
+def handed_in(
+    task: Task,
+    *,
+    near: Iterable[Design],
+    constraints: Sequence[OwnConstraint],
+    topologies: Iterable[OwnTopology] | None,
+    sampler: AnySampler,
+    elsewhere: bool,
+) -> Handed:
+    """Return what a user handed in; arguments as of `search`.
+
+    Raises:
+        BadInput: something cannot be used; names it.
+        ValueError: an unknown sampler.
+    """
+    designs, own_sampler = starting_points(near), _own_sampler(sampler)
+    return Handed(
+        Own(
+            topologies=None if topologies is None else own_candidates(topologies, task),
+            near=tuple(digest(design.model_dump(mode="json", exclude={"solver"})) for design in designs),
+            constraints=stated(constraints, elsewhere=elsewhere),
+            sampler=None if own_sampler is None else own_sampler.stated,
+        ),
+        designs,
+        sampler if isinstance(sampler, str) else "moves",
+        None if own_sampler is None else own_sampler.make,
+    )
+
+
+def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
+    """Return designs to start from; BadInput if they are none, or too many."""
+    designs = tuple(near)
+    faults = [
+        Fault(f"[{k}]", f"must be a Design, but got {type(design).__name__}")
+        for k, design in enumerate(designs)
+        if not isinstance(design, Design)
+    ]
+    if len(designs) > NEAR:
+        faults = [Fault("", f"must be at most {NEAR:,} designs, but got {len(designs):,}")]
+    if faults:
+        raise BadInput("near", faults)
+    return designs
+
+
+def stated(constraints: Sequence[OwnConstraint], *, elsewhere: bool = False) -> tuple[Stated, ...]:
+    """Return own constraints as files keep them.
+
+    Args:
+        constraints: to be sent to other processes.
+        elsewhere: whether these are on other machines.
+
+    Raises:
+        BadInput: two have one name, one is no constraint or cannot be sent, or there are too many.
+    """
+    if len(constraints) > OWN_CONSTRAINTS:
+        rule = f"must be at most {OWN_CONSTRAINTS:,}, but got {len(constraints):,}"
+        raise BadInput("constraints", [Fault("", rule)])
+    faults = list[Fault]()
+    for k, one in enumerate(constraints):
+        if not isinstance(one, OwnConstraint):
+            faults.append(Fault(f"[{k}]", f"must be an OwnConstraint, but got {type(one).__name__}"))
+        elif (reason := _kept_here(one, elsewhere=elsewhere)) is not None:
+            faults.append(Fault(one.name, reason))
+    if not faults:
+        names = Counter(one.name for one in constraints)
+        faults = [Fault(name, "must be the name of one constraint") for name, times in names.items() if times > 1]
+    if faults:
+        raise BadInput("constraints", faults)
+    return tuple(one.stated for one in constraints)
+
+
+def _kept_here(constraint: OwnConstraint, *, elsewhere: bool) -> str | None:
+    """Return why a constraint cannot be sent to workers; None if it can."""
+    how = "write it as a function at the top of a module, with `functools.partial` for its numbers"
+    try:
+        sent = pickle.dumps(constraint)
+    except (AttributeError, TypeError, pickle.PicklingError) as error:
+        return f"cannot be sent to worker processes ({error}); {how}"
+    if b"__main__" not in sent:
+        return None
+    if elsewhere:
+        return f"is defined in a script, which Dask workers cannot import; {how} that they have"
+    main = sys.modules["__main__"]
+    if getattr(main, "__spec__", None) is None and not Path(getattr(main, "__file__", None) or "").is_file():
+        return f"is defined in a notebook or a prompt, which worker processes cannot import; {how}"
+    return None
+
+
+def _own_sampler(sampler: AnySampler) -> OwnSampler | None:
+    """Return a user's own sampler with a name; None for one of ours."""
+    if isinstance(sampler, str):
+        return None
+    if isinstance(sampler, OwnSampler):
+        return sampler
+    if callable(sampler):
+        return OwnSampler(getattr(sampler, "__qualname__", type(sampler).__name__), sampler)
+    if isinstance(sampler, TopologySampler):
+        return OwnSampler(type(sampler).__name__, _Always(sampler))
+    known = ", ".join(get_args(Sampler))
+    rule = f"must be {known}, or make one for a seed, such as `lambda seed: {type(sampler).__name__}(seed=seed)`"
+    raise ValueError(f"sampler {rule}, but got {sampler!r}")
+
+
+@dataclass(frozen=True)
+class _Always:
+    """Makes the same sampler for every seed: one without a state."""
+
+    sampler: TopologySampler
+
+    def __call__(self, seed: int, /) -> TopologySampler:
+        """Return it."""
+        return self.sampler

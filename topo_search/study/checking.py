@@ -1,0 +1,263 @@
+"""Checks the proofs of a run by means that share nothing with what made them; proves and writes nothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from topo_search.engine import AuditDesign, Engine, Failed, audit_deadline
+from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
+from topo_search.model.bad_input import faults_of
+from topo_search.model.proof import Problem, chunk_count
+from topo_search.model.proven import gap_percent
+from topo_search.study.folder import PROOFS, RunFolder
+from topo_search.study.observer import Observer
+from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, said_of, weakest
+from topo_search.study.row import Row
+
+CheckChunk = Callable[[ResolvedTask, Topology, int, float, Chunk, Problem], CheckedChunk]
+"""Checks that no design of one chunk of a tree costs less than a cut [rad^4/s^4]: a pure function."""
+
+CHUNK_DEADLINE = 7200.0
+"""After which the check of a chunk counts as hung [s]."""
+EVERY = 10.0
+"""Least time between two lines about one tree [s]."""
+
+
+@dataclass
+class CheckedTree:
+    """What the check of one tree came to."""
+
+    key: str
+    modules: int
+    bound: float | None = None
+    """No design of the tree costs less, if it is checked [rad^4/s^4]."""
+    problem: Problem = "task"
+    """Which designs it is about."""
+    fault: str | None = None
+    """Why its proof is refused."""
+    left: str | None = None
+    """Why there is nothing to check."""
+    boxes: int = 0
+    halved: int = 0
+    chunks: int = 0
+    """That were checked and hold."""
+
+    @property
+    def verdict(self) -> str:
+        """`checked`, `refused`, `open` or `impossible`."""
+        if self.fault is not None:
+            return "refused"
+        return "checked" if self.left is None else self.left
+
+
+@dataclass
+class Checked:
+    """What the check of a run came to."""
+
+    trees: list[CheckedTree] = field(default_factory=list)
+    sentences: list[str] = field(default_factory=list)
+    """One for each size with a best design."""
+    faults: list[str] = field(default_factory=list)
+    """What is wrong beside single trees."""
+
+    @property
+    def refused(self) -> bool:
+        """Whether anything is wrong."""
+        return bool(self.faults) or any(tree.fault is not None for tree in self.trees)
+
+    @property
+    def settled(self) -> bool:
+        """Whether there is a proof, or another reason, for every tree."""
+        return not self.refused and all(tree.left in (None, IMPOSSIBLE) for tree in self.trees)
+
+
+@dataclass(frozen=True)
+class _Job:
+    task: ResolvedTask
+    topology: Topology
+    root: int
+    cut: float
+    chunk: Chunk
+    problem: Problem
+
+
+def check(
+    path: Path,
+    check_chunk: CheckChunk,
+    audit: AuditDesign,
+    *,
+    key: str | None,
+    engine: Engine,
+    observer: Observer,
+) -> Checked:
+    """Check the proofs of a run, and the audit of the design that they are against.
+
+    Args:
+        path: the run's folder.
+        check_chunk: checks a chunk.
+        audit: audits a design.
+        key: of the one tree to look at; None: all.
+        engine: where chunks are checked.
+        observer: is told of the progress.
+
+    Raises:
+        BadInput: it is not a run folder, has no audited design or no such tree.
+        WorkersLost: the engine has no workers any more.
+    """
+    checked = Checked()
+    with RunFolder.load(path) as folder:
+        if folder.request.task.goals.names:
+            raise BadInput(str(path), [Fault("", NO_GOALS)])
+        known, sizes = set[str](), 0
+        for n in folder.request.task.sizes:
+            rows = list(folder.ledger.ranked(n))
+            known.update(row.key for row in rows)
+            best = folder.ledger.best_clear(n)
+            if best is None:
+                continue
+            sizes += 1
+            looked_at = [row for row in rows if key in (None, row.key)]
+            if looked_at:
+                _check_size(folder, n, best, looked_at, check_chunk, audit, engine, observer, checked)
+        if not sizes:
+            raise BadInput(str(path), [Fault("", "holds no audited design that a proof could be against")])
+        if key is not None and key not in known:
+            raise BadInput(str(path), [Fault("", f"has no candidate {key}")])
+    return checked
+
+
+def _check_size(
+    folder: RunFolder,
+    n: int,
+    best: Row,
+    rows: list[Row],
+    check_chunk: CheckChunk,
+    audit: AuditDesign,
+    engine: Engine,
+    observer: Observer,
+    checked: Checked,
+) -> None:
+    """Check the trees of one size."""
+    task = folder.request.contexts(n)[0].task
+    if fault := _best_fault(folder, best, audit, engine):
+        checked.faults.append(f"{best.key}: {fault}")
+    trees, jobs = dict[str, CheckedTree](), list[_Job]()
+    for row in rows:
+        tree = trees[row.key] = CheckedTree(row.key, n)
+        content = folder.proof_text(row.key)
+        if content is None:
+            tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "not examined"
+            continue
+        try:
+            proof = Proof.model_validate_json(content)
+        except ValidationError as error:
+            tree.fault = f"{PROOFS}/{row.key}: {faults_of(error, Proof)[0]}"
+            continue
+        tree.fault = _unfit(proof, row.key, task)
+        if tree.fault is None and not proof.complete:
+            tree.left = "open"
+        if tree.fault is None and tree.left is None:
+            tree.bound, tree.problem = proof.cut, proof.problem
+            root = proof.root_module
+            jobs += [_Job(task, proof.topology, root, proof.cut, chunk, proof.problem) for chunk in proof.chunks]
+    for tree in _replayed(jobs, trees, check_chunk, engine, observer):
+        observer.note(_told(tree))
+    checked.trees += trees.values()
+    if len(rows) > 1:
+        count, whom = folder.request.space(n).count(), said_of(folder.request, n)
+        checked.sentences.append(_sentence(list(trees.values()), best, task, count, whom))
+
+
+def _replayed(
+    jobs: list[_Job], trees: dict[str, CheckedTree], check_chunk: CheckChunk, engine: Engine, observer: Observer
+) -> Iterator[CheckedTree]:
+    """Fill in what the chunks come to, and yield each tree as it ends."""
+
+    def due() -> Iterator[_Job]:
+        for job in jobs:
+            if trees[job.topology.key].fault is None:
+                yield job
+
+    told = time.monotonic()
+    for job, found in engine.run(partial(_check, check_chunk), due(), deadline=lambda _: CHUNK_DEADLINE):
+        tree = trees[job.topology.key]
+        if tree.fault is not None:
+            continue
+        fault = found.reason if isinstance(found, Failed) else found.fault
+        if fault is not None:
+            tree.fault = f"chunk {job.chunk.number}: {fault}"
+        elif isinstance(found, CheckedChunk):
+            tree.boxes, tree.halved = tree.boxes + found.boxes, tree.halved + found.halved
+            tree.chunks += 1
+        if tree.fault is not None or tree.chunks == chunk_count(tree.modules):
+            yield tree
+        elif time.monotonic() - told > EVERY:
+            told = time.monotonic()
+            observer.note(f"{tree.key}: {tree.chunks} of {chunk_count(tree.modules)} chunks, {tree.boxes:,} boxes")
+
+
+def _check(check_chunk: CheckChunk, job: _Job) -> CheckedChunk:
+    """Check one chunk (in a worker)."""
+    return check_chunk(job.task, job.topology, job.root, job.cut, job.chunk, job.problem)
+
+
+def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine) -> str | None:
+    """Say what is wrong with the best design, which proofs are against."""
+    text = folder.text(best)
+    if text is None:
+        return "the design is gone from the ledger"
+    try:
+        design = Design.model_validate_json(text)
+    except ValidationError as error:
+        return f"the design cannot be read: {faults_of(error, Design)[0]}"
+    if design.topology.key != best.key or design.objective != best.objective:
+        return f"the ledger says J = {best.objective}, its design {design.objective} of {design.topology.key}"
+    found = engine.one(audit, design, deadline=audit_deadline(design.topology.n))
+    if isinstance(found, Failed):
+        return f"the audit of the best design failed: {found.reason}"
+    return None if found.verdict == "clear" else f"the audit of the best design is {found.verdict}"
+
+
+def _unfit(proof: Proof, key: str, task: ResolvedTask) -> str | None:
+    """Say why a proof is none of this tree and task."""
+    if proof.topology_key != key:
+        return f"{PROOFS}/{key} is the proof of another tree, {proof.topology_key}"
+    if proof.task != task:
+        return f"{PROOFS}/{key} is about another task"
+    numbers = [chunk.number for chunk in proof.chunks]
+    if len(set(numbers)) < len(numbers):
+        return f"{PROOFS}/{key} has a chunk twice"
+    return None
+
+
+def _told(tree: CheckedTree) -> str:
+    if tree.fault is not None:
+        return f"{tree.key}: refused, {tree.fault}"
+    return f"{tree.key}: checked, {tree.boxes:,} boxes ({tree.halved:,} of them halved further)"
+
+
+def _sentence(trees: list[CheckedTree], best: Row, task: ResolvedTask, candidates: int, whom: str) -> str:
+    """Say what the checked proofs of one size come to."""
+    done = [tree for tree in trees if tree.verdict == "checked"]
+    counts = {word: sum(tree.verdict == word for tree in trees) for word in ("refused", "open", "not examined")}
+    missing = counts["not examined"] + candidates - len(trees)
+    told = [f"{counts['refused']} refused"] if counts["refused"] else []
+    told += [f"{counts['open']} open"] if counts["open"] else []
+    told += [f"{missing} not examined"] if missing else []
+    impossible = sum(tree.verdict == IMPOSSIBLE for tree in trees)
+    beside = f", {impossible} said to be impossible, which is not checked" if impossible else ""
+    if told or best.objective is None:
+        return f"{len(done)} of {candidates} trees checked, {', '.join(told)}{beside}"
+    least = min([tree.bound for tree in done if tree.bound is not None], default=best.objective)
+    gap = max(0.0, 1 - least / best.objective)
+    limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
+    return (
+        f"checked: {whom} is {limit}better than {best.key} ({len(done)} of {candidates} trees"
+        f"{beside}); {problem(task, weakest([tree.problem for tree in done]))}"
+    )

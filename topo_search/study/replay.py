@@ -1,0 +1,150 @@
+"""A run follows a strategy: what the ledger knows is answered from it, the rest is solved and recorded."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
+
+from topo_search.engine import Engine, Job, Proposal, Round, Scored, Solve, Stage, Strategy, solved
+from topo_search.model import Design
+from topo_search.study.identity import Context
+from topo_search.study.ledger import Ledger
+from topo_search.study.observer import Observer
+from topo_search.study.phases import Phase, start_seconds
+from topo_search.study.recording import record
+from topo_search.study.row import Row, score
+
+
+class Replay:
+    """The search of one context: which of its candidates had reached what after how many starts."""
+
+    def __init__(
+        self,
+        ledger: Ledger,
+        context: Context,
+        lower_bound: float,
+        solve: Solve,
+        engine: Engine,
+        observer: Observer,
+        previous: Context | None = None,
+        near: Sequence[Design] = (),
+    ) -> None:
+        """Take up the search of a context.
+
+        Designs of `previous` are carried over to the same trees, those of `near` to all.
+        """
+        self._ledger = ledger
+        self._context = context
+        self._lower_bound = lower_bound
+        self._solve = solve
+        self._engine = engine
+        self._observer = observer
+        self._previous = previous
+        self._near = near
+        self._incumbent: Row | None = next(iter(ledger.best_designs(context, 0, 1)), None)
+        self._settled: set[str] = set()
+        """Candidates that the observer was told of since the last announcement."""
+        self._reached = 0
+        """Starts that the last announcement was about."""
+        self._scores: dict[str, list[Scored]] = {}
+        for scored in ledger.scores(context):
+            self._add(scored)
+
+    def follow(self, strategy: Strategy, until: float = math.inf, *, announced: bool = False) -> bool:
+        """Carry out what a strategy proposes, and return whether it came to its end.
+
+        Args:
+            strategy: is replayed as far as the ledger knows the results.
+            until: time.monotonic() at which to stop.
+            announced: whether the observer knows of all candidates; else it is told of each round's. It is told
+                of those that are a stage of their own.
+        """
+        try:
+            proposed = next(strategy)
+            while (scores := self._scores_of(proposed, until, announced)) is not None:
+                proposed = strategy.send(scores)
+        except StopIteration:
+            return True
+        strategy.close()
+        return False
+
+    def _scores_of(self, proposed: Round, until: float, announced: bool) -> list[Scored] | None:
+        """Return the results of a round, in its order; None if the time was over before."""
+        drawn: list[Proposal] = []
+        starts = 0
+        announces = not announced or isinstance(proposed, Stage)
+
+        def jobs() -> Iterator[Job]:
+            nonlocal starts
+            for proposal in proposed:
+                if proposal.starts != starts and announces:
+                    starts = proposal.starts
+                    self.announce(len(proposed), starts, again=isinstance(proposed, Stage))
+                drawn.append(proposal)
+                if self._answer(proposal) is None:
+                    yield self._job(proposal)
+                else:
+                    self._settle(proposal.candidate.key, known=True)
+
+        for job, outcome in solved(jobs(), solve=self._solve, engine=self._engine, until=until):
+            row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
+            self._add(score(row, self._context.task))
+            self._incumbent = _better(self._incumbent, row)
+            self._settle(row.key)
+        answers = [self._answer(proposal) for proposal in drawn]
+        known = [answer for answer in answers if answer is not None]
+        return known if len(known) == len(proposed) else None
+
+    def _job(self, proposal: Proposal) -> Job:
+        """Return what is left to solve of a proposal."""
+        candidate = proposal.candidate
+        before = self._scores.get(candidate.key)
+        first = before[-1].starts if before else 0
+        known = [self._ledger.result(self._context, key) for key in proposal.near]
+        carried_over = sum(isinstance(result, Design) for result in known)
+        if first == 0 and self._previous is not None:
+            known.append(self._ledger.result(self._previous, candidate.key))
+        if first == 0:
+            known += self._near
+        return Job(
+            self._context.task,
+            candidate.topology,
+            candidate.orbit,
+            range(first + carried_over, proposal.starts),
+            self._context.seed,
+            tuple(near for near in known if isinstance(near, Design)),
+        )
+
+    def announce(self, candidates: int, starts: int, *, again: bool = False) -> None:
+        """Tell the observer of so many candidates that are solved from so many starts, `again` from more."""
+        task = self._context.task
+        new = (starts - self._reached if again else starts) or starts
+        seconds = new * start_seconds(task)
+        self._observer.phase(Phase("polishing" if again else "searching", task.n, candidates, starts, seconds))
+        self._settled.clear()
+        self._reached = starts
+
+    def _settle(self, key: str, *, known: bool = False) -> None:
+        """Tell the observer of a candidate, once; more starts of it in a later round are no news."""
+        if key not in self._settled:
+            self._settled.add(key)
+            self._observer.settled(self._incumbent, known=known)
+
+    def _add(self, scored: Scored) -> None:
+        self._scores.setdefault(scored.key, []).append(scored)
+
+    def _answer(self, proposal: Proposal) -> Scored | None:
+        """Return what is known of a candidate after as many starts as proposed, or the next known number."""
+        known = self._scores.get(proposal.candidate.key, [])
+        place = bisect_left(known, proposal.starts, key=lambda scored: scored.starts)
+        return known[place] if place < len(known) else None
+
+
+def _better(incumbent: Row | None, row: Row) -> Row | None:
+    """Return the better of two rows, the first in a tie; one without a design is none."""
+    if row.objective is None:
+        return incumbent
+    if incumbent is None or incumbent.objective is None:
+        return row
+    return min(incumbent, row, key=lambda row: (row.objective, row.key))

@@ -1,0 +1,92 @@
+"""The check of one chunk of a proof."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from topo_search.model import CheckedChunk, Chunk, ResolvedTask, Topology, tolerances
+from topo_search.model.compiled_code import refresh
+from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
+from verify.bodies import Array
+from verify.proof import replay as ends
+from verify.proof.platform import all_angles, effort_unit, hang, numbers
+
+refresh(ends.replay, Path(__file__).parent, Path(tolerances.__file__))
+
+MOST_MODULES = 12
+"""The allowances for rounding hold for so many (`verify.proof.dual`)."""
+REASONS = {
+    ends.ENDS_EARLY: "the record ends before it",
+    ends.GOES_ON: "the record goes on after the last box",
+    ends.NO_SUCH_ANGLE: "the record halves an unknown angle",
+    ends.TOO_DEEP: "the record halves it more often than a number can be",
+    ends.NOT_BOUNDED: "no bound excludes it",
+    ends.NOT_NEAR: "no two modules are too close everywhere in it",
+}
+"""What is wrong with a box."""
+
+
+def check_chunk(
+    task: ResolvedTask, topology: Topology, root_module: int, cut: float, chunk: Chunk, problem: Problem = "task"
+) -> CheckedChunk:
+    """Check that no design of one chunk of a tree's angles costs less than a cut.
+
+    Args:
+        task: the task.
+        topology: the tree.
+        root_module: the module that angles are counted from.
+        cut: effort [rad^4/s^4].
+        chunk: its number and its record; all else is found here.
+        problem: which designs the proof is about.
+    """
+    n = topology.n
+    if fault := _unfit(task, n, root_module, chunk):
+        return CheckedChunk(number=chunk.number, fault=fault)
+    try:
+        record = np.frombuffer(chunk.record, np.uint8)
+    except ValueError as error:
+        return CheckedChunk(number=chunk.number, fault=str(error))
+    lower, upper = chunk_box(task, n, chunk.number)
+    stated = numbers(task, hang(topology, root_module), problem)
+    # a bound in these units is off from one in SI by a few roundings
+    found = ends.replay(stated, lower, upper, cut / effort_unit(task) * (1 + 1e-12), record)
+    fault = None
+    if found.how != ends.HELD:
+        where = _words(found.lower, found.upper)
+        fault = f"box {found.position + 1} of {len(record)}: {REASONS[found.how]} ({where})"
+    return CheckedChunk(number=chunk.number, fault=fault, boxes=len(record), halved=found.extra)
+
+
+def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
+    """Return the box of a chunk, from and to, shape (n + 2,) [rad]: the chunks together are all angles."""
+    lower, upper = all_angles(task, n)
+    for split in range(CHUNK_SPLITS if n > 1 else 0):
+        a = 3 + split % (n - 1)
+        middle = (lower[a] + upper[a]) / 2
+        side = upper if number >> (CHUNK_SPLITS - 1 - split) & 1 == 0 else lower
+        side[a] = middle
+    return lower, upper
+
+
+def _unfit(task: ResolvedTask, n: int, root_module: int, chunk: Chunk) -> str | None:
+    """Say what keeps a chunk from being looked at."""
+    if not 1 <= n <= MOST_MODULES:
+        return f"a check takes 1 to {MOST_MODULES} modules, but the tree has {n}"
+    if task.n != n:
+        return f"the task has {task.n} modules, but the tree {n}"
+    if chunk.number >= chunk_count(n):
+        return f"there is no chunk {chunk.number}"
+    if root_module >= n or (task.search.root == "paper" and root_module != 0):
+        return f"angles cannot be counted from module {root_module}"
+    if chunk.outcome != "closed":
+        return "it is not closed"
+    return None
+
+
+def _words(lower: Array, upper: Array) -> str:
+    names = ("psi", "alpha_0", "alpha_1", *(f"hinge {i}" for i in range(1, len(lower) - 2)))
+    ranges = zip(names, np.degrees(lower), np.degrees(upper), strict=True)
+    return ", ".join(f"{name} {low:.4g} to {high:.4g} deg" for name, low, high in ranges if math.isfinite(low))

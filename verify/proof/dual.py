@@ -1,0 +1,172 @@
+r"""A lower bound of the effort of all designs in a box of angles, by weak duality.
+
+Take any multipliers y_k = (nu_k, mu_k) of force and torque, and a design that an audit calls clear. What its rotors
+produce is b_k + r_k with |r_k| as `verify.proof.platform` says, so
+
+.. math::
+
+    J = \sum_{j,k} \lambda_k u_{jk}^2 - \sum_k y_k \cdot (A u_k - b_k - r_k) \ge
+        \sum_k y_k \cdot b_k - |y_k| \cdot |r_k| - \sum_{j,k} \psi_k(a_j \cdot y_k), \qquad
+    \psi_k(t) = \max_{-\tau \le u \le 1 + \tau} t u - \lambda_k u^2
+
+with tau the audit's tolerance. p'_E drops out where sum_k g_k x mu_k = 0; what is missed of that costs as much
+times the farthest p'_E. psi is convex, a_j . y and b . y are affine in the pair of each angle
+(`verify.proof.arcs`), so the right-hand side is least at a choice of corners. A module adds what depends on the
+root and on the hinges of its path alone, so for each of the 27 choices of the root the least over the hinges is
+found from the leaves of the tree inwards.
+
+**Rounding.** Corners are at most 1.44, and a frame is a product of at most n + 2 matrices whose entries are off
+by 4 eps (eps = 2^-53), each product by 3 eps of the sums of sizes: entries of R are off by less than 16 (n + 2)
+eps times gamma, the product of the corners' sizes on the path (1 where boxes are narrow; gamma <= 1.44^(n + 2)),
+those of B by that times the longest lever L. A term of the sum, (|nu| + L |mu|) u gamma at most, is then off by
+under 20 (n + 2) eps of that, the sum of 4 n K of them by 4 n K eps more. With all magnitudes summed in `size`,
+their rounding is under (20 (n + 2) + 4 n K + 10) eps size gamma; ROUNDING stands for all but size and gamma,
+which are taken as they are. It is over 40 times what 12 modules and 200 load cases need.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from topo_search.model.tolerances import TOLERANCE
+from verify.bodies import Array
+from verify.proof.arcs import Frames, root_turn
+from verify.proof.platform import Numbers
+
+ROUNDING = 5e-11
+"""Share of the sum of all magnitudes by which the bound may be wrong."""
+CHOICES = 27
+"""Of the root's corners."""
+STEEP = 1e300
+"""1 / (2 lambda) of a case without weight: its rotors are off or at their limit."""
+
+
+class Sums(NamedTuple):
+    """Room for the bound of one box."""
+
+    R: Array
+    """The root for each choice of its corners, shape (27, 3, 3)."""
+    y: Array
+    """Multipliers seen from there, shape (K, 6, 27)."""
+    s: Array
+    """What the centres of modules are weighted with, seen from there, shape (3, 27)."""
+    least: Array
+    """Least sum of a module and all beyond it, shape (frames, 27)."""
+
+
+@njit(cache=True)
+def sums(numbers: Numbers, frames: int) -> Sums:
+    """Return room for boxes of so many frames."""
+    K = len(numbers.f)
+    return Sums(
+        np.zeros((CHOICES, 3, 3)),
+        np.zeros((K, 6, CHOICES)),
+        np.zeros((3, CHOICES)),
+        np.zeros((frames, CHOICES)),
+    )
+
+
+@njit(cache=True)
+def bound(numbers: Numbers, y: Array, corners: Array, frames: Frames, work: Sums) -> float:
+    """Return a lower bound of the effort of all designs in a box.
+
+    Args:
+        numbers: the task and the tree.
+        y: any multipliers, shape (K, 6).
+        corners: of the angles, shape (A, 3, 2).
+        frames: of all modules for each choice of the hinges' corners.
+        work: room.
+    """
+    n, K = len(numbers.parent), len(y)
+    s = lever_force(numbers, y)
+    for choice in range(CHOICES):
+        R = work.R[choice]
+        root_turn(corners[0, choice // 9], corners[1, choice // 3 % 3], corners[2, choice % 3], R)
+        for l in range(3):
+            work.s[l, choice] = R[0, l] * s[0] + R[1, l] * s[1] + R[2, l] * s[2]
+            for k in range(K):
+                work.y[k, l, choice] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
+                work.y[k, 3 + l, choice] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
+    for v in range(frames.first[n]):
+        _fill(numbers, frames, v, work)
+    for i in range(n - 1, 0, -1):
+        h = numbers.parent[i]
+        for v in range(frames.first[h + 1] - frames.first[h]):
+            at, into = frames.first[i] + 3 * v, work.least[frames.first[h] + v]
+            for choice in range(CHOICES):
+                least = min(work.least[at, choice], work.least[at + 1, choice])
+                into[choice] += min(least, work.least[at + 2, choice])
+    found: float = constant(numbers, y) - rounding(numbers, y, corners) + work.least[0].min()
+    return found
+
+
+@njit(cache=True)
+def _fill(numbers: Numbers, frames: Frames, v: int, work: Sums) -> None:
+    """Fill what one module adds in one frame, for each choice of the root."""
+    R, p, into = frames.R[v], frames.p[v], work.least[v]
+    Mx, My, Mz = frames.B[v, 0, 2], frames.B[v, 1, 2], frames.B[v, 2, 2]
+    for choice in range(CHOICES):
+        into[choice] = p[0] * work.s[0, choice] + p[1] * work.s[1, choice] + p[2] * work.s[2, choice]
+    for k in range(len(work.y)):
+        y, weight = work.y[k], numbers.weight[k]
+        steep = 0.5 / weight if weight > 0.5 / STEEP else STEEP
+        for q in range(4):
+            ox, oy, oz = numbers.own[q]
+            tx = Mx + R[0, 0] * ox + R[0, 1] * oy + R[0, 2] * oz
+            ty = My + R[1, 0] * ox + R[1, 1] * oy + R[1, 2] * oz
+            tz = Mz + R[2, 0] * ox + R[2, 1] * oy + R[2, 2] * oz
+            fx, fy, fz = R[0, 2], R[1, 2], R[2, 2]
+            for choice in range(CHOICES):
+                t = fx * y[0, choice] + fy * y[1, choice] + fz * y[2, choice]
+                t += tx * y[3, choice] + ty * y[4, choice] + tz * y[5, choice]
+                u = min(max(t * steep, -TOLERANCE), 1 + TOLERANCE)
+                into[choice] -= u * (t - weight * u)
+
+
+@njit(cache=True)
+def lever_force(numbers: Numbers, y: Array) -> tuple[float, float, float]:
+    """Return sum_k h_k x mu_k: what mu . (p x h) is in p."""
+    a, b, c = 0.0, 0.0, 0.0
+    for k in range(len(y)):
+        x, y_, z = numbers.h[k]
+        mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
+        a, b, c = a + y_ * mz - z * my, b + z * mx - x * mz, c + x * my - y_ * mx
+    return a, b, c
+
+
+@njit(cache=True)
+def constant(numbers: Numbers, y: Array) -> float:
+    """Return what no angle changes: the loads' part, less what the audit lets pass and what p'_E may bring."""
+    total, a, b, c = 0.0, 0.0, 0.0, 0.0
+    for k in range(len(y)):
+        nu, mu = y[k, :3], y[k, 3:]
+        for l in range(3):
+            total += numbers.f[k, l] * nu[l] + numbers.t[k, l] * mu[l]
+        total -= numbers.force_off * _size(nu) + numbers.torque_off[k] * _size(mu)
+        x, y_, z = numbers.g[k]
+        a, b, c = a + y_ * mu[2] - z * mu[1], b + z * mu[0] - x * mu[2], c + x * mu[1] - y_ * mu[0]
+    return total - numbers.reach * math.sqrt(a * a + b * b + c * c)
+
+
+@njit(cache=True)
+def rounding(numbers: Numbers, y: Array, corners: Array) -> float:
+    """Return the allowance for rounding."""
+    n, size, gamma = len(numbers.parent), 0.0, 1.0
+    for a in range(len(corners)):
+        gamma *= max(1.0, math.hypot(corners[a, 2, 0], corners[a, 2, 1]))
+    lever = 2 * numbers.l_c * numbers.depth.max() + 2
+    for k in range(len(y)):
+        nu, mu = _size(y[k, :3]), _size(y[k, 3:])
+        size += (_size(numbers.f[k]) + 4 * n * (1 + numbers.weight[k])) * nu
+        size += (_size(numbers.t[k]) + lever * (n * _size(numbers.h[k]) + 4 * n)) * mu + 4 * n * numbers.weight[k]
+        size += numbers.reach * _size(numbers.g[k]) * mu * 1e-3
+    return ROUNDING * size * gamma
+
+
+@njit(cache=True)
+def _size(v: Array) -> float:
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])

@@ -1,0 +1,198 @@
+"""A task and a tree as plain numbers for the check of a proof, derived from the model alone.
+
+Lengths in l_arm, forces in the greatest thrust F of a rotor, inputs in the greatest input u_max, efforts in
+lambda_max u_max^2.
+
+| symbol | meaning | shape |
+|---|---|---|
+| n, K | modules, load cases | |
+| A | angles, n + 2: psi, alpha_0, alpha_1, then the hinge of every module but the root | |
+| f_k | total force of load case k, f_E + f_C | (K, 3) |
+| t_k, h_k, g_k | its torque about the origin of W is t_k + sum_i p_i x h_k + p'_E x g_k | (K, 3) each |
+| C | centroid of the modules' centres | (3,) |
+| kappa | m_E / (n m) | |
+
+With p'_E free, p_COM = (m sum_i p_i + m_E p'_E) / m_t, so g_k = f_E + (m_E / m_t) f_C and h_k = (m / m_t) f_C. With
+p_E fixed from the COM, p_COM = C + kappa p_E and p'_E = C + (1 + kappa) p_E, so g_k = 0 and h_k = f_k / n.
+
+**What a clear audit lets pass** (`topo_search.model.tolerances`): the force is off by e = TOLERANCE m_t g; so
+are, in l_arm, the torques about the COM and about p_E. Torque changes linearly with the point that it is about,
+and C is on the line through both: off by (1 + 2 kappa) e about C, and by |C| e more about the origin. Inputs are
+between
+-TOLERANCE and 1 + TOLERANCE, hinges within pi/2 + TOLERANCE, a fixed p_E within TOLERANCE l_arm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.proof import Problem
+from topo_search.model.tolerances import TOLERANCE
+from verify.bodies import Array
+from verify.kinematics import ROTOR_DIRECTIONS, ROTOR_SPINS
+
+Indices = NDArray[np.int64]
+
+PI_ABOVE = math.nextafter(math.pi, 4.0)
+"""The least double above pi."""
+
+
+class Numbers(NamedTuple):
+    """What the compiled functions work on."""
+
+    parent: Indices
+    """Shape (n,); -1 for the root."""
+    port: Indices
+    """The parent's."""
+    turns: Indices
+    """Quarter turns between the parent's frame behind the hinge and the module's."""
+    depth: Indices
+    """Hinges between a module and the root."""
+    bolted: NDArray[np.bool_]
+    """Shape (n, n)."""
+    own: Array
+    """Torque of each rotor about its module's centre at the input 1, in the module's frame, shape (4, 3)."""
+    f: Array
+    t: Array
+    h: Array
+    g: Array
+    weight: Array
+    """lambda_k, in the greatest, shape (K,)."""
+    free: Array
+    """Orthonormal columns that span the multipliers with sum_k g_k x mu_k = 0, shape (6 K, d)."""
+    force_off: float
+    """What a clear audit lets the force be off by."""
+    torque_off: Array
+    """Likewise the torque about the origin, shape (K,)."""
+    reach: float
+    """No p'_E of a clear audit is farther from the origin."""
+    l_c: float
+    airflow: bool
+    """Whether envelopes must not overlap."""
+    length: float
+    start_radius: float
+    growth: float
+    apart: float
+    """Least distance of centres, with airflow of modules that are not bolted together; 0 for none."""
+    margin: float
+    """What envelopes are to be apart, to first order."""
+
+
+def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Numbers:
+    """Return the numbers of a task and a tree that hangs from the module that angles are counted from.
+
+    Args:
+        task: the task.
+        tree: hung.
+        problem: which designs a proof is about (`topo_search.model.proof`).
+    """
+    n, module, cases = tree.n, task.module, task.load_cases
+    l_arm, F = module.arm_length, module.thrust_coefficient * task.max_input
+    l_c = module.connector_distance / l_arm
+    depth = np.zeros(n, np.int64)
+    for above, i, _, _ in tree.edges():
+        depth[i] = depth[above] + 1
+    bolted = np.zeros((n, n), np.bool_)
+    for i, j in tree.bolted:
+        bolted[i, j] = bolted[j, i] = True
+    drag = module.torque_coefficient / (module.thrust_coefficient * l_arm)
+    own = np.cross(ROTOR_DIRECTIONS, [0.0, 0.0, 1.0])
+    own[:, 2] += drag * ROTOR_SPINS
+    kappa = task.end_effector.mass / (n * module.mass)
+    tip, com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
+    f_E, f_C = (np.array([w.force for w in at]) / F for at in (tip, com))
+    t_E, t_C = (np.array([w.torque for w in at]) / (F * l_arm) for at in (tip, com))
+    t = t_E + t_C
+    fixed, off = task.end_effector.fixed_position, np.zeros(len(cases))
+    if fixed is None:
+        share = 1 / (n * (1 + kappa))
+        g, h = f_E + share * n * kappa * f_C, share * f_C
+    else:
+        p_E = np.array(fixed) / l_arm
+        t = t + np.cross((1 + kappa) * p_E, f_E) + np.cross(kappa * p_E, f_C)
+        g, h = np.zeros_like(f_E), (f_E + f_C) / n
+        off = TOLERANCE * ((1 + kappa) * np.linalg.norm(f_E, axis=1) + kappa * np.linalg.norm(f_C, axis=1))
+    centroid, e = 2 * l_c * float(depth.mean()), TOLERANCE * task.total_mass(n) * task.gravity / F
+    weight = np.array([case.weight for case in cases])
+    air = module.envelope
+    airflow = task.search.interference == "airflow"
+    margin = task.search.margin if problem == "solver" else 0.0
+    apart = task.separation
+    if airflow:
+        apart = (task.centre_distance if problem == "solver" else task.body_clearance) or 0.0
+    return Numbers(
+        parent=np.array(tree.parents, np.int64),
+        port=np.array([a for _, a, _ in tree.joints], np.int64),
+        turns=np.array([0, *((a + 2 - b) % 4 for _, _, a, b in tree.edges())], np.int64),
+        depth=depth,
+        bolted=bolted,
+        own=own,
+        f=f_E + f_C,
+        t=t,
+        h=h,
+        g=g,
+        weight=weight / weight.max(),
+        free=_free(g),
+        force_off=e,
+        torque_off=e * (1 + 2 * kappa + centroid) + off,
+        reach=centroid + (1 + kappa) * (task.farthest_end_effector(n) / l_arm + TOLERANCE),
+        l_c=l_c,
+        airflow=airflow,
+        length=air.length / l_arm,
+        start_radius=air.start_radius / l_arm,
+        growth=air.growth / l_arm,
+        apart=math.sqrt(apart**2 + 2 * apart * margin) / l_arm,
+        margin=margin / l_arm,
+    )
+
+
+def effort_unit(task: ResolvedTask) -> float:
+    """Return the unit of efforts [rad^4/s^4]."""
+    return task.max_input**2 * max(case.weight for case in task.load_cases)
+
+
+def hang(topology: Topology, root: int) -> Topology:
+    """Return the same platform as a tree that hangs from another module, breadth first, ports in order.
+
+    A hinge seen from its other end turns about the same axis by the same angle, up to its sign.
+    """
+    neighbours: list[dict[int, tuple[int, int]]] = [{} for _ in range(topology.n)]
+    for h, i, a, b in topology.edges():
+        neighbours[h][a], neighbours[i][b] = (i, b), (h, a)
+    number, joints, waiting = {root: 0}, [(-1, -1, -1)], deque([root])
+    while waiting:
+        h = waiting.popleft()
+        for a in sorted(neighbours[h]):
+            i, b = neighbours[h][a]
+            if i not in number:
+                number[i] = len(joints)
+                joints.append((number[h], a, b))
+                waiting.append(i)
+    return Topology(tuple(joints))
+
+
+def all_angles(task: ResolvedTask, n: int) -> tuple[Array, Array]:
+    """Return the box of all angles of designs that an audit can call clear, from and to, shape (n + 2,) [rad]."""
+    quarter = math.pi / 2 + 2 * TOLERANCE
+    root = [PI_ABOVE, PI_ABOVE / 2, PI_ABOVE]
+    if task.search.root == "paper":
+        root = [2 * TOLERANCE, quarter, quarter]
+    most = np.array([*root, *(quarter for _ in range(n - 1))])
+    return -most, most
+
+
+def _free(g: Array) -> Array:
+    """Return the multipliers that p'_E drops out of; what rounding leaves of it costs what it is worth."""
+    K = len(g)
+    condition = np.zeros((3, 6 * K))
+    for k, (x, y, z) in enumerate(g):
+        condition[:, 6 * k + 3 : 6 * k + 6] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    _, sizes, rows = np.linalg.svd(condition)
+    rank = int(np.sum(sizes > 1e-12 * max(1e-300, sizes.max())))
+    return np.ascontiguousarray(rows[rank:].T)

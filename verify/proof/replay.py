@@ -1,0 +1,222 @@
+"""Goes through the record of a chunk, box by box, and finds a reason of its own for every box that it drops.
+
+A record names no multipliers and no modules: those are found here. Where they do not do for a box, it is halved
+here, and its halves are looked at; a box that is not settled so ends the replay.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from verify.bodies import Array
+from verify.proof import arcs, ascent, dual
+from verify.proof.arcs import Frames
+from verify.proof.nearness import too_near
+from verify.proof.platform import Numbers
+
+BOUND, NEAR, HALVED = 0, 1, 2
+"""What a byte says of a box (`topo_search.model.proof`); HALVED + a: along angle a."""
+HELD, ENDS_EARLY, GOES_ON, NO_SUCH_ANGLE, TOO_DEEP, NOT_BOUNDED, NOT_NEAR = range(7)
+"""How a replay ends."""
+DEEPEST = 64
+"""No angle is halved more often: doubles have no more digits."""
+STEPS, MANY_STEPS = 4, 40
+"""Newton steps from the multipliers of the box before, and from the start."""
+EXTRA = 4000
+"""Boxes that one box of the record is cut into here at most."""
+
+
+class Replayed(NamedTuple):
+    """What a replay came to."""
+
+    how: int
+    position: int
+    """Of the byte that it ended at."""
+    extra: int
+    """How many boxes were halved here."""
+    lower: Array
+    """The box that it ended at."""
+    upper: Array
+
+
+class Room(NamedTuple):
+    """Room for one box."""
+
+    corners: Array
+    points: Array
+    """(c, s) of the middle, shape (A, 1, 2)."""
+    frames: Frames
+    at_middle: Frames
+    middle: ascent.Middle
+    sums: dual.Sums
+    y: Array
+    z: Array
+    """The multipliers of the box before."""
+    z_start: Array
+    """Those of parallel thrust."""
+    pair: NDArray[np.int64]
+
+
+@njit(cache=True)
+def replay(numbers: Numbers, lower: Array, upper: Array, cut: float, record: NDArray[np.uint8]) -> Replayed:
+    """Check that a record leaves no part of a box in which a design costs less than a cut.
+
+    Args:
+        numbers: the task and the tree.
+        lower: least angles, shape (A,) [rad].
+        upper: greatest angles.
+        cut: [lambda_max u_max^2].
+        record: a byte a box, depth first, the lower half before the upper one.
+    """
+    A = len(lower)
+    room, rho = _room(numbers), np.zeros(A)
+    lo, hi = np.empty((DEEPEST * A + 2, A)), np.empty((DEEPEST * A + 2, A))
+    lo[0], hi[0] = lower, upper
+    waiting, extra = 1, 0
+    for position in range(len(record)):
+        if waiting == 0:
+            return Replayed(GOES_ON, position, extra, lower, upper)
+        waiting -= 1
+        what = record[position]
+        if what >= HALVED:
+            a = what - HALVED
+            if a >= A:
+                return Replayed(NO_SUCH_ANGLE, position, extra, lo[waiting].copy(), hi[waiting].copy())
+            if waiting + 2 > DEEPEST * A:
+                return Replayed(TOO_DEEP, position, extra, lo[waiting].copy(), hi[waiting].copy())
+            _halve(lo, hi, waiting, a)
+            waiting += 2
+            continue
+        base, used = waiting, 0
+        waiting += 1
+        while waiting > base:
+            waiting -= 1
+            rho[:] = (hi[waiting] - lo[waiting]) / 2
+            a = _settle(numbers, what, lo[waiting], hi[waiting], rho, cut, room)
+            if a < 0:
+                continue
+            used += 1
+            if used > EXTRA or waiting + 2 > DEEPEST * A or rho[a] < 1e-9:
+                how = NOT_NEAR if what == NEAR else NOT_BOUNDED
+                return Replayed(how, position, extra + used, lo[waiting].copy(), hi[waiting].copy())
+            _halve(lo, hi, waiting, a)
+            waiting += 2
+        extra += used
+    if waiting > 0:
+        return Replayed(ENDS_EARLY, len(record), extra, lo[waiting - 1].copy(), hi[waiting - 1].copy())
+    return Replayed(HELD, len(record), extra, lower, upper)
+
+
+@njit(cache=True)
+def _room(numbers: Numbers) -> Room:
+    A, K = len(numbers.parent) + 2, len(numbers.f)
+    frames, at_middle = arcs.room(numbers, 3), arcs.room(numbers, 1)
+    y = np.zeros(6 * K)
+    for k in range(K):  # n modules, four rotors each, all in parallel with the force: t = 2 lambda u
+        y[6 * k : 6 * k + 3] = 2 * numbers.weight[k] * numbers.f[k] / (4 * len(numbers.parent))
+    start = numbers.free.T @ y
+    return Room(
+        np.zeros((A, 3, 2)),
+        np.zeros((A, 1, 2)),
+        frames,
+        at_middle,
+        ascent.room(numbers),
+        dual.sums(numbers, len(frames.p)),
+        np.zeros((K, 6)),
+        start.copy(),
+        start,
+        np.zeros(2, np.int64),
+    )
+
+
+@njit(cache=True)
+def _halve(lo: Array, hi: Array, at: int, a: int) -> None:
+    """Put the two halves of a box in its place, the lower one on top."""
+    middle = (lo[at, a] + hi[at, a]) / 2
+    lo[at + 1], hi[at + 1] = lo[at], hi[at]
+    lo[at, a], hi[at + 1, a] = middle, middle
+
+
+@njit(cache=True)
+def _settle(numbers: Numbers, what: int, lower: Array, upper: Array, rho: Array, cut: float, room: Room) -> int:
+    """Return -1 if a box can be dropped for the reason that is given for it, else the angle to halve it along."""
+    widest, first = -1, 0 if what == BOUND else 3
+    for a in range(first, len(rho)):
+        if 2 * rho[a] > arcs.WIDEST and (widest < 0 or rho[a] > rho[widest]):
+            widest = a
+    if widest >= 0:
+        return widest
+    arcs.fill_corners(lower, upper, first, room.corners)
+    for a in range(len(rho)):
+        middle = (lower[a] + upper[a]) / 2
+        room.points[a, 0, 0], room.points[a, 0, 1] = math.cos(middle), math.sin(middle)
+    arcs.fill_frames(numbers, room.points, 1, room.at_middle)
+    if what == NEAR:
+        if too_near(numbers, room.corners, room.at_middle, room.pair):
+            return -1
+        return _between(numbers, rho, room.pair[0], room.pair[1])
+    arcs.fill_frames(numbers, room.corners, 3, room.frames)
+    ascent.look(numbers, room.points, room.at_middle, rho, room.middle)
+    if not ascent.value(numbers, room.middle, room.z, room.y) > ascent.value(
+        numbers, room.middle, room.z_start, room.y
+    ):
+        room.z[:] = room.z_start
+    ascent.climb(numbers, room.middle, room.z, room.y, cut, STEPS)
+    if dual.bound(numbers, room.y, room.corners, room.frames, room.sums) >= cut:
+        return -1
+    room.z[:] = room.z_start
+    for _ in range(MANY_STEPS):  # where no balance is possible the best multipliers are too long for any box
+        before = ascent.value(numbers, room.middle, room.z, room.y)
+        found = ascent.climb(numbers, room.middle, room.z, room.y, math.inf, 1)
+        if found > cut and dual.bound(numbers, room.y, room.corners, room.frames, room.sums) >= cut:
+            return -1
+        if not found > before:
+            break
+    room.z[:] = room.z_start
+    return _steepest(numbers, room, rho)
+
+
+@njit(cache=True)
+def _between(numbers: Numbers, rho: Array, i: int, j: int) -> int:
+    """Return the widest hinge between two modules."""
+    axis = max(i, j) + 2
+    while i != j:
+        if i < j:
+            i, j = j, i
+        if rho[i + 2] > rho[axis]:
+            axis = i + 2
+        i = numbers.parent[i]
+    return axis
+
+
+@njit(cache=True)
+def _steepest(numbers: Numbers, room: Room, rho: Array) -> int:
+    """Return the angle that changes the bound the most."""
+    at, A = room.middle, len(rho)
+    slope, curve = np.zeros(A), np.zeros(A)
+    for k in range(len(room.y)):
+        weight = max(numbers.weight[k], ascent.LIGHTEST)
+        for j in range(len(at.a)):
+            t = (at.a[j] * room.y[k]).sum()
+            u = min(max(t / (2 * weight), 0.0), 1.0)
+            i = j // 4
+            for angle in range(A):
+                above = i
+                while above > 0 and above + 2 != angle:
+                    above = numbers.parent[above]
+                if angle < 3 or above > 0:
+                    ascent.fill_change(at, j, angle)
+                    change = (at.change * room.y[k]).sum()
+                    slope[angle] += u * change
+                    curve[angle] += change * change / (4 * weight) + u * abs(t)
+    axis, most = 0, -1.0
+    for a in range(A):
+        gain = abs(slope[a]) * rho[a] / 2 + curve[a] * rho[a] ** 2
+        if gain > most:
+            axis, most = a, gain
+    return axis
