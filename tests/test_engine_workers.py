@@ -4,6 +4,7 @@ import threading
 import time
 from contextlib import suppress
 from multiprocessing import util
+from multiprocessing.process import BaseProcess
 
 import pytest
 from engine_jobs import LONG, environment, raise_timeout, report_pid, square
@@ -99,6 +100,21 @@ def test_a_stop_between_the_start_of_a_process_and_what_it_is_told_waits(monkeyp
     assert started
     with suppress(ChildProcessError):  # the pool has waited for it
         os.waitpid(started[-1], 0)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_worker_that_starts_while_the_pool_stops_ends_without_a_word(monkeypatch, capfd):
+    """The pool drops its locks first; the signal that ends the worker comes here when it has looked for them."""
+    terminate = BaseProcess.terminate
+
+    def late(process):
+        with suppress(AssertionError):
+            eventually(lambda: not process.is_alive(), seconds=10.0)
+        terminate(process)
+
+    monkeypatch.setattr(BaseProcess, "terminate", late)
+    with Workers(1) as workers:
+        assert not list(workers.run(square, [3], deadline=lambda _: LONG, until=time.monotonic() + 0.01))
     assert capfd.readouterr().err == ""
 
 

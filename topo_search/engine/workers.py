@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import os
 import pickle
 import signal
@@ -16,14 +15,16 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
+from multiprocessing.context import SpawnContext
+from multiprocessing.synchronize import RLock
 from types import TracebackType
 from typing import Any, Generic, Self
 
 from pebble import ProcessExpired, ProcessPool
 
 from topo_search.child import ONE_THREAD, call_pickled, die_with_parent
+from topo_search.engine.backends import Failed
 from topo_search.engine.engine import Engine, J, R, WorkersLost
-from topo_search.engine.verbs import Failed
 from topo_search.limits import WORKERS
 from topo_search.supervisor import STOPS, out_of_memory
 
@@ -41,6 +42,23 @@ def solve_deadline(n: int, starts: int) -> float:
 def audit_deadline(n: int) -> float:
     """Return the time after which an audit counts as hung [s]: far above what one takes (n = 100: seconds)."""
     return 300.0 + 0.2 * n**2
+
+
+class _KeepingLocks(SpawnContext):
+    """A way to start processes that keeps the locks it made.
+
+    A pool that stops drops its locks before it ends its workers, which removes them from the system: a worker that
+    is just starting would look for them in vain and end with a traceback.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._kept: list[object] = []
+
+    def RLock(self) -> RLock:
+        lock = super().RLock()
+        self._kept.append(lock)
+        return lock
 
 
 @dataclass
@@ -63,6 +81,7 @@ class Workers(Engine):
             raise ValueError(f"`1 <= workers <= {WORKERS}` must hold, but got {count:,}")
         self.count = count
         self._pool: ProcessPool | None = None
+        self._context = _KeepingLocks()
         self._breaks = 0
         self._environment: dict[str, str | None] = {}
 
@@ -136,9 +155,9 @@ class Workers(Engine):
     def _submit(self, function: Callable[[J], R], job: J, deadline: float) -> Future[Any] | None:
         """Hand a job to the pool; None if the pool has just broken."""
         if self._pool is None:
-            context = multiprocessing.get_context("spawn")
+            self._context = _KeepingLocks()
             self._pool = ProcessPool(
-                self.count, initializer=die_with_parent, initargs=(os.getpid(),), context=context
+                self.count, initializer=die_with_parent, initargs=(os.getpid(),), context=self._context
             )
             with _stops_deferred(), _interrupts_blocked():
                 started = self._pool.active
