@@ -20,7 +20,7 @@ from nlp.trial import Trial
 from topo_search.model import ResolvedTask
 from topo_search.model.corners import CorneredTask
 
-Solve = Callable[[Point, Limits | None], IpoptResult]
+SolveFrom = Callable[[Point, Limits | None], IpoptResult]
 NEAR_LIMIT = 0.6
 """Share of its limit from which a load in a joint is stated."""
 ROUNDS = 8
@@ -38,7 +38,7 @@ def held(
     task: ResolvedTask,
     start: int,
     origin: Point,
-    solve: Solve,
+    solve: SolveFrom,
     own: OwnConstraints = (),
 ) -> Trial:
     """Return the trial of a start whose program takes in corners, and loads in joints, until none is missed.

@@ -8,7 +8,6 @@ among four threads, each of which waits for the others.
 import os
 import signal
 import sys
-from contextlib import suppress
 from ctypes.util import find_library
 from pathlib import Path
 
@@ -24,15 +23,6 @@ os.environ.update(ONE_THREAD)
 from topo_search.model import Design  # noqa: E402
 from topo_search.model.files import read_json  # noqa: E402
 
-for room in ("nlp/reduced", "nlp/assembled", "nlp/bounds/branch", "verify/proof"):
-    sources, kept = (
-        list((Path(__file__).parents[1] / room).glob(name)) for name in ("*.py", "__pycache__/*.nb[ci]")
-    )
-    changed = max(source.stat().st_mtime for source in sources)
-    for made in kept:  # numba does not see changes in files that a function calls into
-        with suppress(FileNotFoundError):  # another process of the suite was first
-            if made.stat().st_mtime < changed:
-                made.unlink()
 settings.register_profile("suite", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("suite")
 signal.signal(signal.SIGINT, signal.default_int_handler)

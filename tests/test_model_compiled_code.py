@@ -7,6 +7,7 @@ import pytest
 
 import nlp.assembled
 import nlp.bounds.branch.proof
+import nlp.reduced.platform
 import verify.proof.check
 from topo_search.model.compiled_code import refresh
 
@@ -55,6 +56,7 @@ def test_what_was_made_from_other_sources_is_dropped(place):
 def test_all_rooms_of_compiled_code_are_marked():
     for module, function in (
         (nlp.assembled, nlp.assembled.smooth_least),
+        (nlp.reduced.platform, nlp.reduced.platform.platform),
         (nlp.bounds.branch.proof, nlp.bounds.branch.proof.search),
         (verify.proof.check, verify.proof.check.ends.replay),
     ):

@@ -1,4 +1,4 @@
-"""Compiled code is kept with a digest of the sources it was made from, and made again after a change."""
+"""The reduced search is compiled before the first solve, and says so once."""
 
 from types import SimpleNamespace
 
@@ -30,16 +30,6 @@ def test_it_is_told_once_that_code_is_compiled(kept):
     (kept / "search.descents-1.py311.1.nbc").touch()  # as numba would
     assert told(push(3)) == []
     assert (kept / "other.function-1.py311.nbc").exists()
-
-
-def test_what_was_compiled_from_other_sources_is_dropped(kept):
-    assert told(push(3))
-    stale = [kept / "search.descents-1.py311.1.nbc", kept / "inputs.dual-1.py311.nbi"]
-    for path in stale:
-        path.touch()
-    (kept / "reduced.sha256").write_text("of other sources")
-    assert told(push(3))
-    assert not any(path.exists() for path in stale)
 
 
 def test_nothing_is_compiled_for_a_task_that_the_reduced_search_does_not_express(kept):

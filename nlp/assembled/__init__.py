@@ -1,20 +1,20 @@
 """The problem of `nlp.problem` evaluated without one large graph, for platforms of many modules.
 
 Nothing is built but index arrays: poses, and wrenches with their derivatives, follow the kinematic chain (`chain`,
-`balance`), every clearance is a function of a few local vectors (`carried`, `candidates`, `terms`) whose
+`balance`), every clearance is a function of a few local vectors (`local_vectors`, `kkt_candidates`, `terms`) whose
 derivatives the chain rule takes to the unknowns (`chain_rule`), and all is put together where it is not zero
-(`assembly`). `tests/test_nlp_assembled.py` holds values, Jacobian and Hessian to those that
+(`problem`). `tests/test_nlp_assembled.py` holds values, Jacobian and Hessian to those that
 CasADi derives from the printed problem.
 """
 
 from pathlib import Path
 
-from nlp.assembled.candidates import smooth_least
+from nlp.assembled.kkt_candidates import smooth_least
 from nlp.assembled.program import AssembledProgram
-from nlp.numbers import geometry
+from nlp.numbers import kinematics
 from nlp.symbols import smooth
 from topo_search.model.compiled_code import refresh
 
-refresh(smooth_least, Path(__file__).parent, Path(smooth.__file__), Path(geometry.__file__))
+refresh(smooth_least, Path(__file__).parent, Path(smooth.__file__), Path(kinematics.__file__))
 
 __all__ = ["AssembledProgram"]

@@ -108,8 +108,8 @@ class AssembledProgram:
         printed: Assembled = AssembledProblem(self._task, self._topology, stated, BETA)
         if self._limits is not None:
             printed = Beside(printed, LimitRows(self._task, self._topology, self._limits))
-        assembly = rows_of(self._own, self._task, self._topology).beside(printed)
-        solver, functions = _ipopt(assembly, options)
+        assembled = rows_of(self._own, self._task, self._topology).beside(printed)
+        solver, functions = _ipopt(assembled, options)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
         hinges = slice(3, 3 + len(start.alpha))
         lower[hinges] = np.maximum(lower[hinges], start.alpha - limit)
@@ -118,8 +118,8 @@ class AssembledProgram:
             x0=ca.DM(start.pack()),
             lbx=ca.DM(lower),
             ubx=ca.DM(upper),
-            lbg=ca.DM(assembly.lower),
-            ubg=ca.DM(assembly.upper),
+            lbg=ca.DM(assembled.lower),
+            ubg=ca.DM(assembled.upper),
         )
         for function in functions:
             if function.error is not None:
@@ -141,20 +141,20 @@ class _Merit:
     """The effort of a design, else the worst violation."""
 
 
-def _ipopt(assembly: Assembled, options: Options) -> tuple[ca.Function, tuple[Evaluated, ...]]:
-    """Return Ipopt and an assembly's functions that it calls, named as CasADi names them."""
-    x, rows, scalar = ca.Sparsity.dense(assembly.size), ca.Sparsity.dense(assembly.rows), ca.Sparsity.dense(1)
+def _ipopt(assembled: Assembled, options: Options) -> tuple[ca.Function, tuple[Evaluated, ...]]:
+    """Return Ipopt and an assembled problem's functions that it calls, named as CasADi names them."""
+    x, rows, scalar = ca.Sparsity.dense(assembled.size), ca.Sparsity.dense(assembled.rows), ca.Sparsity.dense(1)
     given = {"x": x, "p": ca.Sparsity.dense(0)}
-    f: tuple[Function, ...] = (lambda x, _: assembly.objective(x), lambda x, _: assembly.gradient(x))
-    g: tuple[Function, ...] = (lambda x, _: assembly.constraints(x), lambda x, _: assembly.jacobian(x))
+    f: tuple[Function, ...] = (lambda x, _: assembled.objective(x), lambda x, _: assembled.gradient(x))
+    g: tuple[Function, ...] = (lambda x, _: assembled.constraints(x), lambda x, _: assembled.jacobian(x))
     nlp = Evaluated("nlp", given, {"f": scalar, "g": rows}, (f[0], g[0]))
     grad_f = Evaluated("nlp_grad_f", given, {"f": scalar, "grad_f_x": x}, f)
-    jac_g = Evaluated("nlp_jac_g", given, {"g": rows, "jac_g_x": assembly.jacobian_pattern}, g)
+    jac_g = Evaluated("nlp_jac_g", given, {"g": rows, "jac_g_x": assembled.jacobian_pattern}, g)
     hess_lag = Evaluated(
         "nlp_hess_l",
         {**given, "lam_f": scalar, "lam_g": rows},
-        {"triu_hess_gamma_x_x": assembly.hessian_pattern},
-        [lambda x, _, lam_f, lam_g: assembly.hessian(x, lam_f[0], lam_g)],
+        {"triu_hess_gamma_x_x": assembled.hessian_pattern},
+        [lambda x, _, lam_f, lam_g: assembled.hessian(x, lam_f[0], lam_g)],
     )
     derivatives: dict[str, Any] = {"grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess_lag, "no_nlp_grad": True}
     solver = ipopt("assembled", nlp, {**OPTIONS, **options, **MUMPS, **derivatives})

@@ -1,6 +1,6 @@
 """The formulas of `nlp.requirements` with gradients and Hessians by their local vectors.
 
-Those of pairs, of which there are most, are derived by hand (`nlp.assembled.candidates`), the others by CasADi,
+Those of pairs, of which there are most, are derived by hand (`nlp.assembled.kkt_candidates`), the others by CasADi,
 once a process and not once a topology.
 
 | symbol | meaning | shape | unit |
@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 from numba import njit
 
-from nlp.assembled.candidates import smooth_least
+from nlp.assembled.kkt_candidates import smooth_least
 from nlp.assembled.local_vectors import Differences
 from nlp.assembled.vectors import dot
 from nlp.requirements.distance import Distance

@@ -1,4 +1,4 @@
-"""Poses and exact clearances as numbers: what the starts are drawn with and what the answer is checked with.
+"""Poses and exact clearances as numbers: what starts are drawn with and designs are checked with.
 
 Nothing here shares code with the symbols of the problem. Lengths in metres.
 

@@ -9,7 +9,6 @@ from nlp.reduced.draws import draws
 from nlp.reduced.search import descents, ends, point_of
 from nlp.reduced.stated import state
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.compiled_code import refresh
 from topo_search.model.topology import ROOT
 
 
@@ -20,7 +19,6 @@ def prepare(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         task: a task that the reduced search expresses.
         tell: is told if it takes a while.
     """
-    refresh(descents, Path(__file__).parent)
     folder = Path(str(descents.stats.cache_path))
     if not any(folder.glob("search.descents*.nbc")):
         tell("compiling the solver (once per installation, about a minute)")

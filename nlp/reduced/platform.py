@@ -17,14 +17,17 @@ r"""The platform of a point of the reduced space: poses, and how every unknown m
 
 from __future__ import annotations
 
-import math
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from nlp.numbers import kinematics
+from nlp.numbers.kinematics import chain
 from nlp.reduced.stated import Stated
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import refresh
 
 
 class Platform(NamedTuple):
@@ -51,47 +54,9 @@ class Moved(NamedTuple):
 @njit(cache=True)
 def platform(stated: Stated, x: Array) -> Platform:
     """Return where everything is at x."""
-    tree, l_c, n = stated.tree, stated.rotors.l_c, len(stated.tree.parent)
-    R, p, z = np.empty((n, 3, 3)), np.zeros((n, 3)), np.empty((n, 3))
-    omega, c = np.zeros((n + 2, 3)), np.zeros((n + 2, 3))
-    c0, s0 = math.cos(x[0]), math.sin(x[0])
-    c1, s1 = math.cos(x[1]), math.sin(x[1])
-    c2, s2 = math.cos(x[2]), math.sin(x[2])
-    omega[0, 2] = 1.0
-    omega[1] = c0, s0, 0.0
-    omega[2] = -s0 * c1, c0 * c1, s1
-    R[0, :, 1] = omega[2]
-    R[0, :, 0] = c0 * c2 - s0 * s1 * s2, s0 * c2 + c0 * s1 * s2, -c1 * s2
-    R[0, :, 2] = c0 * s2 + s0 * s1 * c2, s0 * s2 - c0 * s1 * c2, c1 * c2
-    for i in range(1, n):
-        h, a, angle = tree.parent[i], tree.port[i], x[i + 2]
-        ca, sa = math.cos(angle), math.sin(angle)
-        sign = 1.0 if a < 2 else -1.0
-        kappa = tree.kappa[i]
-        for k in range(3):
-            rx, ry, rz = R[h, k, 0], R[h, k, 1], R[h, k, 2]
-            if a % 2 == 0:  # R_h Ry(alpha)
-                omega[i + 2, k] = ry
-                along = sign * rx
-                hx, hy, hz = ca * rx - sa * rz, ry, sa * rx + ca * rz
-                out = sign * hx
-            else:  # R_h Rx(alpha)
-                omega[i + 2, k] = rx
-                along = sign * ry
-                hx, hy, hz = rx, ca * ry + sa * rz, ca * rz - sa * ry
-                out = sign * hy
-            c[i + 2, k] = p[h, k] + l_c * along
-            p[i, k] = c[i + 2, k] + l_c * out
-            R[i, k, 2] = hz
-            if kappa == 0:
-                R[i, k, 0], R[i, k, 1] = hx, hy
-            elif kappa == 1:
-                R[i, k, 0], R[i, k, 1] = hy, -hx
-            elif kappa == 2:
-                R[i, k, 0], R[i, k, 1] = -hx, -hy
-            else:
-                R[i, k, 0], R[i, k, 1] = -hy, hx
-    z[:] = R[:, :, 2]
+    tree = stated.tree
+    R, p, omega, c = chain(x, tree.parent, tree.port, tree.kappa, stated.rotors.l_c)
+    n, z = len(p), R[:, :, 2].copy()
     p_E, p_COM, m_E = np.empty(3), np.empty(3), stated.rotors.m_E
     for k in range(3):
         centroid = 0.0
@@ -101,6 +66,9 @@ def platform(stated: Stated, x: Array) -> Platform:
         p_E[k] = centroid + stated.fixed[k] if len(stated.fixed) else x[n + 2 + k]
         p_COM[k] = (m_E * p_E[k] + n * centroid) / (n + m_E)
     return Platform(R, p, z, omega, c, p_E, p_COM)
+
+
+refresh(platform, Path(__file__).parent, Path(kinematics.__file__))  # nothing compiled is without this module
 
 
 @njit(cache=True)

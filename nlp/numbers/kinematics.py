@@ -1,0 +1,77 @@
+r"""Poses and the axes of all angles, compiled: for what follows a platform through many angles.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| theta | psi, alpha_0, alpha_1 of the root, then the hinge angles | (n+2,) | rad |
+| R_i, p_i | pose of module i in W | (n,3,3), (n,3) | -, that of l_c |
+| omega_j, c_j | axis that theta_j turns about, and a point on it | (n+2,3) each | -, that of l_c |
+
+`nlp.numbers.geometry.poses` has the same poses without a compiler, which small tasks need not load.
+`nlp.bounds.branch.frames` has those of all corners of a box of angles at once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from topo_search.model.arrays import Array
+
+Indices = NDArray[np.int64]
+
+
+@njit(cache=True)
+def chain(theta: Array, parent: Indices, port: Indices, kappa: Indices, l_c: float) -> tuple[Array, ...]:
+    """Return R, p, omega and c, module after module.
+
+    Args:
+        theta: the angles [rad].
+        parent: of the modules, the root first, parents before children.
+        port: the parents' ports, shape (n,).
+        kappa: quarter turns of the modules, shape (n,).
+        l_c: module centre to connector.
+    """
+    n = len(parent)
+    R, p = np.empty((n, 3, 3)), np.zeros((n, 3))
+    omega, c = np.zeros((n + 2, 3)), np.zeros((n + 2, 3))
+    c0, s0 = math.cos(theta[0]), math.sin(theta[0])
+    c1, s1 = math.cos(theta[1]), math.sin(theta[1])
+    c2, s2 = math.cos(theta[2]), math.sin(theta[2])
+    omega[0, 2] = 1.0
+    omega[1] = c0, s0, 0.0
+    omega[2] = -s0 * c1, c0 * c1, s1
+    R[0, :, 1] = omega[2]
+    R[0, :, 0] = c0 * c2 - s0 * s1 * s2, s0 * c2 + c0 * s1 * s2, -c1 * s2
+    R[0, :, 2] = c0 * s2 + s0 * s1 * c2, s0 * s2 - c0 * s1 * c2, c1 * c2
+    for i in range(1, n):
+        h, a, angle = parent[i], port[i], theta[i + 2]
+        ca, sa = math.cos(angle), math.sin(angle)
+        sign = 1.0 if a < 2 else -1.0
+        turns = kappa[i]
+        for k in range(3):
+            rx, ry, rz = R[h, k, 0], R[h, k, 1], R[h, k, 2]
+            if a % 2 == 0:  # R_h Ry(alpha)
+                omega[i + 2, k] = ry
+                along = sign * rx
+                hx, hy, hz = ca * rx - sa * rz, ry, sa * rx + ca * rz
+                out = sign * hx
+            else:  # R_h Rx(alpha)
+                omega[i + 2, k] = rx
+                along = sign * ry
+                hx, hy, hz = rx, ca * ry + sa * rz, ca * rz - sa * ry
+                out = sign * hy
+            c[i + 2, k] = p[h, k] + l_c * along
+            p[i, k] = c[i + 2, k] + l_c * out
+            R[i, k, 2] = hz
+            if turns == 0:
+                R[i, k, 0], R[i, k, 1] = hx, hy
+            elif turns == 1:
+                R[i, k, 0], R[i, k, 1] = hy, -hx
+            elif turns == 2:
+                R[i, k, 0], R[i, k, 1] = -hx, -hy
+            else:
+                R[i, k, 0], R[i, k, 1] = -hy, hx
+    return R, p, omega, c
