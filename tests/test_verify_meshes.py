@@ -89,8 +89,9 @@ def test_the_check_finds_a_dent_and_a_bump():
     body = ConeSphere(np.array([1.0, 2.0, 3.0]), np.array([0.0, 4.0, 0.0]), 1.0, 0.3)
     outer, inner = outer_mesh(body, 2), inner_mesh(body, 2)
     dented, bumped = outer.vertices.copy(), inner.vertices.copy()
-    dented[7] += 0.05 * (body.o - dented[7])
-    bumped[7] += 1e-6 * (bumped[7] - body.o)
+    for mesh, by in ((dented, -0.05), (bumped, 1e-6)):
+        tip = np.argmax(mesh[:, 1])  # a corner on the far ball, beyond all of the rest
+        mesh[tip] += by * (mesh[tip] - body.o)
     assert not encloses(Polytope(dented, outer.triangles), body)
     assert not lies_within(Polytope(bumped, inner.triangles), body)
 

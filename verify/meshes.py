@@ -17,10 +17,10 @@ exactly K's support along n: the local refinement where two bodies nearly touch,
 from __future__ import annotations
 
 import functools
-import math
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh.creation
 from numpy.typing import NDArray
 
 from verify.bodies import Array, ConeSphere, basis_across
@@ -63,19 +63,8 @@ class Icosphere:
 @functools.cache
 def icosphere(level: int) -> Icosphere:
     """Return the icosphere of a level, 20 * 4^level faces."""
-    if level == 0:
-        vertices, triangles = _icosahedron()
-    else:
-        coarse = icosphere(level - 1)
-        ends = np.sort(coarse.edges[:, :2], axis=1)
-        middles = coarse.vertices[ends].sum(axis=1)
-        vertices = np.concatenate([coarse.vertices, middles / np.linalg.norm(middles, axis=1, keepdims=True)])
-        number = {(int(i), int(j)): len(coarse.vertices) + k for k, (i, j) in enumerate(ends)}
-        split = []
-        for i, j, k in coarse.triangles.tolist():
-            ij, jk, ki = (number[min(pair), max(pair)] for pair in ((i, j), (j, k), (k, i)))
-            split += [(i, ij, ki), (j, jk, ij), (k, ki, jk), (ij, jk, ki)]
-        triangles = np.array(split, dtype=np.intp)
+    made = trimesh.creation.icosphere(level)
+    vertices, triangles = np.array(made.vertices), np.array(made.faces, dtype=np.intp)
     corners = vertices[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -84,21 +73,6 @@ def icosphere(level: int) -> Icosphere:
     # The least over the three corners, so that rounding never makes a face look farther out than it is.
     offsets = np.einsum("fkx,fx->fk", corners, normals).min(axis=1)
     return Icosphere(vertices, triangles, normals, offsets, edges)
-
-
-def _icosahedron() -> tuple[Array, Indices]:
-    phi = (1 + math.sqrt(5)) / 2
-    vertices = np.array([np.roll((0.0, y, z), k) for k in range(3) for y in (-1.0, 1.0) for z in (-phi, phi)])
-    # A triangle is three vertices at the edge length, 2, from one another.
-    near = np.linalg.norm(vertices[:, None] - vertices[None], axis=-1) < 2.1
-    triangles = [
-        (i, j, k) if np.linalg.det(vertices[[i, j, k]]) > 0 else (i, k, j)
-        for i in range(12)
-        for j in range(i + 1, 12)
-        for k in range(j + 1, 12)
-        if near[i, j] and near[j, k] and near[i, k]
-    ]
-    return vertices / math.hypot(1.0, phi), np.array(triangles, dtype=np.intp)
 
 
 def inner_mesh(body: ConeSphere, level: int, n: Array | None = None) -> Polytope:
