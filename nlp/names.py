@@ -6,6 +6,7 @@ The audit, which shares no code with the solver, uses the same words; a test hol
 from __future__ import annotations
 
 from topo_search.model import AnyExposure
+from topo_search.model.exposure import PART_NAMES
 
 OFFSET = "end-effector's distance from the COM"
 POSITION = "end-effector position"
@@ -75,6 +76,5 @@ def solid(number: int, i: int, segment: int | None = None) -> str:
 
 def exposure(number: int, requirement: AnyExposure, i: int, segment: int | None = None) -> str:
     """Name the clearance of module i's envelope from one exposure requirement."""
-    what = "plane" if requirement.kind == "allowed" else "segment"
-    part = "" if segment is None else f", {what} {segment}"
+    part = "" if segment is None else f", {PART_NAMES[requirement.kind]} {segment}"
     return f"exposure {number} ({requirement.kind}{part}) of module {i}"

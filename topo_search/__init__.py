@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from topo_search.export.formats import export_design, register_format
     from topo_search.export.tables import clearances, residuals
     from topo_search.model import (
+        Allowed,
         Audit,
         BadInput,
         Clearance,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         LoadCase,
         Local,
         Module,
+        Plane,
         ResolvedTask,
         Search,
         Status,
@@ -61,9 +63,9 @@ _HOMES = {
     "topo_search.export.formats": ("export_design", "register_format"),
     "topo_search.export.tables": ("clearances", "residuals"),
     "topo_search.model": (
-        "Audit", "BadInput", "Clearance", "Design", "Directional", "EndEffector", "Exterior", "Fault", "Flight",
-        "Infeasible", "LoadCase", "Local", "Module", "ResolvedTask", "Search", "Status", "Task", "Tolerances",
-        "Topology", "Wrench",
+        "Allowed", "Audit", "BadInput", "Clearance", "Design", "Directional", "EndEffector", "Exterior", "Fault",
+        "Flight", "Infeasible", "LoadCase", "Local", "Module", "Plane", "ResolvedTask", "Search", "Status",
+        "Task", "Tolerances", "Topology", "Wrench",
     ),
     "topo_search.model.bracket": ("Bracket",),
     "topo_search.model.files": ("read_json", "read_task", "to_json", "to_toml"),
@@ -83,13 +85,13 @@ _HOMES = {
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "Airflow", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates", "Certificates",
-    "Clearance", "Design", "Directional", "EndEffector", "Exterior", "Fault", "Flight", "ForceCone", "Goals",
-    "Infeasible", "LedgerLost", "Lines", "LoadCase", "Local", "Module", "Observer", "OwnConstraint", "OwnFormat",
-    "OwnSampler", "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status",
-    "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench",
-    "audit", "clearances", "export_design", "figure", "prove", "read_json", "read_task", "register_format",
-    "residuals", "search", "solve", "to_json", "to_toml", "write_report",
+    "Airflow", "Allowed", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates",
+    "Certificates", "Clearance", "Design", "Directional", "EndEffector", "Exterior", "Fault", "Flight",
+    "ForceCone", "Goals", "Infeasible", "LedgerLost", "Lines", "LoadCase", "Local", "Module", "Observer",
+    "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved",
+    "Stated", "StatedCheck", "Status", "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler",
+    "Tried", "WorkersLost", "Wrench", "audit", "clearances", "export_design", "figure", "prove", "read_json",
+    "read_task", "register_format", "residuals", "search", "solve", "to_json", "to_toml", "write_report",
 ]  # fmt: skip
 
 

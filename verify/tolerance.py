@@ -36,6 +36,7 @@ import numpy as np
 
 from topo_search.model import Design, needs_offset
 from topo_search.model.audit import Kind
+from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.bodies import Array, Cone, Rows
 from verify.certificate import Solid, witnesses
 from verify.hull_certificate import witness
@@ -44,7 +45,7 @@ from verify.kinematics import Platform
 from verify.levers import Levers, Motion
 from verify.requirements import Requirement, Scene
 
-KINDS: tuple[Kind, ...] = ("airflow", "local", "directional", "exterior", "allowed", "exclusion", "separation")
+KINDS: tuple[Kind, ...] = ("airflow", *EXPOSURE_KINDS, "exclusion", "separation")
 """The kinds of requirements that have a bound."""
 BOTH, CENTRE = np.array([0, 1]), np.array([0, 0])
 """Which two of the end balls of a module's envelope a side is the hull of."""
@@ -169,7 +170,7 @@ class Tolerance:
             n,
             self._levers.motion(a, b, ends, n),
             self._levers.motion(b, a, ends, n) if between else None,
-            {"airflow": 2, "local": 1, "directional": 1}.get(kind, 0),
+            2 if kind == "airflow" else int(kind in EXPOSURE_KINDS),
             swing,
         )
 
@@ -201,7 +202,7 @@ class Tolerance:
 
     def _turns(self, requirement: Requirement) -> bool:
         """Whether a requirement takes its direction from p_E."""
-        exposed = requirement.kind in ("directional", "exterior")
+        exposed = requirement.kind in EXPOSURE_KINDS
         return exposed and needs_offset(self._task.exposure[requirement.b])
 
     def _kappa(self, errors: Errors) -> float:

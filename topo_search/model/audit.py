@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from topo_search.model.assembly import Assembly
+from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
 from topo_search.model.flight import Flight
 from topo_search.model.html import heading, table
 from topo_search.model.stated import NOT_CERTIFIED, StatedCheck
@@ -38,10 +39,7 @@ class Status(StrEnum):
 
 Kind = Literal[
     "airflow",
-    "local",
-    "directional",
-    "exterior",
-    "allowed",
+    ExposureKind,
     "exclusion",
     "separation",
     "body",
@@ -73,9 +71,8 @@ class Pair(Value):
         """Both sides in the user's words, as the solver names its constraints."""
         if self.kind == "exclusion":
             return f"end-effector exclusion of module {self.a}"
-        if self.kind in ("local", "directional", "exterior", "allowed"):
-            part = "plane" if self.kind == "allowed" else "segment"
-            segment = "" if self.segment is None else f", {part} {self.segment}"
+        if self.kind in EXPOSURE_KINDS:
+            segment = "" if self.segment is None else f", {PART_NAMES[self.kind]} {self.segment}"
             return f"exposure {self.b} ({self.kind}{segment}) of module {self.a}"
         if self.kind == "rod":
             return f"the end-effector's rod and module {self.a}"

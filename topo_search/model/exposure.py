@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from pydantic import AfterValidator, Field, Tag, ValidationInfo, model_validator
@@ -258,6 +258,12 @@ Exposure = Annotated[AnyExposure, Field(discriminator="kind")]
 """One exposure requirement."""
 
 
+ExposureKind = Literal["local", "directional", "exterior", "allowed"]
+EXPOSURE_KINDS: tuple[ExposureKind, ...] = get_args(ExposureKind)
+PART_NAMES = {"directional": "segment", "allowed": "plane"}
+"""What the numbered parts of a requirement are called; those of other kinds have one alone."""
+
+
 LEAST_OFFSET = 0.1
 """Least ||p_E|| where a requirement takes its direction from p_E [l_arm]."""
 
@@ -269,4 +275,4 @@ def needs_offset(requirement: AnyExposure) -> bool:
 
 def segment_of(requirement: AnyExposure, part: int) -> int | None:
     """Return the `segment` of one of a requirement's shapes in audits: None where there is only ever one."""
-    return part if isinstance(requirement, Directional | Allowed) else None
+    return part if requirement.kind in PART_NAMES else None

@@ -20,7 +20,7 @@ from topo_search.limits import LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
 from topo_search.model.airflow_room import airflow_folds
 from topo_search.model.bad_input import shown
 from topo_search.model.end_effector import EndEffector
-from topo_search.model.exposure import LEAST_OFFSET, Allowed, Exposure, needs_offset, segment_of
+from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
 from topo_search.model.folds import Folds, clear_folds, common
 from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
@@ -123,7 +123,8 @@ class Task(Value):
             broken.append((("modules",), f"must be at most {SIZES} sizes, but got {shown(self.modules)}"))
         numbered = [asked for asked in self.exposure if segment_of(asked, 0) is not None]
         if (parts := sum(len(asked.shapes) for asked in numbered)) > SEGMENTS:
-            what = "segments and planes" if any(isinstance(asked, Allowed) for asked in numbered) else "segments"
+            kinds = {asked.kind for asked in numbered}
+            what = " and ".join(f"{name}s" for kind, name in PART_NAMES.items() if kind in kinds)
             broken.append((("exposure",), f"must have at most {SEGMENTS} {what} in all, but got {parts:,}"))
         if self.load_cases != "ten-wrenches" and self.task_seed is not None:
             rule = 'must be left out unless load_cases = "ten-wrenches"'
