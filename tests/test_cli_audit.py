@@ -30,7 +30,7 @@ COLUMNS = "kind,a,b,segment,status,lower_m,upper_m,analytic_m,level,percent,desi
 @pytest.fixture
 def command(tmp_path, monkeypatch):
     """The audit command in this process, with the real audit, in an empty folder."""
-    monkeypatch.setattr(compose, "Workers", toy_problem.InProcess)
+    monkeypatch.setattr(compose.designs, "Workers", toy_problem.InProcess)
     monkeypatch.chdir(tmp_path)
     return lambda *words: CliRunner().invoke(main, ["audit", *map(str, words)], catch_exceptions=False)
 
@@ -100,7 +100,7 @@ def test_a_folder_without_designs_is_bad_input(command, tmp_path):
 
 def test_designs_come_back_in_order_from_worker_processes_and_a_crash_is_one_design_s(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(compose, "BACKENDS", toy_problem.BACKENDS)
+    monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
     task = toy_problem.toy_task(3).resolve(3)
     keys = ["aa00", "a110", "a500", "a300"]
     for key in keys:

@@ -11,6 +11,7 @@ import toy_problem
 from click.testing import CliRunner
 from wording import says
 
+import nlp
 from topo_search import compose
 from topo_search.cli import main
 from topo_search.model import Assembly, Audit, Clearance, Design, EndEffectorSheet, Infeasible
@@ -31,9 +32,9 @@ com = { force = [0.0, 0.0, 1.0] }
 @pytest.fixture
 def command(tmp_path, monkeypatch):
     """The command line on the toy problem, in this process and in an empty folder with a task file."""
-    for module in (single, compose):
+    for module in (single, compose.designs, compose.places):
         monkeypatch.setattr(module, "Workers", toy_problem.InProcess)
-    monkeypatch.setattr(compose, "BACKENDS", toy_problem.BACKENDS)
+    monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "toy.toml").write_text(TOY)
     return lambda *words: CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
@@ -86,7 +87,7 @@ def test_the_answer_tells_what_its_audit_notes_about_the_rod(command, monkeypatc
         return toy_problem.audit(design).model_copy(update={"assembly": Assembly(end_effector=sheet)})
 
     assert "note on " not in command("run", "toy.toml").stdout
-    monkeypatch.setattr(compose, "BACKENDS", replace(toy_problem.BACKENDS, audit=noted))
+    monkeypatch.setattr(compose.binding, "BACKENDS", replace(toy_problem.BACKENDS, audit=noted))
     note, best, _ = command("run", "toy.toml", "--out", "noted").stdout.splitlines()[-3:]
     assert note.endswith(": the rod is 20 m long")
     assert best.startswith(f"best design: {note.removeprefix('note on ').partition(':')[0]}, ")
@@ -282,7 +283,9 @@ def test_ctrl_c_and_a_scheduler_s_signal_keep_what_was_found(command, tmp_path, 
 
     with monkeypatch.context() as patched:
         patched.setattr(
-            compose, "BACKENDS", toy_problem.Backends(interrupted, *list(vars(toy_problem.BACKENDS).values())[1:])
+            compose.binding,
+            "BACKENDS",
+            toy_problem.Backends(interrupted, *list(vars(toy_problem.BACKENDS).values())[1:]),
         )
         result = command("run", "toy.toml", "--out", "out")
     assert result.exit_code == 130
@@ -304,7 +307,7 @@ def test_solve_writes_the_design_and_says_what_the_audit_says(command, tmp_path)
 
 def test_solve_stops_when_more_starts_do_not_pay(command):
     design = json.loads(command("solve", "toy.toml", "--topology", "a110", "--json").stdout)
-    starts, one = design["solver"]["starts"], compose.nlp.default_starts(read_task("toy.toml"))
+    starts, one = design["solver"]["starts"], nlp.default_starts(read_task("toy.toml"))
     assert starts % one == 0
     best = [min(toy_problem.value("a110", s, 0, 1e-4) for s in range(k * one)) for k in range(1, starts // one + 1)]
     idle = [before - after <= 1e-4 * before for before, after in pairwise(best)]

@@ -109,7 +109,8 @@ def folder(
     for path in place.iterdir():
         path.unlink()
     monkeypatch.chdir(place)
-    monkeypatch.setattr(compose, "Workers", toy_problem.InProcess)
+    for module in (compose.designs, compose.places):
+        monkeypatch.setattr(module, "Workers", toy_problem.InProcess)
     (place / "box.obj").write_bytes(OBJ)
     (place / "box.stl").write_bytes(BINARY)
     watch.seen.clear()

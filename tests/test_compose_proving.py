@@ -18,11 +18,11 @@ def toy(monkeypatch, log):
     """The toy problem in place of solver and audit, and a prover that is a stand-in."""
 
     def proves(prover):
-        monkeypatch.setattr(compose, "BACKENDS", BACKENDS)
+        monkeypatch.setattr(compose.binding, "BACKENDS", BACKENDS)
         monkeypatch.setattr("nlp.prove_chunk", prover)
         monkeypatch.setattr("nlp.prepare", lambda *_: None)
-        monkeypatch.setattr(compose, "_engine", lambda *_: InProcess(1))
-        monkeypatch.setattr(compose, "_write_page", lambda folder: None)
+        monkeypatch.setattr(compose.searching, "open_engine", lambda *_: InProcess(1))
+        monkeypatch.setattr(compose.searching, "write_page", lambda folder: None)
 
     return proves
 

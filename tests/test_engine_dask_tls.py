@@ -129,7 +129,7 @@ def test_files_that_are_no_certificates_are_named(tmp_path, certificates, others
 @pytest.fixture
 def command(tmp_path, monkeypatch):
     """`topo-search run` on the toy problem in an empty folder."""
-    monkeypatch.setattr(compose, "BACKENDS", toy_problem.BACKENDS)
+    monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "toy.toml").write_text(to_toml(toy_task()))
     return lambda *words: CliRunner().invoke(main, ["run", "toy.toml", *words], catch_exceptions=False)

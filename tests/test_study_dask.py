@@ -69,7 +69,7 @@ def test_a_scheduler_that_ends_loses_nothing_and_the_run_goes_on_without_it(tmp_
 @pytest.fixture
 def command(tmp_path, monkeypatch):
     """`topo-search run` on the toy problem in an empty folder."""
-    monkeypatch.setattr(compose, "BACKENDS", toy_problem.BACKENDS)
+    monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "toy.toml").write_text(to_toml(toy_task()))
     return lambda *words: CliRunner().invoke(main, ["run", "toy.toml", *words], catch_exceptions=False)

@@ -117,7 +117,7 @@ import toy_problem
 from topo_search import compose
 from topo_search.cli import main
 
-compose.BACKENDS = toy_problem.BACKENDS
+compose.binding.BACKENDS = toy_problem.BACKENDS
 main(["run", "toy.toml", "--symmetry", "c2", "--workers", "1", "--out", "run"])
 """
 """`topo-search run` on the toy problem."""

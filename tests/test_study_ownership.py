@@ -158,8 +158,8 @@ def test_a_folder_that_vanishes_ends_the_run_with_what_it_had_found(tmp_path, mo
         return toy_problem.solve(task, topology, **options)
 
     backends = toy_problem.Backends(vanishing, *list(vars(toy_problem.BACKENDS).values())[1:])
-    monkeypatch.setattr(compose, "BACKENDS", backends)
-    monkeypatch.setattr(compose, "Workers", toy_problem.InProcess)
+    monkeypatch.setattr(compose.binding, "BACKENDS", backends)
+    monkeypatch.setattr(compose.places, "Workers", toy_problem.InProcess)
     result = CliRunner().invoke(main, ["run", "toy.toml", "--symmetry", "c2", "--out", "run"])
     assert result.exit_code == 74, result.output
     assert re.search(r"ledger\.sqlite: was removed, moved, replaced or emptied", result.stderr)

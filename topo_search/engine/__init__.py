@@ -7,9 +7,8 @@ from topo_search.engine.dask_workers import DaskWorkers
 from topo_search.engine.engine import Engine, WorkersLost
 from topo_search.engine.exhaustive import exhaustive, may_beat
 from topo_search.engine.job import Job, solved
-from topo_search.engine.merging import merge, record_of, scaled_violation
-from topo_search.engine.rounds import rounds
 from topo_search.engine.space import Listed, Space
+from topo_search.engine.starts import merge, record_of, rounds, scaled_violation
 from topo_search.engine.strategy import Proposal, Round, Scored, Stage, Strategy
 from topo_search.engine.workers import Workers, audit_deadline, solve_deadline
 

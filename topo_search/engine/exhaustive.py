@@ -11,8 +11,8 @@ import math
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 
-from topo_search.engine.rounds import rounds
 from topo_search.engine.space import Space
+from topo_search.engine.starts import rounds
 from topo_search.engine.strategy import Proposal, Round, Scored, Stage, Strategy
 from topo_search.model.proven import SOLVER_PRECISION
 from topo_search.topologies import Candidate

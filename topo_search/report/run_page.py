@@ -35,7 +35,7 @@ from topo_search.report.relaxed_part import relaxed_limits
 from topo_search.report.view import shared_meshes
 from topo_search.report.wording import counted, figures, modules
 from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
-from topo_search.study.proofs import Standing
+from topo_search.study.proofs import ProofState
 
 COLUMNS = (
     ("tree", "text"),
@@ -187,11 +187,11 @@ def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[Car
 
 
 def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> RunPart:
-    standings = [each for size in answer.sizes for each in folder.standings(size.modules)]
-    rows = [row for row, _ in standings]
+    proof_states = [each for size in answer.sizes for each in folder.proof_states(size.modules)]
+    rows = [row for row, _ in proof_states]
     asked = any(size.proven is not None for size in answer.sizes)
     columns = (*COLUMNS, *PROOF_COLUMNS) if asked else COLUMNS
-    cells = [[*_cells(row), *(_proof_cells(stands) if asked else ())] for row, stands in standings]
+    cells = [[*_cells(row), *(_proof_cells(stands) if asked else ())] for row, stands in proof_states]
     charts = []
     for size in answer.sizes:
         solves = list(folder.ledger.solves(size.modules))
@@ -271,7 +271,7 @@ def _cells(row: Row) -> list[Any]:
     ]
 
 
-def _proof_cells(stands: Standing) -> list[Any]:
+def _proof_cells(stands: ProofState) -> list[Any]:
     """Return what is proven of one candidate in the order of PROOF_COLUMNS."""
     gap = None if stands.proven_gap is None else float(gap_percent(stands.proven_gap).removesuffix(" %"))
     least = None if stands.proven_bound is None else at_least(stands.proven_bound, 6)

@@ -3,7 +3,8 @@
 from topo_search.study.answer import NEAR, Answer, SizeAnswer
 from topo_search.study.audits import AUDITED, audit_best
 from topo_search.study.checking import Checked, check
-from topo_search.study.folder import REPORT, RunFolder
+from topo_search.study.claims import REPORT
+from topo_search.study.folder import RunFolder
 from topo_search.study.front import FrontPoint, front
 from topo_search.study.identity import DEFAULT_ROUND, Request, Sampler, StrategyName
 from topo_search.study.ledger import Ledger

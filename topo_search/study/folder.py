@@ -12,39 +12,39 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from topo_search.limits import STARTS, TASK_BYTES, TRIALS
-from topo_search.model import BadInput, Fault, Proof, Task
+from topo_search.model import BadInput, Fault, Proof
 from topo_search.model.bad_input import faults_of
 from topo_search.model.csv_text import harmless
-from topo_search.model.files import to_json, to_toml, validate
-from topo_search.model.parsing import NotParsed, toml_data
-from topo_search.study.identity import Request, installed
+from topo_search.model.files import to_json, to_toml
+from topo_search.study.claims import (
+    LEDGER,
+    PARTS,
+    RESULTS,
+    TASK,
+    begun,
+    held,
+    last_request,
+    refused,
+    require_same,
+    require_versions,
+)
+from topo_search.study.identity import Request
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import blank
-from topo_search.study.lock import HOLDER, LOCK, ReadOnlyFolder, locked
-from topo_search.study.own import NOTHING, Own
+from topo_search.study.lock import ReadOnlyFolder, locked
 from topo_search.study.own_files import contents
-from topo_search.study.place import PARTIAL, Place
-from topo_search.study.proofs import Standing, cells, standing
+from topo_search.study.place import Place
+from topo_search.study.proofs import ProofState, cells, proof_state
 from topo_search.study.row import COLUMNS, Row
 
 Model = TypeVar("Model", bound=BaseModel)
 
-LEDGER = "ledger.sqlite"
-TASK = "task.toml"
-REPORT = "report.html"
-FRONT = "front.csv"
-RESULTS = ("best.json", "candidates.csv", FRONT, REPORT, TASK)
-"""Files that tell of a run; with a range of sizes there is a `best-nN.json` of each besides."""
-LEFT = "it is left unchanged"
 PROOFS = "proof"
 """The folder of the proofs, one file per candidate that was looked at."""
-PARTS = ("designs", "audits")
-"""Folders with a file per candidate."""
 
 
 class RunFolder:
@@ -68,23 +68,23 @@ class RunFolder:
             BadInput: it holds another run or something else, or another process works in it; it is left as it is.
         """
         if os.path.lexists(path) and not path.is_dir():
-            raise _refused(path, "is a file")
+            raise refused(path, "is a file")
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise _refused(path, f"cannot be made: {error.strerror}") from None
-        with _place(path) as place:
-            begun = _begun(place)
-            if begun and not os.access(path / LEDGER, os.W_OK):
+            raise refused(path, f"cannot be made: {error.strerror}") from None
+        with held(path) as place:
+            resumed = begun(place)
+            if resumed and not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
             with locked(path):
-                resumed = _begun(place)
+                resumed = begun(place)
                 if not resumed:
                     place.tidy()
                     place.write(LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
                 with Ledger.open(path / LEDGER) as ledger:
                     if resumed:
-                        _require_versions(path, ledger)
+                        require_versions(path, ledger)
                     folder = cls._of_ledger(path, request, ledger, place)
                     place.tidy()
                     sizes = [f"best-n{n}.json" for n in request.task.sizes]
@@ -96,9 +96,9 @@ class RunFolder:
     @classmethod
     @contextmanager
     def read(cls, path: Path, request: Request) -> Iterator[Self]:
-        """Open a folder that cannot be written to; errors as of `opened`."""
-        with _place(path) as place, Ledger.open(path / LEDGER, read_only=True) as ledger:
-            _require_versions(path, ledger)
+        """Open a folder that cannot be written to; errors as of `open`."""
+        with held(path) as place, Ledger.open(path / LEDGER, read_only=True) as ledger:
+            require_versions(path, ledger)
             yield cls._of_ledger(path, request, ledger, place)
 
     @classmethod
@@ -114,26 +114,23 @@ class RunFolder:
             ReadOnlyFolder: it cannot be written to, but should be.
             BadInput: it is not a run folder, or another process works in it.
         """
-        with _place(path) as place:
+        with held(path) as place:
             if LEDGER not in place.names():
                 raise BadInput(str(path), [Fault("", f"is not a run folder: it has no {LEDGER}")])
             if not writes:
                 with Ledger.open(path / LEDGER, read_only=True) as ledger:
-                    yield cls._of_ledger(path, _last_request(path, place, ledger), ledger, place)
+                    yield cls._of_ledger(path, last_request(path, place, ledger), ledger, place)
                 return
             if not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
             with locked(path), Ledger.open(path / LEDGER) as ledger:
                 place.tidy()
-                yield cls._of_ledger(path, _last_request(path, place, ledger), ledger, place)
+                yield cls._of_ledger(path, last_request(path, place, ledger), ledger, place)
 
     @classmethod
     def _of_ledger(cls, path: Path, request: Request, ledger: Ledger, place: Place) -> Self:
         """Make sure that a ledger holds this request, and consider the rows that answer it."""
-        held = ledger.identity()
-        for name, value in request.identity:
-            if (other := getattr(held, name)) != value:
-                raise _refused(path, f"holds {_another(name, other, value)}")
+        require_same(path, request, ledger)
         ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
         return cls(path, request, ledger, place)
 
@@ -185,7 +182,7 @@ class RunFolder:
         writer = csv.writer(table, lineterminator="\n")
         writer.writerow(COLUMNS)
         for n in self.request.task.sizes:
-            for row, stands in self.standings(n):
+            for row, stands in self.proof_states(n):
                 writer.writerow([harmless(cell) for cell in cells(row, stands)])
         self.keep("candidates.csv", table.getvalue())
         self._write_best()
@@ -205,11 +202,11 @@ class RunFolder:
         for part in PARTS:
             files.remove(self._place, [name for name in files.within(self._level + part) if name not in valid])
 
-    def standings(self, n: int) -> Iterator[tuple[Row, Standing]]:
+    def proof_states(self, n: int) -> Iterator[tuple[Row, ProofState]]:
         """Yield every ranked candidate of n modules with what is proven of it."""
         proofs, best = self.proofs(n), self.ledger.best_clear(n)
         for row in self.ledger.ranked(n):
-            yield row, standing(row, proofs.get(row.key), None if best is None else best.objective)
+            yield row, proof_state(row, proofs.get(row.key), None if best is None else best.objective)
 
     def keep_proof(self, proof: Proof) -> None:
         """Write the proof of one tree, or as much of it as there is."""
@@ -269,95 +266,3 @@ class RunFolder:
     def text(self, row: Row) -> str | None:
         """Return the design of a row as JSON text."""
         return self.ledger.design(self.request.contexts(row.modules)[row.step], row.key)
-
-
-@contextmanager
-def _place(path: Path) -> Iterator[Place]:
-    """Hold a run's folder."""
-    try:
-        with Place.open(path) as place:
-            yield place
-    except NotADirectoryError:
-        raise _refused(path, "is a file") from None
-
-
-def _begun(place: Place) -> bool:
-    """Return whether a folder is that of a run; refuse one that has anything else in it, or lost its ledger."""
-    names = place.names()
-    if LEDGER in names:
-        return True
-    if LOCK in names and not HOLDER.fullmatch(place.read(LOCK) or b""):
-        raise _refused(place.path, f"has a {LOCK} of another program; {LEFT}")
-    others = [name for name in names if name not in (LOCK, PARTIAL)]
-    if not others:
-        return False
-    shown = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
-    if any(name in (*RESULTS, *PARTS) or name.startswith((LEDGER, "best-n")) for name in others):
-        raise _refused(
-            place.path, f"has {shown} but no {LEDGER}: the ledger was removed, or this is not a run folder; {LEFT}"
-        )
-    raise _refused(place.path, f"is not a run folder, and not empty: it has {shown}; {LEFT}")
-
-
-def _last_request(path: Path, place: Place, ledger: Ledger) -> Request:
-    """Return the request that a ledger was last given."""
-    held = ledger.identity()
-    starts, trials = ledger.asked()
-    if starts < 1 or (trials is not None and trials < 1):
-        raise BadInput(str(path), [Fault("", "has no run yet")])
-    if starts > STARTS or (trials is not None and trials > TRIALS):
-        rule = f"must ask for at most {STARTS:,} starts and {TRIALS:,} trials, but holds a run with more"
-        raise BadInput(str(path), [Fault("", rule)])
-    return Request(
-        _read_task(path, place),
-        held.symmetry,
-        starts,
-        held.seed,
-        strategy=held.strategy,
-        sampler=held.sampler or "moves",
-        trials=trials,
-        round_size=held.round_size,
-        prune=bool(held.prune),
-        versions=ledger.versions() or installed(),
-        own=held.own or NOTHING,
-    )
-
-
-def _read_task(path: Path, place: Place) -> Task:
-    """Return the task as the run wrote it: it names no other file."""
-    content, name = place.read(TASK, most_bytes=TASK_BYTES), str(path / TASK)
-    if content is None:
-        raise BadInput(name, [Fault("", "no such file")])
-    try:
-        data = toml_data(content.decode())
-    except UnicodeDecodeError as error:
-        rule = f"must be UTF-8 text, but got the byte {content[error.start]:#04x} at offset {error.start}"
-        raise BadInput(name, [Fault("", rule)]) from None
-    except NotParsed as error:
-        raise BadInput(name, [Fault("", str(error))]) from None
-    return validate(Task, data, name)
-
-
-def _require_versions(path: Path, ledger: Ledger) -> None:
-    """Refuse to take up a run whose own functions may have changed since: nobody could tell."""
-    own = ledger.identity().own
-    if own is not None and own.unversioned:
-        names = ", ".join(map(repr, own.unversioned))
-        raise _refused(
-            path, f"holds a run with {names} of your own, which has no version, so that it cannot be resumed"
-        )
-
-
-def _another(name: str, held: Any, asked: Any) -> str:
-    """Say what a folder holds in place of what was asked."""
-    if name == "task":
-        return "another task"
-    if name != "own":
-        return f"a run with {name} {held}, not {asked}"
-    held, asked = held or NOTHING, asked or NOTHING
-    other = [part for part in Own.model_fields if getattr(held, part) != getattr(asked, part)]
-    return f"a run with other {' and other '.join(other)}"
-
-
-def _refused(path: Path, what: str) -> BadInput:
-    return BadInput(str(path), [Fault("", f"{what}; choose another folder with --out")])

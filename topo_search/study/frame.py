@@ -28,7 +28,7 @@ def candidates(path: Path) -> pd.DataFrame:
             [*cells(row, stands), number]
             for number, level in enumerate(folder.levels())
             for n in level.request.task.sizes
-            for row, stands in level.standings(n)
+            for row, stands in level.proof_states(n)
         ]
         goals = folder.request.task.goals.names
     numbers = dict.fromkeys(

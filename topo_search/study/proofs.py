@@ -16,7 +16,7 @@ EXCLUDED, WITHIN, OPEN, IMPOSSIBLE = "excluded", "within", "open", "impossible"
 NO_GOALS = "has goals: a proof needs a single objective; run the task without goals"
 
 
-class Standing(NamedTuple):
+class ProofState(NamedTuple):
     """What is proven of one tree."""
 
     proven_bound: float | None
@@ -29,7 +29,7 @@ class Standing(NamedTuple):
     """`excluded`: no less than the run's best; `within`: no less than a cut under it; `open`; `impossible`."""
 
 
-def standing(row: Row, proof: Proof | None, best: float | None) -> Standing:
+def proof_state(row: Row, proof: Proof | None, best: float | None) -> ProofState:
     """Return what is proven of a tree.
 
     Args:
@@ -38,9 +38,9 @@ def standing(row: Row, proof: Proof | None, best: float | None) -> Standing:
         best: the least effort of designs of its size whose audit is clear.
     """
     if row.status == IMPOSSIBLE:
-        return Standing(None, None, None, IMPOSSIBLE)
+        return ProofState(None, None, None, IMPOSSIBLE)
     if proof is None:
-        return Standing(None, None, None, None)
+        return ProofState(None, None, None, None)
     bound = proof.cut if proof.complete else row.lower_bound
     word = OPEN
     if proof.complete:
@@ -48,10 +48,10 @@ def standing(row: Row, proof: Proof | None, best: float | None) -> Standing:
     gap = None
     if bound is not None and row.objective:
         gap = max(0.0, 1 - bound / row.objective)
-    return Standing(bound, gap, proof.problem, word)
+    return ProofState(bound, gap, proof.problem, word)
 
 
-def cells(row: Row, stands: Standing) -> list[object]:
+def cells(row: Row, stands: ProofState) -> list[object]:
     """Return a candidate's row of `candidates.csv`."""
     proven = stands._asdict()
     return [proven[name] if name in proven else getattr(row, name) for name in COLUMNS]
@@ -97,7 +97,7 @@ def together(
     """
     if best is None or best.objective is None or not proofs:
         return Together(None, None)
-    stands = [standing(row, proofs.get(row.key), best.objective) for row in rows]
+    stands = [proof_state(row, proofs.get(row.key), best.objective) for row in rows]
     counts = Counter(one.proof or "not examined" for one in stands)
     words = {
         EXCLUDED: "cannot beat the best",

@@ -17,8 +17,9 @@ from topo_search.model import BadInput, Infeasible
 from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, quotient_remark, size_answer
 from topo_search.study.audits import audit_best, audits_left
 from topo_search.study.causes import causes, find_causes
+from topo_search.study.claims import LEDGER
 from topo_search.study.crosscheck import check_designs, checked
-from topo_search.study.folder import LEDGER, RunFolder
+from topo_search.study.folder import RunFolder
 from topo_search.study.front import front_of, write_front
 from topo_search.study.identity import Context, Request
 from topo_search.study.ledger import Ledger

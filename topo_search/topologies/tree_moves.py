@@ -70,7 +70,7 @@ def part_of(topology: Topology, i: int) -> frozenset[int]:
     return frozenset(part)
 
 
-def neighbour(topology: Topology, random: Random, connectors: Connectors) -> Topology:
+def random_move(topology: Topology, random: Random, connectors: Connectors) -> Topology:
     """Return a tree that one move leads to: a leaf or any other part moved, or (any port) a parity flipped.
 
     Args:

@@ -29,7 +29,7 @@ from topo_search.engine.proposals.tree_sampler import (
 from topo_search.engine.space import Space
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
-from topo_search.topologies.tree_moves import neighbour
+from topo_search.topologies.tree_moves import random_move
 
 PARENTS = 8
 """The best of a population have children; the others are replaced."""
@@ -156,7 +156,7 @@ class Moves(TreeSampler):
 
     def _moved(self, tree: Topology) -> str:
         """Return the key of a candidate that one move leads to."""
-        return self._key_of(neighbour(tree, self.random, self.connectors))
+        return self._key_of(random_move(tree, self.random, self.connectors))
 
     def _learnt(self, over: Sequence[FrozenTrial]) -> _Known:
         """Return what trials, at least one, in the order of their numbers tell; one answer serves a round."""

@@ -30,8 +30,8 @@ from topo_search.engine.proposals.encoding import decoded, encoded
 from topo_search.engine.proposals.promotion import CERTAIN, NOT_PROMISING, Rank, goes_on, rank, steps
 from topo_search.engine.proposals.samplers import sampler_of
 from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
-from topo_search.engine.rounds import rounds
 from topo_search.engine.space import Space
+from topo_search.engine.starts import rounds
 from topo_search.engine.strategy import Proposal, Scored, Stage, Strategy
 from topo_search.model import Topology
 from topo_search.protocols import SamplerFactory

@@ -1,11 +1,33 @@
-"""More starts of a candidate: the best of two ranges of starts is the best of their union.
+"""The starts of a candidate: ranges that follow each other, and the better of the results of two.
 
-Infeasible ends are compared by their violation, scaled so that units do not matter.
+The best of two ranges of starts is the best of their union. Infeasible ends are compared by their violation, scaled
+so that units do not matter.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from topo_search.model import Design, Infeasible, ResolvedTask, SolverRecord
+
+LARGEST_TIMED_ROUND = 4
+"""Starts a round under a time limit: what runs when it comes is lost."""
+
+
+def rounds(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:
+    """Yield the ranges of starts that are solved one after the other, short ones first where time may end.
+
+    Args:
+        starts: how many there are; None: without end.
+        size: of a round without a time limit; with one, rounds grow from a single start.
+        timed: whether there is a time limit.
+    """
+    first = 0
+    while starts is None or first < starts:
+        length = min(max(1, first), LARGEST_TIMED_ROUND) if timed else size
+        stop = first + length if starts is None else min(first + length, starts)
+        yield range(first, stop)
+        first = stop
 
 
 def record_of(result: Design | Infeasible) -> SolverRecord | None:

@@ -1,0 +1,28 @@
+"""Where solver, audit and search meet: the Python interface, and what the command line calls.
+
+These functions start worker processes: in a script, call them under `if __name__ == "__main__":`.
+"""
+
+from topo_search.compose.binding import BACKENDS
+from topo_search.compose.designs import Rounded, audit, audits, brackets_note, rounded, solve
+from topo_search.compose.pages import figure, write_report
+from topo_search.compose.places import available_cores
+from topo_search.compose.searching import DEFAULT_GAP, DEFAULT_TRIALS, check_proofs, prove, search
+
+__all__ = [
+    "BACKENDS",
+    "DEFAULT_GAP",
+    "DEFAULT_TRIALS",
+    "Rounded",
+    "audit",
+    "audits",
+    "available_cores",
+    "brackets_note",
+    "check_proofs",
+    "figure",
+    "prove",
+    "rounded",
+    "search",
+    "solve",
+    "write_report",
+]

@@ -1,0 +1,59 @@
+"""Solver, audit and bounds as the search takes them, with constraints of a user's own bound in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import nlp
+import verify
+from topo_search.engine import Backends
+from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Status, Topology
+from topo_search.protocols import OwnConstraint
+from verify.kinematics import platform
+
+
+def solve_mounted(
+    task: ResolvedTask,
+    topology: Topology,
+    *,
+    starts: range,
+    seed: int,
+    near: Sequence[Design] = (),
+    constraints: Sequence[OwnConstraint] = (),
+) -> Design | Infeasible:
+    """Solve one topology, and choose where the rod of a design's end-effector is bolted."""
+    outcome = nlp.solve(task, topology, starts=starts, seed=seed, near=near, constraints=constraints)
+    if isinstance(outcome, Design):
+        return outcome.model_copy(update={"mount": verify.choose_mount(outcome)})
+    return outcome
+
+
+def audit_stated(design: Design, *, constraints: Sequence[OwnConstraint]) -> Audit:
+    """Audit a design, and evaluate own constraints at the poses that the audit derives."""
+    audited, at = verify.audit(design), platform(design)
+    found = nlp.check_stated(constraints, design, orientations=at.poses.R, centres=at.o, end_effector=at.p_e)
+    here = {one.name for one in found}
+    missed = any(one.status == "missed" for one in found)
+    return audited.model_copy(
+        update={
+            "stated": (*found, *(one for one in audited.stated if one.name not in here)),
+            "verdict": Status.worst([audited.verdict, Status.VIOLATED if missed else Status.CLEAR]),
+        }
+    )
+
+
+def backends(constraints: Sequence[OwnConstraint]) -> Backends:
+    """Return solver, audit and bounds; own constraints are the business of the first two."""
+    if not constraints:
+        return BACKENDS
+    given = tuple(constraints)
+    return replace(
+        BACKENDS, solve=partial(solve_mounted, constraints=given), audit=partial(audit_stated, constraints=given)
+    )
+
+
+BACKENDS = Backends(
+    solve=solve_mounted, audit=verify.audit, lower_bound=nlp.lower_bound, prove_impossible=nlp.prove_impossible
+)

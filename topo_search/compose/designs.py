@@ -1,0 +1,200 @@
+"""Single designs: the best of one tree, its audit, and what becomes of it with rounded angles or with brackets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import nlp
+from topo_search.compose.binding import backends
+from topo_search.engine import AuditDesign, Failed, Outcome, Workers, audit_deadline
+from topo_search.limits import MODULES, STARTS
+from topo_search.model import Audit, BadInput, Design, Fault, Status, Task, Topology
+from topo_search.model.files import read_task
+from topo_search.own import starting_points, stated
+from topo_search.protocols import OwnConstraint
+from topo_search.study import Solved, solve_single
+
+
+def solve(
+    task: Task | str | Path,
+    topology: Topology,
+    *,
+    starts: int | None = None,
+    seed: int = 0,
+    time_limit: float | None = None,
+    near: Iterable[Design] = (),
+    constraints: Sequence[OwnConstraint] = (),
+    progress: Callable[[Outcome], None] = lambda _: None,
+    note: Callable[[str], None] = lambda _: None,
+) -> Solved:
+    """Find the best design of one topology and audit it, both in a child process.
+
+    Without `starts` and `time_limit` it ends after three rounds of starts in a row without improvement.
+
+    Args:
+        task: a task, its file, or the name of a shipped example, of any number of modules.
+        topology: the tree.
+        starts: number of starts.
+        seed: random seed of the starts.
+        time_limit: stop solving after this time [s].
+        near: designs of any trees to start from as well, beside the first round's starts.
+        constraints: your own constraints on the design; they are evaluated, not certified.
+        progress: receives the best outcome after each round.
+        note: receives messages about slow preparations.
+
+    Raises:
+        BadInput: the task, or what is your own, is invalid, or its connectors do not allow the topology.
+        ValueError: the number of starts is out of range (`limits`).
+    """
+    if starts is not None and not 1 <= starts <= STARTS:
+        raise ValueError(f"`1 <= starts <= {STARTS:,}` must hold, but got {starts:,}")
+    if topology.n > MODULES:
+        raise BadInput("topology", [Fault("", f"must have at most {MODULES} modules, but got {topology.n:,}")])
+    asked = task if isinstance(task, Task) else read_task(task)
+    resolved = asked.resolve(topology.n)
+    if resolved.search.connectors == "aligned" and not topology.aligned:
+        rule = f'{topology.key} needs search.connectors = "any", but the task has "aligned"'
+        raise BadInput(resolved.name, [Fault("topology", rule)])
+    designs = starting_points(near)
+    if constraints:
+        stated(constraints)
+        nlp.refuse_unusable(constraints, resolved, topology)
+    nlp.prepare(resolved, note)
+    return solve_single(
+        resolved,
+        topology,
+        backends(constraints),
+        starts=starts,
+        round_size=nlp.default_starts(resolved),
+        seed=seed,
+        time_limit=time_limit,
+        progress=progress,
+        near=designs,
+    )
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """A design with rounded hinge angles, and the audits before and after."""
+
+    design: Design
+    audit: Audit
+    before: Audit
+    step_deg: float
+    """[deg]"""
+    effort: float
+    """Its control effort over that before."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What rounding changed, one sentence each."""
+        least = (min((pair.analytic_m for pair in each.pairs), default=None) for each in (self.before, self.audit))
+        was, now = ("none" if one is None else f"{1000 * one:.3g} mm" for one in least)
+        return (
+            f"Hinge angles are rounded to {self.step_deg:g} deg and the inputs recomputed: "
+            f"control effort {100 * (self.effort - 1):+.3g} %.",
+            f"Audit: {self.audit.verdict} (before: {self.before.verdict}); least clearance {now} (before: {was}).",
+        )
+
+
+def rounded(design: Design, step_deg: float) -> Rounded:
+    """Round the hinge angles of a design, recompute its inputs and audit it again.
+
+    The root orientation is kept: the autopilot holds it, no bracket does.
+
+    Args:
+        design: the design.
+        step_deg: step to round hinge angles to [deg].
+
+    Raises:
+        BadInput: with these angles the rotors can no longer produce a load case.
+        RuntimeError: an audit failed; the message gives the reason.
+    """
+    from nlp.numbers.refit import NotPossible, refit
+
+    angles = [math.radians(step_deg * round(math.degrees(alpha) / step_deg)) for alpha in design.hinge_angles_rad]
+    try:
+        found = refit(design, angles)
+    except NotPossible as error:
+        raise BadInput(
+            "--angle-step", [Fault("", f"{error} with angles rounded to {step_deg:g} deg; choose a smaller step")]
+        ) from None
+    before, after = (audit(each) for each in (design, found))
+    effort = found.objective / design.objective if design.objective else 1.0
+    return Rounded(found, after, before, step_deg, effort)
+
+
+def brackets_note(design: Design) -> str:
+    """Return what the audit proves of the brackets of a kit, stated or not, beside airflow and rotors.
+
+    Raises:
+        RuntimeError: the audit failed, with the reason.
+    """
+    module = design.task.module
+    stated = module.model_copy(update={"bracket": module.bracket_sizes})
+    task = design.task.model_copy(update={"module": stated})
+    kinds = ("bracket-airflow", "bracket-rotor")
+    rows = [one for one in audit(design.model_copy(update={"task": task})).pairs if one.kind in kinds]
+    if not rows:
+        return "Brackets: there are no joints, or numbers are too large to audit them."
+    least = min(rows, key=lambda row: (row.status is Status.CLEAR, row.analytic_m))
+    if least.status is Status.CLEAR:
+        return (
+            "Brackets are audited clear of all airflow and rotors; the least clearance is "
+            f"{1000 * least.analytic_m:.3g} mm, {least.name}."
+        )
+    return f"Brackets are not clear: {least.name}, {1000 * least.analytic_m:.3g} mm ({least.status})."
+
+
+def audit(design: Design, *, constraints: Sequence[OwnConstraint] = ()) -> Audit:
+    """Return the exact audit of a design, made in a child process.
+
+    Args:
+        design: the design.
+        constraints: of your own, evaluated on it; those that it names but that are not given are `not checked`.
+
+    Raises:
+        BadInput: a constraint cannot be used.
+        RuntimeError: says why there is no audit.
+    """
+    if constraints:
+        stated(constraints)
+        nlp.refuse_unusable(constraints, design.task, design.topology)
+    (result,) = audits([design], constraints=constraints)
+    if isinstance(result, Failed):
+        raise RuntimeError(f"the audit failed: {result.reason}")
+    return result
+
+
+def audits(
+    designs: Iterable[Design], *, workers: int = 1, constraints: Sequence[OwnConstraint] = ()
+) -> Iterator[Audit | Failed]:
+    """Yield the audit of each design in order, made in child processes.
+
+    Args:
+        designs: drawn lazily, a few ahead of the audits.
+        workers: number of processes.
+        constraints: as of `audit`.
+    """
+    ended: dict[int, Audit | Failed] = {}
+    due = 0
+    with Workers(workers) as pool:
+        results = pool.run(
+            partial(_audit_numbered, backends(constraints).audit),
+            enumerate(designs),
+            deadline=lambda job: audit_deadline(job[1].topology.n),
+        )
+        for (number, _), result in results:
+            ended[number] = result
+            while due in ended:
+                yield ended.pop(due)
+                due += 1
+
+
+def _audit_numbered(audit: AuditDesign, numbered: tuple[int, Design]) -> Audit:
+    """Audit a design that comes with its number (in a worker)."""
+    return audit(numbered[1])

@@ -1,0 +1,68 @@
+"""The report of a run or a design, and its picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from topo_search.compose.designs import audit
+from topo_search.model import Audit, BadInput, Design, Fault
+from topo_search.model.files import read_json, write_atomically
+from topo_search.study import REPORT, RunFolder
+
+
+def write_report(source: str | Path, *, out: str | Path | None = None, flight: str | Path | None = None) -> Path:
+    """Write the report of a run, or of a single design after auditing it, and return its path.
+
+    Args:
+        source: a run's folder or a design's file.
+        out: the page; default: `report.html` in the folder, or the design's name with `.html`.
+        flight: a folder that `fly --out` wrote for the design, whose flights are shown too.
+
+    Raises:
+        BadInput: the source is neither, or the flights are not of it; or the page would go into a folder that a
+            run is using, or replace a file that the run did not write.
+        RuntimeError: the audit failed; the message gives the reason.
+    """
+    from topo_search.report.design_page import design_page
+    from topo_search.report.page import render
+    from topo_search.report.run_page import run_page, write_run_page
+    from topo_search.report.simulated_part import read_simulated
+
+    source = Path(source)
+    if source.is_dir() and flight is not None:
+        rule = f"must come with the file of the design that was flown, but got the folder {source}"
+        raise BadInput("--flight", [Fault("", rule)])
+    if source.is_dir() and out is None:
+        with RunFolder.load(source, writes=True) as folder:
+            write_run_page(folder)
+        return source / REPORT
+    if source.is_dir():
+        with RunFolder.load(source) as folder:
+            page = run_page(folder)
+    else:
+        design = read_json(Design, source)
+        simulated = None if flight is None else read_simulated(Path(flight), design)
+        page = design_page(design, audit(design), source.name, simulated)
+    path = Path(out or source.with_suffix(".html"))
+    write_atomically(path, render(page))
+    return path
+
+
+def write_page(folder: RunFolder) -> None:
+    """Write a run's page: only the coordinator loads what it takes, not the workers."""
+    from topo_search.report.run_page import write_run_page
+
+    write_run_page(folder)
+
+
+def figure(design: Design, audited: Audit | None = None) -> Any:
+    """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod."""
+    from topo_search.export.viewpoint import poses_to_draw
+    from topo_search.report.scene import scene
+
+    at = poses_to_draw(design)
+    if audited is None:
+        return scene(design, at)
+    closest = min(audited.pairs, key=lambda pair: pair.analytic_m, default=None)
+    return scene(design, at, closest, audited.assembly)

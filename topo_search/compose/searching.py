@@ -1,0 +1,275 @@
+"""Searches of all trees of a task, proofs that none is better, and checks of these proofs."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
+from pathlib import Path
+
+import nlp
+import verify
+from topo_search.compose.binding import backends
+from topo_search.compose.pages import write_page
+from topo_search.compose.places import open_engine
+from topo_search.engine import Certificates, Workers
+from topo_search.limits import CANDIDATES, GAPS
+from topo_search.model import BadInput, Design, Fault, Task
+from topo_search.model.files import read_task
+from topo_search.model.proof import Problem
+from topo_search.own import AnySampler, handed_in
+from topo_search.protocols import OwnConstraint
+from topo_search.study import (
+    DEFAULT_ROUND,
+    Answer,
+    Checked,
+    Observer,
+    Request,
+    RunFolder,
+    Silent,
+    StrategyName,
+    run,
+)
+from topo_search.study import check as check_run
+from topo_search.study import prove as prove_run
+from topo_search.study.proving import refuse_unprovable
+from topo_search.topologies import OwnTopology, Symmetry, improper_isometry
+
+DEFAULT_TRIALS = 512
+"""Candidates that are proposed when not all are solved and nobody says otherwise."""
+
+DEFAULT_GAP = 0.003
+"""To which a tree is proven that cannot be excluded."""
+
+RUNS = Path("runs")
+"""Where runs go unless another folder is named."""
+
+
+def search(
+    task: Task | str | Path,
+    *,
+    out: str | Path | None = None,
+    symmetry: Symmetry = "task",
+    strategy: StrategyName = "exhaustive",
+    sampler: AnySampler = "moves",
+    trials: int | None = DEFAULT_TRIALS,
+    round_size: int = DEFAULT_ROUND,
+    prune: bool = False,
+    starts: int | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    dask: str | None = None,
+    dask_tls: Certificates | None = None,
+    time_limit: float = math.inf,
+    near: Iterable[Design] = (),
+    constraints: Sequence[OwnConstraint] = (),
+    topologies: Iterable[OwnTopology] | None = None,
+    prove: float | None = None,
+    observer: Observer | None = None,
+) -> Answer:
+    """Search the topologies for the best design of a task, audit the best ones and write a run folder.
+
+    Args:
+        task: a task, its file, or the name of a shipped example.
+        out: the run's folder; default: `runs/NAME-HASH`.
+        symmetry: symmetries under which trees count as one candidate.
+        strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes, round by round.
+        sampler: sampling algorithm: `moves` on the best trees, `tpe`, `nsga2` or `random`; or your own: an
+            `OwnSampler`, a function that makes any Optuna sampler or a `TopologySampler` for a seed, or a
+            `TopologySampler` without state.
+        trials: number of candidates to propose; None: all.
+        round_size: proposals per round, which learns from the rounds before: more of them keep more workers busy,
+            and learn more slowly.
+        prune: skip candidates that the lower bound proves no better than the best design so far.
+        starts: starts per candidate, or per finalist if not all are proposed; default: by the number of modules.
+        seed: random seed of starts and proposals.
+        workers: worker processes; default: the cores available. Results do not depend on it.
+        dask: address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT, whose workers replace local
+            processes. Plain tcp trusts whoever answers: results are unpickled.
+        dask_tls: certificates for tls; default: those of Dask's own configuration.
+        time_limit: stop solving, or proving, after this time [s].
+        near: designs of any trees that every candidate starts from as well, beside its other starts.
+        constraints: your own constraints on designs. They are evaluated, not certified, and unless they say that
+            they are `invariant`, every rooted tree is a candidate.
+        topologies: the only candidates: trees, keys, or graphs as of `Topology.graph`. Each is solved as it stands.
+        prove: relative gap to which branch and bound then proves that no tree is better, as `prove` does.
+        observer: receives progress.
+
+    Raises:
+        BadInput: the task, folder, address, a certificate or what is your own is invalid, or there are too many
+            candidates to solve them all.
+        ValueError: starts, trials, round_size or workers are out of range (`limits`), or strategy or sampler is
+            unknown.
+        WorkersLost: workers do not start or return, or the Dask scheduler does not answer; results are kept.
+    """
+    asked = task if isinstance(task, Task) else read_task(task)
+    handed = handed_in(
+        asked,
+        near=near,
+        constraints=constraints,
+        topologies=topologies,
+        sampler=sampler,
+        elsewhere=dask is not None,
+    )
+    request = Request(
+        asked,
+        symmetry,
+        nlp.default_starts(asked) if starts is None else starts,
+        seed,
+        strategy,
+        handed.sampler,
+        trials if strategy == "optuna" else None,
+        prune and strategy == "exhaustive",
+        round_size,
+        own=handed.own,
+        near=handed.near,
+        propose=handed.propose,
+    )
+    _refuse_endless(request)
+    if prove is not None:
+        refuse_unprovable(request, asked.name)
+        _refuse_gap("prove", prove)
+    if constraints:
+        for n in asked.sizes:
+            resolved, topology = asked.resolve(n), next(request.space(n).candidates()).topology
+            nlp.refuse_unusable(constraints, resolved, topology)
+            nlp.refuse_wrong_claims(constraints, resolved, topology, mirror=improper_isometry(resolved))
+    path = RUNS / request.folder_name if out is None else Path(out)
+    observer, until = observer or Silent(), time.monotonic() + time_limit
+    if dask is None:  # else every worker compiles where it is
+        nlp.prepare(asked, observer.note)
+    with open_engine(workers, dask, dask_tls, request.versions, observer) as engine:
+        answer = run(
+            request,
+            path,
+            backends(constraints),
+            engine=engine,
+            observer=observer,
+            workers=engine.count if isinstance(engine, Workers) else None,
+            time_limit=time_limit,
+            report=write_page,
+        )
+        if prove is None or answer.best is None or not answer.complete:
+            return answer
+        return prove_run(
+            path,
+            nlp.prove_chunk,
+            nlp.proof_root,
+            gap=prove,
+            key=None,
+            engine=engine,
+            observer=observer,
+            time_limit=until - time.monotonic(),
+            report=write_page,
+        )
+
+
+def prove(
+    folder: str | Path,
+    *,
+    gap: float = DEFAULT_GAP,
+    problem: Problem = "task",
+    topology: str | None = None,
+    workers: int | None = None,
+    dask: str | None = None,
+    dask_tls: Certificates | None = None,
+    time_limit: float = math.inf,
+    observer: Observer | None = None,
+) -> Answer:
+    """Prove by branch and bound that no tree of a run beats its best design, or bound by how much one could.
+
+    Proofs are written to `proof/KEY` and `candidates.csv` in the run folder, chunk by chunk; calling it again
+    resumes a stopped proof.
+
+    Args:
+        folder: the run folder.
+        gap: relative gap at which a tree counts as settled: how far its bound may stay below its own best effort,
+            if that cannot be proven above the effort of the best.
+        problem: designs that the proof is about: `task`, all that the audit may call clear; `solver`, those
+            that also keep the solver's margin and its distance of centres.
+        topology: key of a single tree to prove; default: all.
+        workers: worker processes; default: the cores available. Results do not depend on it.
+        dask: as for `search`.
+        dask_tls: as for `search`.
+        time_limit: stop after this time [s].
+        observer: receives progress.
+
+    Raises:
+        BadInput: not a run folder, no audited design, no such tree, or another process is using the folder.
+        ValueError: a gap beyond `limits`.
+        WorkersLost: as for `search`.
+    """
+    _refuse_gap("gap", gap)
+    observer = observer or Silent()
+    with open_engine(workers, dask, dask_tls, _versions(folder), observer) as engine:
+        return prove_run(
+            Path(folder),
+            nlp.prove_chunk,
+            nlp.proof_root,
+            gap=gap,
+            key=topology,
+            engine=engine,
+            observer=observer,
+            problem=problem,
+            time_limit=time_limit,
+            report=write_page,
+        )
+
+
+def _refuse_gap(name: str, gap: float) -> None:
+    """Refuse a gap that no proof can be asked for."""
+    least, most = GAPS
+    if not least <= gap <= most:
+        raise ValueError(f"`{least} <= {name} <= {most}` must hold, but got {gap}")
+
+
+def check_proofs(
+    folder: str | Path,
+    *,
+    topology: str | None = None,
+    workers: int | None = None,
+    dask: str | None = None,
+    dask_tls: Certificates | None = None,
+    observer: Observer | None = None,
+) -> Checked:
+    """Check what `prove` has proven of a run, by code that shares nothing with it; nothing is written.
+
+    Args:
+        folder: of the run.
+        topology: key of the one tree to look at; default: all.
+        workers: as of `search`.
+        dask: as of `search`.
+        dask_tls: as of `search`.
+        observer: is told of the progress.
+
+    Raises:
+        BadInput: it is not a run folder, or has no audited design or no such tree.
+        WorkersLost: as of `search`.
+    """
+    observer = observer or Silent()
+    with open_engine(workers, dask, dask_tls, _versions(folder), observer) as engine:
+        return check_run(
+            Path(folder), verify.check_chunk, verify.audit, key=topology, engine=engine, observer=observer
+        )
+
+
+def _versions(folder: str | Path) -> Mapping[str, str]:
+    """Return the versions of the libraries that a run was computed with."""
+    if not Path(folder).is_dir():
+        raise BadInput(str(folder), [Fault("", "is not a run folder: it does not exist")])
+    with RunFolder.load(Path(folder)) as found:
+        return found.request.versions
+
+
+def _refuse_endless(request: Request) -> None:
+    """Refuse to solve all candidates where there are more than anybody can, before a folder is made for them."""
+    if request.trials is not None:
+        return
+    for n in request.task.sizes:
+        if (count := request.space(n).count()) > CANDIDATES:
+            rule = (
+                f"an exhaustive search takes at most {CANDIDATES:,} candidates, but {n} modules have "
+                f"{Decimal(count):.1e}; choose the strategy `optuna`"
+            )
+            raise BadInput(request.task.name, [Fault("modules", rule)])
