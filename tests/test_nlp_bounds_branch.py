@@ -1,5 +1,6 @@
 """The bound of a box, attacked: by points of the box, by designs, and by cuts just above what can be done."""
 
+import itertools
 import math
 
 import numpy as np
@@ -8,7 +9,7 @@ from nlp_cases import HOVER, push, random_tree
 from test_nlp_bounds_attack import random_task
 
 from nlp import solve
-from nlp.bounds.branch import box, frames, multipliers, search
+from nlp.bounds.branch import box, frames, multipliers, search, slopes
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowded
 from nlp.bounds.branch.proof import chunk_box, prove_chunk
 from nlp.bounds.branch.stated import centre, effort_unit, hung, state, whole
@@ -103,6 +104,82 @@ def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(
     assert 0 < true - proven < 1e-3 * lost
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_bound_ends_early_under_a_cut_alone(seed):
+    rng = np.random.default_rng([33, seed])
+    task = random_task(rng)
+    tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
+    stated, (least, most) = state(task, tree), whole(task, task.n)
+    lower = rng.uniform(least, most)
+    upper = np.minimum(most, lower + 0.3)
+    y, looked_at = multipliers_for(stated, rng), (*seen(stated, lower, upper), box.sums(stated))
+    proven = box.bound(stated, y, *looked_at)
+    assert box.bound(stated, y, *looked_at, proven) == proven
+    above = proven + 1e-6 * abs(proven)
+    assert proven <= box.bound(stated, y, *looked_at, above) < above
+
+
+def looked_at(stated, theta, y, flat):
+    """D at a point, with room for the multipliers' search there, and the slopes' parts."""
+    roots, middle, axes, _, _ = seen(stated, theta, theta)
+    work = multipliers.room(stated)
+    work.ridge[:] = 0.0
+    multipliers.wrenches(stated, roots[0], middle, work)
+    slopes.fill(stated, roots[0], middle, axes, work, flat)
+    return multipliers.value(stated, work, y), work
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_slopes_are_those_of_the_dual_function(seed):
+    """By differences: of D in every angle, of the slopes in the multipliers."""
+    rng = np.random.default_rng([34, seed])
+    task = random_task(rng)
+    tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
+    stated, theta = state(task, tree), rng.uniform(*whole(task, task.n))
+    A, step, y = len(theta), 1e-6, multipliers_for(stated, rng)
+    flat, other = slopes.blank(task.n, A), slopes.blank(task.n, A)
+    _, work = looked_at(stated, theta, y, flat)
+
+    def of(y):
+        slopes._value(stated, work, flat, np.zeros(A), y, flat.g)
+        return flat.g.copy()
+
+    found = of(y)
+    for a in range(A):
+        by = step * np.eye(A)[a]
+        ends = [looked_at(stated, theta + sign * by, y, other)[0] for sign in (1, -1)]
+        assert found[a] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-4, abs=1e-5 * np.abs(found).max())
+    slopes._gradients(stated, work, flat, y)
+    by = step * rng.normal(size=y.shape)
+    expected = np.einsum("kal,kl->a", work.rows[:, 3:], by)
+    assert (of(y + by) - of(y - by)) / 2 == pytest.approx(expected, rel=1e-3, abs=1e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_flattened_multipliers_bound_more_boxes(seed):
+    """Against those that are best at the middle, of boxes of a size that most are of."""
+    rng = np.random.default_rng([35, seed])
+    task = push(4)
+    tree = random_tree(4, rng, aligned=True)
+    tree = hung(tree, centre(task, tree))
+    stated, (least, most), better = state(task, tree), whole(task, 4), 0
+    for _ in range(40):
+        lower = rng.uniform(least, most - 0.4)
+        box_seen = seen(stated, lower, lower + 0.4)
+        roots, middle, axes, _, rho = box_seen
+        work, flat = multipliers.room(stated), slopes.blank(4, len(rho))
+        multipliers.wrenches(stated, roots[0], middle, work)
+        work.ridge[:] = 0.1 * (rho**2).sum()
+        y = np.zeros((3, 6))
+        y[:, :3] = 2 * stated.loads.f
+        multipliers.improve(stated, work, y, 4, 1.0)
+        plain = box.bound(stated, y, *box_seen, box.sums(stated))
+        slopes.fill(stated, roots[0], middle, axes, work, flat)
+        slopes.flatten(stated, work, flat, rho, y, 3, 1.0)
+        better += box.bound(stated, y, *box_seen, box.sums(stated)) > plain
+    assert better >= 30
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed):
     rng = np.random.default_rng([27, seed])
@@ -174,48 +251,69 @@ def proven(task, tree, cut):
     )
 
 
-@pytest.fixture(scope="module")
-def pair():
-    """Two modules, and their best design."""
-    task = push(2, load_cases=[{"end_effector": {"force": [0.25, 0.0, 0.75]}}, HOVER])
-    tree = Topology(((-1, -1, -1), (0, 0, 2)))
+@pytest.fixture(scope="module", params=[2, 3])
+def best(request):
+    """A task, a tree of two or three modules, and its best design by local solves."""
+    task = push(request.param, load_cases=[{"end_effector": {"force": [0.25, 0.0, 0.75]}}, HOVER])
+    tree = Topology(((-1, -1, -1), (0, 0, 2), (0, 1, 3))[: request.param])
     design = solve(task, tree, starts=range(24), seed=0)
     assert isinstance(design, Design)
     return task, tree, design
 
 
-def test_a_cut_under_the_best_is_proven_and_one_above_is_not(pair):
-    task, tree, design = pair
+def test_a_cut_under_the_best_is_proven_and_one_above_is_not(best):
+    task, tree, design = best
     assert proven(task, tree, 0.99 * design.objective)
     assert not proven(task, tree, 1.002 * design.objective)
 
 
-def test_a_grid_finds_nothing_under_what_is_proven(pair):
-    """Every point of a grid has its own bound, a value of the convex problem that is left there."""
-    task, tree, design = pair
-    stated, unit = state(task, tree), effort_unit(task)
-    least, most = whole(task, 2)
-    rng = np.random.default_rng(29)
-    work, best = multipliers.room(2, 2), math.inf
+def test_brute_force_finds_nothing_under_what_is_proven(best):
+    """A grid over all angles, and a descent from its best points: at fixed angles the rest is a convex problem."""
+    task, tree, design = best
+    tree = hung(tree, centre(task, tree))
+    stated, unit, (least, most) = state(task, tree), effort_unit(task), whole(task, tree.n)
+    work, A = multipliers.room(stated), len(least)
     work.ridge[:] = 1e-9
-    for theta in rng.uniform(least, most, size=(20_000, 4)):
+
+    def effort(theta):
+        """A lower bound of the effort at these angles, next to it where they can do the task; else infinity."""
+        if np.any(theta < least) or np.any(theta > most):
+            return math.inf
         roots, middle, axes, vertices, rho = seen(stated, theta, theta)
-        if crowded(stated, middle, axes, vertices, rho, np.zeros(4)) >= AT_MIDDLE:
-            continue
+        if crowded(stated, middle, axes, vertices, rho, np.zeros(A)) >= AT_MIDDLE:
+            return math.inf
         multipliers.wrenches(stated, roots[0], middle, work)
         y = np.zeros((2, 6))
         y[:, :3] = 4 * stated.loads.f
-        best = min(best, multipliers.improve(stated, work, y, 60, 1e9) * unit)
-    assert best >= 0.99 * design.objective
+        return multipliers.improve(stated, work, y, 60, 1e9) * unit
+
+    grid = itertools.product(*(np.linspace(low, high, 7) for low, high in zip(least, most, strict=True)))
+    found = sorted((effort(np.array(theta)), theta) for theta in grid)
+    ends = []
+    for value, theta in found[:8]:
+        theta, step = np.array(theta), 0.2
+        while step > 1e-4:
+            tried = [theta + sign * step * np.eye(A)[a] for a in range(A) for sign in (1, -1)]
+            tried += [theta + step * draw for draw in np.random.default_rng(29).normal(size=(20, A))]
+            lowest, at = min(((effort(one), k) for k, one in enumerate(tried)))
+            if lowest < value:
+                value, theta = lowest, tried[at]
+            else:
+                step /= 2
+        ends.append(value)
+    assert 0.99 * design.objective <= min(ends) < 1.01 * design.objective
+    assert min(ends) <= found[0][0]
 
 
-def test_the_chunk_of_a_design_has_a_bound_of_no_more_than_its_effort(pair):
-    task, tree, design = pair
+def test_the_chunk_of_a_design_has_a_bound_of_no_more_than_its_effort(best):
+    task, tree, design = best
+    assert centre(task, tree) == 0  # else angles are counted from another module
     theta = np.array([*design.root_orientation_rad, *design.hinge_angles_rad])
     mine = [
         number
-        for number in range(chunk_count(2))
-        if np.all(chunk_box(task, 2, number)[0] <= theta) and np.all(theta <= chunk_box(task, 2, number)[1])
+        for number in range(chunk_count(tree.n))
+        if np.all(chunk_box(task, tree.n, number)[0] <= theta)
+        and np.all(theta <= chunk_box(task, tree.n, number)[1])
     ]
     assert mine
     assert prove_chunk(task, tree, mine[0], design.objective * 1.001).outcome != "closed"

@@ -1,12 +1,13 @@
 """The check of a run's proofs: what it refuses, and what it says; the checker of chunks is a stand-in here."""
 
+import dataclasses
 import json
 
 import pytest
 from test_study_proving import Prover, proven, table
-from toy_problem import InProcess, audit, toy_run
+from toy_problem import BACKENDS, InProcess, audit, solve, toy_run
 
-from topo_search.model import BadInput, CheckedChunk
+from topo_search.model import BadInput, CheckedChunk, Infeasible
 from topo_search.study import Silent, check
 
 
@@ -118,6 +119,35 @@ def test_one_tree_alone_and_a_tree_without_a_proof(run):
     assert [tree.verdict for tree in checked(run, key=key).trees] == ["not examined"]
     with pytest.raises(BadInput, match="has no candidate a999"):
         checked(run, key="a999")
+
+
+@pytest.mark.parametrize("closes", [True, False])
+def test_the_proof_of_a_tree_that_is_impossible_is_checked_like_any_other(tmp_path, log, closes):
+    def solved(task, topology, **asked):
+        found = solve(task, topology, **asked)
+        if topology.key != "a300":
+            return found
+        return Infeasible(
+            topology=topology,
+            topology_key=topology.key,
+            status="impossible",
+            worst_constraint="load case 0, torque",
+            violation=1.0,
+            unit="N m",
+            message="it cannot",
+        )
+
+    path = tmp_path / "run"
+    toy_run(path, backends=dataclasses.replace(BACKENDS, solve=solved))
+    prover = Prover(refuses=() if closes else ("a300",))
+    answer = proven(path, prover)
+    assert prover.asked[-1][0] == "a300"
+    assert table(path)["a300"]["proof"] == "impossible"
+    assert "1 impossible" in answer.sizes[0].proven
+    found = checked(path)
+    assert found.settled
+    assert {tree.key: tree.verdict for tree in found.trees}["a300"] == ("checked" if closes else "impossible")
+    assert ("1 said to be impossible, which is not checked" in found.sentences[0]) is not closes
 
 
 def test_the_best_design_is_audited_again(run, monkeypatch):

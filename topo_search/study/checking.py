@@ -161,7 +161,7 @@ def _check_size(
             continue
         tree.fault = _unfit(proof, row.key, task)
         if tree.fault is None and not proof.complete:
-            tree.left = "open"
+            tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "open"
         if tree.fault is None and tree.left is None:
             tree.bound, tree.problem = proof.cut, proof.problem
             root = proof.root_module

@@ -198,7 +198,8 @@ def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, fl
         best = folder.ledger.best_clear(n)
         if best is None or not best.objective:
             continue
-        due = [row for row in rows if row.status != IMPOSSIBLE and key in (None, row.key)]
+        due = [row for row in rows if key in (None, row.key)]
+        due.sort(key=lambda row: row.status == IMPOSSIBLE)  # last: theirs is for the check alone
         found.append((n, best.objective, due))
     if key is not None and key not in known:
         raise BadInput(str(path), [Fault("", f"has no candidate {key}")])

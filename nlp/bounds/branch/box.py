@@ -98,8 +98,9 @@ def bound(
     vertices: Frames,
     rho: Array,
     work: Sums,
+    cut: float = math.inf,
 ) -> float:
-    """Return the lower bound of a box with multipliers y, in effort units.
+    """Return the lower bound of a box with multipliers y, in effort units, or if it is under the cut, a value so.
 
     Args:
         stated: the task and the tree.
@@ -110,6 +111,7 @@ def bound(
         vertices: frames at the vertices of the hinges.
         rho: half widths [rad].
         work: room; its `slope` and `spread` say what a split of each angle might gain.
+        cut: once a vertex is under it, no other is looked at.
     """
     n, tree = len(stated.tree.parent), stated.tree
     constant = _constant(stated, y)
@@ -139,6 +141,8 @@ def bound(
                 at = tree.first[i] + 2 * v
                 work.least[tree.first[h] + v] += min(work.least[at], work.least[at + 1])
         result = min(result, work.least[0])
+        if constant + result < cut < math.inf:
+            break
     return constant + result
 
 

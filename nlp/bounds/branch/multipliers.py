@@ -44,8 +44,14 @@ class Work(NamedTuple):
     a: Array
     b: Array
     H: Array
+    rows: Array
+    """The condition's three, then the gradients of the slopes (`nlp.bounds.branch.slopes`), shape (K, 3 + A, 6)."""
     solved: Array
-    """H_k^-1 of the gradient and of the columns of C_k^T, shape (K, 4, 6)."""
+    """H_k^-1 of the gradient and of the rows, shape (K, 4 + A, 6)."""
+    diagonal: Array
+    """What a row gives way by for a unit of its multiplier, 0 for a condition, shape (3 + A,)."""
+    goal: Array
+    """What a row's change is to make up for, shape (3 + A,)."""
     step: Array
     trial: Array
     ridge: Array
@@ -53,13 +59,23 @@ class Work(NamedTuple):
 
 
 @njit(cache=True)
-def room(n: int, K: int) -> Work:
-    """Return room for a platform of n modules and K load cases."""
+def room(stated: Stated) -> Work:
+    """Return room for one box at a time."""
+    n, g = len(stated.tree.parent), stated.loads.g
+    K, A = len(g), n + 2
+    rows = np.zeros((K, 3 + A, 6))
+    for k in range(K):
+        rows[k, 0, 4], rows[k, 0, 5] = -g[k, 2], g[k, 1]
+        rows[k, 1, 3], rows[k, 1, 5] = g[k, 2], -g[k, 0]
+        rows[k, 2, 3], rows[k, 2, 4] = -g[k, 1], g[k, 0]
     return Work(
         np.zeros((4 * n, 6)),
         np.zeros((K, 6)),
         np.zeros((6, 6)),
-        np.zeros((K, 4, 6)),
+        rows,
+        np.zeros((K, 4 + A, 6)),
+        np.zeros(3 + A),
+        np.zeros(3 + A),
         np.zeros((K, 6)),
         np.zeros((K, 6)),
         np.ones(6),
@@ -121,7 +137,7 @@ def improve(stated: Stated, work: Work, y: Array, steps: int, enough: float) -> 
     meet(stated, y)
     best = value(stated, work, y)
     for _ in range(steps if best < enough else 0):
-        _newton_step(stated, work, y)
+        newton_step(stated, work, y, 3)
         size, step = 0.0, 0.0
         for k in range(len(y)):
             for l in range(6):
@@ -177,14 +193,16 @@ def missed(stated: Stated, y: Array) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def _newton_step(stated: Stated, work: Work, y: Array) -> None:
-    """Fill the step to the maximum of the quadratic model within the condition."""
-    K, U, loads = len(y), stated.u_max, stated.loads
-    S, q = np.zeros((3, 3)), np.zeros(3)
+def newton_step(stated: Stated, work: Work, y: Array, tied: int) -> None:
+    """Fill the step to the maximum of the quadratic model under the first rows, so many.
+
+    A row w with goal g and diagonal d takes (g + w . step)^2 / (2 d) from the model, or is held to 0 where d is 0.
+    """
+    K, U = len(y), stated.u_max
+    S, q = np.zeros((tied, tied)), work.goal[:tied].copy()
     for k in range(K):
-        weight = max(LEAST_WEIGHT, loads.weight[k])
-        columns = work.solved[k]
-        columns[:] = 0.0
+        weight = max(LEAST_WEIGHT, stated.loads.weight[k])
+        columns, rows = work.solved[k], work.rows[k]
         H = work.H
         H[:] = 0.0
         for l in range(6):
@@ -203,36 +221,24 @@ def _newton_step(stated: Stated, work: Work, y: Array) -> None:
                 for l in range(6):
                     for m in range(l + 1):
                         H[l, m] += work.a[j, l] * work.a[j, m] / (2 * weight)
-        gx, gy, gz = loads.g[k]
-        columns[1, 4], columns[1, 5] = -gz, gy
-        columns[2, 3], columns[2, 5] = gz, -gx
-        columns[3, 3], columns[3, 4] = -gy, gx
         _factor(H)
-        for column in range(4):
+        columns[1 : 1 + tied] = rows[:tied]
+        for column in range(1 + tied):
             _solve(H, columns[column])
-        for row in range(3):
-            for column in range(3):
-                S[row, column] += _turned(gx, gy, gz, columns[1 + column], row)
-            q[row] -= _turned(gx, gy, gz, columns[0], row)
+        for row in range(tied):
+            for l in range(6):
+                q[row] += rows[row, l] * columns[0, l]
+                for column in range(row + 1):
+                    S[row, column] += rows[row, l] * columns[1 + column, l]
     size = S[0, 0] + S[1, 1] + S[2, 2]
-    if size > 0.0:
-        for row in range(3):
-            S[row, row] += 1e-9 * size
-        solve_in_place(S, q)
+    for row in range(tied):  # without g there is no condition
+        S[row, row] += work.diagonal[row] if row > 2 else 1e-9 * size if size > 0.0 else 1.0
+    solve_in_place(S, q)
     for k in range(K):
         for l in range(6):
-            at = work.solved[k]
-            work.step[k, l] = at[0, l] + q[0] * at[1, l] + q[1] * at[2, l] + q[2] * at[3, l]
-
-
-@njit(cache=True)
-def _turned(gx: float, gy: float, gz: float, y: Array, row: int) -> float:
-    """Return a component of g x mu."""
-    if row == 0:
-        return float(gy * y[5] - gz * y[4])
-    if row == 1:
-        return float(gz * y[3] - gx * y[5])
-    return float(gx * y[4] - gy * y[3])
+            work.step[k, l] = work.solved[k, 0, l]
+            for row in range(tied):
+                work.step[k, l] -= q[row] * work.solved[k, 1 + row, l]
 
 
 @njit(cache=True)

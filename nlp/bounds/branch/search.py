@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from nlp.bounds.branch import box, frames, multipliers
+from nlp.bounds.branch import box, frames, multipliers, slopes
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowded
 from nlp.bounds.branch.stated import Stated
 from topo_search.model.arrays import Array
@@ -28,9 +28,11 @@ LEAST_WIDTH = 2e-4
 """A box narrower than this in all angles that is not excluded ends the search [rad]."""
 ASPECT = 4.0
 """How much wider than the one that is split another angle may be."""
-STEPS = 4
-"""Newton steps for a box, from its parent's multipliers."""
-FINE = 0.1
+STEPS = 2
+"""Newton steps for a box, from its parent's multipliers,"""
+FLATTENED = 2
+"""and then for what D falls by towards its vertices."""
+FINE = 0.5
 """Hinges are halved to this while two modules are too close at the middle and psi is whole [rad]."""
 NARROW = 0.01
 """A box narrower than this in all angles is tried again from the start [rad],"""
@@ -38,7 +40,7 @@ MANY_STEPS = 40
 """by so many steps: a parent's multipliers may have been led astray."""
 RIDGE = 2.0
 """Ridge of the search for multipliers of force, over n / 24 sum_a rho_a^2: how much D curves over the box."""
-LEVERED = 5.0
+LEVERED = 10.0
 """That of multipliers of torque, in it: levers are longer than l_arm."""
 LEAST_SQUARE = 1e-4
 """That sum_a rho_a^2 counts as [rad^2]."""
@@ -46,6 +48,16 @@ ENOUGH = 1.3
 """Share of the cut at which the search for multipliers ends: where no balance can be met they have no end."""
 SLOPE = 0.5
 """What a split gains where D is steep, beside what remainders take."""
+
+
+class Seen(NamedTuple):
+    """What a box is bounded from."""
+
+    roots: Array
+    """Root orientations at the middle and at the 8 vertices, shape (9, 3, 3)."""
+    middle: frames.Frames
+    axes: frames.Axes
+    vertices: frames.Frames
 
 
 class Found(NamedTuple):
@@ -72,7 +84,8 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
     n, K, A = len(stated.tree.parent), len(stated.loads.f), len(lower)
     depth = 64 * A
     lo, hi = np.empty((depth, A)), np.empty((depth, A))
-    guesses, moved = np.zeros((depth, K, 6)), np.ones(depth, np.bool_)
+    guesses, bounded = np.zeros((depth, K, 6)), np.zeros(depth, np.bool_)
+    moved = np.ones(depth, np.bool_)
     lo[0], hi[0] = lower, upper
     first = np.zeros((K, 6))
     for k in range(K):  # that of parallel thrusts
@@ -81,7 +94,8 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
     guesses[0] = first
     vertices, middle = frames.blank(stated.tree.first[-1]), frames.blank(n)
     axes = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3)))
-    roots, work, sums = np.zeros((9, 3, 3)), multipliers.room(n, K), box.sums(stated)
+    seen = Seen(np.zeros((9, 3, 3)), middle, axes, vertices)
+    work, flat, sums = multipliers.room(stated), slopes.blank(n, A), box.sums(stated)
     gain, whole_rho = np.zeros(A), (upper[0] - lower[0]) / 2
     record, boxes, left, y = np.empty(1024, np.uint8), 0, 1, np.zeros((K, 6))
     while left > 0:
@@ -104,21 +118,11 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
                 continue
             if where == AT_MIDDLE and rho[0] == whole_rho:
                 axis = max(axis, _between(rho, gain))
-        if axis < 0:
-            _roots(lo[left], hi[left], at, roots)
-            multipliers.wrenches(stated, roots[0], middle, work)
-            ridge = RIDGE * n / 24 * max((rho**2).sum(), LEAST_SQUARE)
-            work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
+        bound_due = axis < 0
+        if bound_due:
             y[:] = guesses[left]
-            if multipliers.value(stated, work, first) > multipliers.value(stated, work, y):
-                y[:] = first
-            multipliers.improve(stated, work, y, STEPS, ENOUGH * cut)
-            excluded = box.bound(stated, y, roots, middle, axes, vertices, rho, sums) >= cut
-            if not excluded and 2 * rho.max() < NARROW:
-                y[:] = first
-                multipliers.improve(stated, work, y, MANY_STEPS, ENOUGH * cut)
-                excluded = box.bound(stated, y, roots, middle, axes, vertices, rho, sums) >= cut
-            if excluded:
+            _roots(lo[left], hi[left], at, seen.roots)
+            if _excluded(stated, seen, rho, cut, first, bounded[left], y, work, flat, sums):
                 record[boxes - 1] = DUAL
                 continue
             if 2 * rho.max() < LEAST_WIDTH:
@@ -128,11 +132,49 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
         lo[left + 1], hi[left + 1] = lo[left], hi[left]
         guesses[left] = y
         guesses[left + 1] = y
+        bounded[left] = bounded[left + 1] = bound_due
         moved[left] = moved[left + 1] = axis >= 3
         lo[left, axis] = at[axis]  # the upper half waits
         hi[left + 1, axis] = at[axis]
         left += 2
     return Found(CLOSED, record[:boxes], lower, upper)
+
+
+@njit(cache=True)
+def _excluded(
+    stated: Stated,
+    seen: Seen,
+    rho: Array,
+    cut: float,
+    first: Array,
+    inherited: bool,
+    y: Array,
+    work: multipliers.Work,
+    flat: slopes.Slopes,
+    sums: box.Sums,
+) -> bool:
+    """Return whether multipliers are found that exclude a box; y, its parent's if inherited, becomes the last."""
+    roots, middle, axes, vertices = seen
+    if inherited and box.bound(stated, y, roots, middle, axes, vertices, rho, sums, cut) >= cut:
+        return True
+    multipliers.wrenches(stated, roots[0], middle, work)
+    ridge = RIDGE * len(middle.p) / 24 * max((rho**2).sum(), LEAST_SQUARE)
+    work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
+    if multipliers.value(stated, work, first) > multipliers.value(stated, work, y):
+        y[:] = first
+    multipliers.improve(stated, work, y, STEPS, ENOUGH * cut)
+    if box.bound(stated, y, roots, middle, axes, vertices, rho, sums, cut) >= cut:
+        return True
+    slopes.fill(stated, roots[0], middle, axes, work, flat)
+    slopes.flatten(stated, work, flat, rho, y, FLATTENED, ENOUGH * cut)
+    if box.bound(stated, y, roots, middle, axes, vertices, rho, sums, cut) >= cut:
+        return True
+    if 2 * rho.max() >= NARROW:
+        return False
+    work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
+    y[:] = first
+    multipliers.improve(stated, work, y, MANY_STEPS, ENOUGH * cut)
+    return bool(box.bound(stated, y, roots, middle, axes, vertices, rho, sums, cut) >= cut)
 
 
 @njit(cache=True)

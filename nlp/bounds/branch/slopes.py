@@ -1,0 +1,165 @@
+r"""Multipliers that a box is bounded well with, by how D changes across it.
+
+In a box of half widths rho the bound is about D at the middle less what D may fall towards a vertex: with slopes
+g_a = dD / d theta_a it is
+
+.. math:: D(y) - \sum_a \rho_a |g_a(y)|
+
+The multipliers that are best at the middle have the slopes of the effort itself; others, hardly worse there, are
+flat in most angles. That is what is maximised here, by Newton's method with |g| <= (g^2 / m + m) / 2, m the size of
+g before the step (iteratively reweighted). Any multipliers will do for a proof.
+
+| symbol | meaning | shape |
+|---|---|---|
+| beta_aj | how the wrench of rotor j changes with angle a, in W | (A, 4 n, 6) |
+| v_a | how the sum of all modules' centres does | (A, 3) |
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from nlp.bounds.branch.frames import Axes, Frames
+from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Work, meet, newton_step
+from nlp.bounds.branch.stated import Stated
+from topo_search.model.arrays import Array
+
+EVEN = 0.02
+"""Share of what is enough that a slope counts as at least: below, g^2 stands for |g|."""
+RIDGE = 0.3
+"""Share of the ridge that is left: it stood for the slopes too."""
+HALVINGS = 3
+"""Shares of a step that are tried: 1, SHORTER, SHORTER^2."""
+SHORTER = 0.4
+
+
+class Slopes(NamedTuple):
+    """How D changes with the angles at the middle of a box."""
+
+    beta: Array
+    v: Array
+    g: Array
+    """(A,)"""
+    tried: Array
+    """(A,): g of a step that is tried."""
+
+
+@njit(cache=True)
+def blank(n: int, A: int) -> Slopes:
+    """Return room for one box at a time."""
+    return Slopes(np.zeros((A, 4 * n, 6)), np.zeros((A, 3)), np.zeros(A), np.zeros(A))
+
+
+@njit(cache=True)
+def fill(stated: Stated, R: Array, middle: Frames, axes: Axes, work: Work, into: Slopes) -> None:
+    """Fill beta and v for a root orientation R and frames, whose wrenches `work` holds."""
+    tree, w, c, d = stated.tree, np.zeros(3), np.zeros(3), np.zeros(3)
+    into.v[:] = 0.0
+    for i in range(len(tree.parent)):
+        for at in range(tree.depth[i] + 3):
+            a = tree.path[i, at]
+            for k in range(3):
+                w[k] = R[k, 0] * axes.omega[a, 0] + R[k, 1] * axes.omega[a, 1] + R[k, 2] * axes.omega[a, 2]
+                c[k] = R[k, 0] * axes.c[a, 0] + R[k, 1] * axes.c[a, 1] + R[k, 2] * axes.c[a, 2]
+                d[k] = R[k, 0] * middle.p[i, 0] + R[k, 1] * middle.p[i, 1] + R[k, 2] * middle.p[i, 2] - c[k]
+            into.v[a, 0] += w[1] * d[2] - w[2] * d[1]
+            into.v[a, 1] += w[2] * d[0] - w[0] * d[2]
+            into.v[a, 2] += w[0] * d[1] - w[1] * d[0]
+            for j in range(4 * i, 4 * i + 4):
+                beta, (fx, fy, fz, tx, ty, tz) = into.beta[a, j], work.a[j]
+                x, y, z = tx - c[1] * fz + c[2] * fy, ty - c[2] * fx + c[0] * fz, tz - c[0] * fy + c[1] * fx
+                p, q, r = w[1] * fz - w[2] * fy, w[2] * fx - w[0] * fz, w[0] * fy - w[1] * fx
+                beta[0], beta[1], beta[2] = p, q, r
+                beta[3] = w[1] * z - w[2] * y + c[1] * r - c[2] * q
+                beta[4] = w[2] * x - w[0] * z + c[2] * p - c[0] * r
+                beta[5] = w[0] * y - w[1] * x + c[0] * q - c[1] * p
+
+
+@njit(cache=True)
+def flatten(stated: Stated, work: Work, slopes: Slopes, rho: Array, y: Array, steps: int, enough: float) -> None:
+    """Improve multipliers of a box of half widths rho in place, by so many steps at most, until D is enough."""
+    A, tied = len(rho), 3 + len(rho)
+    work.ridge[:] *= RIDGE
+    best = _value(stated, work, slopes, rho, y, slopes.g)
+    for _ in range(steps):
+        if best > enough:
+            break
+        _gradients(stated, work, slopes, y)
+        for a in range(A):  # lambda_a = (g_a + G_a . step) rho_a / m_a
+            work.diagonal[3 + a] = max(abs(slopes.g[a]), EVEN * enough) / max(rho[a], 1e-12)
+            work.goal[3 + a] = slopes.g[a]
+        newton_step(stated, work, y, tied)
+        share, found = 1.0, -math.inf
+        for _ in range(HALVINGS):
+            work.trial[:] = y + share * work.step
+            meet(stated, work.trial)
+            found = _value(stated, work, slopes, rho, work.trial, slopes.tried)
+            if found > best:
+                break
+            share *= SHORTER
+        if not found > best:
+            break
+        best = found
+        y[:] = work.trial
+        slopes.g[:] = slopes.tried
+
+
+@njit(cache=True)
+def _value(stated: Stated, work: Work, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
+    """Return what is maximised, and fill g."""
+    tree, U, total = stated.tree, stated.u_max, 0.0
+    g[:] = 0.0
+    for k in range(len(y)):
+        weight, h, mu = max(LEAST_WEIGHT, stated.loads.weight[k]), stated.loads.h[k], y[k, 3:]
+        for l in range(6):
+            total += (work.b[k, l] - work.ridge[l] / 2 * y[k, l]) * y[k, l]
+        for a in range(len(rho)):
+            v = slopes.v[a]
+            g[a] += mu[0] * (v[1] * h[2] - v[2] * h[1])
+            g[a] += mu[1] * (v[2] * h[0] - v[0] * h[2]) + mu[2] * (v[0] * h[1] - v[1] * h[0])
+        for j in range(len(work.a)):
+            t = 0.0
+            for l in range(6):
+                t += work.a[j, l] * y[k, l]
+            if t > 0.0:
+                u = min(U, t / (2 * weight))
+                total -= u * (t - weight * u)
+                for at in range(tree.depth[j // 4] + 3):
+                    a = tree.path[j // 4, at]
+                    for l in range(6):
+                        g[a] -= u * slopes.beta[a, j, l] * y[k, l]
+    for a in range(len(rho)):
+        total -= rho[a] * abs(g[a])
+    return total
+
+
+@njit(cache=True)
+def _gradients(stated: Stated, work: Work, slopes: Slopes, y: Array) -> None:
+    """Fill the gradients of all slopes in y."""
+    tree, U = stated.tree, stated.u_max
+    for k in range(len(y)):
+        weight, h, rows = max(LEAST_WEIGHT, stated.loads.weight[k]), stated.loads.h[k], work.rows[k, 3:]
+        for a in range(len(rows)):
+            v, row = slopes.v[a], rows[a]
+            row[0], row[1], row[2] = 0.0, 0.0, 0.0
+            row[3], row[4] = v[1] * h[2] - v[2] * h[1], v[2] * h[0] - v[0] * h[2]
+            row[5] = v[0] * h[1] - v[1] * h[0]
+        for j in range(len(work.a)):
+            t = 0.0
+            for l in range(6):
+                t += work.a[j, l] * y[k, l]
+            if t <= 0.0:
+                continue
+            u = min(U, t / (2 * weight))
+            for at in range(tree.depth[j // 4] + 3):
+                a, changed = tree.path[j // 4, at], 0.0
+                if u < U:
+                    for l in range(6):
+                        changed += slopes.beta[a, j, l] * y[k, l]
+                    changed /= 2 * weight
+                for l in range(6):
+                    rows[a, l] -= u * slopes.beta[a, j, l] + changed * work.a[j, l]
