@@ -24,7 +24,7 @@ test-slow: lint  ## also the tests that take over ten seconds each
 docs: $(STAMP)  ## build the documentation, site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file docs/mkdocs.yml
 
-test-browser: $(STAMP)  ## open the report in Chromium, which has to be installed
+test-browser: $(STAMP)  ## open the report and the site in Chromium, which has to be installed
 	$(BIN)/pytest -m browser
 
 lint: $(STAMP)

@@ -46,7 +46,7 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
     said = groups("push-two-paths")
     assert said["platform"]["weight m_t g"] == "12.24 N, at g = 9.81 m/s²"
     assert said["platform"]["unit of torque l_arm m_t g"] == "1.224 N m"
-    cases = said["load cases, each the whole wrench that the rotors produce"]
+    cases = said["load cases, each the total wrench of the rotors"]
     assert cases["load case 0"] == "force at the end-effector [6.12, 0, 6.12] N = [0.5, 0, 0.5] m_t g; weight 1"
     assert cases["load case 2"] == "force at the centre of mass [0, 0, 12.2] N = [0, 0, 1] m_t g; weight 1"
     (paths,) = said["must stay out of the airflow"].values()
@@ -57,16 +57,16 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
 
 def test_load_cases_are_told_by_name_and_those_without_cost_say_so() -> None:
     said = groups("push", "--set", "load_cases[0].name=to the side", "--set", "load_cases[2].weight=0.0")
-    cases = said["load cases, each the whole wrench that the rotors produce"]
+    cases = said["load cases, each the total wrench of the rotors"]
     assert list(cases) == ["load case 0 (to the side)", "load case 1", "load case 2"]
-    assert cases["load case 2"].endswith("; weight 0: must be possible, costs nothing")
+    assert cases["load case 2"].endswith("; weight 0: required, adds no effort")
     assert "load_cases" not in said["warnings"]
 
 
 def test_sets_of_wrenches_are_told_with_their_corners() -> None:
     cone = "load_cases[0].cone={axis=[1, 0, 0], half_angle_deg=20, force=0.5}"
     said = groups("push", "--set", cone, "--set", "load_cases[1].vertices=[{force=[0, 0.5, 0.4]}]")
-    first, second, _ = said["load cases, each the whole wrench that the rotors produce"].values()
+    first, second, _ = said["load cases, each the total wrench of the rotors"].values()
     within = "any force up to 6.121 N within 20° of [1, 0, 0]: 9 corners, which suffice"
     assert f"at the end-effector {within}; weight 1" in first
     assert "all wrenches between its own and force [0, 6.12, 4.9] N, torque [0, 0, 0] N m: 1 corner" in second
@@ -125,7 +125,7 @@ def test_no_tolerances_cannot_be_survived() -> None:
 def test_of_a_range_of_sizes_each_has_its_weight_and_its_candidates() -> None:
     said = check("push", "--modules", "2-3").stdout
     assert [said.count(f"{n} modules\n  mass m_t") for n in (2, 3)] == [1, 1]
-    assert "load cases of 2 modules, each the whole wrench" in said
+    assert "load cases of 2 modules, each the total wrench" in said
     assert said.index("search of 2 modules") < said.index("search of 3 modules")
 
 

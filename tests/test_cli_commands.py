@@ -77,7 +77,7 @@ def test_solve_warns_about_the_size_that_it_solves(command, tmp_path):
     (tmp_path / "toy.toml").write_text((tmp_path / "toy.toml").read_text().replace("com =", 'units = "SI"\ncom ='))
     for key, odd in (("a10", False), ("a300", True)):
         result = command("solve", "toy.toml", "--topology", key)
-        assert ("is under the weight" in result.stderr) == odd
+        assert ("less than the weight" in result.stderr) == odd
 
 
 def test_the_answer_tells_what_its_audit_notes_about_the_rod(command, monkeypatch):
@@ -119,7 +119,7 @@ def test_the_default_folder_is_one_of_task_options_and_seed(command, tmp_path):
     [
         ({}, 0, "best design"),
         ({"TOY_VIOLATED": "*"}, 1, "none passed its audit"),
-        ({"TOY_NONE": "*"}, 3, "the smallest shortfall"),
+        ({"TOY_NONE": "*"}, 3, "smallest shortfall"),
         ({"TOY_IMPOSSIBLE": "3"}, 3, "three modules cannot lift what is asked"),
     ],
 )
@@ -143,7 +143,7 @@ def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, tol
         (["run", "toy.toml", "--starts", 10**20], "is not in the range"),
         (["run", "toy.toml", "--strategy", "optuna", "--trials", 10**20], "is not in the range"),
         (["run", "toy.toml", "--strategy", "optuna", "--round", 1001], "is not in the range 1<=x<=1000"),
-        (["run", "toy.toml", "--round", 8], "--sampler, --trials and --round go with --strategy optuna"),
+        (["run", "toy.toml", "--round", 8], "--round require --strategy optuna"),
         (
             ["run", "toy.toml", "--modules", "3-20"],
             "at most 2,000,000 candidates, but 13 modules have 1.1e+7; choose the strategy `optuna`",

@@ -54,7 +54,7 @@ def test_one_tree_that_is_proven_ends_with_0_whatever_the_rest(run, monkeypatch)
         (["nowhere"], "nowhere"),
         (["RUN", "--topology", "a999"], "has no candidate a999"),
         (["RUN", "--gap", "0"], "--gap"),
-        (["RUN", "--dask-ca", "ca.pem"], "go with --dask"),
+        (["RUN", "--dask-ca", "ca.pem"], "require --dask"),
     ],
 )
 def test_bad_input_ends_with_2(run, monkeypatch, arguments, told):
@@ -90,4 +90,4 @@ def test_checked_proofs_end_with_0_open_ones_with_4_and_refused_ones_with_1(run,
 def test_a_check_takes_no_time_limit(run, monkeypatch):
     done = check(monkeypatch, Checker(), run, "--time-limit", "5")
     assert done.exit_code == 2
-    assert "--time-limit goes with a proof" in done.output
+    assert "--time-limit" in done.output

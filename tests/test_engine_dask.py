@@ -120,7 +120,7 @@ def test_a_function_that_dask_workers_lack_ends_the_run_and_fails_no_job(cluster
     (tmp_path / "only_here.py").write_text("def double(x):\n    return 2 * x\n")
     monkeypatch.syspath_prepend(tmp_path)
     double = importlib.import_module("only_here").double
-    lacking = "Dask workers lack what they are to run: No module named 'only_here'"
+    lacking = "Dask workers cannot import what they must run: No module named 'only_here'"
     with DaskWorkers(cluster.address, {}) as workers, pytest.raises(WorkersLost, match=lacking):
         workers.one(double, 3, deadline=LONG)
 

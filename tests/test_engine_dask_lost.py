@@ -55,7 +55,7 @@ def test_workers_that_do_not_come_back_are_given_up(tmp_path, monkeypatch):
         results = workers.run(pause, [(x, 0.3) for x in range(100)], deadline=lambda _: LONG)
         next(results)
         os.killpg(worker.pid, signal.SIGKILL)
-        with pytest.raises(WorkersLost, match=r"no worker has come back to the Dask scheduler at .* in 1 s"):
+        with pytest.raises(WorkersLost, match=r"no worker has returned to the Dask scheduler at .* in 1 s"):
             list(results)
     assert f"{cluster.address}; waiting 1 s" in noted[-1]
 

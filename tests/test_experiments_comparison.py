@@ -1,5 +1,6 @@
 import pytest
 from experiment_rows import frame, measured
+from wording import says
 
 from topo_search.experiments import Settings, experiment
 from topo_search.experiments.comparison import tree_of
@@ -34,11 +35,9 @@ def test_a_comparison_is_made_tree_by_tree():
     assert other["effort_ratio_max"] == pytest.approx(1.1)
     assert other["best_ratio"] == pytest.approx(9 / 8)
     assert (reference["best_gap"], other["best_gap"]) == (0.05, 0.3)
-    assert experiment("body").findings(rows) == [
-        "push, 5 modules at 0.30 m: body clearance: 2 of 4 trees have a design, airflow only: 3; where both have "
-        "one, body clearance takes +5.0% effort in the median (+10.0% at most); its best design takes +12.5%, gap "
-        "30.0 % instead of 5.0 %."
-    ]
+    (found,) = experiment("body").findings(rows)
+    assert says(found, "push", "5 modules", "0.30 m", "body clearance: 2 of 4", "airflow only: 3")
+    assert says(found, "+5.0%", "median", "+10.0%", "best", "+12.5%", "30.0 %", "5.0 %")
 
 
 def test_with_the_paper_s_root_a_tree_has_the_effort_of_its_best_root():
@@ -108,11 +107,12 @@ def test_trees_with_wrenches_of_their_own_have_no_best():
     table = experiment("placement").summary(rows).set_index("variant")
     assert table["best_ratio"].isna().all()
     assert table["best_gap"].isna().all()
-    assert experiment("placement").findings(rows) == [
-        "ten-wrenches, 10 modules at 0.30 m: com: 2 of 2 trees have a design, free: 2; where both have one, com "
-        "takes +20.0% effort in the median (+20.0% at most); median gap 30.0 %, free: 20.0 %.",
-        "ten-wrenches, 10 modules at 0.30 m: com, inside allowed: 0 of 2 trees have a design, free: 2.",
-    ]
+    com, inside = experiment("placement").findings(rows)
+    assert says(
+        com, "ten-wrenches", "10 modules", "com: 2 of 2", "free: 2", "+20.0%", "median gap 30.0 %", "20.0 %"
+    )
+    assert says(inside, "com, inside allowed: 0 of 2", "free: 2")
+    assert "%" not in inside
 
 
 def test_the_best_gap_is_that_of_the_best_design():
@@ -129,7 +129,7 @@ def test_a_study_under_way_says_what_its_rows_say():
         measured(7, task="push", variant="free", objective=3.0, gap=0.1),
     )
     (told,) = experiment("placement").findings(rows)
-    assert told.startswith("push, 5 modules at 0.30 m: com: 1 of 1 trees have a design, free: 1; ")
+    assert says(told, "push", "5 modules", "com: 1 of 1", "free: 1")
     _, shares = experiment("placement").figure(rows).axes
     bars = {round(bar.get_x() + bar.get_width() / 2, 2): bar.get_height() for bar in shares.patches}
     width = 0.8 / 3

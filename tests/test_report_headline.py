@@ -54,7 +54,7 @@ def test_a_gap_is_told_as_the_ranking_tells_it(audited: tuple[Design, Audit]) ->
 def test_what_the_audit_does_not_tell_has_no_tile(audited: tuple[Design, Audit]) -> None:
     made, found = audited
     assert set(told(made, None)) == {"Modules", "Peak throttle"}
-    assert "One rotor dead" not in told(made, found.model_copy(update={"flight": None}))
+    assert "Rotor failures" not in told(made, found.model_copy(update={"flight": None}))
 
 
 def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:

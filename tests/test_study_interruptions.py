@@ -189,7 +189,7 @@ def test_a_text_that_is_not_what_was_written_is_named(tmp_path, column, harm):
     database.close()
     with RunFolder.load(tmp_path / "run") as folder:
         read = {"result": folder.ledger.result, "audit": folder.ledger.audit}[column]
-        with pytest.raises(BadInput, match=rf"is damaged .what it holds of {row.key} is not what was written."):
+        with pytest.raises(BadInput, match=rf"is damaged .its entry {row.key} has changed"):
             read(folder.request.contexts(3)[0], row.key)
     with pytest.raises(BadInput, match=row.key):
         toy_run(tmp_path / "run")

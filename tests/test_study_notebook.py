@@ -13,6 +13,7 @@ from topo_search.model import Topology
 from topo_search.model.proven import gap_percent
 from topo_search.study import Solved, single, solve_single
 from topo_search.study.row import FLIGHT
+from topo_search.study.statements import kind_of
 from verify import audit
 
 
@@ -64,6 +65,12 @@ def test_an_answer_without_a_design_says_why(tmp_path, monkeypatch) -> None:
     assert answer.audit is None
 
 
+def test_the_kind_of_a_constraint_has_no_module_numbers():
+    assert kind_of("airflow of modules 10 and 3") == "airflow of two modules"
+    assert kind_of("rotors of module 1 and airflow of module 12") == "rotors of a module and airflow of a module"
+    assert kind_of("load case 2, force") == "load case 2, force"
+
+
 def test_an_answer_knows_what_its_candidates_miss_and_when_each_was_solved(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("TOY_NONE", "*")
     answer = toy_run(tmp_path / "run")
@@ -73,6 +80,7 @@ def test_an_answer_knows_what_its_candidates_miss_and_when_each_was_solved(tmp_p
     closest = answer.shortfalls.loc[missed.violation.idxmin()].set_index("key")
     assert closest.violation.to_dict() == rows.violation.to_dict()
     assert closest.constraint.to_dict() == rows.worst_constraint.to_dict()
+    assert [*answer.shortfalls.kind] == [*answer.shortfalls.constraint]  # load cases keep their numbers
     solves = answer.solves
     assert sorted(solves.key) == sorted(rows.index)
     assert solves["at"].is_monotonic_increasing

@@ -7,6 +7,7 @@ import math
 import pytest
 import toy_problem
 from toy_problem import InProcess, toy_run
+from wording import says
 
 from topo_search.model import BadInput, Chunk, Proof
 from topo_search.model.proof import chunk_count
@@ -147,7 +148,7 @@ def test_a_proof_about_the_solvers_problem_says_so_and_the_tasks_serves_for_it(r
     first, wider, served = Prover(), Prover(), Prover()
     answer = proven(run, first, problem="solver")
     assert first.problem == "solver"
-    assert "the solver's own distances, airflow envelopes may be 0.0001 m apart" in answer.sizes[0].proven
+    assert says(answer.sizes[0].proven, "solver's own distances", "0.0001 m")
     assert {row["proven_problem"] for row in table(run).values()} == {"solver"}
     answer = proven(run, wider)
     assert (wider.problem, set(wider.asked)) == ("task", set(first.asked))
@@ -165,6 +166,6 @@ def test_the_page_says_what_is_proven(run):
         page = run_page(folder)
     assert page.answer.endswith("candidates, proven to within 1.00 %.")
     assert ("Proven gap", "1.00 %") in [(tile.name, tile.figure) for tile in page.tiles]
-    assert page.bound[-1].startswith("Proven by branch and bound: no 3-module topology is more than 1.00 % better")
+    assert says(page.bound[-1], "Proven by branch and bound: no 3-module topology", "1.00 %")
     assert '"proof"' in page.run.candidates
     assert '"within"' in page.run.candidates

@@ -7,6 +7,7 @@ import pytest
 import toy_problem
 from nlp_cases import push
 from toy_problem import toy_run
+from wording import says
 
 from topo_search.compose import BACKENDS
 from topo_search.model import Design, Infeasible, Topology
@@ -151,10 +152,8 @@ def test_no_word_of_proof():
         enough=2.6,
     )
     first, *_ = Relaxed(modules=3, starts=8, relaxations=(one,), in_vain=()).sentences
-    assert first == (
-        "relax first: rotor limits: 4 % more thrust would do for a300 (module.max_thrust_to_weight: 2.5 -> 2.6); "
-        "found by solving again, no proof that less is not enough"
-    )
+    assert says(first, "relax first: rotor limits: 4 % more thrust", "a300", "max_thrust_to_weight: 2.5 -> 2.6")
+    assert says(first, "a smaller change may be enough")
     (alone,) = Relaxed(modules=3, starts=8, relaxations=(), in_vain=("rotor limits: 100 % more thrust",)).sentences
     assert "no single limit" in alone
 

@@ -47,7 +47,7 @@ def test_trees_that_are_one_design_are_solved_apart_when_both_are_listed(hover, 
         (["zz"], r"\[0\]: a topology key starts with `a` or `p`, but got 'zz'"),
         (["p308"], 'p308 needs search.connectors = "any", but the task has "aligned"'),
         ([7], r"\[0\]: must be a Topology, a key or a networkx graph, but got int"),
-        ([nx.cycle_graph(3)], "must be a tree, but got a graph of 3 nodes and 3 edges that is none"),
+        ([nx.cycle_graph(3)], "must be a tree, but got a graph of 3 nodes and 3 edges"),
         ([nx.path_graph(3)], "the edge of 0 and 1 must carry `ports = {node: port}` with both of its nodes"),
         (["a" + "1" * 500], "must be a key of at most 200 modules, but got a text of 501 characters"),
         (["a500"] * 10_001, "must list at most 10,000 topologies, but has more"),
@@ -169,7 +169,7 @@ def test_a_wrong_sampler_is_named(hover, tmp_path, sampler, error, words):
 
 
 def test_own_parts_that_do_not_go_together_are_refused(hover, tmp_path):
-    with pytest.raises(ValueError, match="topologies are all solved"):
+    with pytest.raises(ValueError, match="exhaustive"):
         search(hover, out=tmp_path / "run", strategy="optuna", topologies=["a500"])
-    with pytest.raises(ValueError, match="a sampler of your own goes with the strategy `optuna` alone"):
+    with pytest.raises(ValueError, match=r"sampler .* requires the strategy `optuna`"):
         search(hover, out=tmp_path / "run", sampler=make_random)

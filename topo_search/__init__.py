@@ -1,7 +1,7 @@
 """Best topology of a modular aerial manipulator for a task, with an exact audit of every airflow clearance.
 
-Everything that a script needs is here: what to do (`search`, `solve`, `audit`, ...), the nouns of a task, a design
-and an answer, and the doors for code of your own (`OwnConstraint`, `OwnSampler`, `OwnFormat`).
+Everything that a script needs is here: functions (`search`, `solve`, `audit`, ...), the classes of tasks, designs
+and answers, and the interfaces for your own code (`OwnConstraint`, `OwnSampler`, `OwnFormat`).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The doors for a user's own code: constraints, samplers, formats. What is handed in, and what it is called with.
+"""Interfaces for a user's own code: constraints, samplers and formats, and what they are called with.
 
-Nothing has to be subclassed, and no file of this package edited: a function, or an object with the right method, is
-enough. Whatever changes what a run finds has a name and, if runs are to be resumed, a version.
+A function, or an object with the right method, is enough: nothing has to be subclassed. Code that changes the
+result of a run has a name and, if the run is to be resumed, a version.
 
-| door | goes to | is |
+| interface | passed to | is |
 |---|---|---|
 | `OwnConstraint` | `solve`, `search`, `audit`: `constraints=` | a `ConstraintExpression` with name and bounds |
 | `OwnSampler` | `search`: `sampler=` | a `SamplerFactory`: it makes an Optuna sampler or a `TopologySampler` |
@@ -30,7 +30,7 @@ Invariance = Literal["none", "numbering", "mirror"]
 
 @dataclass(frozen=True)
 class SymbolicPlatform:
-    """A platform as an own constraint sees it: CasADi expressions in SI, about the centre of mass, in task axes.
+    """A platform as your constraint receives it: CasADi expressions in SI, about the centre of mass, in task axes.
 
     Modules are numbered as in the topology's key: in preorder, children in the order of the ports.
     """
@@ -60,51 +60,52 @@ class SymbolicPlatform:
 
     @property
     def folds(self) -> tuple[Expression, ...]:
-        """Fold of every joint [rad]: the hinge angle, positive where it leans the airflows of both modules apart.
+        """Fold of every joint [rad]: the hinge angle, positive if it turns the airflows of both modules apart.
 
-        Unlike the angle it has one sign whichever of the two modules is the parent.
+        Unlike the hinge angle, its sign does not depend on which of the two modules is the parent.
         """
         return tuple(FOLD[a] * self.hinge_angles[i - 1] for _, i, a, _ in self.topology.edges())
 
 
 class ConstraintExpression(Protocol):
-    """What an own constraint bounds: a pure function that can be pickled, such as one at the top of a module."""
+    """The function of a constraint: pure and picklable, such as a function at the top level of a module."""
 
     def __call__(self, platform: SymbolicPlatform, /) -> Expression:
-        """Return one expression, or a column of them; twice differentiable where designs are."""
+        """Return one expression, or a column of them; twice differentiable wherever designs may be."""
         ...
 
 
 @dataclass(frozen=True)
 class OwnConstraint:
-    """A constraint of your own: `lower <= expression(platform) <= upper`, imposed by Ipopt and checked at the end.
+    """A constraint of your own: `lower <= expression(platform) <= upper`, enforced by Ipopt.
 
-    It is evaluated, not certified: lower bounds and proofs of impossibility ignore it, and remain valid, since to
-    ask for more never makes a task cheaper.
+    The audit evaluates it but does not certify it. Lower bounds and proofs of impossibility ignore it and remain
+    valid, because a constraint never lowers the effort.
     """
 
     name: str
-    """How it is told of wherever it is missed or met."""
+    """Its name in answers and audits."""
     expression: ConstraintExpression
     lower: float = -math.inf
-    """In `unit`."""
+    """Lower bound, in `unit`."""
     upper: float = math.inf
+    """Upper bound, in `unit`."""
     unit: str = ""
     version: str | None = None
-    """Raise it when the expression changes. A run whose constraints have none is never resumed."""
+    """Change it when the expression changes. A run with an unversioned constraint is never resumed."""
     scale: float | None = None
-    """What counts as much, in `unit`: it is met within 1e-6 of this. Default: the arm length for m, the weight for
-    N, the weight at the arm length for N m, the largest input for rad^2/s^2, else 1."""
+    """A typical value, in `unit`: the constraint is met to within 1e-6 of it. Default: the arm length for m, the
+    weight for N, arm length times weight for N m, the largest input for rad^2/s^2, otherwise 1."""
     invariant: Invariance = "none"
-    """What leaves the most that it is missed by as it was, so that a search may take several trees for one.
+    """Changes that leave its largest violation the same, so that the search may merge trees into one candidate.
 
-    `none`: it may tell modules apart by their numbers. `numbering`: it is missed by as much from whichever module
-    the tree is listed, and if modules are turned by half. `mirror`: so it is for a mirrored platform as well. This
-    is tried on random platforms before a search begins; that finds many mistakes, and proves nothing.
+    `none`: it may depend on module numbers. `numbering`: it does not depend on the module from which the tree is
+    numbered, nor on half turns of modules. `mirror`: nor on mirroring the platform. The claim is tested on random
+    platforms before a search starts; this finds many mistakes but is not a proof.
     """
 
     def __post_init__(self) -> None:
-        """Refuse what bounds nothing; ValueError names the rule and the value."""
+        """Check the fields; ValueError names the rule and the value."""
         if not callable(self.expression):
             raise ValueError(f"expression must be a function of a SymbolicPlatform, but got {self.expression!r}")
         if not self.lower <= self.upper:
@@ -119,7 +120,7 @@ class OwnConstraint:
 
     @property
     def stated(self) -> Stated:
-        """What a file keeps of it."""
+        """What a design file stores of it."""
         lower, upper = (None if math.isinf(side) else float(side) for side in (self.lower, self.upper))
         return Stated(
             name=self.name,
@@ -154,11 +155,11 @@ class Candidates(Protocol):
 
 
 class Tried(Protocol):
-    """What became of a candidate after so many starts."""
+    """The result of a candidate after some number of starts."""
 
     @property
     def key(self) -> str:
-        """Of its topology."""
+        """Key of its topology."""
         ...
 
     @property
@@ -178,7 +179,7 @@ class Tried(Protocol):
 
     @property
     def violation(self) -> float | None:
-        """How far its closest start was from feasible; None where there is a design."""
+        """Constraint violation of its closest start; None if there is a design."""
         ...
 
 
@@ -186,19 +187,19 @@ class Tried(Protocol):
 class TopologySampler(Protocol):
     """Proposes trees one by one.
 
-    A stopped run is replayed: asked again with the same arguments, it must propose the same.
+    To continue a stopped run, its proposals are replayed: the same arguments must give the same proposal.
     """
 
     def propose(self, candidates: Candidates, tried: Sequence[Tried], random: Random, /) -> Topology | str:
         """Return a tree to solve, or its key.
 
         Args:
-            candidates: the trees there are.
-            tried: what became of those of completed rounds, in the order of their proposals; several rows of one
-                tree where it had more starts.
-            random: the only source of chance.
+            candidates: the available trees.
+            tried: results of completed rounds, in the order of the proposals; a tree with several solves has
+                several rows.
+            random: the only random generator to use.
 
-        A tree that was proposed before is passed over, and another one asked for; after 64 in a row one is drawn.
+        A tree that was proposed before is rejected and another one requested; after 64 in a row one is drawn.
         """
         ...
 
@@ -207,37 +208,37 @@ class SamplerFactory(Protocol):
     """Makes a sampler for one number of modules."""
 
     def __call__(self, seed: int, /) -> Any:
-        """Return an Optuna sampler, which is handed the fixed-length encoding of trees, or a `TopologySampler`."""
+        """Return a `TopologySampler`, or an Optuna sampler, which receives the fixed-length encoding of trees."""
         ...
 
 
 @dataclass(frozen=True)
 class OwnSampler:
-    """A sampler of your own with the name, and the version, that a run is known by."""
+    """A sampler of your own, with the name and version that identify its runs."""
 
     name: str
     make: SamplerFactory
     version: str | None = None
-    """Raise it when it proposes otherwise. A run whose sampler has none is never resumed."""
+    """Change it when its proposals change. A run with an unversioned sampler is never resumed."""
 
     @property
     def stated(self) -> Versioned:
-        """What a file keeps of it."""
+        """What a run's folder stores of it."""
         return Versioned(name=self.name, version=self.version)
 
 
 DesignWriter = Callable[[Design], str | bytes]
-"""Returns the content of a file that shows a design; what it raises as ValueError is told to the user."""
+"""Returns the content of a file for a design; the message of a ValueError is shown to the user."""
 
 
 @dataclass(frozen=True)
 class OwnFormat:
-    """A kind of file that a design can be exported as."""
+    """A file format for designs."""
 
     name: str
-    """Small letters, digits and dashes: the value of `--format`."""
+    """The value of `--format`: small letters, digits and dashes."""
     write: DesignWriter
     suffixes: tuple[str, ...] = ()
-    """Ends of file names that mean it, such as `.step`."""
+    """File name suffixes of this format, such as `.step`."""
     says: str = ""
-    """What it is for, in a few words, for `export --help`."""
+    """A few words for `export --help`."""

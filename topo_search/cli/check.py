@@ -81,7 +81,7 @@ def _explain(task: Task) -> None:
         _group(*astuple(goals(task)))
     of = f" of {counted(first.n, 'module')}" if others else ""
     cases = [(f"load case {k}", f"{wrench}; weight {weight}") for k, wrench, weight in load_cases(first)]
-    _group(f"load cases{of}, each the whole wrench that the rotors produce", cases)
+    _group(f"load cases{of}, each the total wrench of the rotors", cases)
 
 
 def _expectations(size: dict[str, Any]) -> list[tuple[str, str]]:

@@ -31,4 +31,4 @@ def init(file: Path, force: bool) -> None:
         options.require_writable(file, "FILE")
         name = re.sub(r"[^A-Za-z0-9._-]+", "-", file.stem).lstrip("._-")[:64]
         write_atomically(file, task_template(name or "task"))
-        click.echo(f"wrote {file}; to see what it asks for: topo-search check {file}")
+        click.echo(f"wrote {file}; explain it with: topo-search check {file}")

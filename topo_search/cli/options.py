@@ -124,7 +124,7 @@ def certificates(ca: Path | None, cert: Path | None, key: Path | None) -> Certif
     if ca is None and cert is None and key is None:
         return None
     if ca is None or cert is None or key is None:
-        raise click.UsageError("--dask-ca, --dask-cert and --dask-key go together")
+        raise click.UsageError("--dask-ca, --dask-cert and --dask-key must be given together")
     return Certificates(ca, cert, key)
 
 

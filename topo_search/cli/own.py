@@ -15,12 +15,12 @@ near = click.option(
     "--near",
     multiple=True,
     metavar="DESIGN.json",
-    help="A design of any tree to start from as well, as a run or `solve` wrote it (repeatable).",
+    help="Add starts from this design of any tree, written by a run or `solve` (repeatable).",
 )
 topologies = click.option(
     "--topologies",
     metavar="FILE",
-    help="The only candidates: keys, one a line, as `topologies` prints them; each is solved as it stands.",
+    help="Solve only the trees in this file, one key per line as `topologies` prints them; each as given.",
 )
 
 

@@ -26,15 +26,15 @@ REFUSED = 1
     type=click.FloatRange(*GAPS),
     default=0.003,
     show_default=True,
-    help="Relative gap at which a tree counts as settled: how far its bound may stay below its own best effort.",
+    help="Relative gap at which a tree counts as settled: how far its bound may lie below its own best effort.",
 )
 @click.option(
     "--problem",
     type=click.Choice(["task", "solver"]),
     default="task",
     show_default=True,
-    help="Which designs it is about: all that the audit may call clear, or those that keep the solver's own margin "
-    "and distance of centres besides.",
+    help="Designs that the proof covers: all that the audit may call clear, or those that also keep the solver's "
+    "margin and distance between centres.",
 )
 @click.option("--topology", metavar="KEY", help="Prove only this tree (default: all).")
 @click.option(
@@ -47,7 +47,7 @@ REFUSED = 1
     "--check",
     "checks",
     is_flag=True,
-    help="Prove nothing; check the proofs in RUN by code that shares nothing with what made them.",
+    help="Only check the proofs in RUN, with code that shares nothing with the prover.",
 )
 @options.workers
 @options.dask
@@ -80,9 +80,9 @@ def prove(
     70 workers or the Dask scheduler do not start, answer or return.
     """
     if dask is None and (dask_ca or dask_cert or dask_key):
-        raise click.UsageError("--dask-ca, --dask-cert and --dask-key go with --dask")
+        raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
     if checks and time_limit is not None:
-        raise click.UsageError("--time-limit goes with a proof: a check says nothing before its end")
+        raise click.UsageError("--time-limit cannot be combined with --check")
     if checks:
         tls = options.certificates(dask_ca, dask_cert, dask_key)
         _check(folder, topology=topology, workers=workers, dask=dask, dask_tls=tls, as_json=as_json)

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     "--round",
     "round_size",
     type=click.IntRange(1, ROUND),
-    help="Proposals of a round (default: 8), which learns from those before; several a worker keep workers busy.",
+    help="Proposals per round (default: 8); each round learns from earlier ones. More keep more workers busy.",
 )
 @click.option(
     "--prune",
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     "--prove",
     type=click.FloatRange(*GAPS),
     metavar="GAP",
-    help="Then prove by branch and bound that nothing better exists, to within this share: see `prove`.",
+    help="Then prove by branch and bound that no design is better by more than this share; see `prove`.",
 )
 @options.starts("Starts per topology (default: by the number of modules).")
 @options.seed
@@ -116,13 +116,13 @@ def run(
     full or fails, or the folder was removed (the best design is then printed).
     """
     if strategy == "exhaustive" and (sampler or trials or round_size):
-        raise click.UsageError("--sampler, --trials and --round go with --strategy optuna")
+        raise click.UsageError("--sampler, --trials and --round require --strategy optuna")
     if dask is None and (dask_ca or dask_cert or dask_key):
-        raise click.UsageError("--dask-ca, --dask-cert and --dask-key go with --dask")
+        raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
     if strategy == "optuna" and prune:
-        raise click.UsageError("--prune goes with --strategy exhaustive")
+        raise click.UsageError("--prune requires --strategy exhaustive")
     if strategy == "optuna" and topologies:
-        raise click.UsageError("--topologies are all solved, and go with --strategy exhaustive")
+        raise click.UsageError("--topologies requires --strategy exhaustive: all listed trees are solved")
     with explained(resumes=True):
         from topo_search.cli.progress import shown_progress
 

@@ -43,7 +43,7 @@ def topologies(
     root: Any,
     as_json: bool,
 ) -> None:
-    """Print the keys of all topologies of N modules, one a line."""
+    """Print the keys of all topologies of N modules, one per line."""
     with explained():
         from topo_search.topologies import candidates, count, draws
 

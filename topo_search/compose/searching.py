@@ -79,25 +79,25 @@ def search(
             `OwnSampler`, a function that makes any Optuna sampler or a `TopologySampler` for a seed, or a
             `TopologySampler` without state.
         trials: number of candidates to propose; None: all.
-        round_size: proposals per round, which learns from the rounds before: more of them keep more workers busy,
-            and learn more slowly.
+        round_size: proposals per round; each round learns from the rounds before. Larger rounds keep more workers
+            busy but learn more slowly.
         prune: skip candidates that the lower bound proves no better than the best design so far.
         starts: starts per candidate, or per finalist if not all are proposed; default: by the number of modules.
         seed: random seed of starts and proposals.
         workers: worker processes; default: the cores available. Results do not depend on it.
         dask: address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT, whose workers replace local
-            processes. Plain tcp trusts whoever answers: results are unpickled.
+            processes. Plain tcp is not authenticated, and results are unpickled.
         dask_tls: certificates for tls; default: those of Dask's own configuration.
         time_limit: stop solving, or proving, after this time [s].
-        near: designs of any trees that every candidate starts from as well, beside its other starts.
-        constraints: your own constraints on designs. They are evaluated, not certified, and unless they say that
-            they are `invariant`, every rooted tree is a candidate.
-        topologies: the only candidates: trees, keys, or graphs as of `Topology.graph`. Each is solved as it stands.
+        near: designs of any trees; each adds one start to every candidate.
+        constraints: your own constraints on designs. They are evaluated, not certified; unless they are declared
+            `invariant`, every rooted tree is a candidate.
+        topologies: the only candidates: trees, keys, or graphs as of `Topology.graph`. Each is solved as given.
         prove: relative gap to which branch and bound then proves that no tree is better, as `prove` does.
         observer: receives progress.
 
     Raises:
-        BadInput: the task, folder, address, a certificate or what is your own is invalid, or there are too many
+        BadInput: the task, folder, address, a certificate or your own code is invalid, or there are too many
             candidates to solve them all.
         ValueError: starts, trials, round_size or workers are out of range (`limits`), or strategy or sampler is
             unknown.

@@ -114,7 +114,7 @@ def _call(call: tuple[int, bytes]) -> bytes | WorkersLost:
     try:
         function, job = pickle.loads(call[1])
     except (AttributeError, ImportError) as error:
-        return WorkersLost(f"Dask workers lack what they are to run: {error}")
+        return WorkersLost(f"Dask workers cannot import what they must run: {error}")
     return pickle.dumps(function(job))
 
 

@@ -150,14 +150,14 @@ class DaskWorkers(Engine):
         if threads:
             self._left = None
         elif first:
-            self._note(f"the Dask scheduler at {self.address} has no workers; waiting for the first to join")
+            self._note(f"the Dask scheduler at {self.address} has no workers; waiting for the first one")
         elif self._threads:
             self._left = self._looked
             self._note(
                 f"all workers have left the Dask scheduler at {self.address}; waiting {RETURN:.0f} s for one"
             )
         elif self._left is not None and self._looked - self._left > RETURN:
-            raise WorkersLost(f"no worker has come back to the Dask scheduler at {self.address} in {RETURN:.0f} s")
+            raise WorkersLost(f"no worker has returned to the Dask scheduler at {self.address} in {RETURN:.0f} s")
         self._threads = sum(threads.values())
 
     def _send(

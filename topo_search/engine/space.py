@@ -109,7 +109,7 @@ class Listed(Space):
     def candidate_of(self, topology: Topology) -> Candidate:
         """Return the candidate that a topology is; ValueError if it was not listed."""
         if topology.key not in self.keys:
-            raise ValueError(f"{topology.key} is none of the {len(self.keys)} topologies that were given")
+            raise ValueError(f"{topology.key} is not one of the {len(self.keys)} given topologies")
         return Candidate(topology.key, 1)
 
     def twin_of(self, topology: Topology) -> Candidate:

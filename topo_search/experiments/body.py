@@ -19,7 +19,7 @@ PUSH = ("push", "push-local", "push-directional", "push-exterior-60")
 
 EXPERIMENT = Experiment(
     name="body",
-    question="What does it cost that frames keep clear of each other?",
+    question="What does it cost to keep frames apart?",
     full=Settings(
         tasks=(*((task, (5,)) for task in PUSH), ("ten-wrenches", (10, 20))), topologies=(50, 10), starts=24
     ),

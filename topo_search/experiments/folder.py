@@ -173,7 +173,7 @@ def _compare(folder: Path, held: Any, asked: dict[str, Any]) -> None:
         raise _refused(folder, f"holds the experiment {held.get('experiment')}, not {asked['experiment']}")
     for group in ("settings", "versions"):
         if not isinstance(of := held.get(group), dict):
-            raise _refused(folder, f"has an {ABOUT} whose {group} are no table")
+            raise _refused(folder, f"has an {ABOUT} whose {group} is not a table")
         for name, value in asked[group].items():
             if of.get(name) != value:
                 kind = "results of version" if group == "versions" else "an experiment with"

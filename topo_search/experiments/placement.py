@@ -25,7 +25,7 @@ COMPARISON = Comparison(
 
 EXPERIMENT = Experiment(
     name="placement",
-    question="What does an end-effector at the centre of mass cost, against one whose place is optimised?",
+    question="What does an end-effector at the centre of mass cost, compared with an optimised position?",
     full=Settings(
         tasks=(("push", (5,)), ("push-local", (5,)), ("push-directional", (5,)), ("ten-wrenches", (10, 20))),
         topologies=(50, 10),

@@ -51,7 +51,7 @@ def rootings(tree: Rooted, entered: int | None = None) -> list[Rooted]:
 
 EXPERIMENT = Experiment(
     name="root",
-    question="What does the paper's root cost, against one that turns freely?",
+    question="What does the paper's root cost, compared with one that turns freely?",
     full=Settings(tasks=(("push", (3, 4, 5)), ("push-exterior-60", (3, 4, 5))), topologies=(50, 10), starts=24),
     small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
     cells=cells,

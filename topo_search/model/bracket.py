@@ -24,13 +24,13 @@ class Bracket(Value):
     """Two square flanges with four bolts each, held by two webs."""
 
     bolt_circle: Positive = 0.024
-    """Diameter of the circle on which the four bolts of a flange are, at 45 deg to the hinge's axis [m]."""
+    """Diameter of the bolt circle of a flange: four bolts, at 45 deg to the hinge's axis [m]."""
     bolt_diameter: Positive = 0.0032
-    """Of the holes for them; default: for M3 [m]."""
+    """Diameter of the bolt holes; default: for M3 [m]."""
     thickness: Positive = 0.004
-    """Of a flange [m]."""
+    """Thickness of a flange [m]."""
     wall: Positive = 0.003
-    """Of the webs, and around bolts and rod [m]."""
+    """Wall thickness of the webs, and around bolts and rod [m]."""
 
     @model_validator(mode="after")
     def _bolts_apart(self) -> Self:

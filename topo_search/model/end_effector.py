@@ -36,16 +36,15 @@ class EndEffector(Value):
     exclusion: Flag = True
     """Whether p_E stays at least connector_distance away from every module's centre."""
     stand_off: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0.0)] = 0.0
-    """Least distance of p_E from every module's centre, where it is more than the exclusion's [m]."""
+    """Least distance of p_E from every module's centre, if larger than the exclusion [m]."""
     rod: Annotated[Literal["none", "straight"], Field(exclude_if=lambda given: given == "none")] = "none"
-    """`straight`: a design needs a straight rod, clear of all parts and airflow; `none`: it is told where there is
-    none."""
+    """`straight`: requires a straight rod, clear of all parts and airflow; `none`: a missing rod is only noted."""
     largest_reach: Annotated[Reach, Field(exclude_if=lambda given: given is False)] = False
-    """Largest distance of p_E from the connector that holds its rod [m], which the audit judges; or false."""
+    """Largest distance of p_E from its rod's connector [m], checked by the audit; or false."""
     rod_radius: Positive = 0.005
-    """Of the rod that carries it [m]."""
+    """Radius of the rod that carries the end-effector [m]."""
     rod_linear_density: NonNegative = 0.045
-    """Mass of the rod a metre [kg/m]; default: a tube of carbon fibre (1,600 kg/m^3) with a wall of 1 mm."""
+    """Mass of the rod per metre [kg/m]; default: a carbon-fibre tube (1,600 kg/m^3) with a 1 mm wall."""
 
     @property
     def fixed_position(self) -> Vector | None:

@@ -140,7 +140,7 @@ def _corners_of(name: Any, context: Any) -> Any:
         refuse("Local", (("mesh",), of_file(text, name)))
 
     if not isinstance(context, Folder):
-        wrong("must be given by its `vertices` in anything but a task file")
+        wrong("must be given by its `vertices` outside a task file")
     elif not isinstance(name, str):
         wrong("must be the name of an STL or OBJ file")
     else:

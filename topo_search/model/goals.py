@@ -99,7 +99,7 @@ class Goals(Value):
     ] = ()
     """Levels of flight.joint_moment [N m]."""
     modules: Flag = False
-    """Whether few modules are a goal, of a task with a range of sizes and wrenches in SI."""
+    """Whether fewer modules are a goal; needs a range of sizes and wrenches in SI."""
 
     @model_validator(mode="after")
     def _few_levels(self) -> Self:

@@ -45,7 +45,7 @@ def convex_hull(points: Array, *, most_corners: int | None = None) -> Hull:
     try:
         found = ConvexHull(points)
     except QhullError:
-        raise ValueError("must span a volume that can be told from a flat one") from None
+        raise ValueError("must span a volume, but is flat") from None
     if most_corners is not None and len(found.vertices) > most_corners:
         rule = f"must have at most {most_corners} corners, but got {len(found.vertices):,}; simplify the shape"
         raise ValueError(rule)

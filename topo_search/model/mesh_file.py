@@ -88,7 +88,7 @@ def _stl(content: bytes) -> tuple[Array, Triangles]:
         corners = _ascii_corners(content)
     else:
         facets = "too few bytes for a header" if stated < 0 else f"{len(content):,} bytes for {stated:,} facets"
-        raise ValueError(f"must be a whole STL file: {HEADER} bytes and {FACET} a facet; this one has {facets}")
+        raise ValueError(f"must be a whole STL file: {HEADER} bytes and {FACET} per facet; this one has {facets}")
     return corners, np.arange(len(corners)).reshape(-1, 3)
 
 

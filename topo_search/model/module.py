@@ -61,7 +61,7 @@ class Body(Value):
     ] = None
     """In place of hub and arms: convex pieces; a task file may name the `mesh` that consists of them."""
     inertia: PositiveVector | None = None
-    """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at one density."""
+    """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at uniform density."""
 
     @model_validator(mode="after")
     def _few_triangles(self) -> Self:
@@ -116,15 +116,15 @@ class Module(Value):
     max_thrust_to_weight: Positive = 2.5
     """Largest thrust of a module over its own weight."""
     max_thrust: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
-    """Largest thrust of a rotor [N], in place of max_thrust_to_weight."""
+    """Largest thrust of a rotor [N]; replaces max_thrust_to_weight."""
     torque_to_thrust: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
-    """Drag torque of a rotor over its thrust [m], in place of torque_coefficient."""
+    """Drag torque of a rotor over its thrust [m]; replaces torque_coefficient."""
     joint_moment: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
-    """Rated: the largest moment that a joint bears [N m]."""
+    """Rated moment of a joint [N m]."""
     joint_force: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
-    """Rated: the largest force [N]."""
+    """Rated force of a joint [N]."""
     min_input: Annotated[float, Field(strict=True, ge=0, lt=1, exclude_if=lambda given: given == 0.0)] = 0.0
-    """Least share of its largest squared speed that a rotor runs at; a dead one is exempt."""
+    """Least squared speed of a running rotor, as a share of the largest; a failed rotor is exempt."""
     airflow: Airflow = Airflow()
     """The airflow envelope."""
     body: Body = Body()

@@ -106,7 +106,9 @@ def _exposure(task: ResolvedTask) -> Iterator[Relaxable]:
             value = _entry(number, "half_angle_deg")
             yield Relaxable(limit, f"{at}.half_angle_deg", "wider cone", most, less, value, "deg")
         elif isinstance(asked, Allowed):
-            yield Relaxable(limit, f"{at}.planes", "of the airflow's length more room", 1.0, less, lambda _: None)
+            yield Relaxable(
+                limit, f"{at}.planes", "of the airflow's length as extra room", 1.0, less, lambda _: None
+            )
         elif asked.radius is not None:
             value = _entry(number, "radius")
             yield Relaxable(limit, f"{at}.radius", "smaller radius", 1 - LEAST, less, value, "m")

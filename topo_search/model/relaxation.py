@@ -62,6 +62,6 @@ class Relaxed(Value):
             tried = "; ".join(self.in_vain)
             return (f"no single limit, relaxed alone, led to a design ({tried})",) if tried else ()
         first, *others = (one.words for one in self.relaxations)
-        told = [f"relax first: {first}; found by solving again, no proof that less is not enough"]
+        told = [f"relax first: {first}; found by solving again; a smaller change may be enough too"]
         told += [f"or {other}" for other in others]
         return tuple(told)

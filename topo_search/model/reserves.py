@@ -67,26 +67,26 @@ class AskedFlight(Value):
     """What a design must be able to do beyond its load cases; what is left out is measured and not asked for."""
 
     units: Literal["weight", "SI"] = "weight"
-    """Of the reserves: `weight`: m_t g and l_arm m_t g; `SI`: N and N m."""
+    """Units of the reserves: `weight`: m_t g and l_arm m_t g; `SI`: N and N m."""
     around: Literal["hover", "all"] = "hover"
-    """Where reserves are asked for: `hover`, or `all`: hover and every load case that carries the weight."""
+    """Where reserves are required: `hover`, or `all`: hover and every load case that carries the weight."""
     force_reserve: NonNegative = 0.0
-    """Any force of this size can be added at the end-effector, the torque there as it is."""
+    """Any force of this size can be added at the end-effector, with unchanged torque."""
     directions: Literal["all", "horizontal"] = "all"
-    """Which forces: `all`, or `horizontal` ones, across z."""
+    """Which forces: `all`, or `horizontal`: in the xy plane."""
     torque_reserve: NonNegative = 0.0
-    """Any torque of this size can be added, the force as it is."""
+    """Any torque of this size can be added, with unchanged force."""
     rotor_out: Annotated[Failing, Field(exclude_if=lambda given: given == "none")] = "none"
-    """With any single rotor dead, possible: `hover`, or `all`: that and every load case that carries the weight."""
+    """Required after any single rotor failure: `hover`, or `all`: also every load case that carries the weight."""
     rotor_out_torque: Annotated[NonNegative | None, Field(exclude_if=lambda given: given is None)] = None
-    """Any torque of this size can be added then; if not given 0.01 l_arm m_t g: attitude remains controllable."""
+    """Any torque of this size can be added then, for attitude control; default: 0.01 l_arm m_t g."""
     joint_moment: Annotated[LargestLoad, Field(exclude_if=lambda given: given is None)] = None
-    """Largest moment in a joint, about its connector, in any load case [N m]; `rated`: that of the module."""
+    """Largest moment in a joint, about its connector, in any load case [N m]; `rated`: module.joint_moment."""
     joint_force: Annotated[LargestLoad, Field(exclude_if=lambda given: given is None)] = None
-    """Largest force in a joint [N]."""
+    """Largest force in a joint [N]; `rated`: module.joint_force."""
 
     tolerances: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
-    """The clearances survive all errors within [tolerances], proven; costs effort, as a larger margin does."""
+    """Whether clearances must provably survive all errors within [tolerances]; costs effort like a margin."""
 
     @property
     def keeps_reserves(self) -> bool:

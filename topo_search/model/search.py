@@ -25,15 +25,15 @@ class Search(Value):
     # above the audit's floor (tests/benchmarks/smooth_error.py). The default is far more: it costs 0.013 % of the
     # effort where that was measured, and leaves room for larger modules and for checks less exact than the audit.
     margin: NonNegative = 1.0e-4
-    """Asked of the solver beyond zero for every geometric clearance [m]."""
+    """Clearance that the solver adds to every geometric requirement [m]."""
     interference: Literal["airflow", "separation"] = "airflow"
-    """`separation`: the paper's ablation, a minimum distance in place of envelope clearance."""
+    """`separation`: the paper's ablation, a minimum distance instead of envelope clearance."""
     separation: Positive | None = None
     """Minimum distance of module centres in the ablation [m]; default: 2 arm_length."""
     peak_input: Annotated[Positive, Field(le=1, exclude_if=lambda given: given == 1.0)] = 1.0
-    """Share of its largest squared speed that a rotor may use."""
+    """Largest squared speed of a rotor in a load case, as a share of its limit."""
     body_clearance: BodyClearance | None = None
-    """Least distance of centres not bolted together [m]; default: 2 (arm_length + rotor_radius); or false."""
+    """Least distance between centres not bolted together [m]; default: 2 (arm_length + rotor_radius); or false."""
 
     @model_validator(mode="after")
     def _no_body_clearance_in_the_ablation(self) -> Self:

@@ -62,5 +62,5 @@ class StatedCheck(Stated):
     def words(self) -> str:
         """What it came to, for a reader."""
         if self.value is None:
-            return self.status if self.status == "missed" else "not checked: whoever states it has its expression"
+            return self.status if self.status == "missed" else "not checked: the design does not hold its function"
         return f"{self.status}: {self.value:.6g} {self.unit}".rstrip()

@@ -70,11 +70,11 @@ class Tolerances(Value):
     """Largest errors with which the platform is built; the audit says whether its clearances survive them."""
 
     hinge_angle_deg: Annotated[float, Field(strict=True, ge=0, le=90)] = 0.0
-    """Of every hinge angle [deg]."""
+    """Error of every hinge angle [deg]."""
     position: NonNegative = 0.0
-    """Of every module's centre and of the end-effector, from where the hinges put it [m]."""
+    """Error of every module's centre and of the end-effector, on top of the hinge errors [m]."""
     envelope: NonNegative = 0.0
-    """By which the airflow may reach beyond its envelope, in any direction [m]."""
+    """How far airflow may reach beyond its envelope, in any direction [m]."""
 
 
 class Task(Value):

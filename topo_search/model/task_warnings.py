@@ -88,7 +88,7 @@ def _module(module: Module, u_max: float) -> Iterator[TaskWarning]:
             f"k_tau / k_f = {drag:.3g} m is more than the arm, {module.arm_length:g} m: is it in N m s^2/rad^2?",
         )
     if 2 * body.rotor_radius > math.sqrt(2) * module.arm_length:
-        yield TaskWarning("module.body.rotor_radius", "neighbouring rotors of a module reach into each other")
+        yield TaskWarning("module.body.rotor_radius", "neighbouring rotors of a module overlap")
     least = module.arm_length / math.sqrt(2) + body.rotor_radius
     if module.connector_distance < least:
         yield TaskWarning(
@@ -164,8 +164,8 @@ def _load_cases(task: Task, n: int) -> Iterator[TaskWarning]:
             upwards = case.at_end_effector.force[2] + case.at_com.force[2]
             yield TaskWarning(
                 path,
-                f"its upward force of {upwards:.4g} N is under the weight, {weight:.4g} N of {_platform(n)}; "
-                "gravity is added only where it is asked for: to exert it while hovering, set "
+                f"its upward force of {upwards:.4g} N is less than the weight, {weight:.4g} N of {_platform(n)}; "
+                "gravity is included only if you ask for it: to exert it while hovering, set "
                 "carries_weight = true",
             )
         if (first := cases.index(case)) < k:
@@ -203,7 +203,7 @@ def _search(task: Task) -> Iterator[TaskWarning]:
         )
     if margin == 0:
         yield TaskWarning(
-            "search.margin", "with 0, clearances that touch can be too close for the audit to call clear"
+            "search.margin", "with 0, clearances may be too close to zero for the audit to prove them"
         )
     elif margin > LARGEST_MARGIN:
         yield TaskWarning(

@@ -15,52 +15,50 @@ COMMENT_AT = 36
 WIDTH = 112
 
 HEAD = """\
-# A task for topo-search: what the platform's tool has to do, and what its airflow must not reach.
+# A task for topo-search: what the platform's tool must do, and what its airflow must not reach.
 # `topo-search check THIS_FILE` explains it in words; `topo-search run THIS_FILE` searches the best platform for it.
-# Axes are those of the task, lengths are in metres, angles in degrees.
-# What has a # in front of it stands at its default, or is an example where there is none: take the # away to
-# change it.
+# Axes are those of the task; lengths are in metres, angles in degrees.
+# Lines that start with # show defaults, or examples where there is no default. Remove the # to change a value.
 
 name = "{name}"
-modules = 5                         # of how many the platform is made; [4, 6] asks for 4, 5 and 6
+modules = 5                         # number of modules; [4, 6] asks for 4, 5 and 6
 """
 
 TASK = """
-# Every load case is the whole wrench that the rotors produce. Gravity is added only where it is asked for: with
-# `carries_weight` the platform's weight, whatever its size, is part of the force at the centre of mass. Forces are
-# in the platform's weight m_t g and torques in arm_length m_t g, or with units = "SI" in N and N m. What is left
-# out is zero. The `weight` of a case says how much its effort counts; with 0 it must be possible and costs nothing.
+# Every load case is the total wrench of the rotors. Gravity is included only if you ask for it: `carries_weight`
+# adds the platform's weight, for any number of modules, to the force at the centre of mass. Forces are in units of
+# the platform's weight m_t g and torques in arm_length m_t g, or with units = "SI" in N and N m. The default is
+# zero. `weight` is the weight of the case in the effort; with 0 the case must be possible but adds no effort.
 
-[[load_cases]]                      # push along x with a fifth of the weight, and carry the platform meanwhile
-name = "push"                       # told wherever the load case is spoken of
+[[load_cases]]                      # push along x with a fifth of the weight while hovering
+name = "push"                       # appears wherever the load case is mentioned
 carries_weight = true
 end_effector = { force = [0.2, 0.0, 0.0], torque = [0.0, 0.0, 0.0] }  # exerted by the platform, at its tool
-com = { force = [0.0, 0.0, 0.0] }   # besides, at the centre of mass: without a lever
+com = { force = [0.0, 0.0, 0.0] }   # in addition, at the centre of mass: no lever arm
 weight = 1.0
-# # besides, to be possible without cost, in place of the force at the tool: every one within an angle of an axis
+# # also required, at no effort: every force within an angle of an axis, instead of the force at the tool
 # # cone = { axis = [1.0, 0.0, 0.0], half_angle_deg = 20.0, force = 0.25 }
-# # or in place of the wrench there, all of the convex hull of these and of it; corners suffice
+# # or all wrenches in the convex hull of these and the one at the tool
 # # vertices = [{ force = [0.2, 0.1, 0.0] }, { force = [0.2, 0.0, 0.0], torque = [0.1, 0.0, 0.0] }]
 
 [[load_cases]]
 name = "hover"
 carries_weight = true
 
-# Regions at the target that no airflow may reach: none, one, or several, such as these.
+# Regions at the target that airflow must not reach: none, one, or several of these.
 
 # [[exposure]]
 # kind = "local"                    # a ball around the end-effector
 # radius = 0.15
-# # in place of the radius, one of these:
+# # instead of the radius, one of these:
 # # box = [0.4, 0.4, 0.2]           # edges along x, y and z, centred at the end-effector
 # # mesh = "target.stl"             # the convex hull of an STL or OBJ file beside this one, its origin at the tool
 
 # [[exposure]]
 # kind = "directional"              # capsules along paths that start at the end-effector
 # radius = 0.15
-# segments = [[1.0, 0.0, 0.0]]      # where each ends, from the end-effector
-# # in place of segments, bent paths, each the points that it leads through, or one path along the line from the
-# # centre of mass:
+# segments = [[1.0, 0.0, 0.0]]      # end points, relative to the end-effector
+# # instead of segments: bent paths, each a list of points, or one path along the line from the centre of mass:
 # # polylines = [[[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.0, -0.5]]]
 # # along = "end_effector"
 # # length = 1.0
@@ -72,7 +70,7 @@ carries_weight = true
 
 # [[exposure]]
 # kind = "allowed"                  # all airflow stays on one side of each plane
-# planes = [{ normal = [1.0, 0.0, 0.0], offset = 0.0 }]  # normal . x <= offset, with x from the end-effector
+# planes = [{ normal = [1.0, 0.0, 0.0], offset = 0.0 }]  # normal . x <= offset, x from the end-effector
 """
 
 IN_OTHER_WORDS = {"name", "modules", "load_cases", "exposure", "task_seed"}

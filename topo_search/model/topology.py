@@ -124,7 +124,7 @@ class Topology:
         """
         if not graph.number_of_nodes() or not nx.is_tree(graph):
             nodes, edges = graph.number_of_nodes(), graph.number_of_edges()
-            raise ValueError(f"must be a tree, but got a graph of {nodes} nodes and {edges} edges that is none")
+            raise ValueError(f"must be a tree, but got a graph of {nodes} nodes and {edges} edges that is not one")
         root = next(iter(graph))
         numbers, joints = {root: 0}, [ROOT]
         for parent, child in nx.bfs_edges(graph, root):

@@ -72,7 +72,7 @@ def _reserves(flight: Flight) -> Iterator[Tile]:
         size = f"{figures(at_least(hover.horizontal_reserve_N, 3), 3)} N"
         yield Tile("Weakest reserve", size, f"side force at the tip in hover{towards}")
     open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
-    yield Tile("One rotor dead", f"{out.survive} of {out.of}", f"single rotor failures survived in hover{open_}")
+    yield Tile("Rotor failures", f"{out.survive} of {out.of}", f"single rotor failures survived in hover{open_}")
 
 
 def _rod(flight: Flight, audit: Audit | None) -> Tile:

@@ -25,7 +25,5 @@ def relaxed_limits(size: SizeAnswer) -> RelaxedLimits | None:
         for one in found.relaxations
     ]
     rows += [[text, "not enough", "", "", ""] for text in found.in_vain]
-    caption = (
-        f"{modules(size.modules)}: limits of the task, each relaxed alone and solved again; none of it is a proof"
-    )
+    caption = f"{modules(size.modules)}: limits of the task, each relaxed alone and solved again; not a proof"
     return RelaxedLimits(caption, Table(COLUMNS, rows))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -36,6 +35,7 @@ from topo_search.report.view import shared_meshes
 from topo_search.report.wording import counted, figures, modules
 from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
 from topo_search.study.proofs import ProofState
+from topo_search.study.statements import kind_of
 
 COLUMNS = (
     ("tree", "text"),
@@ -73,7 +73,7 @@ def run_page(folder: RunFolder) -> Page:
     level = next(itertools.islice(folder.levels(), number, None))  # the ledger now ranks its rows
     at = answer.levels[number]
     page = _page(level, replace(answer, sizes=at.sizes))
-    note = f"Everything but the front refers to level {number} of the goals: {at.level.words}."
+    note = f"Everything except the front refers to level {number} of the goals: {at.level.words}."
     return replace(
         page,
         notes=(note, *(f"{text[0].upper()}{text[1:]}." for text in answer.idle_goals), *page.notes),
@@ -164,7 +164,7 @@ def _own(own: Own) -> Iterator[str]:
     """Yield what a user brought to the run beside its task."""
     if own.constraints:
         names = ", ".join(f"{one.name} ({one.bounds})" for one in own.constraints)
-        yield f"{NOT_CERTIFIED.capitalize()}: {names}. Lower bounds and proofs do not know it, and remain valid."
+        yield f"{NOT_CERTIFIED.capitalize()}: {names}. Lower bounds and proofs ignore it and remain valid."
     if own.topologies is not None:
         yield f"The candidates are {counted(len(own.topologies), 'tree')} that the user listed."
     if own.near:
@@ -287,7 +287,7 @@ def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
     groups: dict[tuple[int, str, str], list[Row]] = {}
     for row in rows:
         if not row.feasible:
-            missed = _kind(row.worst_constraint or "")
+            missed = kind_of(row.worst_constraint or "")
             groups.setdefault((row.modules, row.status, missed), []).append(row)
     if not groups:
         return None
@@ -313,11 +313,6 @@ def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
     return Table(columns, cells, frozenset({0, 3, 4}))
 
 
-def _kind(constraint: str) -> str:
-    """Return a constraint's name without the numbers of its modules."""
-    return re.sub(r"\bmodule \d+", "a module", re.sub(r"\bmodules \d+ and \d+", "two modules", constraint))
-
-
 def _reproduction(folder: RunFolder) -> Reproduction:
     request = folder.request
     options = f"--symmetry {request.symmetry} --starts {request.starts} --seed {request.seed}"
@@ -332,7 +327,7 @@ def _reproduction(folder: RunFolder) -> Reproduction:
         "changes nothing but the time it takes.",
     )
     if request.own != NOTHING:
-        told = "The command alone does not bring what the user brought: "
+        told = "The command does not include what the user supplied: "
         notes = (*notes, told + " ".join(_own(request.own)))
     return Reproduction(
         (f"topo-search run task.toml {options}",), to_toml(request.task), dict(request.versions), notes

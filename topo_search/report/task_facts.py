@@ -48,7 +48,7 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                 (
                     "torque coefficient k_tau",
                     f"{figures(module.torque_coefficient)} N m s², "
-                    f"{figures(module.torque_coefficient / module.thrust_coefficient)} m of the thrust",
+                    f"{figures(module.torque_coefficient / module.thrust_coefficient)} m times the thrust",
                 ),
                 (
                     "largest thrust",
@@ -161,7 +161,7 @@ def load_cases(task: ResolvedTask) -> list[list[str]]:
         [
             f"{k} ({case.name})" if case.name else str(k),
             "; ".join(_parts(case, force_unit, torque_unit)),
-            figures(case.weight) if case.weight else "0: must be possible, costs nothing",
+            figures(case.weight) if case.weight else "0: required, adds no effort",
         ]
         for k, case in enumerate(task.load_cases)
     ]

@@ -13,6 +13,7 @@ from topo_search.study.folder import RunFolder
 from topo_search.study.front import FRONT_COLUMNS, FrontPoint
 from topo_search.study.proofs import cells
 from topo_search.study.row import COLUMNS, FLIGHT, SolveEvent
+from topo_search.study.statements import kind_of
 
 
 def candidates(path: Path) -> pd.DataFrame:
@@ -50,8 +51,8 @@ def shortfalls(path: Path) -> pd.DataFrame:
     """Return a row for every constraint that starts of a candidate without a design ended short of.
 
     A candidate's most frequent constraint is first, `starts` says how many; `violation` is the least of theirs, in
-    `unit`. A candidate that is proven impossible was not solved and has no row. With goals the last column has the
-    number of the level.
+    `unit`; `kind` is the constraint without module numbers. A candidate that is proven impossible was not solved
+    and has no row. With goals the last column has the number of the level.
 
     Raises:
         BadInput: it is not a run folder.
@@ -64,9 +65,20 @@ def shortfalls(path: Path) -> pd.DataFrame:
                 for row in level.ledger.ranked(n):
                     found = None if row.feasible else level.ledger.result(contexts[row.step], row.key)
                     missed = found.shortfalls if isinstance(found, Infeasible) else ()
-                    rows += [{"key": row.key, "modules": n, **one.model_dump(), "level": number} for one in missed]
+                    rows += [
+                        {
+                            "key": row.key,
+                            "modules": n,
+                            **one.model_dump(),
+                            "kind": kind_of(one.constraint),
+                            "level": number,
+                        }
+                        for one in missed
+                    ]
         goals = folder.request.task.goals.names
-    frame = pd.DataFrame(rows, columns=["key", "modules", "constraint", "starts", "violation", "unit", "level"])
+    frame = pd.DataFrame(
+        rows, columns=["key", "modules", "constraint", "starts", "violation", "unit", "kind", "level"]
+    )
     return frame if goals else frame.drop(columns="level")
 
 

@@ -189,7 +189,7 @@ def idle(levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoi
         has = f"{reached:.4g}" if isinstance(reached, float) else f"{reached}"
         told.append(
             f"no level of goals.{name} binds: each gives the same least effort, whose design reaches {has} "
-            f"({UNITS[name]}); look for levels of {field} beyond that"
+            f"({UNITS[name]}); try levels of {field} beyond that"
         )
     return told
 

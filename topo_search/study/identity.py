@@ -147,9 +147,9 @@ class Request:
             if value not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, but got {value!r}")
         if self.own.topologies is not None and self.strategy != "exhaustive":
-            raise ValueError("topologies are all solved: they go with the strategy `exhaustive` alone")
+            raise ValueError("`topologies` requires the strategy `exhaustive`: all listed trees are solved")
         if self.own.sampler is not None and self.strategy != "optuna":
-            raise ValueError("a sampler of your own goes with the strategy `optuna` alone")
+            raise ValueError("a sampler of your own requires the strategy `optuna`")
 
     @cached_property
     def identity(self) -> Identity:

@@ -151,7 +151,7 @@ class Ledger:
             fixed_by, named = None, None
         versions = fixed_by.get("versions") if isinstance(fixed_by, dict) and named == context else None
         if not isinstance(versions, dict) or not all(isinstance(value, str) for value in versions.values()):
-            raise damaged(self._path, f"what it holds of context {context} is not what was written")
+            raise damaged(self._path, f"what it holds of context {context} has changed since it was written")
         return versions
 
     def bound(self, context: Context) -> tuple[float, Infeasible | None] | None:

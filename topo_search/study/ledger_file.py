@@ -111,7 +111,7 @@ def open_database(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection
         try:
             _check(database, path)
         except UnicodeDecodeError:  # the name of a column
-            raise damaged(path, "its tables have names that are no text") from None
+            raise damaged(path, "its tables have names that are not text") from None
         if not read_only:
             _make_lasting(database, path)
         yield database
@@ -158,7 +158,7 @@ def _damage_named(path: Path) -> Iterator[None]:
         no_text = isinstance(error, sqlite3.OperationalError) and not hasattr(error, "sqlite_errorcode")
         if type(error) is not sqlite3.DatabaseError and not no_text:
             raise
-        raise _bad(path, f"is damaged or no ledger ({error}); {ADVICE}") from None
+        raise _bad(path, f"is damaged or not a ledger ({error}); {ADVICE}") from None
 
 
 def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str:
@@ -168,7 +168,7 @@ def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str
         BadInput: it is not the one that was written, or is gone.
     """
     if text is None or zlib.crc32(text) != checksum:
-        raise _bad(path, f"is damaged (what it holds of {key} is not what was written); {ADVICE}")
+        raise _bad(path, f"is damaged (its entry {key} has changed since it was written); {ADVICE}")
     return text.decode()
 
 

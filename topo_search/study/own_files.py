@@ -125,8 +125,8 @@ class OwnFiles:
     def foreign(place: Place, names: list[str]) -> BadInput:
         """Return the error that names files that stand where the run would write its own."""
         rule = (
-            "is not what this run wrote, and is left unchanged: move it away and run the same command again, or "
-            "choose another folder with --out"
+            "is not the file that this run wrote, and is left unchanged: move it away and run the same command "
+            "again, or choose another folder with --out"
         )
         return BadInput(str(place.path), [Fault(name, rule) for name in names])
 
@@ -141,7 +141,7 @@ class OwnFiles:
         return digest, before, changing
 
     def _damaged(self, name: str) -> BadInput:
-        rule = f"is damaged (what it holds of its file {name} is not what was written)"
+        rule = f"is damaged (its entry of the file {name} has changed since it was written)"
         return BadInput(str(self._ledger), [Fault("", rule)])
 
     @staticmethod

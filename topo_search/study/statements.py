@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 
 from topo_search.engine import may_beat
@@ -49,9 +50,14 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
     if closest is None:
         return tried
     return (
-        f"{tried}; the smallest shortfall, which is no proof: {closest.key} misses `{closest.worst_constraint}` "
+        f"{tried}; smallest shortfall (not a proof): {closest.key} misses `{closest.worst_constraint}` "
         f"by {closest.violation:.3g} {closest.unit}".rstrip()
     )
+
+
+def kind_of(constraint: str) -> str:
+    """Return the name of a constraint without the numbers of its modules."""
+    return re.sub(r"\bmodule \d+", "a module", re.sub(r"\bmodules \d+ and \d+", "two modules", constraint))
 
 
 def remark(row: Row) -> list[str]:

@@ -51,7 +51,7 @@ def px4_parameters(acts: Allocation) -> str:
         raise BadInput("--format px4", [Fault("", rule)])
     lines = [
         "# Control allocation of a platform with fixed rotors in any direction",
-        "# Body axes: x as in the task, y and z against it (forward, right, down); origin: the centre of mass.",
+        "# Body axes: x as in the task, y and z opposite (forward, right, down); origin: the centre of mass.",
         "# Put the autopilot there, x along the task's x, or set SENS_BOARD_ROT and EKF2_IMU_POS_*.",
         "# An output of 1 is the largest thrust of a rotor, CT newtons; PX4 takes thrust to be proportional to it",
         "# (THR_MDL_FAC corrects that). Motors keep the order of rotors.csv.",
