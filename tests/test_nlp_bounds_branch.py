@@ -2,6 +2,8 @@
 
 import itertools
 import math
+from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from nlp.bounds.branch.proof import chunk_box, prove_chunk
 from nlp.bounds.branch.stated import centre, effort_unit, hung, state, whole
 from nlp.units import Units
 from topo_search.model import Design, Topology
+from topo_search.model.files import read_task
 from topo_search.model.proof import chunk_count
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
@@ -241,6 +244,25 @@ def test_a_tree_hung_from_any_module_is_the_same_platform():
             assert sorted(dict(other.graph().degree).values()) == sorted(dict(tree.graph().degree).values())
             assert hung(other, 0).key == other.key
             assert sum(kappa % 2 for kappa in other.kappas) == sum(kappa % 2 for kappa in tree.kappas)
+
+
+EXPOSED = ["push-local", "push-directional", "push-two-paths", "push-exterior-60", "push-exterior-90"]
+
+
+@pytest.mark.parametrize("example", EXPOSED)
+def test_exposure_changes_nothing_in_what_boxes_are_bounded_from(example):
+    """So a proof about push is one about these tasks, too."""
+    tree = hung(Topology.from_key("a70010"), 1)
+    folder = resources.files("topo_search") / "examples"
+    tasks = [read_task(Path(str(folder / f"{name}.toml"))).resolve(5) for name in ("push", example)]
+    plain, exposed = (numbers_of(state(task, tree)) for task in tasks)
+    assert tasks[1].exposure
+    assert np.array_equal(plain, exposed)
+
+
+def numbers_of(stated):
+    """All that is stated, in a row."""
+    return np.concatenate([numbers_of(one) if isinstance(one, tuple) else np.ravel(one) for one in stated])
 
 
 def proven(task, tree, cut):

@@ -98,6 +98,31 @@ def test_a_tree_that_cannot_be_closed_is_open_and_nothing_is_claimed(run):
     assert "1 open; nothing new is proven" in answer.sizes[0].proven
 
 
+def test_a_tree_that_cannot_be_excluded_is_held_to_the_gap_under_the_best(run):
+    """As where exposure, which no bound knows, is what keeps a tree from beating the best."""
+    key = list(table(run))[-1]
+
+    class Relaxed(Prover):
+        def __call__(self, task, topology, number, cut, problem):
+            found = super().__call__(task, topology, number, cut, problem)
+            if topology.key == key and cut > 0.99 * best and number == 5:
+                return Chunk.of(number, "stuck", b"", ((0.0,), (1.0,)))
+            return found
+
+    best = min(float(row["objective"]) for row in table(run).values())
+    prover = Relaxed()
+    answer = proven(run, prover)
+    row = table(run)[key]
+    assert row["proof"] == "within"
+    assert float(row["proven_bound"]) == pytest.approx(0.99 * best)
+    assert "no 3-module topology is more than 1.00 % better" in answer.sizes[0].proven
+    assert {cut for asked, _, cut in prover.asked if asked == key} == {best, 0.99 * best}
+    assert Proof.model_validate_json((run / "proof" / key).read_text()).complete
+    again = Relaxed()
+    assert proven(run, again).sizes == answer.sizes
+    assert not again.asked
+
+
 def test_one_tree_alone(run):
     key, prover = next(iter(table(run))), Prover()
     answer = proven(run, prover, key=key)

@@ -90,7 +90,8 @@ class Proof(Value):
     root_module: Index
     """The module of the key's tree that the angles of the boxes are counted from."""
     aim: Aim
-    """`excluded`: the cut is the effort of the run's best; `within`: it is `gap` under the tree's own best."""
+    """`excluded`: the cut is the effort of the run's best; `within`: it is `gap` under the tree's own best, or
+    under the run's where no more can be proven."""
     gap: Number
     problem: Problem = "task"
     """Which designs it is about."""

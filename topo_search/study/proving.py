@@ -51,6 +51,8 @@ class _Work:
 
     folder: RunFolder
     observer: Observer
+    floor: float
+    """What a tree is held to that cannot be held to more: `gap` under the run's best [rad^4/s^4]."""
     proofs: dict[str, Proof] = field(default_factory=dict)
     kept: float = 0.0
     due: set[str] = field(default_factory=set)
@@ -67,6 +69,8 @@ class _Work:
     def ended(self, job: _Job, result: Chunk | Failed) -> None:
         """Keep what came of a chunk."""
         key = job.topology.key
+        if job.cut != self.proofs[key].cut:
+            return
         if isinstance(result, Failed):
             self.observer.note(f"{key}: chunk {job.number} failed, {result.reason}")
             return
@@ -75,7 +79,10 @@ class _Work:
         if proof.complete or time.monotonic() - self.kept > LATEST:
             self.keep()
         if proof.complete:
-            self.observer.note(f"{key}: {_words(proof)}, {proof.boxes:,} boxes")
+            self.observer.note(f"{key}: {_words(proof, self.floor)}, {proof.boxes:,} boxes")
+        elif result.outcome != "closed" and proof.cut > self.floor:
+            self.proofs[key] = _lowered(proof, self.floor)
+            self.observer.note(f"{key}: {_why(result)}; is held to {gap_percent(proof.gap)} under the best instead")
         elif result.outcome != "closed":
             self.observer.note(f"{key}: open, for {_why(result)}")
 
@@ -124,13 +131,13 @@ def prove(
         sizes = _sizes(folder, path, key)
         try:
             for n, best, rows in sizes:
-                work = _Work(folder, observer)
+                work = _Work(folder, observer, best * (1 - gap))
                 task = folder.request.contexts(n)[0].task
                 kept = folder.proofs(n)
                 for row in rows:
                     aim, cut = target(row, best, gap)
                     held = kept.get(row.key)
-                    if held is None or not _serves(held, cut, problem):
+                    if held is None or not _serves(held, cut, work.floor, problem):
                         root = centre(task, Topology.from_key(row.key))
                         held = Proof(
                             task=task,
@@ -141,19 +148,23 @@ def prove(
                             problem=problem,
                             cut=cut,
                         )
+                    elif held.open_at is not None and held.cut > work.floor:
+                        held = _lowered(held, work.floor)
                     work.proofs[row.key] = held
-                due = sum(len(list(proof.due())) for proof in work.proofs.values() if proof.open_at is None)
-                observer.phase(Phase("proving", n, due))
-                ended = engine.run(
-                    partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: CHUNK_DEADLINE, until=until
-                )
-                try:
-                    incumbent = folder.ledger.best_clear(n)
-                    for job, result in ended:
-                        work.ended(job, result)
-                        observer.settled(incumbent)
-                finally:
-                    work.keep()
+                incumbent, before = folder.ledger.best_clear(n), dict[str, float]()
+                while before != (cuts := {key: proof.cut for key, proof in work.proofs.items()}):
+                    before = cuts  # what was lowered meanwhile is due again
+                    due = sum(len(list(proof.due())) for proof in work.proofs.values() if proof.open_at is None)
+                    observer.phase(Phase("proving", n, due))
+                    ended = engine.run(
+                        partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: CHUNK_DEADLINE, until=until
+                    )
+                    try:
+                        for job, result in ended:
+                            work.ended(job, result)
+                            observer.settled(incumbent)
+                    finally:
+                        work.keep()
         except (KeyboardInterrupt, WorkersLost) as stop:
             folder.write()
             stop.add_note(KEPT)
@@ -175,11 +186,16 @@ def refuse_unprovable(request: Request, name: str) -> None:
         raise BadInput(name, [Fault("modules", f"must be at most {MOST_MODULES} for a proof, but got {n}")])
 
 
-def _serves(held: Proof, cut: float, problem: Problem) -> bool:
-    """Whether what is held of a tree is what is asked for, or more, or a part of it."""
+def _serves(held: Proof, cut: float, floor: float, problem: Problem) -> bool:
+    """Whether what is held of a tree is what is asked for, or more, or a part of it, or what it was lowered to."""
     if held.complete:
-        return held.cut >= cut and held.problem in ("task", problem)
-    return held.cut == cut and held.problem == problem
+        return (held.cut >= cut or held.cut == floor) and held.problem in ("task", problem)
+    return held.cut in (cut, floor) and held.problem == problem
+
+
+def _lowered(proof: Proof, floor: float) -> Proof:
+    """Return a proof to begin in place of one that cannot be closed."""
+    return proof.model_copy(update={"aim": "within", "cut": floor, "chunks": ()})
 
 
 def _prove(prove_chunk: ProveChunk, job: _Job) -> Chunk:
@@ -208,11 +224,12 @@ def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, fl
     return found
 
 
-def _words(proof: Proof) -> str:
+def _words(proof: Proof, floor: float) -> str:
     """Say what a complete proof proves."""
     if proof.aim == "excluded":
         return "proven, cannot beat the best"
-    return f"proven, cannot beat its own best by more than {gap_percent(proof.gap)}"
+    whose = "the" if proof.cut == floor else "its own"
+    return f"proven, cannot beat {whose} best by more than {gap_percent(proof.gap)}"
 
 
 def _why(chunk: Chunk) -> str:
