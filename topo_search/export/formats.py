@@ -1,4 +1,4 @@
-"""Kinds of files that a design can be exported as: ours, those that a script registers, those of other packages.
+"""File formats of designs: built in, registered by a script, or provided by other packages.
 
 A package adds one by an entry point of the group `topo_search.formats` that names an `OwnFormat`.
 """
@@ -73,10 +73,10 @@ _registered: dict[str, OwnFormat] = {one.name: one for one in OURS}
 
 
 def register_format(own: OwnFormat) -> None:
-    """Make a format of your own known to this process, by its name and the ends of its files' names.
+    """Register a format of your own in this process, by its name and suffixes.
 
     Raises:
-        ValueError: a name or an end that is not allowed, or that another format has.
+        ValueError: the name or a suffix is not allowed, or another format has it.
     """
     if not NAME.fullmatch(own.name):
         raise ValueError(f"name must be small letters, digits and dashes, but got {own.name!r}")
@@ -94,7 +94,7 @@ def formats() -> dict[str, OwnFormat]:
     """Return all formats by name, with those of installed packages.
 
     Raises:
-        BadInput: a package's entry point is no format, or has a name or an end that another one has.
+        BadInput: a package's entry point is not a format, or another format has its name or suffix.
     """
     for entry in metadata.entry_points(group=GROUP):
         if entry.name in _registered:
@@ -112,15 +112,15 @@ def formats() -> dict[str, OwnFormat]:
 
 
 def export_design(design: Design, out: str | Path, *, format: str | None = None) -> Path:
-    """Write a design as one of the formats, and return where it is.
+    """Write a design in one of the formats, and return the path.
 
     Args:
         design: any design, audited or not.
-        out: the file; its folder is made if need be, and a file that is there is replaced.
-        format: its kind; default: by the end of its name.
+        out: the file; its folder is created if necessary, and an existing file is replaced.
+        format: name of the format; default: by the suffix.
 
     Raises:
-        BadInput: there is no such format, or it cannot show this design.
+        BadInput: there is no such format, or it cannot represent this design.
     """
     path, known = Path(out), formats()
     if format is None:

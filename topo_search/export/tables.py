@@ -14,7 +14,7 @@ from topo_search.model.csv_text import harmless
 def clearances(audit: Audit) -> pd.DataFrame:
     """Return a row for every pair and requirement of an audit [m], with the fields of `Clearance`.
 
-    But for evidence and places, which are no single values.
+    Without evidence and points, which are not single values.
     """
     return _clearances(audit.pairs)
 

@@ -191,7 +191,7 @@ class AllowedContact(Value):
 
 
 class Audit(Value):
-    """Everything re-derived from a design alone, and the verdict."""
+    """Everything recomputed from a design alone, and the verdict."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -201,16 +201,16 @@ class Audit(Value):
     pairs: tuple[Clearance, ...]
     residuals: tuple[Residual, ...]
     interference: Interference | None = None
-    """None in files of programs that do not measure it."""
+    """None in files of programs that do not compute it."""
     sensitivity: Sensitivity | None = None
     """None if there is no clearance to lose."""
     flight: Flight | None = None
-    """What the design can do beyond its task; None where its numbers are too large to compute with, and in files of
-    programs that do not measure it."""
+    """What the design can do beyond its task; None if its numbers are too large to compute with, and in files of
+    programs that do not compute it."""
     stated: Annotated[tuple[StatedCheck, ...], Field(exclude_if=lambda given: not given)] = ()
-    """What a user stated beyond the task: evaluated by their own expression, not certified.
+    """The user's own constraints: evaluated by their functions, not certified.
 
-    One that is missed makes the verdict `violated`; one that is met proves nothing."""
+    A violated one makes the verdict `violated`; a met one is not a proof."""
     assembly: Assembly
     """What to bolt to what."""
     allowed_contacts: tuple[AllowedContact, ...]

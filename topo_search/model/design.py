@@ -94,9 +94,9 @@ class Mount(Value):
 
 
 class Design(Value):
-    """A complete platform for a task. The audit derives again everything that it states.
+    """A complete platform for a task. The audit recomputes everything that it states.
 
-    Unknown fields of a file are ignored, so that other programs may add their own.
+    Unknown fields of a file are ignored, so that other programs can add their own.
     """
 
     model_config = ConfigDict(extra="ignore")
@@ -115,17 +115,17 @@ class Design(Value):
     end_effector_m: Vector
     """p'_E in W [m]."""
     mount: Mount | None = None
-    """Where the end-effector's rod is bolted; None: nowhere yet, or no straight rod reaches."""
+    """Where the end-effector's rod is bolted; None: not chosen yet, or no straight rod reaches."""
     rotor_speeds_squared: tuple[tuple[Number, ...], ...]
     """u_k: 4 n values per load case, module-major [rad^2/s^2]."""
     objective: Number
     """J = sum_k lambda_k ||u_k||^2 [rad^4/s^4]."""
     lower_bound: Number | None = None
-    """At most the objective, whatever the topology [rad^4/s^4]."""
+    """Lower bound of the objective for every topology of this size [rad^4/s^4]."""
     gap: Number | None = None
     """1 - lower_bound / objective."""
     stated: Annotated[tuple[Stated, ...], Field(exclude_if=lambda given: not given)] = ()
-    """What a user stated beyond the task when it was solved, without the expressions: evaluated, not certified."""
+    """The user's own constraints when it was solved, without their functions: evaluated, not certified."""
     solver: dict[str, Any] | None = None
 
     @field_validator("task", mode="before")

@@ -100,7 +100,7 @@ class Local(Value):
     ] = None
     """Points whose convex hull the region is, from p_E [m]."""
     solid: Solid = False
-    """Whether rigid parts keep out of it too, and the rod but for its tip where p_E is not inside."""
+    """Whether rigid parts must stay outside too, and the rod except its tip unless p_E is inside."""
 
     @model_validator(mode="before")
     @classmethod
@@ -181,13 +181,13 @@ class Directional(Value):
         | None,
         Field(exclude_if=_not_given),
     ] = None
-    """In place of segments: bent paths, each the points that it leads through, from p_E [m]."""
+    """Instead of segments: bent paths, each a list of points from p_E [m]."""
     along: Literal["end_effector"] | None = None
-    """In place of segments: one path along p_E, away from the COM."""
+    """Instead of segments: one path along p_E, away from the COM."""
     length: Positive | None = None
     """Length of the path along p_E [m]."""
     solid: Solid = False
-    """Whether rigid parts keep out of the capsules too."""
+    """Whether rigid parts must stay out of the capsules too."""
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
@@ -217,7 +217,7 @@ class Exterior(Value):
     axis: Axis = "com"
     """d_con: from p_E into the allowed cone; `com` points from p_E to the centre of mass."""
     solid: Solid = False
-    """Whether all outside the cone is solid: rigid parts, and the rod but for its tip, stay inside the cone too."""
+    """Whether rigid parts, and the rod except its tip, must stay inside the cone too."""
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
@@ -226,10 +226,10 @@ class Exterior(Value):
 
 
 class Plane(Value):
-    """A half-space: where normal . x is at most the offset, for x from p_E and the normal made a unit vector."""
+    """A half-space: normal . x is at most the offset, with x from p_E and the normal as a unit vector."""
 
     normal: Direction
-    """Out of the half-space, of any length."""
+    """Normal that points out of the half-space, of any length."""
     offset: Annotated[float, Field(strict=True, ge=-FARTHEST, le=FARTHEST)] = 0.0
     """Distance of the plane from p_E along the normal [m]; negative where p_E is outside."""
 
@@ -241,7 +241,7 @@ class Allowed(Value):
     planes: Annotated[tuple[Plane, ...], at_most(SEGMENTS, "planes"), NonEmpty]
     """Half-spaces whose intersection it is."""
     solid: Solid = False
-    """Whether all beyond the planes is solid: rigid parts, and the rod but for its tip, stay inside too."""
+    """Whether rigid parts, and the rod except its tip, must stay inside too."""
 
     @property
     def shapes(self) -> tuple[Shape, ...]:

@@ -45,7 +45,7 @@ def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: 
 
     Args:
         path: the file, or the name of the example.
-        settings: laid over the file's fields, in order.
+        settings: override the file's fields, in order.
         names_files: whether it may name meshes, which are looked for in the file's folder; of a shipped example, in
             the current one. The tasks in folders of runs have their shapes written out and name none.
 

@@ -49,12 +49,12 @@ class Wrench(Value):
 
 
 class LoadCase(Value):
-    """One wrench that the platform must be able to exert, and how much its effort counts."""
+    """A wrench that the platform must be able to exert, and the weight of its effort."""
 
     name: Annotated[Annotated[str, AfterValidator(_name)] | None, Field(exclude_if=lambda given: given is None)] = (
         None
     )
-    """What people call it; told wherever the load case is spoken of."""
+    """Name that appears wherever the load case is mentioned."""
     units: Literal["weight", "SI"] = "weight"
     """`weight`: forces in m_t g, torques in l_arm m_t g; `SI`: N and N m."""
     end_effector: Wrench | None = None
@@ -62,16 +62,16 @@ class LoadCase(Value):
     com: Wrench | None = None
     """f_C, tau_C: exerted at the platform's centre of mass."""
     carries_weight: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
-    """Whether the platform's weight [0, 0, m_t g], whatever its size, is added to f_C; a design writes it out."""
+    """Whether the platform's weight [0, 0, m_t g] is added to f_C, for any number of modules."""
     weight: PositiveOrZero = 1.0
-    """lambda_k: weight of this case's effort in the objective; 0: it must be possible, and costs nothing."""
+    """lambda_k: weight of this case's effort in the objective; 0: it must be possible but adds no effort."""
 
     cone: Annotated[ForceCone | None, Field(exclude_if=lambda given: given is None)] = None
-    """Besides, possible: in place of the force at the end-effector, every one of this cone."""
+    """Also required: every force in this cone instead of the force at the end-effector."""
     vertices: Annotated[
         tuple[Wrench, ...], at_most(LOAD_CASES, "vertices"), Field(exclude_if=lambda given: not given)
     ] = ()
-    """Besides, possible: in place of the wrench at the end-effector, all of the convex hull of these and of it."""
+    """Also required: every wrench in the convex hull of these and the one at the end-effector."""
 
     @model_validator(mode="after")
     def _asks_for_something(self) -> Self:

@@ -59,7 +59,7 @@ class Body(Value):
         Annotated[tuple[ConvexPiece, ...], at_most(FRAME_PIECES, "pieces"), NonEmpty] | None,
         Field(exclude_if=lambda given: given is None),
     ] = None
-    """In place of hub and arms: convex pieces; a task file may name the `mesh` that consists of them."""
+    """Convex pieces that replace hub and arms; a task file may name a `mesh` of them."""
     inertia: PositiveVector | None = None
     """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at uniform density."""
 
@@ -130,8 +130,7 @@ class Module(Value):
     body: Body = Body()
     """The rigid parts."""
     bracket: Annotated[Bracket | None, Field(exclude_if=lambda given: given is None)] = None
-    """What holds bolted modules at their angle in the lab kit; stated, the audit judges it beside airflow and
-    rotors."""
+    """The hinge brackets of the lab kit; if given, the audit checks them against airflow and rotors."""
 
     @model_validator(mode="before")
     @classmethod

@@ -78,7 +78,7 @@ class Tolerances(Value):
 
 
 class Task(Value):
-    """A task as a user states it; `resolve` writes every default out for one number of modules."""
+    """A task as a user states it; `resolve` fills in every default for one number of modules."""
 
     name: Annotated[str, AfterValidator(_file_name)]
     """Letters, digits, dots, dashes and underscores; names the run folder."""
@@ -99,11 +99,11 @@ class Task(Value):
     search: Search = Search()
     """What the search may do."""
     flight: Annotated[AskedFlight, Field(exclude_if=lambda given: given == AskedFlight())] = AskedFlight()
-    """What a design must be able to do beyond its load cases; not written where there is nothing."""
+    """What a design must be able to do beyond its load cases; omitted from files if empty."""
     tolerances: Annotated[Tolerances, Field(exclude_if=lambda given: given == Tolerances())] = Tolerances()
-    """Errors in building that the audit reckons with; not written where there are none."""
+    """Build errors that the audit takes into account; omitted from files if there are none."""
     goals: Annotated[Goals, Field(exclude_if=lambda given: given == Goals())] = Goals()
-    """What control effort is weighed against; not written where there is nothing."""
+    """Goals besides control effort; omitted from files if there are none."""
 
     @model_validator(mode="before")
     @classmethod
@@ -309,7 +309,7 @@ class Task(Value):
 
     @property
     def joint_limits(self) -> tuple[float | None, float | None]:
-        """Largest force [N] and moment [N m] in a joint that are asked for; None of what is not."""
+        """Limits of the force [N] and moment [N m] in a joint; None where there is no limit."""
         asked, module = self.flight, self.module
         force = module.joint_force if asked.joint_force == "rated" else asked.joint_force
         return force, module.joint_moment if asked.joint_moment == "rated" else asked.joint_moment
@@ -352,7 +352,7 @@ class Task(Value):
 
 
 class ResolvedTask(Task):
-    """A task for one number of modules that stands alone: no default is left open, load cases are in SI."""
+    """A self-contained task for one number of modules: every default filled in, load cases in SI."""
 
     modules: Count
     load_cases: Annotated[tuple[LoadCase, ...], at_most(LOAD_CASES), NonEmpty]

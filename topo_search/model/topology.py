@@ -1,4 +1,4 @@
-"""A tree of modules: who is bolted to whom, and by which ports.
+"""A tree of modules: which module is bolted to which, and by which ports.
 
 | symbol | meaning | range |
 |---|---|---|
@@ -38,7 +38,7 @@ class Topology:
     """A rooted tree of modules with the ports of every joint, parents before children."""
 
     joints: tuple[Joint, ...]
-    """One (parent, parent_port, child_port) a module, in parent-before-child order."""
+    """One (parent, parent_port, child_port) per module, parents before children."""
 
     def __post_init__(self) -> None:
         """Refuse anything that is not a tree of modules joined at distinct ports."""

@@ -70,7 +70,7 @@ def told(plan: Plan) -> str:
 
 
 class Lines:
-    """Shows a run as plain lines, a few a minute, in a log or a notebook: `search("push", observer=Lines())`."""
+    """Prints progress as plain lines for logs and notebooks: `search("push", observer=Lines())`."""
 
     def __init__(self, tell: Callable[[str], None] = print, words: Words = describe) -> None:
         """Take where lines go.
@@ -86,18 +86,18 @@ class Lines:
         self._last = time.monotonic()
 
     def plan(self, plan: Plan) -> None:
-        """Say what is going to be done."""
+        """Print the plan."""
         self._left.plan(plan, time.monotonic())
         self._tell(told(plan))
 
     def phase(self, phase: Phase) -> None:
-        """Say which stage begins."""
+        """Print the stage that begins."""
         self._phase, self._done = phase, 0
         self._left.begin(phase, time.monotonic())
         self._tell(announced(phase))
 
     def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
-        """Say how far it is, unless that was said lately."""
+        """Print the progress, unless it was printed recently."""
         self._left.step(time.monotonic(), known=known)
         self._done += 1
         now = time.monotonic()

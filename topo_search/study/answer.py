@@ -119,15 +119,15 @@ class LevelAnswer:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a run found."""
+    """The result of a run."""
 
     folder: Path
     sizes: tuple[SizeAnswer, ...]
-    """Smallest first; of a run with goals those of its loosest level."""
+    """Results per size, smallest first; with goals, those of the loosest level."""
     levels: tuple[LevelAnswer, ...] = ()
-    """Of a run with goals, the loosest first."""
+    """Results per level of a run with goals, the loosest first."""
     points: tuple[FrontPoint, ...] = ()
-    """The front of a run with goals, the least effort first."""
+    """The front of a run with goals, least effort first."""
 
     def __str__(self) -> str:
         """Say what was found, or why nothing was."""
@@ -147,7 +147,7 @@ class Answer:
 
     @property
     def idle_goals(self) -> list[str]:
-        """A sentence for each goal of which no level binds."""
+        """A sentence for each goal whose levels do not change the result."""
         best = [[size.best for size in at.sizes if size.best is not None] for at in self.levels]
         least = [min((row.objective for row in rows if row.objective is not None), default=None) for rows in best]
         return idle([(at.level, J) for at, J in zip(self.levels, least, strict=True)], self.points)
@@ -161,7 +161,7 @@ class Answer:
 
     @property
     def smallest(self) -> str:
-        """What is known of fewer modules than the best design has; of a range of sizes without goals."""
+        """What is known about sizes smaller than that of the best design; for a range of sizes without goals."""
         if self.best is None or self.levels or len(self.sizes) == 1:
             return ""
         fewer = [size for size in self.sizes if size.modules < self.best.modules]
@@ -223,14 +223,14 @@ class Answer:
 
     @property
     def shortfalls(self) -> pd.DataFrame:
-        """A row for every constraint that starts of a candidate without a design ended short of."""
+        """A row for every constraint that the starts of a candidate without a design missed."""
         from topo_search.study.frame import shortfalls
 
         return shortfalls(self.folder)
 
     @property
     def solves(self) -> pd.DataFrame:
-        """A row for every solve, in the order of their ends."""
+        """A row for every solve, in the order of completion."""
         from topo_search.study.frame import solves
 
         return solves(self.folder)

@@ -48,7 +48,7 @@ def front(points: Sequence[FrontPoint]) -> pd.DataFrame:
 
 
 def shortfalls(path: Path) -> pd.DataFrame:
-    """Return a row for every constraint that starts of a candidate without a design ended short of.
+    """Return a row for every constraint that the starts of a candidate without a design missed.
 
     A candidate's most frequent constraint is first, `starts` says how many; `violation` is the least of theirs, in
     `unit`; `kind` is the constraint without module numbers. A candidate that is proven impossible was not solved

@@ -33,13 +33,13 @@ GAIN = 1.0e-4
 
 @dataclass(frozen=True)
 class Solved:
-    """What became of one topology."""
+    """The result of solving one topology."""
 
     outcome: Outcome
     audit: Audit | Failed | None
     """None if there is no design."""
     notes: tuple[str, ...]
-    """What did not go straight."""
+    """Remarks, such as audits that were not clear."""
 
     def __str__(self) -> str:
         """Say what was found, or why nothing was."""
