@@ -72,7 +72,7 @@ def _shown(name: str, kept: dict[str, Any] | None) -> str:
 
 def _flight(name: str) -> str:
     """Return the table of a flight that was kept, its plot, and what rotors can do in hover."""
-    result = FlightResult.model_validate_json((KEPT / f"flight-{name}.json").read_text(encoding="utf-8"))
+    result = _kept_flight(name)
     names = ("scenario", "verdict", "error", "tilt", "force error", "at largest thrust", "why")
     head = f"| {' | '.join(names)} |\n{'|---' * len(names)}|"
     rows = "\n".join(_scenario(one) for one in result.scenarios)
@@ -82,6 +82,40 @@ def _flight(name: str) -> str:
     )
     plot = f"![Error, tilt and largest thrust of every flight](../pictures/flight-{name}.png)"
     return f"{head}\n{rows}\n\n{summary}\n\n{plot}"
+
+
+def _flights(*names: str) -> str:
+    """Return a table with a row for all flights of a design, and their largest errors."""
+    columns = (
+        "design",
+        "side force",
+        "back after",
+        "drift in hover",
+        "force error",
+        "at largest thrust",
+        "rotor dies",
+    )
+    head = f"| {' | '.join(columns)} | |\n{'|---' * (len(columns) + 1)}|"
+    return "\n".join([head, *(_all_of(name, _kept_flight(name)) for name in names)])
+
+
+def _all_of(name: str, result: FlightResult) -> str:
+    by_name = {one.name: one for one in result.scenarios}
+    back = [one.settled_s for one in result.scenarios if one.name.startswith("return")]
+    off = [one.force_error_share for one in result.scenarios if one.force_error_share is not None]
+    limit = max(one.saturated_share or 0.0 for one in result.scenarios)
+    cells = (
+        *(name, f"{100 * result.weakest_force_share:.2g} % of the weight"),
+        "never" if None in back else f"{max(s or 0.0 for s in back):.2g} s",
+        f"{100 * (by_name['hover'].drift_m or 0.0):.2f} cm",
+        f"{100 * max(off):.1f} %" if off else "not flown",
+        *(f"{100 * limit:.1f} % of the time", result.scenarios[-1].verdict, f"**{result.verdict}**"),
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def _kept_flight(name: str) -> FlightResult:
+    return FlightResult.model_validate_json((KEPT / f"flight-{name}.json").read_text(encoding="utf-8"))
 
 
 def _scenario(one: ScenarioResult) -> str:
@@ -99,5 +133,7 @@ GENERATED = {
     "task file": _task_file,
     "gallery": _gallery,
     "flight of push": partial(_flight, "push-a70010"),
-    "flight of wall press": partial(_flight, "wall-press"),
+    "flight of wall-push": partial(_flight, "wall-push"),
+    "flights without reserves": partial(_flights, "push-a70010", "wall-push-without-reserves"),
+    "flights of examples": partial(_flights, "wall-push", "window-cleaning", "survives-a-rotor"),
 }

@@ -10,16 +10,20 @@ import pytest
 from click.testing import CliRunner
 from export_cases import random_design
 from PIL import Image
+from scipy.optimize import lsq_linear
 
 from topo_search.cli import main
 from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
 from topo_search.model.force_cone import ForceCone
-from topo_search.simulation.campaign import fly_all, plan
+from topo_search.model.reserves import AskedFlight
+from topo_search.simulation.authority import load_factor
+from topo_search.simulation.campaign import CORNERS, fly_all, plan
 from topo_search.simulation.fly import Options
-from topo_search.simulation.plant import Errors
+from topo_search.simulation.plant import Errors, nominal
 from topo_search.simulation.result import FlightResult
-from topo_search.simulation.scenarios import unbalanced
+from topo_search.simulation.scenarios import Scenario, unbalanced
+from verify.kinematics import platform
 
 
 @pytest.fixture
@@ -211,3 +215,49 @@ def test_every_corner_of_a_set_of_wrenches_is_flown(wall_press: Design) -> None:
     assert "rotors could not produce" in out_of_reach.reason
     assert falling.reason.startswith("not a steady flight")
     assert falling.reason.endswith("; nor are its 2 corners")
+
+
+def test_of_many_corners_those_are_flown_that_can_grow_least(wall_press: Design) -> None:
+    task = wall_press.task
+    weight = Wrench(force=(0.0, 0.0, task.force_unit(5)))
+    pushes = [(0.1 * (1 + k), 0.0, 0.0) for k in range(9)] + [(0.0, 0.1 * (1 + k), 0.0) for k in range(9)]
+    hull = LoadCase(units="SI", com=weight, vertices=tuple(Wrench(force=force) for force in pushes))
+    asked = wall_press.model_copy(update={"task": task.model_copy(update={"load_cases": (hull, hull)})})
+    planned = [each for each in plan(asked, 0, False) if each.name.startswith("load case")]
+    flown = [each for each in planned if isinstance(each, Scenario)]
+    assert len(flown) == CORNERS
+    left = [each for each in planned if each.name.endswith("other corners")]
+    assert {each.verdict for each in left} == {"not flown"}
+    assert sum(int(each.name.split()[3]) for each in left) == 36 - CORNERS
+    assert "12 corners of all load cases with the least load factors" in left[0].reason
+
+    known, at = nominal(asked), platform(asked)
+
+    def can(force: np.ndarray) -> bool:
+        wrench = np.array([*force, *np.cross(at.p_e - known.com, force)])
+        wrench[2] += known.weight
+        return lsq_linear(known.B / known.weight, wrench / known.weight, (0, known.largest_thrust)).cost < 1e-10
+
+    growths = []
+    for force in map(np.array, pushes):
+        growth = load_factor(known, np.array([*force, *np.cross(at.p_e - known.com, force)]))
+        assert (can(0.99 * growth * force), can(1.01 * growth * force)) == (True, False)
+        growths += [growth, growth]  # of both load cases
+    limit = sorted(growths)[CORNERS - 1]
+    for each in flown:
+        assert load_factor(known, known.about_com(each.exerted)) <= limit * (1 + 1e-9)
+
+
+def test_a_death_counts_where_the_task_or_the_command_asks_for_it(wall_press: Design) -> None:
+    task = wall_press.task
+    asking = task.model_copy(update={"flight": AskedFlight(rotor_out="hover")})
+    for asked, rotor_out, counts in ((task, False, False), (task, True, True), (asking, False, True)):
+        design = wall_press.model_copy(update={"task": asked})
+        *_, dies = plan(design, 7, rotor_out)
+        assert (dies.name, dies.counts) == ("rotor 3 of module 1 dies", counts)
+
+
+def test_who_cannot_hover_can_add_nothing() -> None:
+    known = nominal(random_design(Topology.from_key("a0"), 1))
+    assert load_factor(known, np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])) == 0.0
+    assert load_factor(known, np.zeros(6)) == np.inf

@@ -46,7 +46,9 @@ LARGEST_ERROR = 0.5
     help="Relative standard deviation of masses and thrusts from the controller's model.",
 )
 @click.option(
-    "--rotor-out", is_flag=True, help="Require that a rotor failure is survived; otherwise it is only reported."
+    "--rotor-out",
+    is_flag=True,
+    help="Require that a rotor failure is survived, as with `flight.rotor_out`; otherwise it is only reported.",
 )
 @click.option(
     "--only", multiple=True, metavar="NAME", help="Fly only scenarios whose name starts with NAME (repeatable)."
@@ -66,9 +68,9 @@ def fly(
     """Fly a design in closed-loop simulation with rotor limits, motor lag and noise.
 
     Scenarios: hover; recovery from an offset of 10 cm and 10 degrees on four sides; a gust; every load case that
-    carries the weight, with its load at the end-effector and, if it pushes, against a wall; every corner of its
-    cone and vertices, with its load at the end-effector; a rotor failure. Load cases that are not a steady flight
-    are reported as such. The simulation has no downwash and does not change the audit; `report DESIGN.json
+    carries the weight, with its load at the end-effector and, if it pushes, against a wall; the weakest corners of
+    its cone and vertices, with their load at the end-effector; a rotor failure. Load cases that are not a steady
+    flight are reported as such. The simulation has no downwash and does not change the audit; `report DESIGN.json
     --flight DIR` shows its result on a page. Needs the extra `sim`.
 
     Exit status: 0 all scenarios held; 1 some did not; 2 bad input, or the extra is missing.
@@ -102,7 +104,7 @@ def _fly(
     only: tuple[str, ...],
 ) -> FlightResult:
     """Fly, and write the files; ModuleNotFoundError names a library that is missing."""
-    from topo_search.model.files import to_json, write_atomically
+    from topo_search.model.files import write_atomically
     from topo_search.simulation import files
     from topo_search.simulation.campaign import fly_all
     from topo_search.simulation.fly import Options
@@ -119,10 +121,7 @@ def _fly(
         watch=lambda scenario: None if film is None else film.watch(scenario.name),
     )
     if out is not None:
-        write_atomically(out / "flight.csv", files.course(campaign.flown))
-        if campaign.flown:
-            write_atomically(out / "flight.png", files.plot(campaign.flown, campaign.result))
-        write_atomically(out / "flight.json", to_json(campaign.result))
+        files.write_flight(campaign, out)
     if video is not None and film is not None:
         write_atomically(video, film.gif())
     return campaign.result

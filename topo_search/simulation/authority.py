@@ -22,20 +22,28 @@ def weakest_force(nominal: Nominal) -> tuple[float, Array]:
 
     Of DIRECTIONS evenly spaced ones; each is a linear program over the thrusts.
     """
-    N, W = nominal.B.shape[1], nominal.weight
-    hover = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    scale = np.repeat([1.0, nominal.arm], 3) * W
     found = []
     for k in range(DIRECTIONS):
         angle = 2 * math.pi * k / DIRECTIONS
         d = np.array([math.cos(angle), math.sin(angle), 0.0])
-        A = np.column_stack([nominal.B * nominal.largest_thrust / scale[:, None], -np.append(d, np.zeros(3))])
-        answer = linprog(
-            np.append(np.zeros(N), -1.0), A_eq=A, b_eq=hover, bounds=[(nominal.least_share, 1)] * N + [(0, None)]
-        )
-        found.append((W * float(answer.x[-1]) if answer.status == 0 else 0.0, k, d))
+        found.append((load_factor(nominal, np.append(d, np.zeros(3))), k, d))
     force, _, d = min(found, key=lambda one: one[:2])
     return force, d
+
+
+def load_factor(nominal: Nominal, wrench: Array) -> float:
+    """Return the largest factor of a wrench about the COM, (6,), that can be added to hover; inf of no wrench."""
+    if not wrench.any():
+        return math.inf
+    N, W = nominal.B.shape[1], nominal.weight
+    hover = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    scale = np.repeat([1.0, nominal.arm], 3) * W
+    size = float(np.linalg.norm(wrench / scale))
+    A = np.column_stack([nominal.B * nominal.largest_thrust / scale[:, None], -wrench / scale / size])
+    answer = linprog(
+        np.append(np.zeros(N), -1.0), A_eq=A, b_eq=hover, bounds=[(nominal.least_share, 1)] * N + [(0, None)]
+    )
+    return float(answer.x[-1]) / size + 0.0 if answer.status == 0 else 0.0  # never -0.0
 
 
 def hover_shortfall(nominal: Nominal, dead: int | None = None) -> tuple[float, float]:

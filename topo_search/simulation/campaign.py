@@ -9,19 +9,23 @@ from importlib.metadata import version
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.load_case import labels
-from topo_search.simulation.authority import MET, hardest_rotor, hover_shortfall, weakest_force
+from topo_search.simulation.authority import MET, hardest_rotor, hover_shortfall, load_factor, weakest_force
 from topo_search.simulation.fly import Options, Track, Watch, fly, judged
 from topo_search.simulation.plant import Nominal, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
 from topo_search.simulation.scenarios import (
     Scenario,
     dead_rotor,
+    exerted_by,
     gust,
     held,
     held_at_tip,
     hovering,
     unbalanced,
 )
+
+CORNERS = 12
+"""Most corners of cones and vertices that are flown, which takes a second or two each."""
 
 Flown = tuple[Scenario, Track]
 
@@ -48,7 +52,7 @@ def fly_all(
     Args:
         design: the design.
         options: how.
-        rotor_out: whether the death of a rotor has to be survived.
+        rotor_out: whether the death of a rotor has to be survived even if the task does not ask for it.
         only: beginnings of the names of scenarios; none: all.
         tell: is told of every scenario as it ends.
         watch: returns what watches a scenario.
@@ -111,20 +115,37 @@ def plan(design: Design, rotor: int, rotor_out: bool) -> list[Scenario | Scenari
     Args:
         design: the design.
         rotor: the one that dies.
-        rotor_out: whether its death has to be survived.
+        rotor_out: whether its death has to be survived even if the task does not ask for it.
     """
     planned: list[Scenario | ScenarioResult] = [*hovering(), gust()]
     solid = any(region.solid for region in design.task.exposure)
-    for name, case in zip(labels(design.task.load_cases), design.task.load_cases, strict=True):
+    weakest = _weakest_corners(design)
+    for k, (name, case) in enumerate(zip(labels(design.task.load_cases), design.task.load_cases, strict=True)):
         if (why := unbalanced(design, case)) is not None:
             also = f"; nor are its {len(case.corners)} corners" if case.corners else ""
             planned.append(ScenarioResult(name=name, verdict="not flown", reason=why + also))
             continue
         planned += held(name, case, solid=solid) or [_as_hover(name)]
-        for number, corner in enumerate(case.corners):  # of a contact no wall is known but that of the case
+        chosen = [number for number in range(len(case.corners)) if (k, number) in weakest]
+        for number in chosen:  # of a contact no wall is known but that of the case
             called = f"{name}, corner {number}"
-            planned.append(held_at_tip(called, corner) or _as_hover(called))
-    return [*planned, dead_rotor(rotor, counts=rotor_out)]
+            planned.append(held_at_tip(called, case.corners[number]) or _as_hover(called))
+        if others := len(case.corners) - len(chosen):
+            why = f"only the {CORNERS} corners of all load cases with the least load factors are flown"
+            planned.append(ScenarioResult(name=f"{name}, {others} other corners", verdict="not flown", reason=why))
+    asked = design.task.flight.rotor_out != "none"
+    return [*planned, dead_rotor(rotor, counts=rotor_out or asked)]
+
+
+def _weakest_corners(design: Design) -> set[tuple[int, int]]:
+    """Return the corners that are flown, as load case and number: those that can grow least."""
+    known = nominal(design)
+    found = []
+    for k, case in enumerate(design.task.load_cases):
+        if unbalanced(design, case) is None:
+            loads = [known.about_com(exerted_by(corner)) for corner in case.corners]
+            found += [(load_factor(known, load), k, number) for number, load in enumerate(loads)]
+    return {(k, number) for _, k, number in sorted(found)[:CORNERS]}
 
 
 def _as_hover(name: str) -> ScenarioResult:

@@ -15,7 +15,8 @@ from topo_search.export.poses import poses
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.csv_text import csv_text
 from topo_search.model.design import Design
-from topo_search.simulation.campaign import Flown
+from topo_search.model.files import to_json, write_atomically
+from topo_search.simulation.campaign import Campaign, Flown
 from topo_search.simulation.fly import Watch
 from topo_search.simulation.plant import Plant
 from topo_search.simulation.result import FlightResult
@@ -28,6 +29,14 @@ WIDTH, HEIGHT = 400, 300
 """Of a frame [pixels]."""
 FILMED = ("return from +x", "load case", "rotor")
 """Scenarios that are filmed, by the beginnings of their names."""
+
+
+def write_flight(campaign: Campaign, folder: Path) -> None:
+    """Write flight.csv, flight.png where anything was flown, and last flight.json; make the folder if need be."""
+    write_atomically(folder / "flight.csv", course(campaign.flown))
+    if campaign.flown:
+        write_atomically(folder / "flight.png", plot(campaign.flown, campaign.result))
+    write_atomically(folder / "flight.json", to_json(campaign.result))
 
 
 def course(flown: Sequence[Flown]) -> str:
@@ -50,7 +59,8 @@ def plot(flown: Sequence[Flown], result: FlightResult) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 1.7 * len(flown) + 0.6), layout="constrained")
+    figure = Figure(figsize=(11, 1.9 * len(flown) + 0.6), layout="constrained")
+    figure.suptitle("flight in simulation; grey: not judged; dashed: limit", fontsize=9)
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(flown), 3, squeeze=False, sharex="row")
     verdicts = {one.name: one for one in result.scenarios}
@@ -64,10 +74,10 @@ def plot(flown: Sequence[Flown], result: FlightResult) -> bytes:
             axis.axhline(limit, color=palette.END_EFFECTOR, linewidth=0.8, linestyle="--")
             axis.axvspan(0, scenario.judged_from, color="0.93")
             axis.set_ylabel(name, fontsize=8)
-            axis.set_ylim(bottom=0)
+            axis.set_ylim(0, 1.05 * max(limit, float(curve.max())))
             axis.tick_params(labelsize=8)
         row[0].set_title(f"{scenario.name}: {verdicts[scenario.name].verdict}", fontsize=9, loc="left")
-    axes[-1][1].set_xlabel("time [s]; grey: not judged; dashed: limit", fontsize=8)
+        row[1].set_xlabel("time [s]", fontsize=8)
     text = io.BytesIO()
     figure.savefig(text, format="png", dpi=110, metadata={"Software": None})
     return text.getvalue()

@@ -18,7 +18,7 @@ import numpy as np
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.simulation.controller import Allocator, Bandwidths, Controller, Reference
-from topo_search.simulation.plant import LAG, STEP, Errors, Plant, cross
+from topo_search.simulation.plant import LAG, STEP, Errors, Nominal, Plant
 from topo_search.simulation.result import ScenarioResult
 from topo_search.simulation.scenarios import APPROACH, RAMP, TILT, Scenario, gust_wrench
 
@@ -84,7 +84,7 @@ def fly(
     track = Track()
     for k in range(round(scenario.seconds / (EVERY * STEP))):
         t = k * EVERY * STEP
-        reference = _reference(scenario, home, t, nominal.tip)
+        reference = _reference(scenario, home, t, nominal)
         dead = scenario.dead if scenario.dead is not None and t >= scenario.dead_at else None
         if dead is not None and t >= scenario.dead_at + TOLD:
             allocator.bury(dead)
@@ -171,11 +171,10 @@ def _settled(t: Array, within: Array) -> float | None:
     return None if outside[-1] == len(t) - 1 else float(t[outside[-1] + 1])
 
 
-def _reference(scenario: Scenario, home: Array, t: float, tip: Array) -> Reference:
+def _reference(scenario: Scenario, home: Array, t: float, nominal: Nominal) -> Reference:
     """Return where the platform is to be, and what it is to exert."""
     share = float(np.clip((t - scenario.ramp_at) / RAMP, 0.0, 1.0))
-    f, tau = share * scenario.exerted[:3], share * scenario.exerted[3:]
-    wrench = np.concatenate([f, tau + cross(tip, f)])
+    wrench = nominal.about_com(share * scenario.exerted)
     if scenario.wall is None:
         return Reference(home, wrench, np.zeros(3))
     ahead = min(SPEED * t, APPROACH)

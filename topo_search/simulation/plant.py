@@ -71,6 +71,10 @@ class Nominal:
         """m g [N]."""
         return self.mass * self.gravity
 
+    def about_com(self, at_tip: Array) -> Array:
+        """Return a wrench at the end-effector, (6,), as one about c in the pose of the task."""
+        return np.concatenate([at_tip[:3], at_tip[3:] + cross(self.tip, at_tip[:3])])
+
 
 @dataclass(frozen=True)
 class Wall:

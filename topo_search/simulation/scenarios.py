@@ -102,9 +102,14 @@ def unbalanced(design: Design, case: LoadCase) -> str | None:
     return "not a steady flight: nothing reacts the torque at the centre of mass"
 
 
+def exerted_by(case: LoadCase) -> Array:
+    """Return what a load case exerts at the end-effector, (6,)."""
+    return np.array([*case.at_end_effector.force, *case.at_end_effector.torque])
+
+
 def held_at_tip(name: str, case: LoadCase) -> Scenario | None:
     """Return a load case held against a load on the end-effector; None if it has none."""
-    wrench = np.array([*case.at_end_effector.force, *case.at_end_effector.torque])
+    wrench = exerted_by(case)
     return Scenario(name, 6.0, 3.5, exerted=wrench) if wrench.any() else None
 
 

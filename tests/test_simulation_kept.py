@@ -1,0 +1,55 @@
+"""The flights that the documentation shows: of the designs that they name, as flown today, as claimed of them."""
+
+from pathlib import Path
+
+import pytest
+
+from topo_search.model import Design
+from topo_search.model.files import read_json
+from topo_search.simulation.campaign import fly_all
+from topo_search.simulation.fly import Options
+from topo_search.simulation.result import FlightResult, digest_of
+
+ROOT = Path(__file__).parents[1]
+HELD = ("wall-push", "window-cleaning", "survives-a-rotor")
+FAILING = ("push-a70010", "wall-push-without-reserves")
+
+
+def kept(name: str) -> tuple[Design, FlightResult]:
+    design = read_json(Design, ROOT / f"tests/designs/{name}.json")
+    return design, read_json(FlightResult, ROOT / f"notebooks/results/flight-{name}.json")
+
+
+@pytest.mark.parametrize("name", [*HELD, *FAILING])
+def test_they_are_of_their_designs_and_of_this_simulation(name: str) -> None:
+    design, told = kept(name)
+    assert told.design == digest_of(design)
+    (again,) = fly_all(design, Options(), only=("return from +y",)).result.scenarios
+    (before,) = (one for one in told.scenarios if one.name == again.name)
+    assert again.verdict == before.verdict
+    assert again.drift_m == pytest.approx(before.drift_m, rel=0.05, abs=1e-4)
+    assert again.saturated_share == pytest.approx(before.saturated_share, abs=0.01)
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_designs_of_examples_come_back_stand_still_push_and_survive(name: str) -> None:
+    _, told = kept(name)
+    by_name = {one.name: one for one in told.scenarios}
+    assert by_name["hover"].drift_m < 0.01
+    assert all(by_name[f"return from {side}"].settled_s < 3 for side in ("+x", "+y", "-x", "-y"))
+    pushes = [one for one in told.scenarios if one.force_error_share is not None]
+    assert any(one.name.endswith("wall") for one in pushes)
+    assert all(one.force_error_share < 0.05 for one in pushes)
+    assert all((one.saturated_share or 0.0) <= 0.05 for one in told.scenarios)
+    dies = told.scenarios[-1]
+    assert (dies.name.endswith("dies"), dies.counts, dies.verdict) == (True, True, "held")
+    assert told.verdict == "held"
+
+
+@pytest.mark.parametrize("name", FAILING)
+def test_designs_without_reserves_fail_and_the_table_says_why(name: str) -> None:
+    _, told = kept(name)
+    assert told.verdict == "not held"
+    back = [one for one in told.scenarios if one.name.startswith("return")]
+    assert any(one.verdict == "not held" and "rotors could not produce" in one.reason for one in back)
+    assert told.weakest_force_share < 0.02
