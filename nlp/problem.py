@@ -98,13 +98,12 @@ class Problem:
     """Bounds on the variables, in the order of `variables.vector()`; hinges have closer ones from a start on."""
 
 
-def problem(task: ResolvedTask, topology: Topology, *, beside_airflow: bool = True) -> Problem:
+def problem(task: ResolvedTask, topology: Topology) -> Problem:
     """Return the nonlinear program of a task for one topology.
 
     Args:
         task: the task.
         topology: the tree.
-        beside_airflow: whether (6) and (8) are stated; most points that meet all others meet them.
     """
     n, K = topology.n, len(task.load_cases)
     module, unit = task.module, Units.of(task)
@@ -147,10 +146,9 @@ def problem(task: ResolvedTask, topology: Topology, *, beside_airflow: bool = Tr
 
     # (4)-(9) clearances
     for requirement in clearances(task, topology):
-        if beside_airflow or not requirement.beside:
-            for name, subject, formula in requirement.rows():
-                gap = formula.smooth([seen.at(platform, subject) for seen in formula.sees], beta)
-                constraints.append(Constraint(name, gap, requirement.margin))
+        for name, subject, formula in requirement.rows():
+            gap = formula.smooth([seen.at(platform, subject) for seen in formula.sees], beta)
+            constraints.append(Constraint(name, gap, requirement.margin))
 
     # (10) bounds
     return Problem(variables, beta, objective, constraints, *variable_bounds(task, topology))

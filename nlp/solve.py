@@ -16,7 +16,6 @@ from nlp.numbers.evaluate import Violation
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints
 from nlp.programs.ipopt import IpoptResult
-from nlp.programs.program import program
 from nlp.reduced.expressed import reason_against
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start
@@ -40,10 +39,13 @@ def default_starts(task: Task) -> int:
 
 
 def prepare(task: Task, tell: Callable[[str], None]) -> None:
-    """Compile what solving a task takes, so that no worker has to; `tell` is told if that takes a while.
+    """Compile what solving a task takes, so that no worker has to.
 
-    Where compiled code cannot be kept every process compiles for itself.
+    `tell` is told if that takes a while, and why a task is solved without the reduced search. Where compiled code
+    cannot be kept every process compiles for itself.
     """
+    if reason := reason_against(task.resolve(max(task.sizes))):
+        tell(f"without the reduced search: {reason}")
     least = task.resolve(min(task.sizes))
     if reason_against(least) is None:
         from nlp.reduced.compiled import prepare as compile_reduced
@@ -131,14 +133,11 @@ def _placed(
     own: OwnConstraints,
 ) -> list[Trial]:
     """Return the trials of Ipopt on the whole problem, from placed starts."""
+    from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
+
     plain, found = without_corners(task), []
-    ready = program(plain, topology, own)
 
     def solved(point: Point, limits: Limits | None) -> IpoptResult:
-        if point.task is plain and limits is None:
-            return ready.solve(point)
-        from nlp.assembled import AssembledProgram  # compiled code, which small platforms need not load
-
         return AssembledProgram(point.task, topology, own, limits).solve(point)
 
     draws: list[tuple[int, Callable[..., Point]]]

@@ -7,8 +7,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from nlp.assembled import AssembledProgram
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.programs.program import program
 from nlp.starts.random_starts import draw, generator
 from nlp.trial import Trial
 from topo_search.model import Design, Infeasible, ResolvedTask, Task, Topology
@@ -174,7 +174,7 @@ def solved(result: Design | Infeasible) -> Design:
 
 def placed(task: ResolvedTask, topology: Topology, starts: int) -> Trial:
     """The best of some starts from which Ipopt solves the whole problem, without the reduced search."""
-    ready = program(task, topology)
+    ready = AssembledProgram(task, topology)
     origins = [draw(task, topology, generator(task, topology, s, 0)) for s in range(starts)]
     found = [Trial.of(s, origin, ready.solve(origin)) for s, origin in enumerate(origins)]
     return min(found, key=lambda trial: trial.rank)

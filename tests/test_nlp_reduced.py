@@ -7,26 +7,24 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import FEATURES, push, random_point, random_tree
-from scipy.optimize import lsq_linear
+from nlp_cases import BOX, FEATURES, WEDGE, push, random_point, random_tree
+from scipy.optimize import lsq_linear, minimize_scalar, nnls
 
 from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.reduced import kinds as s
 from nlp.reduced.corners import always
+from nlp.reduced.gaps import off_hull
 from nlp.reduced.merit import evaluate
 from nlp.reduced.stated import rows, state
-from nlp.requirements import clearances
+from nlp.requirements import clearances, exposure
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from nlp.units import Units
-from topo_search.model import LoadCase
+from topo_search.model import LoadCase, Topology
 
 SHARP = 1e8
 """Sharpness at which the printed problem's smooth minimum is the least of its candidates."""
 RHO = 300.0
-LONGER = ("box", "convex region", "solid cone", "solid path along the end-effector", "solid convex region")
-"""What the compiled search has no rows for."""
-COMPILED = {name: fields for name, fields in FEATURES.items() if name not in LONGER}
 
 
 def unknowns(task, topology, point):
@@ -86,10 +84,10 @@ def awkward_points(task, topology, rng):
         yield Point(task, topology, point.root, angles(topology.n - 1), 0.2 * point.p_E, point.u)
 
 
-@pytest.mark.parametrize("name", COMPILED)
+@pytest.mark.parametrize("name", FEATURES)
 def test_clearances_are_those_of_the_page(name):
     rng = np.random.default_rng(1)
-    task = push(4, **COMPILED[name])
+    task = push(4, **FEATURES[name])
     for _ in range(3):
         topology = random_tree(4, rng, aligned=True)
         stated, listed = state(task, topology), list(rows(task, topology))
@@ -100,9 +98,14 @@ def test_clearances_are_those_of_the_page(name):
             assert {row.name for row in listed} == set(page)
             for row, g in zip(listed, found, strict=True):
                 values = page[row.name]
-                if row.kind in (s.PARTS_CONE, s.PARTS_CAPSULE):
+                if row.kind >= s.PARTS_CONE:
                     assert g == pytest.approx(exact[row.name], abs=1e-6)
                     assert (min(values) > 0) == (g > 0) or abs(g) < 0.05
+                    continue
+                if row.kind == s.HULL:
+                    assert (g > 0) == (exact[row.name] > 0) or abs(g) < 1e-6
+                    assert g < 0 or values[1] > 0.0  # the centre is outside
+                    assert (g > 0) == (min(values) > 0) or abs(g) < 0.05
                     continue
                 if row.kind in (s.CONE, s.CONE_COM):
                     assert g == pytest.approx(values[int(row.data[3])], abs=1e-4)
@@ -112,10 +115,10 @@ def test_clearances_are_those_of_the_page(name):
                 assert g <= most + 3e-5 or (math.isinf(g) and least > 8.0)
 
 
-@pytest.mark.parametrize("name", COMPILED)
+@pytest.mark.parametrize("name", FEATURES)
 def test_derivatives_are_those_of_the_values(name):
     rng = np.random.default_rng(2)
-    task, h = push(4, **COMPILED[name]), 1e-6
+    task, h = push(4, **FEATURES[name]), 1e-6
     for _ in range(3):
         topology = random_tree(4, rng, aligned=True)
         x = unknowns(task, topology, random_point(task, topology, rng))
@@ -176,3 +179,69 @@ def test_a_case_of_next_to_no_weight_still_has_inputs():
     here = evaluated(task, topology, np.array([0.1, 0.2, 0.0, 0.3, 5.0, 0.0, 0.0]), rho=1e4)
     assert np.isfinite(here.V)
     assert np.all(np.isfinite(here.mu))
+
+
+def outside(P, corners):
+    """The distance of a point from the hull of corners, by least squares over their mixtures."""
+    heavy = 1e4  # what the mixture's sum is held to one with
+    mixed = np.vstack([corners.T, heavy * np.ones(len(corners))])
+    weights, _ = nnls(mixed, np.append(P, heavy))
+    return np.linalg.norm(corners.T @ (weights / weights.sum()) - P)
+
+
+@pytest.mark.parametrize("region", [BOX, WEDGE], ids=["box", "wedge"])
+def test_an_envelope_and_a_hull_are_as_far_apart_as_their_nearest_points(region):
+    rng, compared = np.random.default_rng(4), 0
+    (formula,) = next(exposure(push(1, exposure=[region]))).formulas
+    hull = formula.kernels()[0].hull
+    a, b = hull.corners[hull.edges].transpose(1, 0, 2)
+    d, r_0, dr = np.array([0.3, -1.0, 4.0]), 0.7, 0.5
+    for _ in range(40):
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        w, axis = rng.normal(size=3) * 3, turn @ d
+        g, _, *slope = off_hull(tuple(w), tuple(axis), r_0, dr, hull.planes, np.column_stack([a, b - a]))
+
+        def f(at, w=w, axis=axis):
+            return outside(w + at * axis, hull.corners) ** 2 - (r_0 + at * dr) ** 2
+
+        grid = np.linspace(0.0, 1.0, 101)
+        apart = [outside(w + at * axis, hull.corners) for at in grid]
+        k = int(np.argmin([f(at) for at in grid]))
+        bounds = grid[max(0, k - 1)], grid[min(100, k + 1)]
+        least = min(
+            minimize_scalar(f, bounds=bounds, method="bounded", options={"xatol": 1e-10}).fun, f(0.0), f(1.0)
+        )
+        R = r_0 + dr
+        if min(apart) > 1e-3:
+            assert g == pytest.approx(math.sqrt(least + R * R) - R, abs=1e-6)
+            step = 1e-6 * rng.normal(size=3)
+            moved, *_ = off_hull(tuple(w + step), tuple(axis), r_0, dr, hull.planes, np.column_stack([a, b - a]))
+            assert moved - g == pytest.approx(slope @ step, abs=1e-10)
+            compared += 1
+        elif min(apart) < 1e-6:
+            assert g <= -R
+            height = hull.planes[:, :3] @ np.array([w, w + axis]).T - hull.planes[:, 3:]
+            assert g == pytest.approx(height.min(axis=1).max() - R, abs=1e-12)
+    assert compared > 10
+
+
+@pytest.mark.parametrize("region", [BOX, WEDGE], ids=["box", "wedge"])
+def test_an_axis_in_a_hull_leaves_it_by_the_row_that_it_has(region):
+    """Deep inside, where the page has no slope that leads out: going uphill ends outside."""
+    task, topology = push(1, exposure=[region]), Topology.from_key("a0")
+    stated = state(task, topology)
+    place = next(r for r, kind in enumerate(stated.rows.kind) if kind == s.HULL)
+    rng, entered = np.random.default_rng(4), 0
+    for _ in range(20):
+        x = unknowns(task, topology, random_point(task, topology, rng))
+        x[3:6] = rng.normal(size=3) * 0.3  # p'_E, about which the region is, next to the module
+        here = evaluated(task, topology, x)
+        entered += here.g[place] < -(stated.air[1] + stated.air[2])
+        for _ in range(200):
+            if here.g[place] >= 0:
+                break
+            slope = here.J[place]
+            x = x + 0.05 * slope / np.linalg.norm(slope)
+            here = evaluated(task, topology, x)
+        assert here.g[place] >= 0
+    assert entered > 5

@@ -8,6 +8,7 @@ from nlp_cases import FEATURES, push, random_point, random_tree
 from nlp.numbers.evaluate import violations
 from nlp.problem import problem
 from nlp.reduced.expressed import reason_against
+from nlp.reduced.stated import rows
 from nlp.requirements import clearances
 
 SHARP = 1e8
@@ -50,14 +51,14 @@ def test_the_printed_problem_and_the_evaluation_have_the_same_constraints_in_the
 
 
 @pytest.mark.parametrize("name", FEATURES)
-def test_what_has_no_compiled_rows_is_solved_the_longer_way(name):
+def test_the_reduced_search_expresses_all_that_a_task_can_ask_for(name):
     task = push(4, **FEATURES[name])
+    assert len(task.folds(task.search.margin)) == 1
+    assert reason_against(task) is None
     topology = random_tree(4, np.random.default_rng(2), aligned=True)
-    formulas = [formula for requirement in clearances(task, topology) for formula in requirement.formulas]
-    if not all(formula.kernels() for formula in formulas):
-        assert reason_against(task) is not None
-    elif len(task.folds(task.search.margin)) == 1:
-        assert reason_against(task) is None
+    assert {row.name for row in rows(task, topology)} == {
+        name for requirement in clearances(task, topology) for name, *_ in requirement.rows()
+    }
 
 
 def test_statements_of_equal_tasks_share_their_derivatives():

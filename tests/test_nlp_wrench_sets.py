@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 from verify_cases import design
 
 from nlp import lower_bound, prove_impossible, solve
-from nlp.programs.program import program
+from nlp.assembled import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Status, Topology
 from topo_search.model.corners import cornered
@@ -61,7 +61,7 @@ def test_it_is_the_task_whose_corners_are_load_cases_without_weight() -> None:
     written = push(5, load_cases=[one, HOVER, *listed])
     assert lower_bound(task) == pytest.approx(lower_bound(written), rel=1e-12)
     start = draw(written, TREE, generator(written, TREE, 0, seed=0))
-    ends = [program(t, TREE).solve(replace(start, task=t)).point for t in (cornered(task), written)]
+    ends = [AssembledProgram(t, TREE).solve(replace(start, task=t)).point for t in (cornered(task), written)]
     assert ends[0].pack() == pytest.approx(ends[1].pack(), abs=1e-9)
 
 

@@ -1,4 +1,4 @@
-"""The problem of `nlp.problem` evaluated without one large graph, for platforms of many modules.
+"""The problem of `nlp.problem` as a program for Ipopt, evaluated without one large graph.
 
 Nothing is built but index arrays: poses, and wrenches with their derivatives, follow the kinematic chain (`chain`,
 `balance`), every clearance is a function of a few local vectors (`local_vectors`, `kkt_candidates`, `terms`) whose

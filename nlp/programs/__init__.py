@@ -1,1 +1,1 @@
-"""The printed problem as a nonlinear program, and Ipopt."""
+"""Ipopt: its options, what it answers, and the room that it needs."""

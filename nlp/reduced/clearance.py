@@ -20,6 +20,7 @@ import math
 
 from numba import njit
 
+from nlp.reduced.gaps import FAR, LEAST_DISTANCE, Vector, beyond_a_face, off_hull, swept
 from nlp.reduced.kinds import (
     AIR,
     ALONG,
@@ -28,21 +29,19 @@ from nlp.reduced.kinds import (
     CAPSULE,
     CONE_COM,
     EXCLUSION,
+    HULL,
     OFFSET,
     PARTS,
+    PARTS_ALONG,
     PARTS_CAPSULE,
     PARTS_CONE,
+    PARTS_CONE_COM,
+    PARTS_HULL,
 )
 from nlp.reduced.platform import Platform
 from nlp.reduced.stated import Stated
 from topo_search.model.arrays import Array
 
-FLAT = 1e-9
-"""Share of its largest value under which a determinant or a coefficient of f counts as zero."""
-LEAST_DISTANCE = 1e-9
-"""Where two points coincide their distance has no direction [l_arm]."""
-FAR = 8.0
-"""Envelopes at least so far apart are not looked at closer [l_arm]."""
 P_I, Z_I, P_J, Z_J, TIP, OFFSET_B, TURN_I = range(7)
 """The vectors that a row depends on: p_i, z_i, p_j, z_j, p'_E, p_E, and small turns of module i."""
 
@@ -79,17 +78,26 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
         if kind == EXCLUSION:
             g[r] = _distance(px - ex, py - ey, pz - ez, by, r, P_I, TIP) - size
             continue
-        if kind in (PARTS_CONE, PARTS_CAPSULE):
+        if kind >= PARTS_CONE:
             g[r], w = math.inf, (px - ex - data[r, 6], py - ey - data[r, 7], pz - ez - data[r, 8])
+            a0, a1, a2, still, turns = data[r, 0], data[r, 1], data[r, 2], (0.0, 0.0, 0.0), 0.0
+            if kind in (PARTS_CONE_COM, PARTS_ALONG):  # what of the gradient lies across p_E turns axis and path
+                turns = -1.0 if kind == PARTS_CONE_COM else data[r, 0]
+                a0, a1, a2 = turns * bx / offset, turns * by_ / offset, turns * bz / offset
             for b in range(len(parts)):
                 x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
                 c0 = R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * zz
                 c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
                 c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
                 q0, q1, q2 = w[0] + c0, w[1] + c1, w[2] + c2
-                a0, a1, a2, still = data[r, 0], data[r, 1], data[r, 2], (0.0, 0.0, 0.0)
-                if kind == PARTS_CAPSULE:
-                    gap, _, _, x, y, zz = swept((q0, q1, q2), still, parts[b, 3], 0.0, (a0, a1, a2), size, 0.0)
+                u0, u1, u2 = 0.0, 0.0, 0.0  # what moves by the turn of axis or path
+                if kind == PARTS_HULL:
+                    gap, x, y, zz = beyond_a_face((q0, q1, q2), stated.hulls.planes[int(a0) : int(a1)])
+                    gap -= parts[b, 3]
+                elif kind in (PARTS_CAPSULE, PARTS_ALONG):
+                    ball = (q0, q1, q2)
+                    gap, _, gamma, x, y, zz = swept(ball, still, parts[b, 3], 0.0, (a0, a1, a2), size, 0.0)
+                    u0, u1, u2 = -gamma * x, -gamma * y, -gamma * zz
                 else:
                     along = q0 * a0 + q1 * a1 + q2 * a2
                     r0, r1, r2 = q0 - along * a0, q1 - along * a1, q2 - along * a2
@@ -97,11 +105,16 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
                     sine, cosine = data[r, 4], data[r, 5] / across
                     gap = along * sine - cosine * across * across - parts[b, 3]
                     x, y, zz = a0 * sine - cosine * r0, a1 * sine - cosine * r1, a2 * sine - cosine * r2
+                    u0, u1 = sine * q0 + cosine * along * r0, sine * q1 + cosine * along * r1
+                    u2 = sine * q2 + cosine * along * r2
                 if gap < g[r]:
                     g[r] = gap
                     _to(by, r, P_I, 1.0, x, y, zz)
                     _to(by, r, TIP, -1.0, x, y, zz)
                     _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
+                    if turns != 0.0:
+                        along = (u0 * bx + u1 * by_ + u2 * bz) / offset**2
+                        _to(by, r, OFFSET_B, turns / offset, u0 - along * bx, u1 - along * by_, u2 - along * bz)
             continue
         zx, zy, zz = z[i, 0], z[i, 1], z[i, 2]
         d_i = (-length * zx, -length * zy, -length * zz)
@@ -139,6 +152,14 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
                     _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
             continue
         w = (px - ex - data[r, 6], py - ey - data[r, 7], pz - ez - data[r, 8])
+        if kind == HULL:
+            planes = stated.hulls.planes[int(data[r, 0]) : int(data[r, 1])]
+            edges = stated.hulls.edges[int(data[r, 2]) : int(data[r, 3])]
+            g[r], eta, x, y, zz = off_hull(w, d_i, r_air, dr, planes, edges)
+            _to(by, r, P_I, 1.0, x, y, zz)
+            _to(by, r, Z_I, -length * eta, x, y, zz)
+            _to(by, r, TIP, -1.0, x, y, zz)
+            continue
         if kind in (BALL, CAPSULE, ALONG):
             d_j, path = (data[r, 0], data[r, 1], data[r, 2]), data[r, 0]
             if kind == ALONG:
@@ -191,73 +212,7 @@ def _distance(x: float, y: float, z: float, by: Array, r: int, plus: int, minus:
 
 
 @njit(cache=True, forceinline=True)
-def _far(
-    w: tuple[float, float, float], d_i: tuple[float, float, float], d_j: tuple[float, float, float], reach: float
-) -> bool:
+def _far(w: Vector, d_i: Vector, d_j: Vector, reach: float) -> bool:
     """Whether the middles of two axes are so far apart that the envelopes must be FAR apart."""
     x, y, z = w[0] + (d_i[0] - d_j[0]) / 2, w[1] + (d_i[1] - d_j[1]) / 2, w[2] + (d_i[2] - d_j[2]) / 2
     return x * x + y * y + z * z >= (reach + FAR) ** 2
-
-
-@njit(cache=True, forceinline=True)
-def swept(
-    w: tuple[float, float, float],
-    d_i: tuple[float, float, float],
-    r_i: float,
-    dr_i: float,
-    d_j: tuple[float, float, float],
-    r_j: float,
-    dr_j: float,
-) -> tuple[float, float, float, float, float, float]:
-    """Return g, eta and gamma of two swept balls, and the gradient of g by P_i (x, y, z).
-
-    f is least at its stationary point, if that is a minimum inside the square, or else on an edge; f may be
-    concave.
-
-    Args:
-        w: o_i - o_j.
-        d_i: axis of the one, with start radius r_i and growth dr_i.
-        r_i: see d_i.
-        dr_i: see d_i.
-        d_j: axis of the other, with r_j and dr_j.
-        r_j: see d_j.
-        dr_j: see d_j.
-    """
-    r = r_i + r_j
-    ii = d_i[0] * d_i[0] + d_i[1] * d_i[1] + d_i[2] * d_i[2]
-    jj = d_j[0] * d_j[0] + d_j[1] * d_j[1] + d_j[2] * d_j[2]
-    ij = d_i[0] * d_j[0] + d_i[1] * d_j[1] + d_i[2] * d_j[2]
-    A, B, C = ii - dr_i * dr_i, jj - dr_j * dr_j, -2 * (ij + dr_i * dr_j)
-    D = 2 * (d_i[0] * w[0] + d_i[1] * w[1] + d_i[2] * w[2] - r * dr_i)
-    E = -2 * (d_j[0] * w[0] + d_j[1] * w[1] + d_j[2] * w[2] + r * dr_j)
-    det, largest = 4 * A * B - C * C, ii + jj
-    least, eta, gamma, inside = math.inf, 0.0, 0.0, False
-    if A > 0.0 and B > 0.0 and det > FLAT * 4 * A * B:
-        eta, gamma = (C * E - 2 * B * D) / det, (C * D - 2 * A * E) / det
-        inside = 0.0 <= eta <= 1.0 and 0.0 <= gamma <= 1.0
-    if not inside:
-        eta = gamma = 0.0
-        for k in range(2):
-            end = float(k)
-            for trial in range(2):
-                between = float(trial)
-                if FLAT * largest < A:
-                    between = min(max(-(C * end + D) / (2 * A), 0.0), 1.0)
-                f = (A * between + C * end + D) * between + (B * end + E) * end
-                if f < least:
-                    least, eta, gamma = f, between, end
-                between = float(trial)
-                if FLAT * largest < B:
-                    between = min(max(-(C * end + E) / (2 * B), 0.0), 1.0)
-                f = (A * end + C * between + D) * end + (B * between + E) * between
-                if f < least:
-                    least, eta, gamma = f, end, between
-    x, y, z = (
-        w[0] + eta * d_i[0] - gamma * d_j[0],
-        w[1] + eta * d_i[1] - gamma * d_j[1],
-        w[2] + eta * d_i[2] - gamma * d_j[2],
-    )
-    R, radii = r + dr_i + dr_j, r + eta * dr_i + gamma * dr_j
-    root = math.sqrt(x * x + y * y + z * z + (R - radii) * (R + radii))
-    safe = max(root, LEAST_DISTANCE)
-    return root - R, eta, gamma, x / safe, y / safe, z / safe

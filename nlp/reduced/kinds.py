@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, CONE, CONE_COM, OFFSET, PARTS, PARTS_CONE, PARTS_CAPSULE = range(12)
+from topo_search.model.hulls import Hull
+
+AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, HULL, CONE, CONE_COM, OFFSET, PARTS = range(11)
 """Kinds of rows: two envelopes; two centres; p'_E and a centre; an envelope and a ball about p'_E, a capsule from
-near there, one along p_E; an end ball of an envelope in a cone, its axis fixed or to the COM; the length of p_E;
-the parts of one module and the envelope of another; the parts of one in a cone, or off a capsule near p'_E."""
+near there, one along p_E, the hull of points near there; an end ball of an envelope in a cone, its axis fixed or to
+the COM; the length of p_E; the parts of one module and the envelope of another."""
+PARTS_CONE, PARTS_CONE_COM, PARTS_CAPSULE, PARTS_ALONG, PARTS_HULL = range(11, 16)
+"""The parts of a module in a cone, its axis fixed or to the COM; off a capsule near p'_E, one along p_E, a hull."""
 
 WIDTH = 9
 """Numbers of a row."""
@@ -26,6 +30,8 @@ class Kernel(NamedTuple):
     cosine: float = 0.0
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where a path starts or the apex of a cone is, from p'_E."""
+    hull: Hull | None = None
+    """Its corners from p'_E; in the row stand its places in the tables of planes and edges (`Hulls`)."""
 
     @property
     def data(self) -> tuple[float, ...]:

@@ -25,6 +25,7 @@ from topo_search.model import ResolvedTask, Topology
 from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask
+from topo_search.model.hulls import Hull
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -88,6 +89,15 @@ class Rows(NamedTuple):
     least: Array
 
 
+class Hulls(NamedTuple):
+    """The faces and edges of all regions that are hulls; a row has its first and past its last of both."""
+
+    planes: Array
+    """Outward unit normal and offset, shape (p, 4)."""
+    edges: Array
+    """Start, and from there to the end, shape (e, 6)."""
+
+
 class Stated(NamedTuple):
     """Everything that the search needs to know of a task and a topology."""
 
@@ -95,6 +105,7 @@ class Stated(NamedTuple):
     rotors: Rotors
     cases: Cases
     rows: Rows
+    hulls: Hulls
     air: tuple[float, float, float]
     """Length of an envelope's axis, its start radius and growth."""
     parts: Array
@@ -116,6 +127,7 @@ class Row(NamedTuple):
     data: tuple[float, ...]
     """See `Kernel.data`."""
     least: float
+    hull: Hull | None = None
 
 
 def state(task: ResolvedTask, topology: Topology) -> Stated:
@@ -135,7 +147,7 @@ def state(task: ResolvedTask, topology: Topology) -> Stated:
         _tree(topology),
         rotors,
         _cases(task, n, unit),
-        _columns(list(rows(task, topology))),
+        *_columns(list(rows(task, topology))),
         (air.length / unit.length, air.start_radius / unit.length, air.growth / unit.length),
         np.column_stack(part_cover(module)) / unit.length,
         lower,
@@ -178,10 +190,23 @@ def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:
     for requirement in clearances(task, topology):
         for name, (i, j), formula in requirement.rows():
             for kernel in formula.kernels():
-                yield Row(name, kernel.kind, i, j, kernel.data, requirement.margin)
+                yield Row(name, kernel.kind, i, j, kernel.data, requirement.margin, kernel.hull)
 
 
-def _columns(listed: list[Row]) -> Rows:
+def _columns(listed: list[Row]) -> tuple[Rows, Hulls]:
     kind, i, j = (np.array([row[k] for row in listed], dtype=np.int64) for k in (1, 2, 3))
     data = np.array([row.data for row in listed]).reshape(-1, WIDTH)
-    return Rows(kind, i, j, data, np.array([row.least for row in listed]))
+    planes, edges, places = [np.empty((0, 4))], [np.empty((0, 6))], dict[int, list[int]]()
+    faced = edged = 0
+    for row, numbers in zip(listed, data, strict=True):
+        if row.hull is None:
+            continue
+        if id(row.hull) not in places:  # the modules share it
+            a, b = row.hull.corners[row.hull.edges].transpose(1, 0, 2)
+            planes.append(row.hull.planes)
+            edges.append(np.column_stack([a, b - a]))
+            places[id(row.hull)] = [faced, faced + len(planes[-1]), edged, edged + len(edges[-1])]
+            _, faced, _, edged = places[id(row.hull)]
+        numbers[:4] = places[id(row.hull)]
+    tables = Hulls(np.concatenate(planes), np.concatenate(edges))
+    return Rows(kind, i, j, data, np.array([row.least for row in listed])), tables

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,6 @@ from nlp.joints import Limits
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints, finished
 from nlp.programs.ipopt import IpoptResult
-from nlp.programs.program import Program, program
 from nlp.reduced.draws import draws
 from nlp.reduced.search import FIRST, LEAST_KEPT, SAME_AFTER, SECOND, STIFF, End, Phase, ends, point_of
 from nlp.reduced.stated import Stated, state
@@ -156,18 +154,11 @@ class _Search:
             task = self._task.keeping(np.flatnonzero(counted).tolist())
         return point_of(task, self._topology, self._stated, place.end)
 
-    @cached_property
-    def _program(self) -> Program:
-        return program(self._plain, self._topology, self._own)
-
     def _polish(self, origin: Point, limits: Limits | None) -> IpoptResult:
-        if limits is not None:  # the descents did not know of them
-            return AssembledProgram(origin.task, self._topology, self._own, limits).solve(origin)
-        if self._own:  # they may pull far from where the descents ended
-            plain = origin.task is self._plain
-            ready = self._program if plain else program(origin.task, self._topology, self._own)
-            return ready.solve(origin)
-        return AssembledProgram(origin.task, self._topology).polish(origin)
+        program = AssembledProgram(origin.task, self._topology, self._own, limits)
+        if self._own or limits is not None:  # the descents did not know of them: they may pull far from there
+            return program.solve(origin)
+        return program.polish(origin)
 
 
 def trials(

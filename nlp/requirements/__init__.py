@@ -14,9 +14,8 @@ of starts, and the rows of the reduced search with the choice of what it express
 none of them has cases of its own.
 
 To add a clearance, write a `Formula` (`statement`): which local vectors it sees, its smooth and exact forms, and
-its rows of the compiled search, if that knows such rows (`nlp.reduced.kinds`; tasks that ask for a formula without
-any are solved the longer way). Then yield a `Requirement` with it. `tests/test_nlp_requirements.py` holds its forms
-together.
+its rows of the compiled search (`nlp.reduced.kinds`). Then yield a `Requirement` with it.
+`tests/test_nlp_requirements.py` holds its forms together.
 """
 
 from __future__ import annotations

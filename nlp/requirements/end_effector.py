@@ -30,4 +30,4 @@ def around_end_effector(task: ResolvedTask) -> Iterator[Requirement]:
         yield Requirement(7, lambda i, *_: names.exclusion(i), subjects, (off,), margin)
     if task.tip_radius is not None:
         tip = OffBall(Air.of(task), task.tip_radius / unit)
-        yield Requirement(8, lambda i, *_: names.tip_airflow(i), subjects, (tip,), margin, beside=True)
+        yield Requirement(8, lambda i, *_: names.tip_airflow(i), subjects, (tip,), margin)

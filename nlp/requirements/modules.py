@@ -112,7 +112,6 @@ def between_modules(task: ResolvedTask, topology: Topology) -> Iterator[Requirem
             _pairs(list(topology.unbolted)),
             (PartsBeside(air, task.module),),
             margin,
-            beside=True,
             near=BESIDE,
         )
 

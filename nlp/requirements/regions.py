@@ -25,7 +25,7 @@ import numpy as np
 
 from nlp.numbers.geometry import Swept, cone_clearance, hull_clearance
 from nlp.numbers.geometry import clearance as exact_clearance
-from nlp.reduced.kinds import ALONG, BALL, CAPSULE, CONE, CONE_COM, Kernel
+from nlp.reduced.kinds import ALONG, BALL, CAPSULE, CONE, CONE_COM, HULL, Kernel
 from nlp.requirements.air import Air
 from nlp.requirements.statement import FROM_COM, FROM_TIP, Z_I, Seen
 from nlp.symbols.envelope import Ball, ConeSphere, clearance
@@ -137,8 +137,8 @@ class OffHull:
         return hull_clearance(self.air.number(*y), np.zeros(3), self._hull)
 
     def kernels(self) -> tuple[Kernel, ...]:
-        """Return none: it has no closed form that is compiled."""
-        return ()
+        """Return one row."""
+        return (Kernel(HULL, hull=self._hull),)
 
 
 @dataclass(frozen=True)

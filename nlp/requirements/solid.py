@@ -9,20 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from nlp.numbers.geometry import Swept
 from nlp.numbers.geometry import clearance as exact_clearance
-from nlp.reduced.kinds import PARTS_CAPSULE, PARTS_CONE, Kernel
+from nlp.reduced.kinds import PARTS_ALONG, PARTS_CAPSULE, PARTS_CONE, PARTS_CONE_COM, PARTS_HULL, Kernel
 from nlp.requirements.regions import InfiniteCone
 from nlp.requirements.statement import FROM_COM, FROM_TIP, X_I, Y_I, Z_I, Seen
 from nlp.symbols.envelope import Ball, ConeSphere, clearance_of_all
 from topo_search.model import Module
 from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
-from topo_search.model.hulls import convex_hull
+from topo_search.model.hulls import Hull, convex_hull
 from topo_search.model.value import Vector
 
 PARTS = (FROM_TIP, X_I, Y_I, Z_I)
@@ -76,8 +77,8 @@ class PartsInCone:
         return np.asarray(np.min(gaps, axis=0))
 
     def kernels(self) -> tuple[Kernel, ...]:
-        """Return one row, but none for a cone about the COM."""
-        return () if self.cone.axis is None else (self.cone.kernel(PARTS_CONE, 0.0),)
+        """Return one row."""
+        return (self.cone.kernel(PARTS_CONE_COM if self.cone.axis is None else PARTS_CONE, 0.0),)
 
 
 @dataclass(frozen=True)
@@ -138,8 +139,8 @@ class PartsOffCapsuleAlong:
         return np.asarray(np.min([exact_clearance(ball, capsule) for ball in self.balls.numbers(parts)], axis=0))
 
     def kernels(self) -> tuple[Kernel, ...]:
-        """Return none: no row of the compiled search turns with the COM."""
-        return ()
+        """Return one row."""
+        return (Kernel(PARTS_ALONG, (self.length, 0.0, 0.0), size=self.radius),)
 
 
 @dataclass(frozen=True)
@@ -152,14 +153,13 @@ class PartsOffHull:
     sees = PARTS
     segment = None
 
-    def _faces(self) -> tuple[Array, Array]:
-        """Return outward unit normals (f, 3) and offsets (f,)."""
-        hull = convex_hull(np.array(self.corners))
-        return hull.normals, hull.offsets
+    @cached_property
+    def _hull(self) -> Hull:
+        return convex_hull(np.array(self.corners))
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the log-sum-exp of the heights over all faces, for every ball."""
-        normals, offsets = self._faces()
+        normals, offsets = self._hull.normals, self._hull.offsets
         gaps = []
         for ball in self.balls.symbols(y):
             heights = ca.DM(normals) @ ball.o - ca.DM(offsets)
@@ -168,10 +168,10 @@ class PartsOffHull:
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the least of the largest heights."""
-        normals, offsets = self._faces()
+        normals, offsets = self._hull.normals, self._hull.offsets
         gaps = [(ball.o @ normals.T - offsets).max(axis=-1) - ball.r_0 for ball in self.balls.numbers(y)]
         return np.asarray(np.min(gaps, axis=0))
 
     def kernels(self) -> tuple[Kernel, ...]:
-        """Return none: it has no closed form that is compiled."""
-        return ()
+        """Return one row."""
+        return (Kernel(PARTS_HULL, hull=self._hull),)

@@ -90,7 +90,7 @@ class Formula(Hashable, Protocol):
         """Return g with its exact sign, shape (m,), of m local vectors each, (m, 3)."""
 
     def kernels(self) -> tuple[Kernel, ...]:
-        """Return its rows of the compiled search; none if that cannot express it."""
+        """Return its rows of the compiled search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +105,6 @@ class Requirement:
     formulas: tuple[Formula, ...]
     margin: float
     """What is asked for beyond zero [l_arm]."""
-    beside: bool = False
-    """Whether it is met by most points that meet all others, so that a large graph may leave it out at first."""
     near: float = math.inf
     """Clearance from which on a round of Ipopt does without a row [l_arm]."""
 

@@ -48,19 +48,11 @@ def hull_clearances(envelope: ConeSphere, origin: ca.SX, hull: Hull, beta: ca.SX
         candidates += _along_edge(seen, start, end)
     for triangle, normal, offset in zip(hull.corners[hull.triangles], hull.normals, hull.offsets, strict=True):
         candidates += _at_face(seen, triangle, normal, float(offset))
-    outside = [ca.dot(ca.DM(normal), seen.o) - offset for normal, offset in _planes(hull)]
+    outside = [ca.dot(ca.DM(normal), seen.o) - offset for *normal, offset in hull.planes.tolist()]
     return ca.vertcat(
         log_sum_exp(candidates, beta) / (2 * envelope.end_radius),
         -log_sum_exp([-height for height in outside], beta),
     )
-
-
-def _planes(hull: Hull) -> list[tuple[Array, float]]:
-    """Return normal and offset of every face, once however many triangles it is cut into."""
-    planes: dict[tuple[float, ...], tuple[Array, float]] = {}
-    for normal, offset in zip(hull.normals, hull.offsets, strict=True):
-        planes.setdefault(tuple(normal.round(9)), (normal, float(offset)))
-    return list(planes.values())
 
 
 def _f(one: ConeSphere, eta: Scalar, y: ca.SX | ca.DM) -> ca.SX:

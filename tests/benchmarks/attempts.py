@@ -10,10 +10,10 @@ import numpy as np
 from direct import Direct, random_start
 from stopwatch import Stopwatch
 
+from nlp.assembled import AssembledProgram
 from nlp.numbers.evaluate import violations, worst
 from nlp.numbers.finish import finish
 from nlp.numbers.point import Point
-from nlp.programs.program import program
 from nlp.starts.random_starts import draw, generator
 from topo_search.engine.usage import Clock
 from topo_search.model import ResolvedTask, Topology
@@ -82,7 +82,7 @@ def load(stated: Stated) -> None:
     """Solve a smaller platform once: it loads compiled code, or compiles it, which no measurement should count."""
     smaller = Stated(stated.example, min(COMPILED, stated.n - 1), stated.settings)
     task, topology = smaller.resolve(), sample(smaller.n, 1, 0)[0]
-    program(task, topology).solve(_start("ours", task, topology, 0))
+    AssembledProgram(task, topology).solve(_start("ours", task, topology, 0))
 
 
 def cost(row: Row) -> float:
@@ -102,7 +102,7 @@ Solver = Callable[[Point], tuple[Point, int]]
 def _solver(method: Method, task: ResolvedTask, topology: Topology) -> Solver:
     if method == "direct":
         return Direct(task, topology).solve
-    ready = program(task, topology)
+    ready = AssembledProgram(task, topology)
 
     def solve(start: Point) -> tuple[Point, int]:
         answer = ready.solve(start)

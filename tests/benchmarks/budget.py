@@ -25,9 +25,9 @@ from pathlib import Path
 from random import Random
 
 import nlp
+from nlp.assembled import AssembledProgram
 from nlp.numbers.evaluate import violations, worst
 from nlp.numbers.finish import finish
-from nlp.programs.program import program
 from nlp.starts.random_starts import draw, generator
 from topo_search.engine import Space
 from topo_search.model import ResolvedTask, Topology
@@ -59,7 +59,7 @@ def solve(task: ResolvedTask, topology: Topology, starts: int) -> Solved:
     if nlp.prove_impossible(task, topology):
         return Solved(topology.key, 0.0, [], [])
     began = time.process_time()
-    ready = program(task, topology)
+    ready = AssembledProgram(task, topology)
     build = time.process_time() - began
     seconds, efforts = [], []
     for index in range(starts):

@@ -19,12 +19,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlp.assembled import AssembledProgram
 from nlp.bounds import prove_impossible
 from nlp.numbers.evaluate import violations, worst
 from nlp.numbers.finish import finish
 from nlp.numbers.hinges import within
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.programs.program import Program, program
 from nlp.starts.random_starts import UNTANGLED_FROM, draw, generator, with_inputs
 from nlp.starts.untangling import untangle
 from topo_search.model import ResolvedTask, Topology
@@ -83,7 +83,7 @@ def main() -> None:
 
 def strategies(task: ResolvedTask, topology: Topology, starts: int, sizes: list[float]) -> dict[str, list[End]]:
     """Return all ends of every strategy."""
-    ready = program(task, topology)
+    ready = AssembledProgram(task, topology)
     fresh = [reached(ready, draw(task, topology, generator(task, topology, s, 0))) for s in range(starts)]
     half = fresh[: starts // 2]
     result = {"fresh": fresh}
@@ -114,7 +114,7 @@ def displaced(point: Point, by: float, rng: np.random.Generator) -> Point:
     return with_inputs(Point(task, topology, root, alpha, p_E, point.u))
 
 
-def reached(ready: Program, start: Point) -> End:
+def reached(ready: AssembledProgram, start: Point) -> End:
     """Return where a start leads."""
     began = time.process_time()
     point = finish(ready.solve(start).point)

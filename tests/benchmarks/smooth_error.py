@@ -19,8 +19,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from nlp_cases import as_design
 
+from nlp.assembled import AssembledProgram
 from nlp.numbers.finish import finish
-from nlp.programs.program import program
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import examples, read_task
@@ -49,7 +49,7 @@ def designs(sizes: Sequence[int], margin: float, starts: int) -> Iterator[Design
         for n in sizes:
             (topology,) = sample(n, 1, draws)
             for task in tasks(n, margin):
-                ready = program(task, topology)
+                ready = AssembledProgram(task, topology)
                 for start in range(starts):
                     answer = ready.solve(draw(task, topology, generator(task, topology, start, 0)))
                     if answer.status in SOLVED:

@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from direct import random_start
 
+from nlp.assembled import AssembledProgram
 from nlp.bounds import lower_bound
 from nlp.numbers.evaluate import violations, worst
 from nlp.numbers.finish import finish
 from nlp.numbers.point import Point
-from nlp.programs.program import Program, program
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task
@@ -39,7 +39,7 @@ class Tally:
     best: dict[str, float] = field(default_factory=dict)
     """Least effort of every tree with a design."""
 
-    def add(self, program: Program, task: ResolvedTask, start: Point, key: str) -> None:
+    def add(self, program: AssembledProgram, task: ResolvedTask, start: Point, key: str) -> None:
         """Solve from a start and count what came of it."""
         began = time.perf_counter()
         answer = program.solve(start)
@@ -65,7 +65,7 @@ def main() -> None:
     kinds: dict[str, Draw] = {"uniform": random_start, "splayed": draw}
     tallies = {name: Tally() for name in kinds}
     for candidate in candidates(task.n, symmetry="c2", connectors="aligned", root="free"):
-        ready = program(task, candidate.topology)
+        ready = AssembledProgram(task, candidate.topology)
         for start in range(arguments.starts):
             for name, kind in kinds.items():
                 point = kind(task, candidate.topology, generator(task, candidate.topology, start, 0))

@@ -20,10 +20,10 @@ from random import Random
 import numpy as np
 
 import nlp
+from nlp.assembled import AssembledProgram
 from nlp.numbers.evaluate import violations, worst
 from nlp.numbers.finish import finish
 from nlp.numbers.point import Point
-from nlp.programs.program import Program, program
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start
 from topo_search.model import Design, ResolvedTask, Topology
@@ -112,14 +112,14 @@ def moved(topology: Topology, random: Random, *, leaf: bool) -> Topology:
 
 def measured(task: ResolvedTask, topology: Topology, parent: Design, starts: int) -> tuple[Reached, list[Reached]]:
     """Return what is reached from the parent, and from every random start."""
-    ready = program(task, topology)
+    ready = AssembledProgram(task, topology)
     rngs = (generator(task, topology, start, 0) for start in count(-1))
     warm = partial(warm_start, task, topology, parent, next(rngs))
     cold = (partial(draw, task, topology, rng) for rng in islice(rngs, starts))
     return reached(ready, warm), [reached(ready, start) for start in cold]
 
 
-def reached(ready: Program, start: Callable[[], Point]) -> Reached:
+def reached(ready: AssembledProgram, start: Callable[[], Point]) -> Reached:
     """Return what a start leads to."""
     began = time.process_time()
     point = finish(ready.solve(start()).point)

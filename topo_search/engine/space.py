@@ -8,7 +8,7 @@ from random import Random
 from typing import TypedDict
 
 from topo_search.model import ResolvedTask, Topology
-from topo_search.topologies import Candidate, Symmetry, candidate_of, candidates, count, sample
+from topo_search.topologies import Candidate, Symmetry, candidate_key, candidate_of, candidates, count, sample
 from topo_search.topologies.symmetry import Connectors, Root
 from topo_search.topologies.tree_moves import with_spins_reversed
 
@@ -55,6 +55,10 @@ class Space:
     def candidate_of(self, topology: Topology) -> Candidate:
         """Return the candidate that stands for a topology."""
         return candidate_of(topology, **self._family)
+
+    def key_of(self, topology: Topology) -> str:
+        """Return the key of the candidate that stands for a topology, sooner than the candidate."""
+        return candidate_key(topology, **self._family)
 
     def twin_of(self, topology: Topology) -> Candidate:
         """Return the candidate that differs in the sense of all rotors alone, which may be the topology's own.
@@ -111,6 +115,10 @@ class Listed(Space):
         if topology.key not in self.keys:
             raise ValueError(f"{topology.key} is not one of the {len(self.keys)} given topologies")
         return Candidate(topology.key, 1)
+
+    def key_of(self, topology: Topology) -> str:
+        """Return the key of a topology; ValueError as `candidate_of`."""
+        return self.candidate_of(topology).key
 
     def twin_of(self, topology: Topology) -> Candidate:
         """Return the topology's own candidate."""

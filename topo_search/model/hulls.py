@@ -33,6 +33,13 @@ class Hull(NamedTuple):
         result: Array = np.einsum("fx,fx->f", self.normals, self.corners[self.triangles[:, 0]])
         return result
 
+    @property
+    def planes(self) -> Array:
+        """Normal and offset of every face, once however many triangles it is cut into, shape (p, 4)."""
+        _, first = np.unique(self.normals.round(9) + 0.0, axis=0, return_index=True)
+        result: Array = np.column_stack([self.normals, self.offsets])[np.sort(first)]
+        return result
+
 
 def convex_hull(points: Array, *, most_corners: int | None = None) -> Hull:
     """Return the hull of points that span a volume, shape (m, 3).

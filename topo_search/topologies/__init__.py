@@ -1,6 +1,14 @@
 """Trees of modules: enumerated, counted and drawn, each design once."""
 
-from topo_search.topologies.candidates import Candidate, candidate_of, candidates, count, draws, sample
+from topo_search.topologies.candidates import (
+    Candidate,
+    candidate_key,
+    candidate_of,
+    candidates,
+    count,
+    draws,
+    sample,
+)
 from topo_search.topologies.own import OwnTopology, own_candidates
 from topo_search.topologies.resolution import Resolution, resolve_symmetry
 from topo_search.topologies.symmetry import Connectors, Root, Symmetry
@@ -13,6 +21,7 @@ __all__ = [
     "Resolution",
     "Root",
     "Symmetry",
+    "candidate_key",
     "candidate_of",
     "candidates",
     "count",

@@ -11,7 +11,7 @@ from topo_search.model import ResolvedTask, Topology
 from topo_search.topologies import counts
 from topo_search.topologies.enumeration import rooted_at
 from topo_search.topologies.quotient import Quotient
-from topo_search.topologies.rooted import key_of, rooted_of, text_of
+from topo_search.topologies.rooted import Rooted, key_of, rooted_of, text_of
 from topo_search.topologies.sampling import draw_tree
 from topo_search.topologies.symmetry import Connectors, Group, Root, Symmetry, group_of
 from topo_search.topologies.task_symmetry import improper_isometry
@@ -129,11 +129,30 @@ def candidate_of(
     Raises:
         ValueError: also if the family is aligned and the topology is not.
     """
+    quotient, listed = _representative(topology, symmetry, connectors, root, task)
+    return Candidate(key_of(text_of(listed)), quotient.orbit(listed))
+
+
+def candidate_key(
+    topology: Topology,
+    *,
+    symmetry: Symmetry = "c2",
+    connectors: Connectors = "aligned",
+    root: Root = "free",
+    task: ResolvedTask | None = None,
+) -> str:
+    """Return the key of the candidate that stands for a topology; arguments and errors as `candidate_of`."""
+    _, listed = _representative(topology, symmetry, connectors, root, task)
+    return key_of(text_of(listed))
+
+
+def _representative(
+    topology: Topology, symmetry: Symmetry, connectors: Connectors, root: Root, task: ResolvedTask | None
+) -> tuple[Quotient, Rooted]:
     if connectors == "aligned" and not topology.aligned:
         raise ValueError(f"an aligned topology has even kappas alone, but got {list(topology.kappas)}")
     quotient = Quotient(_group(topology.n, symmetry, connectors, root, task), root)
-    listed = quotient.representative(rooted_of(topology.key))
-    return Candidate(key_of(text_of(listed)), quotient.orbit(listed))
+    return quotient, quotient.representative(rooted_of(topology.key))
 
 
 def _group(n: int, symmetry: Symmetry, connectors: Connectors, root: Root, task: ResolvedTask | None) -> Group:

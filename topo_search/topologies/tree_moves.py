@@ -19,6 +19,8 @@ from random import Random
 from topo_search.model import Topology
 from topo_search.topologies.symmetry import Connectors
 
+Move = tuple[int, tuple[int, int], int]
+"""i, (h, a) and the quarter turns that kappa[i] grows by: what `grafted` takes beside a tree."""
 LEAVES = 0.5
 """Probability that the part to be moved is drawn from the leaves alone."""
 
@@ -71,7 +73,12 @@ def part_of(topology: Topology, i: int) -> frozenset[int]:
 
 
 def random_move(topology: Topology, random: Random, connectors: Connectors) -> Topology:
-    """Return a tree that one move leads to: a leaf or any other part moved, or (any port) a parity flipped.
+    """Return a tree that one move leads to; arguments and errors as `draw_move`."""
+    return grafted(topology, *draw_move(topology, random, connectors))
+
+
+def draw_move(topology: Topology, random: Random, connectors: Connectors) -> Move:
+    """Return a move: of a leaf or any other part, or (any port) a parity that is flipped.
 
     Args:
         topology: a tree of two modules at least.
@@ -88,7 +95,7 @@ def random_move(topology: Topology, random: Random, connectors: Connectors) -> T
     i = random.choice(leaves) if random.random() < LEAVES else random.randrange(1, topology.n)
     turns = random.randrange(2) if connectors == "any" else 0
     if turns and random.randrange(2):
-        return grafted(topology, i, topology.joints[i][:2], turns)
+        return i, topology.joints[i][:2], turns
     part = part_of(topology, i)
     ports = [port for port in topology.free_connectors if port[0] not in part]
-    return grafted(topology, i, random.choice(ports), turns)
+    return i, random.choice(ports), turns

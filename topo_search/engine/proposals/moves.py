@@ -29,7 +29,7 @@ from topo_search.engine.proposals.tree_sampler import (
 from topo_search.engine.space import Space
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
-from topo_search.topologies.tree_moves import random_move
+from topo_search.topologies.tree_moves import draw_move, grafted
 
 PARENTS = 8
 """The best of a population have children; the others are replaced."""
@@ -48,8 +48,8 @@ REPEATS = 2
 """Most trees of a round that are tried again."""
 RELATIVES = 32
 """Moves from a tree by which solved ones are looked for to start from; of large trees they find few."""
-KEPT = 1 << 12
-"""Trees whose candidates are kept: moves often lead to the same ones."""
+KEPT = 1 << 14
+"""Moves whose candidates are kept: the same ones are drawn again and again."""
 BATCHES = 2
 """How often trees are drawn before it is said that all are known."""
 
@@ -100,8 +100,8 @@ class Moves(TreeSampler):
         """The first trial of the present population."""
         self._described: dict[str, Array] = {}
         """Descriptors of candidates, by key."""
-        self._key_of = lru_cache(KEPT)(lambda tree: space.candidate_of(tree).key)
-        """Returns the key of the candidate that stands for a tree."""
+        self._led_to = lru_cache(KEPT)(lambda tree, move: space.key_of(grafted(tree, *move)))
+        """Returns the key of the candidate that a move leads to."""
         self._twins: dict[str, str] = {}
         """Key of the candidate that differs in the sense of all rotors alone, by key."""
         self._latest: tuple[int, _Known] | None = None
@@ -156,7 +156,7 @@ class Moves(TreeSampler):
 
     def _moved(self, tree: Topology) -> str:
         """Return the key of a candidate that one move leads to."""
-        return self._key_of(random_move(tree, self.random, self.connectors))
+        return self._led_to(tree, draw_move(tree, self.random, self.connectors))
 
     def _learnt(self, over: Sequence[FrozenTrial]) -> _Known:
         """Return what trials, at least one, in the order of their numbers tell; one answer serves a round."""
