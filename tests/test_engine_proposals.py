@@ -286,12 +286,12 @@ def test_a_population_that_finds_nothing_better_is_given_up(
     monkeypatch: pytest.MonkeyPatch, stale: int, anew: bool
 ) -> None:
     """The first tree is the best, its twin is trial 8; at trial 9 they are stale, and eight are drawn uniformly."""
-    random_move, sample_relative = moves.random_move, moves.Moves.sample_relative
+    draw_move, sample_relative = moves.draw_move, moves.Moves.sample_relative
     moved, met = list[bool](), list[str]()
 
-    def counted(*options: Any) -> Topology:
+    def counted(*options: Any) -> Any:
         moved[-1] = True
-        return random_move(*options)
+        return draw_move(*options)
 
     def watched(*options: Any) -> dict[str, Any]:
         moved.append(False)
@@ -302,7 +302,7 @@ def test_a_population_that_finds_nothing_better_is_given_up(
         return Scored(key, starts, "feasible", 1.0 if key == met[0] else 2.0, None)
 
     monkeypatch.setattr(moves, "STALE", stale)
-    monkeypatch.setattr(moves, "random_move", counted)
+    monkeypatch.setattr(moves, "draw_move", counted)
     monkeypatch.setattr(moves.Moves, "sample_relative", watched)
     follow(study_of(space(8), sampler="moves", trials=18, starts=1, seed=0), objective)
     assert moved[:18] == [False] * 9 + [not anew] * 8 + [True]

@@ -85,8 +85,8 @@ def test_the_documentation_says_what_the_ablation_shows():
     deepest = rows["deepest_percent"]
     nearly, fully = ((deepest >= depth).mean() for depth in (REACHED, FULLY))
     assert (
-        f"is {deepest.median():.0f} % of the deepest possible in the median; of the platforms {100 * nearly:.0f} % "
-        f"reach {REACHED:.0f} % of it, and {100 * fully:.0f} % reach {FULLY} %" in words
+        f"is {deepest.median():.0f} % of the largest possible; {100 * nearly:.0f} % of the platforms reach {REACHED:.0f} % "
+        f"of it, and {100 * fully:.0f} % reach {FULLY} %" in words
     )
 
 
@@ -94,7 +94,7 @@ def test_the_documentation_says_how_many_trees_the_scaling_study_has():
     few, fewer = json.loads((FOLDER / "scaling.json").read_text())["settings"]["topologies"]
     sizes = results(FOLDER / "scaling-direct.csv")["n"]
     words = " ".join(documented.TEXT.split())
-    assert f"{few} trees per size to {FEW_ABOVE} modules and {fewer} above" in words
+    assert f"{few} trees per size up to {FEW_ABOVE} modules and {fewer} above" in words
     assert f"for {sizes.min()} to {sizes.max()} modules also with the paper's formulation written" in words
 
 

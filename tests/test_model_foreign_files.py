@@ -252,7 +252,7 @@ def test_a_mesh_opens_no_other_file(tmp_path: Path) -> None:
         (
             "a.stl",
             b"",
-            "must be a whole STL file: 84 bytes and 50 a facet; this one has too few bytes for a header",
+            "must be a whole STL file: 84 bytes and 50 per facet; this one has too few bytes for a header",
         ),
         ("a.stl", BINARY[:-1], "must be"),
         ("a.stl", BINARY + b"\0", "must be"),

@@ -292,6 +292,7 @@ def test_infeasible_and_audit_come_back_from_json() -> None:
                 "level": 3,
                 "percent": -25.0,
                 "evidence": [],
+                "closest_m": [[0.1, 0.0, 0.2], [0.1, 0.0, 0.2]],
             }
         ],
         "residuals": [],
