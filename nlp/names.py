@@ -10,6 +10,7 @@ from topo_search.model import AnyExposure
 OFFSET = "end-effector's distance from the COM"
 POSITION = "end-effector position"
 REACH = "end-effector's reach"
+ROD = "reach of the end-effector's rod"
 
 
 def force(case: str) -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, CONE, CONE_COM, OFFSET, PARTS, PARTS_CONE, PARTS_CAPSULE = range(12)
+AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, CONE, CONE_COM, OFFSET, PARTS = range(10)
+PARTS_CONE, PARTS_CAPSULE, REACH = range(10, 13)
 """Kinds of rows: two envelopes; two centres; p'_E and a centre; an envelope and a ball about p'_E, a capsule from
 near there, one along p_E; an end ball of an envelope in a cone, its axis fixed or to the COM; the length of p_E;
-the parts of one module and the envelope of another; the parts of one in a cone, or off a capsule near p'_E."""
+the parts of one module and the envelope of another; the parts of one in a cone, or off a capsule near p'_E; p'_E
+and a free connector, the nearest of which alone counts."""
 
 WIDTH = 9
 """Numbers of a row."""
@@ -18,7 +20,7 @@ class Kernel(NamedTuple):
 
     kind: int
     vector: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """A path or an axis; a path along p_E has its length first."""
+    """A path or an axis; a path along p_E has its length first; a connector, in its module's frame."""
     size: float = 0.0
     """A radius or distance; of a cone, the end of the envelope that is to be inside: eta, 0 or 1."""
     sine: float = 0.0
@@ -26,6 +28,8 @@ class Kernel(NamedTuple):
     cosine: float = 0.0
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where a path starts or the apex of a cone is, from p'_E."""
+    of: int = 0
+    """Which module of the subject it is about."""
 
     @property
     def data(self) -> tuple[float, ...]:
