@@ -317,6 +317,7 @@ def test_the_command_tells_the_front(tmp_path):
     file = tmp_path / "task.toml"
     file.write_text(
         'name = "hover"\nmodules = 1\n[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n'
+        '[end_effector]\nrod = "none"\n'
         "[goals]\npeak_input = [1.0, 0.6, 0.4]\nstand_off = [0.2, 0.4]\n"
     )
     command = ["run", str(file), "--starts", "1", "--workers", "1", "--out", str(tmp_path / "run")]
