@@ -11,6 +11,7 @@ from topo_search.model.exposure import PART_NAMES
 OFFSET = "end-effector's distance from the COM"
 POSITION = "end-effector position"
 REACH = "end-effector's reach"
+ROD = "reach of the end-effector's rod"
 
 
 def force(case: str) -> str:

@@ -92,12 +92,14 @@ FEATURES: dict[str, Table] = {
     "solid convex region": {"exposure": [{**WEDGE, "solid": True}]},
     "solid bent paths": {"exposure": [{**BENT, "solid": True}]},
     "solid planes": {"exposure": [{**BELOW, "solid": True}]},
+    "reach": {"end_effector": {"largest_reach": 0.5}},
 }
 """What a task can ask for: fields laid over the push task."""
 
 
 def push(n: int = 5, **fields: Any) -> ResolvedTask:
     """The push task of the paper for n modules, with other fields beside or instead."""
+    fields["end_effector"] = {"rod": "none", "largest_reach": False, **fields.get("end_effector", {})}
     return Task.model_validate({"name": "push", "modules": n, "load_cases": PUSH, **fields}).resolve(n)
 
 

@@ -85,8 +85,8 @@ def test_the_documentation_says_what_the_ablation_shows():
     deepest = rows["deepest_percent"]
     nearly, fully = ((deepest >= depth).mean() for depth in (REACHED, FULLY))
     assert (
-        f"is {deepest.median():.0f} % of the largest possible; {100 * nearly:.0f} % of the platforms reach {REACHED:.0f} % "
-        f"of it, and {100 * fully:.0f} % reach {FULLY} %" in words
+        f"is {deepest.median():.0f} % of the largest possible; {100 * nearly:.0f} % of the platforms reach "
+        f"{REACHED:.0f} % of it, and {100 * fully:.0f} % reach {FULLY} %" in words
     )
 
 

@@ -126,6 +126,7 @@ def test_values_that_are_seldom_meant(fields: dict[str, Any], path: str, said: s
             "exposure[0].length",
         ),
         ({"end_effector": {"stand_off": 20.0}}, "end_effector.stand_off"),
+        ({"end_effector": {"largest_reach": 20.0}}, "end_effector.largest_reach"),
         ({"end_effector": {"position": [0.0, 20.0, 0.0]}}, "end_effector.position"),
     ],
 )

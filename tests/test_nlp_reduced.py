@@ -98,7 +98,7 @@ def test_clearances_are_those_of_the_page(name):
             assert {row.name for row in listed} == set(page)
             for row, g in zip(listed, found, strict=True):
                 values = page[row.name]
-                if row.kind >= s.PARTS_CONE:
+                if s.PARTS_CONE <= row.kind <= s.PARTS_HULL:
                     assert g == pytest.approx(exact[row.name], abs=1e-6)
                     assert (min(values) > 0) == (g > 0) or abs(g) < 0.05
                     continue
@@ -107,12 +107,20 @@ def test_clearances_are_those_of_the_page(name):
                     assert g < 0 or values[1] > 0.0  # the centre is outside
                     assert (g > 0) == (min(values) > 0) or abs(g) < 0.05
                     continue
+                if row.kind == s.REACH:
+                    if math.isfinite(g):  # the nearest connector's
+                        size = row.data[3]
+                        assert g == pytest.approx(exact[row.name], abs=1e-9)
+                        assert values[0] == pytest.approx(g - g * g / (2 * size), abs=1e-6)
+                    continue
                 if row.kind in (s.CONE, s.CONE_COM):
                     assert g == pytest.approx(values[int(row.data[3])], abs=1e-4)
                     continue
                 least, most = sorted(as_length(values[0], R) for R in lengths_of(row, stated))
                 assert least - 3e-5 <= g
                 assert g <= most + 3e-5 or (math.isinf(g) and least > 8.0)
+            nearest = [g for row, g in zip(listed, found, strict=True) if row.kind == s.REACH and math.isfinite(g)]
+            assert len(nearest) == any(row.kind == s.REACH for row in listed)
 
 
 @pytest.mark.parametrize("name", FEATURES)

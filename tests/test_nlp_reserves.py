@@ -87,7 +87,14 @@ def test_more_reserve_than_all_rotors_have_is_impossible_by_proof_and_a_little_l
     proof = prove_impossible(asked(force_reserve=1.2 * left))
     assert proof is not None
     assert proof.worst_constraint.startswith("hover, force reserve")
-    assert prove_impossible(asked(1, force_reserve=0.01)) is not None  # one module has one axis
+    assert proof.message.startswith("flight.force_reserve: no platform of 3 modules has so much reserve: hover, ")
+    alone = prove_impossible(asked(1, force_reserve=0.01, torque_reserve=0.001))
+    assert alone.message.startswith("flight.force_reserve: no platform of one module")  # it has one axis
+    turned = prove_impossible(asked(torque_reserve=1e3))
+    assert turned.message.startswith("flight.torque_reserve: no platform of 3 modules has so much reserve: hover, ")
+    heavy = {"com": {"force": [0.0, 0.0, 9.0]}}
+    falls = prove_impossible(push(3, load_cases=[heavy], flight={"force_reserve": 0.1}))
+    assert falls.message.startswith("load case 0 needs")  # with or without a reserve
     within = asked(force_reserve=left / 1.291 * 1.1)  # its corners are beyond, the ball is not
     assert prove_impossible(within) is None or "corner" not in str(prove_impossible(within))
 

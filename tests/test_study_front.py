@@ -318,6 +318,7 @@ def test_the_command_tells_the_front(tmp_path):
     file = tmp_path / "task.toml"
     file.write_text(
         'name = "hover"\nmodules = 1\n[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n'
+        '[end_effector]\nrod = "none"\n'
         "[goals]\npeak_input = [1.0, 0.6, 0.4]\nstand_off = [0.2, 0.4]\n"
     )
     command = ["run", str(file), "--starts", "1", "--workers", "1", "--out", str(tmp_path / "run")]
@@ -389,3 +390,6 @@ def test_reserves_failures_and_moments_are_weighed_as_the_rest():
     light = replace(point(1.2), force_reserve=1.0, rotor_out="none", joint_moment=1.5)
     worse = replace(point(1.3), force_reserve=0.9, rotor_out="hover", joint_moment=2.0)
     assert [one.row.objective for one in front([plain, safe, light, worse], names)] == [1.0, 1.1, 1.2]
+    loose, strict = replace(point(1.0), hinge_angle_deg=0.1), replace(point(1.1), hinge_angle_deg=0.2)
+    assert front([loose, strict], ["hinge_angle_deg"]) == (loose, strict)
+    assert front([replace(loose, hinge_angle_deg=0.2), strict], ["hinge_angle_deg"])[1:] == ()

@@ -3,7 +3,7 @@
 import pytest
 from verify_cases import design
 
-from topo_search.model import Status, Task, Topology
+from topo_search.model import ResolvedTask, Status, Task, Topology
 from topo_search.model.files import to_toml
 from verify import audit
 
@@ -67,8 +67,13 @@ def test_where_digits_are_lost_it_is_undecided():
     assert row.status is Status.UNDECIDED
 
 
-def test_a_task_that_does_not_ask_is_written_as_before():
+def test_what_a_design_does_not_state_was_not_asked_for():
+    """A task asks for a rod of some length by default; a design of before such tasks is judged as it was."""
     task = Task.model_validate({"name": "t", "modules": 1, "load_cases": [{"carries_weight": True}]})
-    assert "rod =" not in to_toml(task)
-    asked = task.model_copy(update={"end_effector": task.end_effector.model_copy(update={"rod": "straight"})})
-    assert 'rod = "straight"' in to_toml(asked)
+    assert 'rod = "straight"' in to_toml(task)
+    stated = task.resolve(1)
+    assert (stated.end_effector.rod, stated.largest_reach(1)) == ("straight", pytest.approx(1.2))
+    plain = stated.model_dump(mode="json")
+    del plain["end_effector"]["rod"], plain["end_effector"]["largest_reach"]
+    older = ResolvedTask.model_validate(plain)
+    assert (older.end_effector.rod, older.largest_reach(1)) == ("none", None)

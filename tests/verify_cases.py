@@ -127,7 +127,8 @@ def design(
     end_effector: tuple[float, float, float] = (0.0, 0.0, 0.6),
 ) -> Design:
     """A design with the least rotor inputs that produce every load case; nothing else is asked of it."""
-    n = topology.n
+    n, point = topology.n, {"rod": "none", "largest_reach": False}
+    task = {**task, "end_effector": {**point, **task.get("end_effector", {})}}
     resolved = Task.model_validate({"name": "case", "modules": n, "load_cases": [HOVER], **task}).resolve(n)
     draft = Design(
         task=resolved,

@@ -94,8 +94,8 @@ def rod_residuals(design: Design, parts: RigidParts, sheet: Assembly) -> Iterato
             status=status,
         )
 
-    reach = design.task.end_effector.largest_reach
-    if reach is not False:
+    reach = design.task.largest_reach(design.topology.n)
+    if reach is not None:
         yield _reach(design, parts, sheet, reach)
 
 

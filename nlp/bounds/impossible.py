@@ -8,7 +8,8 @@ from __future__ import annotations
 from nlp.bounds.failures import failures
 from nlp.bounds.forces import all_forces, axes, one_force
 from nlp.bounds.paths import crowded_path
-from nlp.bounds.refutation import Refutation
+from nlp.bounds.reach import out_of_reach
+from nlp.bounds.refutation import Refutation, modules
 from nlp.bounds.rotors import rotors_overlap
 from nlp.bounds.stand_off import stand_off
 from nlp.bounds.torques import torque_reach
@@ -26,7 +27,7 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
     stated, task = task.declared, cornered(task.declared, inner=True)
     forces = one_force(task) or axes(task) or all_forces(task) or failures(stated)
-    refutation, concerned = forces or rotors_overlap(task) or _shape(task), None
+    refutation, concerned = forces or out_of_reach(task) or rotors_overlap(task) or _shape(task), None
     if refutation is None and topology is not None:
         refutation, concerned = axes(task, topology) or _shape(task, topology), topology
     if refutation is None:
@@ -38,8 +39,18 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
         worst_constraint=refutation.name,
         violation=refutation.amount,
         unit=refutation.unit,
-        message=refutation.message,
+        message=_reserve_at_fault(stated, concerned) + refutation.message,
     )
+
+
+def _reserve_at_fault(task: ResolvedTask, topology: Topology | None) -> str:
+    """Return words that name the reserve without which nothing refutes the task; none if there is no such one."""
+    for field in ("force_reserve", "torque_reserve"):
+        without = task.model_copy(update={"flight": task.flight.model_copy(update={field: 0.0})})
+        if getattr(task.flight, field) and prove_impossible(without, topology) is None:
+            what = modules(task) if topology is None else topology.key
+            return f"flight.{field}: no platform of {what} has so much reserve: "
+    return ""
 
 
 def _shape(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:

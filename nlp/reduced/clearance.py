@@ -37,6 +37,7 @@ from nlp.reduced.kinds import (
     PARTS_CONE,
     PARTS_CONE_COM,
     PARTS_HULL,
+    REACH,
 )
 from nlp.reduced.platform import Platform
 from nlp.reduced.stated import Stated
@@ -55,7 +56,8 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
     Args:
         stated: the task and topology.
         at: the platform.
-        g: the clearances, shape (m,); an infinite one is more than FAR and comes without a gradient.
+        g: the clearances, shape (m,); an infinite one is more than FAR, or of a connector that is not the nearest,
+            and comes without a gradient.
         by: the gradients, shape (m, 7, 3).
     """
     kinds, one, other, data = stated.rows.kind, stated.rows.i, stated.rows.j, stated.rows.data
@@ -69,6 +71,7 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
         x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
         reach = max(reach, math.sqrt(x * x + y * y + zz * zz) + parts[b, 3])
     by[:] = 0.0
+    nearest = -1
     for r in range(len(kinds)):
         kind, i, j, size = kinds[r], one[r], other[r], data[r, 3]
         if kind == OFFSET:
@@ -77,6 +80,24 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
         px, py, pz = p[i, 0], p[i, 1], p[i, 2]
         if kind == EXCLUSION:
             g[r] = _distance(px - ex, py - ey, pz - ez, by, r, P_I, TIP) - size
+            continue
+        if kind == REACH:
+            x, y, zz = data[r, 0], data[r, 1], data[r, 2]
+            c0 = R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * zz
+            c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
+            c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
+            x, y, zz = px + c0 - ex, py + c1 - ey, pz + c2 - ez
+            apart = max(LEAST_DISTANCE, math.sqrt(x * x + y * y + zz * zz))
+            g[r] = math.inf
+            if nearest >= 0 and size - apart <= g[nearest]:
+                continue
+            if nearest >= 0:
+                g[nearest] = math.inf
+            g[r], nearest = size - apart, r
+            x, y, zz = -x / apart, -y / apart, -zz / apart
+            _to(by, r, P_I, 1.0, x, y, zz)
+            _to(by, r, TIP, -1.0, x, y, zz)
+            _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
             continue
         if kind >= PARTS_CONE:
             g[r], w = math.inf, (px - ex - data[r, 6], py - ey - data[r, 7], pz - ez - data[r, 8])

@@ -6,7 +6,6 @@ As `nlp.starts.random_starts` draws small platforms, without inputs, and compile
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -17,7 +16,7 @@ from numba import njit
 from nlp.numbers.hinges import largest_turn, signs
 from nlp.reduced.platform import platform
 from nlp.reduced.stated import Stated
-from nlp.starts.random_starts import CONE_SPREAD, LARGEST_SPLAY, cones, mean_force, upstream_of
+from nlp.starts.random_starts import CONE_SPREAD, LARGEST_SPLAY, cones, entropy, mean_force, upstream_of
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
@@ -66,8 +65,7 @@ def draws(
     anyhow: bool = False,
 ) -> Array:
     """Return unknowns of starts, shape (starts, N); `anyhow`: hinges turn either way, up to their limits."""
-    text = f"{task.declared.model_dump_json()}\n{topology.key}\n{seed}"
-    key = int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
+    key = entropy(task, topology, seed)
     drawn, shape = drawing(task, topology), (len(stated.lower),)
     if anyhow:
         drawn = drawn._replace(splay=np.full(topology.n - 1, largest_turn(task)))

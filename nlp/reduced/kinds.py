@@ -10,8 +10,9 @@ AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, HULL, CONE, CONE_COM, OFFSET, PARTS
 """Kinds of rows: two envelopes; two centres; p'_E and a centre; an envelope and a ball about p'_E, a capsule from
 near there, one along p_E, the hull of points near there; an end ball of an envelope in a cone, its axis fixed or to
 the COM; the length of p_E; the parts of one module and the envelope of another."""
-PARTS_CONE, PARTS_CONE_COM, PARTS_CAPSULE, PARTS_ALONG, PARTS_HULL = range(11, 16)
-"""The parts of a module in a cone, its axis fixed or to the COM; off a capsule near p'_E, one along p_E, a hull."""
+PARTS_CONE, PARTS_CONE_COM, PARTS_CAPSULE, PARTS_ALONG, PARTS_HULL, REACH = range(11, 17)
+"""The parts of a module in a cone, its axis fixed or to the COM; off a capsule near p'_E, one along p_E, a hull;
+p'_E and a free connector, the nearest of which alone counts."""
 
 WIDTH = 9
 """Numbers of a row."""
@@ -22,7 +23,7 @@ class Kernel(NamedTuple):
 
     kind: int
     vector: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """A path or an axis; a path along p_E has its length first."""
+    """A path or an axis; a path along p_E has its length first; a connector, in its module's frame."""
     size: float = 0.0
     """A radius or distance; of a cone, the end of the envelope that is to be inside: eta, 0 or 1."""
     sine: float = 0.0
@@ -32,6 +33,8 @@ class Kernel(NamedTuple):
     """Where a path starts or the apex of a cone is, from p'_E."""
     hull: Hull | None = None
     """Its corners from p'_E; in the row stand its places in the tables of planes and edges (`Hulls`)."""
+    of: int = 0
+    """Which module of the subject it is about."""
 
     @property
     def data(self) -> tuple[float, ...]:

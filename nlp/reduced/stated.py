@@ -188,9 +188,11 @@ def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
 def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:
     """Yield (4) to (9) of the printed problem, in its order."""
     for requirement in clearances(task, topology):
-        for name, (i, j), formula in requirement.rows():
+        for name, subject, formula in requirement.rows():
             for kernel in formula.kernels():
-                yield Row(name, kernel.kind, i, j, kernel.data, requirement.margin, kernel.hull)
+                yield Row(
+                    name, kernel.kind, subject[kernel.of], subject[1], kernel.data, requirement.margin, kernel.hull
+                )
 
 
 def _columns(listed: list[Row]) -> tuple[Rows, Hulls]:

@@ -4,9 +4,9 @@
 |---|---|---|
 | `balances` | force and torque of every load case, reserves among them | (2), (3) |
 | `modules` | airflow pairs, bodies, parts beside airflow | (4), (5), (6) |
-| `end_effector` | exclusion, and the end-effector beside airflow | (7), (8) |
+| `end_effector`, `reach` | exclusion, reach of the rod, the end-effector beside airflow | (7), (8) |
 | `exposure`, `regions` | every kind of exposure | (9) |
-| `bounds` | inputs, hinges, root, reach of the end-effector | (10) |
+| `bounds` | inputs, hinges, root, place of the end-effector | (10) |
 
 A statement has the constraint's name, the bodies, a smooth form for Ipopt, the exact value, margin and unit. The
 printed problem (`nlp.problem`), its exact evaluation (`nlp.numbers.evaluate`), the assembled terms, the untangling
@@ -27,6 +27,7 @@ from nlp.requirements.bounds import Bound, bounds, variable_bounds
 from nlp.requirements.end_effector import around_end_effector
 from nlp.requirements.exposure import exposure
 from nlp.requirements.modules import between_modules
+from nlp.requirements.reach import within_reach
 from nlp.requirements.statement import Formula, Requirement
 from topo_search.model import ResolvedTask, Topology
 
@@ -46,4 +47,5 @@ __all__ = [
 @lru_cache(maxsize=16)
 def clearances(task: ResolvedTask, topology: Topology) -> tuple[Requirement, ...]:
     """Return (4) to (9) of the printed problem, in its order."""
-    return (*between_modules(task, topology), *around_end_effector(task), *exposure(task))
+    reach = within_reach(task, topology)
+    return (*between_modules(task, topology), *around_end_effector(task), *reach, *exposure(task))

@@ -26,7 +26,9 @@ from nlp.reduced.kinds import Kernel
 from topo_search.model.arrays import Array
 
 Subjects = NDArray[np.intp]
-"""Modules i and j of some clearances, shape (m, 2); where a clearance concerns one module, or none, j is i."""
+"""Modules i and j of some clearances, shape (m, 2); where a clearance concerns one module, or none, j is i.
+
+One that may concern any module has all of them, in order."""
 Platform = Mapping[str, Any]
 """From `Carried.what` to what is carried: of every module, or the one of the platform alone."""
 
@@ -37,10 +39,10 @@ class Carried(NamedTuple):
     what: str
     """`p`, `x`, `y`, `z`, `p'_E` or `p_COM`."""
     of: int | None = None
-    """Of which module: 0 for i, 1 for j; None for what the platform has one of."""
+    """Of which module: 0 for i, 1 for j, its place among more; None for what the platform has one of."""
 
     def at(self, platform: Platform, subject: Any) -> Any:
-        """Return it, of a subject (i, j) or, where the platform is arrays, of columns of subjects."""
+        """Return it, of a subject (i, j, ...) or, where the platform is arrays, of columns of subjects."""
         return platform[self.what][0 if self.of is None else subject[self.of]]
 
 
@@ -108,11 +110,11 @@ class Requirement:
     near: float = math.inf
     """Clearance from which on a round of Ipopt does without a row [l_arm]."""
 
-    def rows(self) -> Iterator[tuple[str, tuple[int, int], Formula]]:
+    def rows(self) -> Iterator[tuple[str, tuple[int, ...], Formula]]:
         """Yield name, modules and formula of every clearance."""
-        for i, j in self.subjects.tolist():
+        for subject in map(tuple, self.subjects.tolist()):
             for formula in self.formulas:
-                yield self.name(i, j, formula.segment), (i, j), formula
+                yield self.name(subject[0], subject[1], formula.segment), subject, formula
 
     def gaps(self, platform: Platform) -> Array:
         """Return the exact clearances of all subjects and formulas, shape (m, len(formulas)) [l_arm]."""

@@ -44,8 +44,18 @@ LEAST_INPUT, LARGEST_INPUT = 0.05, 0.95
 
 def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> np.random.Generator:
     """Return the random numbers of one start."""
-    text = f"{task.declared.model_dump_json()}\n{topology.key}\n{start}\n{seed}"
-    return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big"))
+    return np.random.default_rng(entropy(task, topology, f"{start}\n{seed}"))
+
+
+def entropy(task: ResolvedTask, topology: Topology, seed: str) -> int:
+    """Return the number that seeds the draws of a task and topology.
+
+    A point without a rod, and how far a rod reaches, draw nothing: what does not bind leaves the answer as it is.
+    """
+    nothing = {"largest_reach", "rod"} if task.end_effector.rod == "none" else {"largest_reach"}
+    asked = task.declared.model_dump_json(exclude={"end_effector": nothing})
+    text = f"{asked}\n{topology.key}\n{seed}"
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
 
 
 def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:

@@ -80,7 +80,7 @@ root = click.option(
     help="Root orientation: free, or limited to the paper's two angles.",
 )
 paper = click.option(
-    "--paper", is_flag=True, help="The paper's literal problem: its root, no margin, no body clearance."
+    "--paper", is_flag=True, help="The paper's literal problem: its root, no margin, no body clearance, no rod."
 )
 as_json = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
 

@@ -37,10 +37,11 @@ class EndEffector(Value):
     """Whether p_E stays at least connector_distance away from every module's centre."""
     stand_off: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0.0)] = 0.0
     """Least distance of p_E from every module's centre, if larger than the exclusion [m]."""
-    rod: Annotated[Literal["none", "straight"], Field(exclude_if=lambda given: given == "none")] = "none"
+    rod: Literal["none", "straight"] = "straight"
     """`straight`: requires a straight rod, clear of all parts and airflow; `none`: a missing rod is only noted."""
-    largest_reach: Annotated[Reach, Field(exclude_if=lambda given: given is False)] = False
-    """Largest distance of p_E from its rod's connector [m], checked by the audit; or false."""
+    largest_reach: Reach | None = None
+    """Largest distance of p_E from its rod's connector [m]; default: four times the width of the modules in a
+    square; false: none."""
     rod_radius: Positive = 0.005
     """Radius of the rod that carries the end-effector [m]."""
     rod_linear_density: NonNegative = 0.045
@@ -52,3 +53,13 @@ class EndEffector(Value):
         if self.position == "free":
             return None
         return (0.0, 0.0, 0.0) if self.position == "com" else self.position
+
+
+class ResolvedEndEffector(EndEffector):
+    """The end-effector of a design: what an older file does not state was not asked for."""
+
+    rod: Literal["none", "straight"] = "none"
+    """`straight`: a design needs a straight rod, clear of all parts and airflow; `none`: it is told where there is
+    none."""
+    largest_reach: Reach = False
+    """Largest distance of p_E from the connector that holds its rod [m]; or false."""

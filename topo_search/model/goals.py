@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field, model_validator
 from topo_search.limits import LEVELS
 from topo_search.model.bad_input import shown
 from topo_search.model.reserves import Failing
-from topo_search.model.value import Flag, NonNegative, Positive, Value, at_most, refuse
+from topo_search.model.value import Angle, Flag, NonNegative, Positive, Value, at_most, refuse
 
 FIELDS = (
     "search.margin",
@@ -25,6 +25,7 @@ FIELDS = (
     "flight.torque_reserve",
     "flight.rotor_out",
     "flight.joint_moment",
+    "tolerances.hinge_angle_deg",
 )
 """What a level sets, in the order of `Level`."""
 
@@ -63,6 +64,8 @@ class Level(NamedTuple):
     """Of flight.rotor_out."""
     joint_moment: float | None = None
     """Of flight.joint_moment [N m]."""
+    hinge_angle_deg: float | None = None
+    """Of tolerances.hinge_angle_deg, which clearances survive then [deg]."""
 
     @property
     def words(self) -> str:
@@ -98,6 +101,13 @@ class Goals(Value):
         Field(exclude_if=lambda given: not given),
     ] = ()
     """Levels of flight.joint_moment [N m]."""
+    hinge_angle_deg: Annotated[
+        tuple[Angle, ...],
+        at_most(LEVELS),
+        AfterValidator(_different),
+        Field(exclude_if=lambda given: not given),
+    ] = ()
+    """Levels of tolerances.hinge_angle_deg, which the clearances survive with all of [tolerances] [deg]."""
     modules: Flag = False
     """Whether fewer modules are a goal; needs a range of sizes and wrenches in SI."""
 
@@ -137,5 +147,6 @@ class Goals(Value):
             sorted(self.torque_reserve),
             sorted(self.rotor_out, key=get_args(Failing).index),
             sorted(self.joint_moment, reverse=True),
+            sorted(self.hinge_angle_deg),
         )
         return tuple(axis or [None] for axis in axes)

@@ -78,6 +78,8 @@ def _search(task: ResolvedTask) -> Iterator[Relaxable]:
         yield _freed(task, "orientation of the root", "search", "root", "free")
     if task.end_effector.fixed_position is not None:
         yield _freed(task, "position of the end-effector", "end_effector", "position", "free")
+    if task.end_effector.largest_reach:
+        yield _scaled(task, "reach of the rod", "end_effector", "largest_reach", 1.0, "more reach", unit="m")
     if task.end_effector.stand_off:
         yield _scaled(
             task,

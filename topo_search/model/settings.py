@@ -12,8 +12,14 @@ from topo_search.model.parsing import NotParsed, toml_data
 SETTING = re.compile(r"\s*([A-Za-z_]\w*(?:\.\w+|\[\d+\])*)\s*=(.*)", re.DOTALL)
 """`search.margin=1e-3`, `load_cases.0.weight=2`, or the same with `load_cases[0]`."""
 
-PAPER = ("search.root=paper", "search.margin=0", "search.body_clearance=false")
-"""The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames."""
+PAPER = (
+    "search.root=paper",
+    "search.margin=0",
+    "search.body_clearance=false",
+    "end_effector.rod=none",
+    "end_effector.largest_reach=false",
+)
+"""The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames, no rod."""
 NAME = 64
 """Most characters of a name in a field."""
 

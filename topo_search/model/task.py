@@ -19,17 +19,18 @@ from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validato
 from topo_search.limits import LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
 from topo_search.model.airflow_room import airflow_folds
 from topo_search.model.bad_input import shown
-from topo_search.model.end_effector import EndEffector
+from topo_search.model.end_effector import EndEffector, ResolvedEndEffector
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
 from topo_search.model.folds import Folds, clear_folds, common
 from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AGREE, Module
 from topo_search.model.reserves import AskedFlight, broken_reserves
-from topo_search.model.room import body_radius
+from topo_search.model.room import LARGE, body_radius, packed_width
 from topo_search.model.search import Search
 from topo_search.model.tolerances import FARTHEST
 from topo_search.model.value import (
+    Angle,
     Count,
     Index,
     NonEmpty,
@@ -69,7 +70,7 @@ LoadCases = Annotated[
 class Tolerances(Value):
     """Largest errors with which the platform is built; the audit says whether its clearances survive them."""
 
-    hinge_angle_deg: Annotated[float, Field(strict=True, ge=0, le=90)] = 0.0
+    hinge_angle_deg: Angle = 0.0
     """Error of every hinge angle [deg]."""
     position: NonNegative = 0.0
     """Error of every module's centre and of the end-effector, on top of the hinge errors [m]."""
@@ -178,7 +179,7 @@ class Task(Value):
         if torque is not None and {self.flight.rotor_out, *self.goals.rotor_out} == {"none"}:
             text = f'must be left out where rotor_out = "none", but got {torque:g}'
             yield ("flight", "rotor_out_torque"), text
-        if self.flight.tolerances and self.tolerances == Tolerances():
+        if self.flight.tolerances and self.tolerances == Tolerances() and not any(self.goals.hinge_angle_deg):
             rule = "must be false where all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
             yield ("flight", "tolerances"), f"{rule}, but got true"
         for field in ("force_reserve", "torque_reserve", "rotor_out", "joint_moment"):
@@ -188,6 +189,9 @@ class Task(Value):
                     ("flight", field),
                     f"must be left out where goals.{field} has levels of it, but got {shown(given)}",
                 )
+        if self.goals.hinge_angle_deg and (error := self.tolerances.hinge_angle_deg):
+            text = f"must be left out where goals.hinge_angle_deg has levels of it, but got {error:g}"
+            yield ("tolerances", "hinge_angle_deg"), text
         for field in ("joint_moment", "joint_force"):
             if getattr(self.flight, field) == "rated" and getattr(self.module, field) is None:
                 yield ("module", field), f'must be given with flight.{field} = "rated", but is missing'
@@ -238,6 +242,11 @@ class Task(Value):
     def farthest_end_effector(self, n: int) -> float:
         """Return how far p_E may be from the COM of a platform of n modules [m]."""
         return FARTHEST * 2 * n * (self.module.connector_distance + self.module.arm_length)
+
+    def largest_reach(self, n: int) -> float | None:
+        """Return how far p_E may be from the connector of its rod on n modules [m]; None where that is free."""
+        given = self.end_effector.largest_reach
+        return None if given is False else given or LARGE * packed_width(self.module, n)
 
     @property
     def max_thrust_to_weight(self) -> float:
@@ -318,11 +327,14 @@ class Task(Value):
         """Return the task with its goals held at a level: a task without goals."""
         search = {"margin": level.clearance, "peak_input": level.peak_input}
         end_effector = {"stand_off": level.stand_off}
+        tolerances = self.tolerances.model_copy(update=_given({"hinge_angle_deg": level.hinge_angle_deg}))
+        survive = (self.flight.tolerances or bool(level.hinge_angle_deg)) and tolerances != Tolerances()
         return self.model_copy(
             update={
                 "search": self.search.model_copy(update=_given(search)),
                 "end_effector": self.end_effector.model_copy(update=_given(end_effector)),
-                "flight": self.flight.at(level),
+                "flight": self.flight.at(level).model_copy(update={"tolerances": survive}),
+                "tolerances": tolerances,
                 "goals": Goals(),
             }
         )
@@ -337,11 +349,14 @@ class Task(Value):
         search = self.search.model_copy(
             update={"separation": self.separation, "body_clearance": self.body_clearance or False}
         )
+        reach = {"largest_reach": self.largest_reach(n) or False}
+        end_effector = ResolvedEndEffector(**{**dict(self.end_effector), **reach})
         return ResolvedTask(
             **{
                 **dict(self),
                 "modules": n,
                 "module": self.module.resolve(),
+                "end_effector": end_effector,
                 "load_cases": tuple(case.to_si(*units) for case in cases),
                 "task_seed": None,
                 "search": search,
@@ -355,6 +370,7 @@ class ResolvedTask(Task):
     """A self-contained task for one number of modules: every default filled in, load cases in SI."""
 
     modules: Count
+    end_effector: ResolvedEndEffector = ResolvedEndEffector()
     load_cases: Annotated[tuple[LoadCase, ...], at_most(LOAD_CASES), NonEmpty]
 
     @model_validator(mode="after")

@@ -120,6 +120,7 @@ def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
     """Yield each length with its field and the most that is usual, in packed widths."""
     yield "end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,))), LARGE
     yield "end_effector.stand_off", task.end_effector.stand_off, LARGE
+    yield "end_effector.largest_reach", task.end_effector.largest_reach or 0.0, LARGE
     for e, asked in enumerate(task.exposure):
         if isinstance(asked, Local | Directional):
             yield f"exposure[{e}].radius", asked.radius or 0.0, LARGE

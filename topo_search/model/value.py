@@ -136,6 +136,8 @@ Positive = Annotated[float, Field(strict=True, gt=0), AfterValidator(_not_extrem
 PositiveOrZero = Annotated[
     float, Field(strict=True, ge=0), AfterValidator(lambda value: value and _not_extreme(value))
 ]
+Angle = Annotated[float, Field(strict=True, ge=0, le=90)]
+"""[deg]"""
 Index = Annotated[int, Field(strict=True, ge=0, le=LARGEST_INTEGER)]
 Count = Annotated[int, Field(strict=True, ge=1, le=MODULES)]
 Flag = Annotated[bool, Field(strict=True)]

@@ -30,6 +30,7 @@ AXES = {
     "torque_reserve": Axis("reserve of torque", "any torque that can be added [N m]", 1.0),
     "rotor_out": Axis("failures", "possible with any one rotor dead", 1.0),
     "joint_moment": Axis("joint moment", "largest moment in a joint [N m]", 1.0),
+    "hinge_angle_deg": Axis("hinge error", "error of every hinge angle that is survived [deg]", 1.0),
     "modules": Axis("modules", "modules", 1.0),
 }
 

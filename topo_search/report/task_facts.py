@@ -96,8 +96,8 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
 
 
 def _reach(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
-    reach = task.end_effector.largest_reach
-    return () if reach is False else (("reach from the connector of its rod", f"at most {length(reach)}"),)
+    reach = task.largest_reach(task.n)
+    return () if reach is None else (("reach from the connector of its rod", f"at most {length(reach)}"),)
 
 
 def goals(task: Task) -> Facts:
@@ -112,6 +112,7 @@ def goals(task: Task) -> Facts:
         ("reserve of torque", [f"{x:g} {torque}" for x in asked.torque_reserve]),
         ("possible with any one rotor dead", list(asked.rotor_out)),
         ("largest moment in a joint", [f"{x:g} N m" for x in asked.joint_moment]),
+        ("error of every hinge angle that is survived", [f"{x:g}°" for x in asked.hinge_angle_deg]),
         ("modules", [str(n) for n in task.sizes] if asked.modules else []),
     )
     rows = [(name, ", ".join(texts)) for name, texts in levels if texts]

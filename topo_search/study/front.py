@@ -9,6 +9,7 @@
 | reserves | radii of the least balls of what can be added in hover, or around what is asked, to be large | N, N m |
 | rotor out | what is proven to be possible with any one rotor dead: none, hover, all load cases | |
 | joint moment | largest in a joint over all load cases, to be small | N m |
+| hinge error | of every hinge angle, up to which clearances are proven to survive, to be large | deg |
 | modules | n, to be small | |
 
 All are those of the audited design, not the level that it was found at: what costs no effort is given anyway.
@@ -41,6 +42,8 @@ INPUT = 1.0e-5
 """Share of u_max that makes none."""
 FORCE, TORQUE = 1.0e-4, 1.0e-5
 """Reserve of force [N], and of torque or moment [N m], that makes none."""
+HINGE = 1.0e-3
+"""Error of hinge angles that makes none [deg]."""
 SAME_EFFORT = 1.0e-4
 """Relative difference of efforts that starts of their own may make, and no level."""
 UNITS = {
@@ -51,6 +54,7 @@ UNITS = {
     "torque_reserve": "N m",
     "rotor_out": "any one rotor dead",
     "joint_moment": "N m",
+    "hinge_angle_deg": "deg",
 }
 """Of what a design reaches."""
 MODULE = 0.5
@@ -69,6 +73,7 @@ FRONT_COLUMNS = (
     "torque_reserve",
     "rotor_out",
     "joint_moment",
+    "hinge_angle_deg",
     "audit",
     "level",
     "level_clearance",
@@ -78,6 +83,7 @@ FRONT_COLUMNS = (
     "level_torque_reserve",
     "level_rotor_out",
     "level_joint_moment",
+    "level_hinge_angle_deg",
     "design",
 )
 """The columns of `front.csv`: what a design reaches, then the level that it was found at, and its file."""
@@ -105,6 +111,8 @@ class FrontPoint:
     """What is proven to be possible with any one rotor dead."""
     joint_moment: float | None = None
     """[N m]; None without joints."""
+    hinge_angle_deg: float | None = None
+    """[deg]; None where nothing is proven."""
 
     @property
     def folder(self) -> str:
@@ -124,6 +132,7 @@ class FrontPoint:
             "torque_reserve": self.torque_reserve,
             "rotor_out": self.rotor_out,
             "joint_moment": self.joint_moment,
+            "hinge_angle_deg": self.hinge_angle_deg,
             "level": self.number,
             **{f"level_{name}": value for name, value in self.level._asdict().items()},
             "design": f"{self.folder}/designs/{row.key}.json",
@@ -140,6 +149,7 @@ class FrontPoint:
             "torque_reserve": -(self.torque_reserve or 0.0) / TORQUE,
             "rotor_out": -2.0 * get_args(Failing).index(self.rotor_out),
             "joint_moment": (self.joint_moment or 0.0) / TORQUE,
+            "hinge_angle_deg": -(self.hinge_angle_deg or 0.0) / HINGE,
             "modules": self.row.modules / MODULE,
         }
         effort = math.log(self.row.objective) / EFFORT if self.row.objective else -math.inf
@@ -266,6 +276,7 @@ def _of_flight(task: ResolvedTask, flight: Flight | None) -> dict[str, Any]:
         "torque_reserve": min((torque or 0.0 for torque in torques), default=None),
         "rotor_out": next((what for what, out in kept.items() if out.survive == out.of), "none"),
         "joint_moment": flight.joint_moment_Nm,
+        "hinge_angle_deg": flight.hinge_tolerance_deg,
     }
 
 

@@ -1,0 +1,132 @@
+"""How far the end-effector is from the connector that may hold its rod.
+
+The nearest free connector is asked about: one is enough. Which of them a clear rod leads from is for the audit to
+say, which measures that rod.
+
+| symbol | meaning | unit |
+|---|---|---|
+| w | p_i + l_c e - p'_E: the connector of module i in direction e, from the end-effector | l_arm |
+| L | largest reach | l_arm |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from nlp import names
+from nlp.numbers.geometry import PORTS
+from nlp.reduced.kinds import REACH, Kernel
+from nlp.requirements.statement import TIP, Carried, Platform, Requirement, Seen
+from nlp.symbols.smooth import log_sum_exp
+from nlp.units import Units
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
+
+NEAR = 6.0
+"""A reach that leaves at least so much is not stated in a round [l_arm]."""
+
+
+@dataclass(frozen=True)
+class WithinReach:
+    """A connector is no farther from the end-effector than the largest reach."""
+
+    port: int
+    l_c: float
+    """[l_arm]"""
+    largest: float
+    """L."""
+    of: int = 0
+    """The module's place in the subject."""
+    segment = None
+
+    @property
+    def sees(self) -> tuple[Seen, ...]:
+        """The module from the end-effector, and the axis that the port lies on."""
+        return Seen(Carried("p", self.of), TIP), Seen(Carried("xy"[self.port % 2], self.of))
+
+    @property
+    def _along(self) -> float:
+        """Where the connector is on that axis."""
+        return self.l_c if self.port < 2 else -self.l_c
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return (L^2 - ||w||^2) / (2 L), smooth everywhere and exact to first order at contact."""
+        w = y[0] + self._along * y[1]
+        return (self.largest**2 - ca.dot(w, w)) / (2 * self.largest)
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return L - ||w||."""
+        gap: Array = self.largest - np.linalg.norm(y[0] + self._along * y[1], axis=-1)
+        return gap
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return one row."""
+        x, y, z = (self.l_c * PORTS[self.port]).tolist()
+        return (Kernel(REACH, (x, y, z), self.largest, of=self.of),)
+
+
+@dataclass(frozen=True)
+class AnyWithinReach:
+    """Some free connector is; the subject has all modules."""
+
+    connectors: tuple[WithinReach, ...]
+    segment = None
+
+    @cached_property
+    def sees(self) -> tuple[Seen, ...]:
+        """What each of them sees, in order."""
+        return tuple(seen for one in self.connectors for seen in one.sees)
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the log-sum-exp of all, which is at most the largest."""
+        gaps = [one.smooth(seen, beta) for one, seen in zip(self.connectors, _pairs(y), strict=True)]
+        return -log_sum_exp([-gap for gap in gaps], beta) - math.log(len(gaps)) / beta
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return the largest."""
+        gaps = [one.exact(seen) for one, seen in zip(self.connectors, _pairs(y), strict=True)]
+        return np.asarray(np.max(gaps, axis=0))
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return a row for each, of which that of the nearest counts."""
+        return tuple(kernel for one in self.connectors for kernel in one.kernels())
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest(Requirement):
+    """A reach that any free connector may meet: a round of Ipopt asks the nearest one for it."""
+
+    def at_hand(self, platform: Platform) -> Requirement:
+        """Return the nearest connector's alone, or nothing where that is far within reach."""
+        (asked,) = self.formulas
+        assert isinstance(asked, AnyWithinReach)
+        columns = self.subjects.T
+        gaps = [one.exact([seen.at(platform, columns) for seen in one.sees])[0] for one in asked.connectors]
+        nearest = asked.connectors[int(np.argmax(gaps))]
+        subjects = self.subjects[: int(max(gaps) < self.near)]
+        return Requirement(self.equation, self.name, subjects, (nearest,), self.margin)
+
+
+def within_reach(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
+    """Yield the reach of the rod where it is limited."""
+    largest, unit = task.largest_reach(topology.n), Units.of(task).length
+    if largest is None:
+        return
+    l_c, n = task.module.connector_distance / unit, topology.n
+    formula = AnyWithinReach(
+        tuple(WithinReach(port, l_c, largest / unit, i) for i, port in topology.free_connectors)
+    )
+    subjects = np.arange(max(n, 2))[None]  # never fewer than i and j
+    yield Nearest(7, lambda *_: names.ROD, subjects, (formula,), task.search.margin / unit, near=NEAR)
+
+
+def _pairs(y: Sequence[Any]) -> list[Sequence[Any]]:
+    """Return what each connector sees, of what all of them see."""
+    return [y[k : k + 2] for k in range(0, len(y), 2)]

@@ -1,0 +1,99 @@
+"""How far the end-effector may be from the connector of its rod: default, solver, audit and proofs agree."""
+
+import numpy as np
+import pytest
+from nlp_cases import LOCAL, PUSH, as_design, hover, push, random_point, random_tree
+
+from nlp import solve
+from nlp.bounds import prove_impossible
+from nlp.numbers.evaluate import violations
+from nlp.reduced.expressed import reason_against
+from topo_search.model import Design, Infeasible, Task, Topology
+from topo_search.model.files import read_task
+from verify import audit
+
+ROD = "reach of the end-effector's rod"
+FOUR = Topology.from_key("a2300")
+PAPER = ("push", "push-local", "push-directional", "push-two-paths", "push-exterior-60", "push-exterior-90")
+TEN = ("ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional", "ten-wrenches-exterior-60")
+
+
+def nearest(design):
+    """The distance from the end-effector to the nearest free connector [m], as the audit measures it."""
+    return audit(design).assembly.end_effector.connectors[0].length_m
+
+
+def test_by_default_it_grows_with_the_platform_and_a_rod_is_asked_for():
+    task = Task.model_validate({"name": "t", "modules": [4, 9], "load_cases": PUSH})
+    assert task.resolve(4).end_effector.largest_reach == pytest.approx(4 * 2 * 0.15 * 2)
+    assert task.resolve(9).end_effector.largest_reach == pytest.approx(4 * 2 * 0.15 * 3)
+    assert task.resolve(4).end_effector.rod == "straight"
+
+
+@pytest.mark.parametrize("name", PAPER + TEN)
+def test_the_tasks_of_the_paper_have_a_point_that_no_rod_carries(name):
+    task = read_task(name).resolve(5)
+    assert (task.end_effector.rod, task.largest_reach(5)) == ("none", None)
+
+
+@pytest.mark.parametrize("exposure", [[], [{"kind": "local", "box": [0.1, 0.1, 0.1]}]])
+def test_the_solver_keeps_within_reach(exposure):
+    """In the reduced search and, with a box, the longer way."""
+    free = push(4, exposure=exposure)
+    assert (reason_against(free) is None) == (not exposure)
+    plain = solve(free, FOUR, starts=range(4), seed=0)
+    assert isinstance(plain, Design)
+    asked = 0.95 * nearest(plain)
+    short = solve(push(4, exposure=exposure, end_effector={"largest_reach": asked}), FOUR, starts=range(4), seed=0)
+    assert isinstance(short, Design)
+    assert short.objective > plain.objective * (1 - 1e-9)
+    assert 0.9 * asked < nearest(short) <= asked
+    assert audit(short).verdict == "clear"
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_evaluation_measures_what_the_audit_does(seed):
+    rng = np.random.default_rng(seed)
+    topology = random_tree(int(rng.integers(1, 7)), rng)
+    asked = rng.uniform(0.1, 1.0)
+    point = random_point(push(topology.n, end_effector={"largest_reach": asked}), topology, rng)
+    (found,) = (check for check in violations(point) if check.name == ROD)
+    assert asked + found.amount == pytest.approx(nearest(as_design(point)), abs=1e-12)
+
+
+def test_what_keeps_every_connector_away_is_proven_and_named():
+    for fields, field in (
+        ({"end_effector": {"stand_off": 0.8, "largest_reach": 0.6}}, "end_effector.largest_reach"),
+        ({"exposure": [{**LOCAL, "radius": 20.0}], "end_effector": {"largest_reach": None}}, "exposure[0].radius"),
+        ({"end_effector": {"position": [3.0, 0.0, 0.0], "largest_reach": 0.5}}, "end_effector.position"),
+    ):
+        found = prove_impossible(push(3, **fields))
+        assert isinstance(found, Infeasible)
+        assert found.worst_constraint == ROD
+        assert field in found.message
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_proof_stands_against_a_platform_within_its_reach(seed):
+    """A platform drawn at random, and a task that asks for just so much."""
+    rng = np.random.default_rng(seed)
+    topology = random_tree(int(rng.integers(1, 6)), rng, aligned=True)
+    point = random_point(hover(topology.n), topology, rng)
+    offset = (point.p_E - point.p_COM).tolist()
+    stand_off = float(np.linalg.norm(point.poses[1] - point.p_E, axis=1).min()) * (1 - 1e-9)
+    reach = nearest(as_design(point)) * (1 + 1e-9)
+    for place in ({"stand_off": stand_off}, {"position": offset}):
+        asked = hover(topology.n, end_effector={**place, "exclusion": False, "largest_reach": reach})
+        found = prove_impossible(asked, topology)
+        assert found is None or found.worst_constraint != ROD
+
+
+def test_the_proof_is_sharp():
+    """One module whose end-effector is straight out from a connector, and a straight row of them."""
+    m, m_E = 0.24, 0.048
+    for n in (1, 3):
+        share = (n * m + m_E) / (n * m)
+        p_E = (n * 0.15 + 0.4) / share  # 0.4 m beyond the last connector
+        for reach, possible in ((0.4 + 1e-5, True), (0.4 - 1e-5, False)):
+            found = prove_impossible(hover(n, end_effector={"position": [p_E, 0, 0], "largest_reach": reach}))
+            assert (found is None or found.worst_constraint != ROD) == possible
