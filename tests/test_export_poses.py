@@ -30,9 +30,9 @@ def design(key: str, *settings: str, name: str = "push", seed: int | None = None
 
 def test_rotations_turn_the_right_way() -> None:
     x, y, z = np.eye(3)
-    np.testing.assert_allclose(rotation("x", math.pi / 2) @ y, z, atol=1e-15)
-    np.testing.assert_allclose(rotation("y", math.pi / 2) @ z, x, atol=1e-15)
-    np.testing.assert_allclose(rotation("z", math.pi / 2) @ x, y, atol=1e-15)
+    np.testing.assert_allclose(rotation(0, math.pi / 2) @ y, z, atol=1e-15)
+    np.testing.assert_allclose(rotation(1, math.pi / 2) @ z, x, atol=1e-15)
+    np.testing.assert_allclose(rotation(2, math.pi / 2) @ x, y, atol=1e-15)
 
 
 def test_one_module_sits_at_the_origin() -> None:

@@ -20,7 +20,7 @@ from verify.kinematics import platform
 
 Array = NDArray[np.float64]
 
-Z_UP = np.block([[rotation("x", math.pi / 2), np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
+Z_UP = np.block([[rotation(0, math.pi / 2), np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
 """From glTF's axes, y up, to those of the task."""
 
 FRAME = 0.08 * 0.08 * 0.04 + 4 * 0.10 * 0.02 * 0.02

@@ -28,9 +28,8 @@ from nlp.numbers.evaluate import violations
 from nlp.solve import solve
 from topo_search.export.poses import poses
 from topo_search.export.regions import mesh, shapes
-from topo_search.model import Design, Exterior, Topology
+from topo_search.model import Design, Topology
 from topo_search.model.files import to_json
-from topo_search.report.closest import closest_points
 from topo_search.report.task_facts import facts
 from verify import audit
 
@@ -150,8 +149,7 @@ def test_every_kind_is_told_drawn_and_stored(kind):
     words = next(group for group in facts(point.task) if group.rows[0][0] == "requirement 0").rows[0][1]
     assert len(words) > 10
     for pair in exposed(audit(design)):
-        on_envelope, on_region = closest_points(design, at, pair, None)
-        gap = float(np.linalg.norm(on_envelope - on_region))
-        if pair.analytic_m > 0 and not isinstance(design.task.exposure[0], Exterior):
-            assert gap == pytest.approx(pair.analytic_m, abs=1e-4)
+        gap = math.dist(*pair.closest_m)
+        if pair.analytic_m > 0:
+            assert gap == pytest.approx(pair.analytic_m, abs=1e-9)
         assert math.isfinite(gap)

@@ -15,7 +15,6 @@ from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices
-from topo_search.report.closest import closest_points
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
@@ -149,25 +148,13 @@ def test_the_rod_and_the_blocked_connectors_are_shown(audited):
     assert (f"from port {PORT_NAMES[sheet.mount.port]} of module {sheet.mount.module}" in page.text) or sheet.note
 
 
-def test_the_marked_points_are_as_far_apart_as_the_audit_says(audited):
+def test_the_mark_is_where_the_audit_says(audited):
     made, verdict = audited
-    at = poses(made)
-    kinds = set()
-    for pair in verdict.pairs:
-        if pair.kind in ("airflow", "local", "directional", "exterior") and pair.analytic_m > 0:
-            one, other = closest_points(made, at, pair, None)
-            assert np.linalg.norm(one - other) == pytest.approx(pair.analytic_m, abs=1e-6)
-            kinds.add(pair.kind)
-    assert kinds == {"airflow", "directional"}
-
-
-def test_the_marked_points_of_a_cone_are_too():
-    made = design(Topology.from_key("af0000"), "push-exterior-60", end_effector_m=[0.0, 0.0, 3.0])
-    found = [pair for pair in audit(made).pairs if pair.kind == "exterior" and pair.analytic_m > 0]
-    assert found
-    for pair in found:
-        one, other = closest_points(made, poses(made), pair, None)
-        assert np.linalg.norm(one - other) == pytest.approx(pair.analytic_m, abs=1e-6)
+    pair = next(pair for pair in verdict.pairs if pair.kind == "directional")
+    mark = scene(made, poses(made), pair).data[-1]
+    np.testing.assert_allclose(np.stack([mark.x, mark.y, mark.z], axis=1), pair.closest_m, rtol=1e-6)
+    without = pair.model_copy(update={"closest_m": None})  # as in files of programs that do not tell
+    assert "closest" not in {trace.meta["part"] for trace in scene(made, poses(made), without).data}
 
 
 def test_a_distance_that_is_marked_is_told_from_a_gap(audited):

@@ -80,7 +80,14 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
         ],
         end_effector={"stand_off": 0.4},
         search={"peak_input": 0.8, "root": "paper"},
-        flight={"units": "SI", "force_reserve": 1.0, "torque_reserve": 0.2},
+        module={"joint_moment": 2.0},
+        flight={
+            "units": "SI",
+            "force_reserve": 1.0,
+            "torque_reserve": 0.2,
+            "joint_force": 30.0,
+            "joint_moment": "rated",
+        },
     )
     limits = {limit.field: limit for limit in relaxable(task)}
     larger = {
@@ -88,6 +95,8 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
         "module.connector_distance",
         "search.peak_input",
         "exposure[2].half_angle_deg",
+        "flight.joint_force",
+        "flight.joint_moment",
     }
     smaller = {
         "exposure[0].radius",
@@ -104,6 +113,8 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
         if field in larger | smaller:
             assert (limit.value(changed) > limit.value(task)) == (field in larger)
         assert changed != task
+    assert limits["flight.joint_moment"].value(task) == 2.0
+    assert limits["flight.joint_moment"].relaxed(0.5).joint_limits == (30.0, 3.0)
     assert limits["load_cases"].relaxed(0.5).load_cases[-1] == task.load_cases[-1]  # hover stays
 
 

@@ -86,6 +86,11 @@ class _Found(NamedTuple):
     part: Indices
     """The part that is nearest."""
 
+    @property
+    def closest(self) -> Array:
+        """Of a gap the points of part and envelope, of an overlap one in both, twice, shape (N, 2, 3)."""
+        return np.stack([self.x, self.x - np.maximum(self.d, 0.0)[..., None] * self.n], axis=-2)
+
 
 def beside_airflow(parts: RigidParts, envelopes: Sequence[Solid], *, counts: bool) -> Iterator[BesideAirflow]:
     """Yield every rotor, then hub and arms, of every module against the airflow of every other one."""
@@ -110,6 +115,8 @@ def certify_beside(asked: Sequence[BesideAirflow], parts: RigidParts) -> list[Ce
         for row in found
     ]
     certificates = []
+    a = np.array([pair.a for pair in pairs])
+    closest = [np.einsum("nij,nkj->nki", parts.R[a], row.closest) + parts.centres[a, None] for row in found]
     columns = [
         (row.d.tolist(), row.lower.tolist(), row.upper.tolist(), ok.tolist())
         for row, ok in zip(found, proven, strict=True)
@@ -122,9 +129,10 @@ def certify_beside(asked: Sequence[BesideAirflow], parts: RigidParts) -> list[Ce
             if not in_range:
                 certificates.append(Certificate(Status.UNDECIDED, None, None, d[k], 0))
             elif apart and ok[k]:
-                certificates.append(Certificate(Status.CLEAR, lower[k], upper[k], d[k], 0))
+                certificates.append(Certificate(Status.CLEAR, lower[k], upper[k], d[k], 0, closest[side][k]))
             else:
-                certificates.append(_certify(asked[k * (ROTORS + 1) + side], parts, found[side], k))
+                one = asked[k * (ROTORS + 1) + side]
+                certificates.append(_certify(one, parts, _row(found[side], k), closest[side][k]))
     return certificates
 
 
@@ -144,10 +152,9 @@ def beside_evidence(asked: BesideAirflow, parts: RigidParts) -> tuple[str, ...]:
     )
 
 
-def _certify(asked: BesideAirflow, parts: RigidParts, found: _Found, k: int) -> Certificate:
-    at = _row(found, k)
+def _certify(asked: BesideAirflow, parts: RigidParts, at: _Found, closest: Array) -> Certificate:
     upper = None if np.isnan(at.upper) else float(at.upper)
-    return judge(float(at.d), upper, functools.partial(_proof, asked, parts, at), LEVELS)
+    return judge(float(at.d), upper, closest, functools.partial(_proof, asked, parts, at), LEVELS)
 
 
 def _row(found: _Found, k: int) -> _Found:

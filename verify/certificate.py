@@ -53,6 +53,8 @@ class Certificate:
     """The closed form's value."""
     level: int
     """How often the meshes were refined: 0 is the common mesh."""
+    closest: Array | None = None
+    """Of a gap the points nearest to each other, of an overlap a point in both, twice, shape (2, 3)."""
 
 
 class Solid:
@@ -109,6 +111,8 @@ class Witness(NamedTuple):
     """Half-way between the nearest points; for an overlap the point that is deep in both, shape (3,)."""
     upper: float | None
     """Upper bound that the nearest or the common points prove; None if they do not lie where they should."""
+    closest: Array
+    """These points, shape (2, 3)."""
 
 
 def certify_pairs(pairs: Sequence[tuple[Solid, Solid]]) -> list[Certificate]:
@@ -132,26 +136,30 @@ def witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
     depth_A, depth_B = A.depth(common), B.depth(common)
     shared = np.minimum(depth_A, depth_B) > ROUNDING
     gap = d > 0
-    x = np.where(gap[:, None], (x_A + x_B) / 2, common)
+    closest = np.where(gap[:, None, None], np.stack([x_A, x_B], axis=1), common[:, None])
+    x = closest.mean(axis=1)
     upper = np.where(gap, np.linalg.norm(x_B - x_A, axis=-1), -(depth_A + depth_B))
     proven = np.where(gap, reached, shared)
     for k, value in enumerate(d.tolist()):
-        yield Witness(value, n[k], x[k], float(upper[k]) if proven[k] else None)
+        yield Witness(value, n[k], x[k], float(upper[k]) if proven[k] else None, closest[k])
 
 
 def _certify(A: Solid, B: Solid, at: Witness) -> Certificate:
     if not (A.in_range and B.in_range):
         return Certificate(Status.UNDECIDED, None, None, at.d, 0)
     prove = _separating_gap if at.d > 0 else _common_point
-    return judge(at.d, at.upper, lambda level: prove(A, B, at, level), levels=1 + len(TURNED_LEVELS))
+    return judge(at.d, at.upper, at.closest, lambda level: prove(A, B, at, level), levels=1 + len(TURNED_LEVELS))
 
 
-def judge(d: float, upper: float | None, proof: Callable[[int], float | None], levels: int) -> Certificate:
+def judge(
+    d: float, upper: float | None, closest: Array, proof: Callable[[int], float | None], levels: int
+) -> Certificate:
     """Refine until a proof of what the closed form says succeeds, then hold its value against the bounds.
 
     Args:
         d: the closed form's value.
         upper: a proven upper bound, or None.
+        closest: the points that prove it.
         proof: from the level to a proven lower bound, positive if clear; None if the proof fails.
         levels: number of levels to try.
     """
@@ -161,9 +169,9 @@ def judge(d: float, upper: float | None, proof: Callable[[int], float | None], l
             proven = Status.CLEAR if lower > 0 else Status.VIOLATED
             agrees = lower - ROUNDING <= d <= upper + ROUNDING
             status = proven if agrees else Status.INCONSISTENT
-            return Certificate(status, lower if proven == Status.CLEAR else None, upper, d, level)
+            return Certificate(status, lower if proven == Status.CLEAR else None, upper, d, level, closest)
     unproven = Status.UNDECIDED if abs(d) <= FLOOR else Status.INCONSISTENT
-    return Certificate(unproven, None, upper, d, levels - 1)
+    return Certificate(unproven, None, upper, d, levels - 1, closest)
 
 
 def _separating_gap(A: Solid, B: Solid, at: Witness, level: int) -> float | None:

@@ -73,16 +73,16 @@ def compound_evidence(A: Compound, B: Compound, bolted: bool) -> tuple[str, ...]
 def _certify(A: Compound, B: Compound, found: Proximity) -> Certificate:
     part_A, part_B = A.parts[found.a], B.parts[found.b]
     if found.d > 0:
-        upper = math.dist(found.x_A, found.x_B)
+        upper, closest = math.dist(found.x_A, found.x_B), np.stack([found.x_A, found.x_B])
         proven = min(part_A.depth(found.x_A), part_B.depth(found.x_B)) > -ROUNDING
         proof = functools.partial(_apart, A, B, found)
     else:
         x = _common_point(part_A, part_B, (found.x_A + found.x_B) / 2)
         depths = part_A.depth(x), part_B.depth(x)
-        upper = -sum(depths)
+        upper, closest = -sum(depths), np.stack([x, x])
         proven = min(depths) > ROUNDING
         proof = functools.partial(_overlap, A, B, found, x)
-    return judge(found.d, upper if proven else None, proof, LEVELS)
+    return judge(found.d, upper if proven else None, closest, proof, LEVELS)
 
 
 def _apart(A: Compound, B: Compound, found: Proximity, level: int) -> float | None:

@@ -43,11 +43,12 @@ def certify_inside(solid: Solid, cone: Cone) -> Certificate:
     d, worst = cone_clearance(body, cone)
     if not (solid.in_range and np.all(np.abs(cone.apex) < FARTHEST / 16)):
         return Certificate(Status.UNDECIDED, None, None, d, 0)
-    x = body.centre(worst) - body.radius(worst) * cone.inward_normal(body.centre(worst))
+    m = cone.inward_normal(body.centre(worst))
+    x = body.centre(worst) - body.radius(worst) * m
     upper = float(cone.s(x))
     proven = body.depth(x) > -ROUNDING and (d > 0 or upper < -ROUNDING)
     proof = functools.partial(_inside, solid, cone) if d > 0 else functools.partial(_outside, body, cone, worst)
-    return judge(d, upper if proven else None, proof, levels=len(SIDES))
+    return judge(d, upper if proven else None, np.stack([x, x - upper * m]), proof, levels=len(SIDES))
 
 
 def _inside(solid: Solid, cone: Cone, level: int) -> float | None:

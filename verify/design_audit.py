@@ -18,9 +18,10 @@ import numpy as np
 
 from topo_search.model import Audit, Clearance, Design, Module, Status
 from topo_search.model.stated import StatedCheck
+from topo_search.model.value import Vector
 from verify.assembly import assembly, rod_residuals
 from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
-from verify.bodies import Cone
+from verify.bodies import Array, Cone
 from verify.brackets import beside_brackets, bracket_hulls, rotors_beside_brackets
 from verify.certificate import Certificate, Solid, certify_pairs
 from verify.compound_certificate import certify_compounds, compound_evidence
@@ -43,6 +44,8 @@ from verify.wrench_sets import corner_residuals
 Asked = Requirement | RigidRequirement | BesideAirflow | InsideCone
 MOST_CLEARANCES = 1_000_000
 """Rows of an audit, of every kind: those of 380 modules and 50 paths; more would need gigabytes."""
+DISTANCES = ("separation", "exclusion")
+"""Kinds that ask for a least distance of two places: their bodies are balls around them."""
 Row = TypeVar("Row", bound=Asked)
 
 
@@ -93,7 +96,9 @@ def _audit(design: Design, started: float) -> Audit:
     statuses = [c.status for requirement, c in zip(asked, certificates, strict=True) if requirement.counts]
     mount, module = sheet.mount, design.task.module
     holder = 0 if mount is None else mount.module
-    pairs = tuple(_clearance(*row, module, parts) for row in zip(asked, certificates, strict=True))
+    middle = found.p_com + found.o.mean(axis=0)  # of the scene, in W
+    closest = _closest_points(asked, certificates, module.arm_length, middle)
+    pairs = tuple(_clearance(*row, module, parts) for row in zip(asked, certificates, closest, strict=True))
     errors = sensitivity(design, found, scene, requirements, holder)
     measured = flight(design, found, sheet, errors)
     judged = (reserve_residuals, failure_residuals, load_residuals)
@@ -134,7 +139,30 @@ def _certificates(requirements: list[Requirement]) -> list[Certificate]:
     return [certificate(r.body, r.against) for r in requirements]
 
 
-def _clearance(requirement: Asked, certificate: Certificate, module: Module, parts: RigidParts) -> Clearance:
+def _closest_points(
+    asked: list[Asked], certificates: list[Certificate], l_arm: float, middle: Array
+) -> list[tuple[Vector, Vector] | None]:
+    """Return where both sides of every row come closest, in W [m]; of a least distance the places themselves."""
+    nowhere = np.full((2, 3), np.nan)
+
+    def points(row: Asked, certificate: Certificate) -> Array:
+        if row.kind in DISTANCES and isinstance(row.body, Solid) and isinstance(row.against, Solid):
+            return np.stack([row.body.body.o, row.against.body.o])
+        return nowhere if certificate.closest is None else certificate.closest
+
+    rows = [points(row, certificate) for row, certificate in zip(asked, certificates, strict=True)]
+    found = l_arm * np.array(rows).reshape(-1, 2, 3) + middle
+    known = np.asarray(np.isfinite(found).all(axis=(1, 2)))
+    return [(one, other) if sure else None for (one, other), sure in zip(found.tolist(), known, strict=True)]
+
+
+def _clearance(
+    requirement: Asked,
+    certificate: Certificate,
+    closest: tuple[Vector, Vector] | None,
+    module: Module,
+    parts: RigidParts,
+) -> Clearance:
     l_arm, d = module.arm_length, finite(certificate.analytic * module.arm_length)
     inconsistent = certificate.status == Status.INCONSISTENT
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
@@ -150,6 +178,7 @@ def _clearance(requirement: Asked, certificate: Certificate, module: Module, par
         level=certificate.level,
         percent=finite(percent_of_deepest(d, module)) if requirement.kind == "airflow" else None,
         evidence=_evidence(requirement, parts) if inconsistent else (),
+        closest_m=closest,
     )
 
 

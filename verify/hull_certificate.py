@@ -33,7 +33,8 @@ def certify_outside(solid: Solid, region: Hull) -> Certificate:
     if not (solid.in_range and np.all(np.abs(region.mesh.vertices) < FARTHEST / 16)):
         return Certificate(Status.UNDECIDED, None, None, at.d, 0)
     prove = _separating_gap if at.d > 0 else _common_point
-    return judge(at.d, at.upper, functools.partial(prove, solid.body, region, at), levels=len(TURNED_LEVELS))
+    proof = functools.partial(prove, solid.body, region, at)
+    return judge(at.d, at.upper, at.closest, proof, levels=len(TURNED_LEVELS))
 
 
 def witness(body: ConeSphere, region: Hull) -> Witness:
@@ -48,9 +49,10 @@ def witness(body: ConeSphere, region: Hull) -> Witness:
     if found.d > 0:
         x_K = P + r * n
         reached = body.depth(x_K) > -ROUNDING
-        return Witness(found.d, n, (x_K + x) / 2, float(np.linalg.norm(x - x_K)) if reached else None)
+        upper = float(np.linalg.norm(x - x_K)) if reached else None
+        return Witness(found.d, n, (x_K + x) / 2, upper, np.stack([x_K, x]))
     depth = float(body.depth(x))
-    return Witness(found.d, n, x, -depth if depth > ROUNDING else None)
+    return Witness(found.d, n, x, -depth if depth > ROUNDING else None, np.stack([x, x]))
 
 
 def outer_gap(body: ConeSphere, region: Hull, at: Witness, level: int) -> tuple[float, bool] | None:

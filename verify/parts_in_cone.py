@@ -53,7 +53,8 @@ def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:
         functools.partial(_inside, module, cone, lowest),
         functools.partial(_outside, module, cone, x, k),
     )
-    return judge(d, d if within else None, inwards if d > 0 else beyond, levels=len(SIDES))
+    closest = np.stack([x, x - d * cone.inward_normal(x)])
+    return judge(d, d if within else None, closest, inwards if d > 0 else beyond, levels=len(SIDES))
 
 
 def cone_evidence(module: Compound, cone: Cone) -> tuple[str, ...]:

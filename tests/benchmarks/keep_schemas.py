@@ -13,10 +13,18 @@ from pathlib import Path
 from topo_search.export.allocation import Allocation
 from topo_search.model import Audit, Design, Task
 from topo_search.model.files import write_atomically
+from topo_search.model.relaxation import Relaxed
 from topo_search.simulation.result import FlightResult
 
 FOLDER = Path(__file__).parents[2] / "topo_search/schemas"
-MODELS = {"task": Task, "design": Design, "audit": Audit, "allocation": Allocation, "flight": FlightResult}
+MODELS = {
+    "task": Task,
+    "design": Design,
+    "audit": Audit,
+    "relaxed": Relaxed,
+    "allocation": Allocation,
+    "flight": FlightResult,
+}
 
 
 def schemas() -> dict[str, str]:

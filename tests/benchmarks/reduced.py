@@ -3,10 +3,10 @@
     python tests/benchmarks/reduced.py REVISION [--examples EXAMPLE ...] [--modules N] [--trees M] [--starts S]
         [--set FIELD=VALUE ...]
 
-All trees up to a half turn, or M uniformly drawn ones. The solver of REVISION runs from its own source, checked out
-in a temporary folder, in a process of its own beside another one with the present solver: one after the other, tree
-by tree, so that both meet the same load. CPU seconds of one thread; code is compiled before. The best known effort
-of a tree is the less of the two; both numbers of trees within 0.1 % of it are shown.
+All candidates of a search of the example, or M uniformly drawn ones. The solver of REVISION runs from its own
+source, checked out in a temporary folder, in a process of its own beside another one with the present solver: one
+after the other, tree by tree, so that both meet the same load. CPU seconds of one thread; code is compiled before.
+The best known effort of a tree is the less of the two; both numbers of trees within 0.1 % of it are shown.
 """
 
 from __future__ import annotations
@@ -69,23 +69,28 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=["search.body_clearance=false"], dest="settings")
     arguments = parser.parse_args()
     n = arguments.modules
-    trees = sample(n, arguments.trees, 0) if arguments.trees else [one.topology for one in candidates(n)]
     settings = (f"modules={n}", *arguments.settings)
-    print(f"n = {n}, {len(trees)} trees, {' '.join(settings[1:])}")
+    print(f"n = {n}, {' '.join(settings[1:])}")
     of_each = "designs | within 0.1 % | CPU s"
-    print(f"| example | {OLD_STARTS} starts of Ipopt: {of_each} | starts now: {of_each} | ratio |")
-    print("|---|---|---|---|---|---|---|---|")
+    print(f"| example | trees | {OLD_STARTS} starts of Ipopt: {of_each} | starts now: {of_each} | ratio |")
+    print("|---|---|---|---|---|---|---|---|---|")
     with _source(arguments.revision) as old:
         for example in arguments.examples:
             known = {"EXAMPLE": example, "SETTINGS": settings, "N": n}
-            starts = arguments.starts or default_starts(read_task(example, settings))
+            task = read_task(example, settings)
+            starts = arguments.starts or default_starts(task)
+            resolved = task.resolve(n)
+            every = (one.topology for one in candidates(n, symmetry="task", task=resolved))
+            trees = (
+                sample(n, arguments.trees, 0, symmetry="task", task=resolved) if arguments.trees else list(every)
+            )
             with (
                 _served({**known, "STARTS": OLD_STARTS}, old) as before,
                 _served({**known, "STARTS": starts}, HERE) as now,
             ):
                 pairs = [(_asked(before, tree.key), _asked(now, tree.key)) for tree in trees]
             cells = _cells(pairs)
-            print(f"| {example} | {cells[0]} | {starts}: {cells[1]} | {cells[2]} |", flush=True)
+            print(f"| {example} | {len(trees)} | {cells[0]} | {starts}: {cells[1]} | {cells[2]} |", flush=True)
 
 
 def _cells(pairs: list[tuple[tuple[float | None, float], tuple[float | None, float]]]) -> tuple[str, str, str]:

@@ -87,7 +87,11 @@ def _known(context: click.Context, parameter: click.Parameter, value: str | None
     help="Time constant of a rotor's thrust in the model for MuJoCo (default: none).",
 )
 @click.option("--rod-mass", is_flag=True, help="Give the rod its mass in that model; the design neglects it.")
-@click.option("--contacts", is_flag=True, help="Give the end-effector a tip with contacts in that model.")
+@click.option(
+    "--contacts",
+    is_flag=True,
+    help="Give the rod a tip that touches, and add the task's solid regions to that model.",
+)
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -147,7 +151,7 @@ def export(
         if angle_step is not None and asked not in KIT:
             rule = f"applies only to a kit and its parts, but got --format {asked}"
             raise BadInput("--angle-step", [Fault("", rule)])
-        physics = Physics(motor_lag, rod_mass, contacts)
+        physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
         if physics != Physics() and asked not in SIMULATED:
             rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {asked}"
             raise BadInput("--motor-lag, --rod-mass, --contacts", [Fault("", rule)])

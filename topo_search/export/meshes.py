@@ -37,7 +37,7 @@ def frame(module: Module) -> Trimesh:
     hub = trimesh.creation.box(extents=module.body.hub)
     bars = []
     for angle in ROTOR_ANGLES[:2]:
-        turned = placed(rotation("z", angle), np.zeros(3))
+        turned = placed(rotation(2, angle), np.zeros(3))
         bars.append(trimesh.creation.box(extents=(2 * l_arm, w, w), transform=turned))
     return joined([hub, *bars])
 

@@ -26,6 +26,7 @@ from topo_search.export.parts import ROTOR_ANGLES, ROTOR_SPINS
 from topo_search.export.physics import AS_SEARCHED, Physics, add_lag, add_rod_mass, add_tip
 from topo_search.export.poses import PORTS, poses
 from topo_search.export.rod import rod_of
+from topo_search.export.solid_regions import add_solid_regions
 from topo_search.export.xml_text import numbers, rgba, xml_text
 from topo_search.model.design import Design
 from topo_search.model.module import Module
@@ -85,8 +86,9 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         _bar(bodies[design.mount.module], design.mount.port, module)
         if physics.rod_mass:
             add_rod_mass(platform, rod, design, at)
+    met = physics.solid_regions and add_solid_regions(model, asset, world, design, at)
     if physics.contacts:
-        add_tip(end_effector, design, rod)
+        add_tip(end_effector, design, rod, on_solid=met)
     SubElement(end_effector, "site", name="end_effector", rgba=rgba(palette.END_EFFECTOR))
     _actuators(SubElement(model, "actuator"), design.topology.n)
     _keyframes(SubElement(model, "keyframe"), design, physics)

@@ -1,7 +1,8 @@
 """What a simulator may have of a platform beyond the model of the search: motor lag, the rod's mass, contacts.
 
 The rod's mass moves the centre of mass off the origin of the body `platform`, and no keyframe hovers any more: a
-controller has to make up for it. A tip is a ball as thick as the rod, centred at the end-effector.
+controller has to make up for it. A tip is a ball centred at the end-effector: as thick as the rod, but a point
+where the end-effector begins on a solid region, lest it begin inside.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ COLLISION = "3"
 """Group of geometries that are for contacts alone, which viewers do not show at first."""
 TIP = 2.0
 """Length of the rod that counts as its tip, in its radii."""
+POINT = 1e-5
+"""Radius of a tip that begins on a solid region [m]."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,8 @@ class Physics:
     """Whether the rod has its mass, `end_effector.rod_linear_density` a metre."""
     contacts: bool = False
     """Whether the end-effector has a tip that touches."""
+    solid_regions: bool = False
+    """Whether the solid regions of the task are there to be touched, in the world."""
 
     @property
     def about(self) -> str:
@@ -42,6 +47,8 @@ class Physics:
             lines.append("The rod has its mass, which the design leaves out: the centre of mass is not the origin.")
         if self.contacts:
             lines.append("The geometry `tip` stands for the end of the rod in contacts.")
+        if self.solid_regions:
+            lines.append("Bodies `exposure_K` are the solid regions of the task, where the keyframes meet them.")
         return "".join(f"{line}\n" for line in lines)
 
 
@@ -67,8 +74,15 @@ def add_rod_mass(platform: Element, rod: Rod, design: Design, at: Poses) -> None
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(weighs.mass), diaginertia=moments)
 
 
-def add_tip(end_effector: Element, design: Design, rod: Rod | None) -> None:
-    """Add what touches in place of the rod's picture: the rod without its end, and a ball there."""
+def add_tip(end_effector: Element, design: Design, rod: Rod | None, *, on_solid: bool) -> None:
+    """Add what touches in place of the rod's picture: the rod without its end, and a ball there.
+
+    Args:
+        end_effector: the body that has it.
+        design: the design.
+        rod: its rod.
+        on_solid: whether the end-effector begins on a solid region.
+    """
     radius = design.task.end_effector.rod_radius
     look = {"rgba": rgba(palette.END_EFFECTOR), "mass": "0"}
     if rod is not None and rod.length > TIP * radius:
@@ -76,4 +90,5 @@ def add_tip(end_effector: Element, design: Design, rod: Rod | None) -> None:
         ends = numbers(*(back * rod.length), *(back * TIP * radius))
         hidden = {"group": COLLISION, "type": "cylinder", "size": numbers(radius), **look}
         SubElement(end_effector, "geom", {"name": "rod_contact", "fromto": ends, **hidden})
-    SubElement(end_effector, "geom", {"name": "tip", "type": "sphere", "size": numbers(radius), **look})
+    size = numbers(POINT if on_solid else radius)
+    SubElement(end_effector, "geom", {"name": "tip", "type": "sphere", "size": size, **look})

@@ -1,34 +1,24 @@
-"""Where the modules of a design are: forward kinematics in plain numbers, for pictures and exports.
-
-| symbol | meaning | shape | unit |
-|---|---|---|---|
-| W | task frame, origin at the root module's centre | | |
-| h, i | parent, child; a, b: their ports of the joint | | |
-| e_0..e_3 | port directions +x, +y, -x, -y in the module frame | (4, 3) | |
-| kappa | (a + 2 - b) mod 4 | | |
-| R_i, p_i | orientation and centre of module i in W | (3, 3), (3,) | -, m |
-| alpha_i | hinge angle of the joint h-i | | rad |
-| p'_E, p_COM | end-effector, platform centre of mass in W | (3,) | m |
-| p_E | p'_E - p_COM | (3,) | m |
-"""
+"""Where the modules of a design are, as the audit derives it, for pictures and exports."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.design import Design
+from verify.kinematics import PORT_DIRECTIONS, platform, rotation
 
-PORTS = read_only([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
-"""e_0..e_3."""
+__all__ = ["PORTS", "Poses", "poses", "rotation", "rotation_to"]
+
+PORTS = read_only(PORT_DIRECTIONS)
+"""Directions of the ports 0..3, +x, +y, -x, -y, in the module frame."""
 
 
 @dataclass(frozen=True)
 class Poses:
-    """A platform in the task frame."""
+    """A platform in the task frame W, whose origin is the root module's centre."""
 
     R: Array
     """Orientations, (n, 3, 3)."""
@@ -51,30 +41,10 @@ class Poses:
 
 
 def poses(design: Design) -> Poses:
-    """Return the pose of every module, walking the tree from the root (paper, Sec. II)."""
-    task, l_c = design.task, design.task.module.connector_distance
-    psi, alpha_0, alpha_1 = design.root_orientation_rad
-    R = [rotation("z", psi) @ rotation("x", alpha_0) @ rotation("y", alpha_1)]
-    p = [np.zeros(3)]
-    for (h, _, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
-        R_hinged = R[h] @ rotation("y" if a % 2 == 0 else "x", alpha)
-        kappa = (a + 2 - b) % 4
-        R.append(R_hinged @ rotation("z", kappa * math.pi / 2))
-        p.append(p[h] + l_c * (R[h] + R_hinged) @ PORTS[a])
-    end_effector = np.array(design.end_effector_m)
-    m, m_E = task.module.mass, task.end_effector.mass
-    p_com = (m * np.sum(p, axis=0) + m_E * end_effector) / task.total_mass(design.topology.n)
-    return Poses(read_only(R), read_only(p), read_only(p_com), read_only(end_effector))
-
-
-def rotation(axis: str, angle: float) -> Array:
-    """Return the rotation by `angle` [rad] about a coordinate axis, `x`, `y` or `z`; (3, 3)."""
-    j, k = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    R = np.eye(3)
-    R[j, j] = R[k, k] = math.cos(angle)
-    R[k, j] = math.sin(angle)
-    R[j, k] = -R[k, j]
-    return R
+    """Return the pose of every module by the audit's forward kinematics."""
+    found = platform(design)
+    places = found.poses.p, found.p_com, design.end_effector_m
+    return Poses(read_only(found.poses.R), *map(read_only, places))
 
 
 def rotation_to(a: Array) -> Array:

@@ -49,7 +49,7 @@ class Solid:
 def glb(design: Design, parts: Parts = "all") -> bytes:
     """Return a design as the content of a binary glTF file."""
     scene = Scene(base_frame="world")
-    scene.graph.update("platform", "world", matrix=placed(rotation("x", -math.pi / 2), np.zeros(3)))
+    scene.graph.update("platform", "world", matrix=placed(rotation(0, -math.pi / 2), np.zeros(3)))
     for solid in _solids(design, parts):
         mesh = solid.mesh.copy()
         mesh.visual = _material(solid)

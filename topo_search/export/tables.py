@@ -12,7 +12,10 @@ from topo_search.model.csv_text import harmless
 
 
 def clearances(audit: Audit) -> pd.DataFrame:
-    """Return a row for every pair and requirement of an audit [m], with all fields of `Clearance` but evidence."""
+    """Return a row for every pair and requirement of an audit [m], with the fields of `Clearance`.
+
+    But for evidence and places, which are no single values.
+    """
     return _clearances(audit.pairs)
 
 
@@ -44,7 +47,7 @@ def parquet(frame: pd.DataFrame) -> bytes:
 def _clearances(pairs: Iterable[Clearance]) -> pd.DataFrame:
     numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m", "percent"), "float64")
     frame = _frame(Clearance, pairs).astype({**numbers, "segment": "Int64"})
-    return frame.drop(columns="evidence")
+    return frame.drop(columns=["evidence", "closest_m"])
 
 
 def _frame(kind: type[BaseModel], values: Iterable[BaseModel]) -> pd.DataFrame:

@@ -72,7 +72,7 @@ def urdf(design: Design) -> str:
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     """Return r, p, y with R = Rz(y) Ry(p) Rx(r) [rad], also where p is 90 deg and y is therefore arbitrary."""
     y = math.atan2(R[1, 0], R[0, 0])
-    tilted = rotation("z", -y) @ R
+    tilted = rotation(2, -y) @ R
     p = math.atan2(-tilted[2, 0], tilted[0, 0])
     r = math.atan2(-tilted[1, 2], tilted[1, 1])
     return r, p, y
@@ -87,7 +87,7 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
     rotor = "cylinder", {"radius": numbers(body.rotor_radius), "length": numbers(body.rotor_height)}
     _shape(link, ("box", {"size": numbers(*body.hub)}), np.zeros(3), R, "module")
     for angle in ROTOR_ANGLES:
-        _shape(link, arm, R @ _along(angle, l_arm / 2), R @ rotation("z", angle), "arm")
+        _shape(link, arm, R @ _along(angle, l_arm / 2), R @ rotation(2, angle), "arm")
         _shape(link, rotor, R @ _along(angle, l_arm), R, "rotor")
 
 

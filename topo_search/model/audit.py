@@ -12,7 +12,7 @@ from topo_search.model.assembly import Assembly
 from topo_search.model.flight import Flight
 from topo_search.model.html import heading, table
 from topo_search.model.stated import NOT_CERTIFIED, StatedCheck
-from topo_search.model.value import Index, NonNegative, Number, Value
+from topo_search.model.value import Index, NonNegative, Number, Value, Vector
 
 SHOWN = 10
 """Number of clearances that a notebook shows at least."""
@@ -110,6 +110,10 @@ class Clearance(Pair):
     """`analytic_m` in percent of the deepest overlap of two envelopes, 2 (r_air + dr_air); only for `airflow`."""
     evidence: tuple[str, ...] = ()
     """What closed form, meshes and FCL say where they disagree; empty unless `inconsistent`."""
+    closest_m: tuple[Vector, Vector] | None = None
+    """Of a gap the points of both sides nearest to each other, of an overlap a point in both, twice; of a
+    `separation` or `exclusion` the two centres. From the root's centre in the axes of the task [m]; None where
+    digits are lost, and in files of programs that do not tell."""
 
 
 class Interference(Value):

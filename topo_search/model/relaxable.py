@@ -120,6 +120,16 @@ def _asked(task: ResolvedTask) -> Iterator[Relaxable]:
         if getattr(task.flight, name):
             limit = f"reserve of {what}"
             yield _scaled(task, limit, "flight", name, LEAST - 1, "less", unit="N" if what == "force" else "N m")
+    for place, (name, what, unit) in enumerate((("joint_force", "force", "N"), ("joint_moment", "moment", "N m"))):
+        if (most := task.joint_limits[place]) is not None:
+
+            def firmer(x: float, name: str = name, most: float = most) -> ResolvedTask:
+                return _with(task, "flight", **{name: most * (1 + x)})
+
+            def bears(of: ResolvedTask, place: int = place) -> float | None:
+                return of.joint_limits[place]
+
+            yield Relaxable(f"{what} in a joint", f"flight.{name}", f"larger {what}", 1.0, firmer, bears, unit)
 
     def lighter(x: float) -> ResolvedTask:
         return task.model_copy(update={"load_cases": tuple(_lighter(case, 1 - x) for case in task.load_cases)})

@@ -20,7 +20,6 @@ from topo_search.model.module import Module
 from topo_search.model.shape import Cone
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.clearances import clearance
-from topo_search.report.closest import closest_points
 from topo_search.report.traces import MATT, columns, drawn_lines, drawn_mesh, drawn_points, triangles
 
 CLOSE = 2.0
@@ -39,7 +38,7 @@ def scene(
     Args:
         design: any design.
         at: its poses.
-        closest: the clearance to mark; None if there is no audit.
+        closest: the clearance to mark, where its audit says; None if there is no audit.
         assembly: says which connector carries the end-effector, and which are blocked; None if there is no audit.
     """
     connectors = at.p[:, None] + design.task.module.connector_distance * np.einsum("nij,aj->nai", at.R, PORTS)
@@ -48,8 +47,8 @@ def scene(
     figure = go.Figure([*_volumes(design, at), *_platform(design, at, connectors)])
     figure.add_traces(_free_connectors(design, connectors, assembly))
     figure.add_traces(_end_effector(design, at, foot))
-    if closest is not None:
-        figure.add_traces(_closest(closest, np.stack(closest_points(design, at, closest, foot))))
+    if closest is not None and closest.closest_m is not None:
+        figure.add_traces(_closest(closest, np.array(closest.closest_m)))
     axis = {"showbackground": False, "gridcolor": "#dddddd", "zerolinecolor": "#bbbbbb", "showspikes": False}
     figure.update_layout(
         scene={

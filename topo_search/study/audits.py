@@ -18,7 +18,7 @@ from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import parsed
 from topo_search.study.margins import raise_margins
 from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase, auditing, start_seconds
+from topo_search.study.phases import Phase, auditing, solving_seconds
 from topo_search.study.recording import record
 from topo_search.study.row import Row
 
@@ -60,7 +60,7 @@ def audit_best(
                 return None
             ledger.begin(context, lower_bound, None)
             if jobs:
-                seconds = starts * start_seconds(context.task)
+                seconds = solving_seconds(context.task, starts)
                 observer.phase(Phase("polishing", context.task.n, len(jobs), starts, seconds))
             for job, outcome in solved(iter(jobs), solve=backends.solve, engine=engine, until=until):
                 record(ledger, context, job, outcome, lower_bound=lower_bound)

@@ -9,7 +9,7 @@ from itertools import pairwise
 from topo_search.engine import rounds
 from topo_search.study.audits import AUDITED
 from topo_search.study.folder import RunFolder
-from topo_search.study.phases import WRITING, Phase, PhaseName, Plan, auditing, proving, start_seconds
+from topo_search.study.phases import WRITING, Phase, PhaseName, Plan, auditing, proving, solving_seconds
 
 
 def planned(folder: RunFolder, workers: int | None, time_limit: float) -> Plan:
@@ -38,11 +38,10 @@ def _level(folder: RunFolder, *, timed: bool) -> Iterator[Phase]:
         count = request.space(n).count()
         candidates = count if request.trials is None else min(count, request.trials)
         if not ledger.ended(context, request.starts, request.trials):
-            start = start_seconds(context.task)
             stops = [0, *(part.stop for part in rounds(request.starts, request.starts, timed=timed))]
             for before, stop in pairwise(stops):
                 left = candidates - ledger.reached(context, stop)
                 name: PhaseName = "polishing" if before else "searching"
                 if left > 0:
-                    yield Phase(name, n, left, stop, (stop - before) * start)
+                    yield Phase(name, n, left, stop, solving_seconds(context.task, stop - before))
             yield auditing(n, min(AUDITED, candidates))

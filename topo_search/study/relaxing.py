@@ -17,7 +17,7 @@ from topo_search.model import Design, Infeasible, ResolvedTask, Topology
 from topo_search.model.relaxable import Relaxable, relaxable
 from topo_search.model.relaxation import Relaxation, Relaxed
 from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase, start_seconds
+from topo_search.study.phases import Phase, solving_seconds
 
 TREES = 2
 """The closest trees, for which limits are relaxed."""
@@ -100,7 +100,7 @@ def relax(
     few = range(min(starts, STARTS))
     proven = backends.prove_impossible(task) is not None  # else what is easier is not either
     while jobs := _possible(attempts, backends if proven else None):
-        observer.phase(Phase("relaxing", task.n, len(jobs), len(few), len(few) * start_seconds(task)))
+        observer.phase(Phase("relaxing", task.n, len(jobs), len(few), solving_seconds(task, len(few))))
         numbered = [(number, place, _job(attempts[number], place, few, seed)) for number, place in jobs]
         ended = engine.run(
             partial(_solve, backends.solve), numbered, deadline=lambda job: job[2].deadline, until=until

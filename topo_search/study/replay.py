@@ -11,7 +11,7 @@ from topo_search.model import Design
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
 from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase, start_seconds
+from topo_search.study.phases import Phase, solving_seconds
 from topo_search.study.recording import record
 from topo_search.study.row import Row, score
 
@@ -120,7 +120,7 @@ class Replay:
         """Tell the observer of so many candidates that are solved from so many starts, `again` from more."""
         task = self._context.task
         new = (starts - self._reached if again else starts) or starts
-        seconds = new * start_seconds(task)
+        seconds = solving_seconds(task, new)
         self._observer.phase(Phase("polishing" if again else "searching", task.n, candidates, starts, seconds))
         self._settled.clear()
         self._reached = starts

@@ -60,9 +60,10 @@ class TimeLeft:
     def step(self, now: float, *, known: bool) -> None:
         """Count a step; one whose result was known took no time."""
         if self._waking and not known and self._phase is not None:
-            self._taken += max(0.0, now - self._phase.seconds - self._began)
+            took = self._phase.seconds or max(0.0, now - self._began - WAKING)
+            self._taken += max(0.0, now - took - self._began)
             self._expected += WAKING
-            self._woken, self._began = True, now - self._phase.seconds
+            self._woken, self._began = True, now - took
         self._done += not known
         self._known += known
 
@@ -90,10 +91,8 @@ class TimeLeft:
         if self._waking:
             return max(0.0, self._began + WAKING - now) + correction * step * due
         done = self._done + self._half(due)
-        taken, weight = (
-            now - self._began,
-            TRUSTED if step else 0.0,
-        )  # where nothing is expected only what is seen counts
+        taken = now - self._began
+        weight = TRUSTED if step else 0.0  # where nothing is expected only what is seen counts
         seen = (taken + correction * weight) / (done + (weight / step if step else 0.0))
         return seen * max(0.0, due - done)
 

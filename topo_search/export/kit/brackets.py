@@ -112,7 +112,7 @@ def connector_turn(port: int) -> Array:
 def bracket(sizes: Bracket, phi: float) -> Trimesh:
     """Return the bracket for a turn phi, closed, in millimetres."""
     r, d, t, w = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness, sizes.wall))
-    turned = placed(rotation("y", phi), np.zeros(3))  # as d > r, neither end reaches beyond the other's mating face
+    turned = placed(rotation(1, phi), np.zeros(3))  # as d > r, neither end reaches beyond the other's mating face
     flange = _box((-d, -r, -r), (-d + t, r, r))
     mirrored = _box((d - t, -r, -r), (d, r, r))
     solid = flange + _moved(mirrored, turned)
@@ -164,7 +164,7 @@ def _holes(sizes: Bracket, x: float, t: float, *, marks: int) -> Manifold:
 
 def _x_from_z(x: float) -> Array:
     """Return what puts a solid that stands on z = 0 with its foot at x, upwards being +x."""
-    return placed(rotation("y", math.pi / 2), np.array([x, 0.0, 0.0]))
+    return placed(rotation(1, math.pi / 2), np.array([x, 0.0, 0.0]))
 
 
 def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Manifold:
