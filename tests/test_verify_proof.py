@@ -221,9 +221,38 @@ def test_wrenches_change_with_every_angle_as_is_said(seed):
             while above > 0:
                 path.add(above + 2)
                 above = tree.parents[above]
-            ascent.fill_change(at, j, angle)
-            expected = at.change if angle < 3 or angle in path else np.zeros(6)
-            assert measured[j] == pytest.approx(expected, abs=1e-7 * tree.n)
+            assert ascent.turns(stated, angle, j // 4) == (angle < 3 or angle in path)
+            assert measured[j] == pytest.approx(at.change[angle, j], abs=1e-7 * tree.n)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_dual_function_has_the_slopes_that_multipliers_are_improved_by(seed):
+    """By differences: of D in every angle, of the slopes in the multipliers."""
+    rng = np.random.default_rng([49, seed])
+    task, tree = any_tree(rng)
+    stated, theta = numbers(task, tree), rng.uniform(-1.5, 1.5, size=tree.n + 2)
+    at, z = ascent.room(stated), 0.1 * rng.normal(size=stated.free.shape[1])
+    A, still, y = len(theta), np.zeros(len(theta)), np.zeros((len(stated.f), 6))
+
+    def looked_at(theta, z):
+        points, frames = framed_middle(stated, theta)
+        ascent.look(stated, points, frames, still, at)
+        return ascent.value(stated, at, z, y, still, 1.0)
+
+    def slopes(z):
+        looked_at(theta, z)
+        ascent.value(stated, at, z, y, np.full(A, 1e-9), 1.0)
+        return at.slope.copy()
+
+    found, step = slopes(z), 1e-6
+    steep = at.steep @ stated.free
+    for a in range(A):
+        by = step * np.eye(A)[a]
+        measured = (looked_at(theta + by, z) - looked_at(theta - by, z)) / (2 * step)
+        assert found[a] == pytest.approx(measured, rel=1e-4, abs=1e-6 * (1 + np.abs(found).max()))
+    by = step * rng.normal(size=len(z))
+    measured = (slopes(z + by) - slopes(z - by)) / 2
+    assert steep @ by == pytest.approx(measured, rel=1e-3, abs=1e-3 * np.abs(steep @ by).max())
 
 
 @pytest.fixture(scope="module")

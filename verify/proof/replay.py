@@ -57,6 +57,8 @@ class Room(NamedTuple):
     y: Array
     z: Array
     """The multipliers of the box before."""
+    still: Array
+    """No half widths, shape (A,)."""
     z_start: Array
     """Those of parallel thrust."""
     pair: NDArray[np.int64]
@@ -129,6 +131,7 @@ def _room(numbers: Numbers) -> Room:
         dual.sums(numbers, len(frames.p)),
         np.zeros((K, 6)),
         start.copy(),
+        np.zeros(A),
         start,
         np.zeros(2, np.int64),
     )
@@ -162,17 +165,22 @@ def _settle(numbers: Numbers, what: int, lower: Array, upper: Array, rho: Array,
         return _between(numbers, rho, room.pair[0], room.pair[1])
     arcs.fill_frames(numbers, room.corners, 3, room.frames)
     ascent.look(numbers, room.points, room.at_middle, rho, room.middle)
-    if not ascent.value(numbers, room.middle, room.z, room.y) > ascent.value(
-        numbers, room.middle, room.z_start, room.y
+    if not ascent.value(numbers, room.middle, room.z, room.y, room.still, cut) > ascent.value(
+        numbers, room.middle, room.z_start, room.y, room.still, cut
     ):
         room.z[:] = room.z_start
-    ascent.climb(numbers, room.middle, room.z, room.y, cut, STEPS)
+    ascent.climb(numbers, room.middle, room.z, room.y, room.still, cut, STEPS)
     if dual.bound(numbers, room.y, room.corners, room.frames, room.sums) >= cut:
         return -1
+    room.middle.curved[:] *= ascent.CURVED
+    ascent.climb(numbers, room.middle, room.z, room.y, rho, cut, STEPS)
+    if dual.bound(numbers, room.y, room.corners, room.frames, room.sums) >= cut:
+        return -1
+    room.middle.curved[:] /= ascent.CURVED
     room.z[:] = room.z_start
     for _ in range(MANY_STEPS):  # where no balance is possible the best multipliers are too long for any box
-        before = ascent.value(numbers, room.middle, room.z, room.y)
-        found = ascent.climb(numbers, room.middle, room.z, room.y, math.inf, 1)
+        before = ascent.value(numbers, room.middle, room.z, room.y, room.still, cut)
+        found = ascent.climb(numbers, room.middle, room.z, room.y, room.still, math.inf, 1)
         if found > cut and dual.bound(numbers, room.y, room.corners, room.frames, room.sums) >= cut:
             return -1
         if not found > before:
@@ -204,14 +212,9 @@ def _steepest(numbers: Numbers, room: Room, rho: Array) -> int:
         for j in range(len(at.a)):
             t = (at.a[j] * room.y[k]).sum()
             u = min(max(t / (2 * weight), 0.0), 1.0)
-            i = j // 4
             for angle in range(A):
-                above = i
-                while above > 0 and above + 2 != angle:
-                    above = numbers.parent[above]
-                if angle < 3 or above > 0:
-                    ascent.fill_change(at, j, angle)
-                    change = (at.change * room.y[k]).sum()
+                if ascent.turns(numbers, angle, j // 4):
+                    change = (at.change[angle, j] * room.y[k]).sum()
                     slope[angle] += u * change
                     curve[angle] += change * change / (4 * weight) + u * abs(t)
     axis, most = 0, -1.0
