@@ -23,7 +23,8 @@ from topo_search.engine.proposals import optuna_study
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import read_task
 
-SIZES = (8, 64, 128, 256, 512)
+SIZES = (64, 192)
+"""Beyond the trials after which `moves` gives a population up, rounds are mostly uniform draws."""
 STARTS = 4
 """Most starts of a tree."""
 
@@ -42,9 +43,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("example", nargs="?", default="ten-wrenches")
     parser.add_argument("--modules", type=int, default=12)
-    parser.add_argument("--jobs", type=int, default=20, help="that are measured")
+    parser.add_argument("--jobs", type=int, default=12, help="that are measured")
     parser.add_argument("--workers", type=int, default=64)
-    parser.add_argument("--trials", type=int, default=1024)
+    parser.add_argument("--trials", type=int, default=384)
     arguments = parser.parse_args()
     task = read_task(arguments.example, (f"modules={arguments.modules}",)).resolve(arguments.modules)
     space = Space(task, "task")
