@@ -128,14 +128,6 @@ def test_time_left_is_learnt_from_the_steps():
     assert left(50.0) <= 5.0
 
 
-def test_steps_of_which_nothing_is_expected_take_as_long_as_the_first():
-    left = TimeLeft()
-    left.plan(Plan((), workers=1), 0.0)
-    left.begin(Phase("proving", 5, 100), 0.0)
-    left.step(102.5, known=False)
-    assert 0.5 < left(102.5) / (99 * 100.0) <= 1.0  # another step runs, and counts half
-
-
 def test_known_steps_take_no_time():
     left = TimeLeft()
     left.plan(Plan((SEARCHING,), workers=1), 0.0)

@@ -98,6 +98,15 @@ def test_informative_fields_may_be_missing(field: str) -> None:
     assert validate(Design, data, "design.json").topology.n == N
 
 
+def test_a_file_that_says_nothing_of_the_rod_did_not_ask_for_one() -> None:
+    """Files from before the default was a straight rod are judged as they were."""
+    silent, asking = DATA, changed(("task", "end_effector"), {"rod": "straight", "largest_reach": 2.0})
+    told = [validate(Design, data, "x.json").task.end_effector for data in (silent, asking)]
+    assert [(one.rod, one.largest_reach) for one in told] == [("none", False), ("straight", 2.0)]
+    written = json.loads(to_json(validate(Design, asking, "x.json")))
+    assert validate(Design, written, "x.json").task.end_effector == told[1]
+
+
 def test_fields_of_another_program_are_ignored() -> None:
     assert validate(Design, {**DATA, "author": {"name": "x"}}, "a") == validate(Design, DATA, "b")
 

@@ -73,7 +73,11 @@ def random_task(rng):
         {"kind": "directional", "radius": l_arm, "segments": [[6 * l_arm, 0.0, 0.0]]},
         {"kind": "exterior", "half_angle_deg": 80.0, "axis": "com"},
     ]
-    end_effector = {"mass": float(module.get("mass", 0.24) * rng.uniform(0.01, 0.5))}
+    end_effector = {
+        "rod": "none",
+        "largest_reach": False,
+        "mass": float(module.get("mass", 0.24) * rng.uniform(0.01, 0.5)),
+    }
     if rng.random() < 0.3:
         end_effector |= {"position": (rng.normal(size=3) * 2 * l_arm).tolist(), "exclusion": False}
         end_effector |= {"stand_off": l_arm * rng.uniform(0.5, 4.0)} if rng.random() < 0.5 else {}

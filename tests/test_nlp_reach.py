@@ -38,9 +38,8 @@ def test_the_tasks_of_the_paper_have_a_point_that_no_rod_carries(name):
 
 @pytest.mark.parametrize("exposure", [[], [{"kind": "local", "box": [0.1, 0.1, 0.1]}]])
 def test_the_solver_keeps_within_reach(exposure):
-    """In the reduced search and, with a box, the longer way."""
     free = push(4, exposure=exposure)
-    assert (reason_against(free) is None) == (not exposure)
+    assert reason_against(free) is None
     plain = solve(free, FOUR, starts=range(4), seed=0)
     assert isinstance(plain, Design)
     asked = 0.95 * nearest(plain)

@@ -71,7 +71,7 @@ def test_what_the_user_changed_is_in_the_way_and_left_as_it_is(tmp_path, name):
     toy_run(tmp_path)
     put(tmp_path, {name: "changed by hand"})
     before = texts(tmp_path)
-    with pytest.raises(BadInput, match=rf"{name}: is not what this run wrote, .*move it away"):
+    with pytest.raises(BadInput, match=rf"{name}: is not the file that this run wrote, .*move it away"):
         toy_run(tmp_path, starts=5)
     assert texts(tmp_path) == before
     (tmp_path / name).unlink()
@@ -82,7 +82,7 @@ def test_a_design_that_the_user_changed_is_named_and_all_others_are_written(tmp_
     key = toy_run(tmp_path).best.key
     put(tmp_path, {f"designs/{key}.json": "changed by hand"})
     shutil.rmtree(tmp_path / "audits")
-    with pytest.raises(BadInput, match=rf"designs/{key}\.json: is not what this run wrote"):
+    with pytest.raises(BadInput, match=rf"designs/{key}\.json: is not the file that this run wrote"):
         toy_run(tmp_path)
     assert (tmp_path / f"designs/{key}.json").read_text() == "changed by hand"
     (tmp_path / f"designs/{key}.json").unlink()
@@ -358,7 +358,7 @@ def test_a_page_is_not_put_in_the_place_of_the_user_s(tmp_path, monkeypatch):
     put(tmp_path / "run", {"report.html": "mine"})
     result = invoke(main, ["report", "run"])
     assert result.exit_code == 2
-    assert "report.html: is not what this run wrote" in result.stderr
+    assert "report.html: is not the file that this run wrote" in result.stderr
     assert (tmp_path / "run/report.html").read_text() == "mine"
     assert invoke(main, ["report", "run", "--out", "run/page.html"]).exit_code == 0
     (tmp_path / "run/report.html").unlink()

@@ -102,7 +102,8 @@ def test_a_constraint_that_tells_modules_apart_gets_every_rooted_tree(hover, tmp
     told = search(hover, out=tmp_path / "told", starts=1, workers=2, constraints=[lifted(0, 0.0, version="1")])
     assert (plain.sizes[0].candidates, told.sizes[0].candidates) == (3, 18)  # n F(n) = 3 * 6
     assert "may tell modules apart" in told.sizes[0].quotient
-    assert told.best.objective >= plain.best.objective * (1 - 1e-6)
+    # a polish may end up to 0.1 mm above the margin, where the smooth form of a clearance ends: 5e-6 of the effort
+    assert told.best.objective == pytest.approx(plain.best.objective, rel=1e-5)
 
 
 def test_a_constraint_that_tells_mirror_images_apart_keeps_half_turns_alone():

@@ -216,7 +216,8 @@ def test_a_file_of_another_program_is_audited(tmp_path):
 
 @pytest.mark.parametrize("broken", [{}, {"hinge_angles_rad": [0.1, -0.1]}, {"objective": 1.0}])
 def test_a_file_of_another_program_is_judged_like_our_own(broken, tmp_path):
-    ours = changed(fan({"exposure": FREE_ABOVE}), **broken)
+    free = {"rod": "none", "largest_reach": False}  # as in files that say nothing of rods
+    ours = changed(fan({"exposure": FREE_ABOVE, "end_effector": free}), **broken)
     told = json.loads(to_json(ours))
     foreign = {name: told[name] for name in sorted(told, reverse=True) if told[name] is not None}
     for name in ("topology_key", "lower_bound", "gap", "solver", "root_module"):

@@ -135,7 +135,7 @@ class DaskWorkers(Engine):
         """Find out how many jobs the Dask workers can run at a time, if that was not done just now.
 
         Raises:
-            WorkersLost: there is no scheduler, or a Dask worker that cannot be used, or none has come back.
+            WorkersLost: there is no scheduler, or a Dask worker that cannot be used, or none has returned.
         """
         if time.monotonic() - self._looked < LOOK:
             return

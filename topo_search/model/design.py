@@ -131,9 +131,14 @@ class Design(Value):
     @field_validator("task", mode="before")
     @classmethod
     def _resolve_task(cls, value: Any) -> Any:
-        """Accept a task with derived defaults left out or load cases in weights: both are unambiguous here."""
+        """Accept a task with derived defaults left out or load cases in weights: both are unambiguous here.
+
+        A file that says nothing of the rod did not ask for one.
+        """
         if isinstance(value, ResolvedTask):
             return value
+        if isinstance(value, dict) and isinstance(given := value.get("end_effector", {}), dict):
+            value = {**value, "end_effector": {"rod": "none", "largest_reach": False, **given}}
         task = Task.model_validate(value)
         return task.resolve(task.n)
 

@@ -26,6 +26,8 @@ AUDIT_SECONDS = 0.6
 """Processor time of the audit of five modules [s]."""
 PROVING_SECONDS = 0.5
 """Time for the lower bound of a size, and whether it is proven impossible [s]."""
+CHUNK_SECONDS = 0.4
+"""Processor time of a chunk of a proof by branch and bound, three and five modules [s]."""
 WRITING_SECONDS = 1.5
 """Time for all files and the page [s]."""
 

@@ -18,7 +18,7 @@ from topo_search.study.folder import RunFolder
 from topo_search.study.identity import Request
 from topo_search.study.lost import KEPT
 from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase
+from topo_search.study.phases import CHUNK_SECONDS, Phase
 from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, target
 from topo_search.study.row import Row
 from topo_search.study.runner import answer_of
@@ -155,7 +155,7 @@ def prove(
                 while before != (cuts := {key: proof.cut for key, proof in work.proofs.items()}):
                     before = cuts  # what was lowered meanwhile is due again
                     due = sum(len(list(proof.due())) for proof in work.proofs.values() if proof.open_at is None)
-                    observer.phase(Phase("proving", n, due))
+                    observer.phase(Phase("proving", n, due, seconds=CHUNK_SECONDS))
                     ended = engine.run(
                         partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: CHUNK_DEADLINE, until=until
                     )

@@ -60,10 +60,9 @@ class TimeLeft:
     def step(self, now: float, *, known: bool) -> None:
         """Count a step; one whose result was known took no time."""
         if self._waking and not known and self._phase is not None:
-            took = self._phase.seconds or max(0.0, now - self._began - WAKING)
-            self._taken += max(0.0, now - took - self._began)
+            self._taken += max(0.0, now - self._phase.seconds - self._began)
             self._expected += WAKING
-            self._woken, self._began = True, now - took
+            self._woken, self._began = True, now - self._phase.seconds
         self._done += not known
         self._known += known
 
