@@ -155,7 +155,6 @@ class Workers(Engine):
     def _submit(self, function: Callable[[J], R], job: J, deadline: float) -> Future[Any] | None:
         """Hand a job to the pool; None if the pool has just broken."""
         if self._pool is None:
-            self._context = _KeepingLocks()
             self._pool = ProcessPool(
                 self.count, initializer=die_with_parent, initargs=(os.getpid(),), context=self._context
             )
