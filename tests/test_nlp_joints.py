@@ -10,7 +10,7 @@ from nlp_cases import GENTLE_PUSH, HOVER, as_design, push, random_point, random_
 
 from nlp import solve
 from nlp.assembled.problem import AssembledProblem
-from nlp.joints import LimitRows, Limits, holder, limit_of, limited, loads
+from nlp.joints import LimitRows, Limits, holder, limit_of, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.own import Beside
 from nlp.requirements import clearances
@@ -57,11 +57,11 @@ def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both() -> None:
     task, topology = push(4, load_cases=TWISTED, flight={"joint_moment": 1.0}), random_tree(4, rng)
     point = random_point(task, topology, rng)
     base = AssembledProblem(task, topology, clearances(task, topology), 50.0)
-    listed = limited(task, topology)[::3]
+    listed = limited_loads(task, topology)[::3]
     rows = LimitRows(task, topology, Limits(holder(point), listed))
     both, x = Beside(base, rows), point.pack()
     unit = task.module.arm_length * task.module.mass * task.gravity
-    at = dict(zip(limited(task, topology), loads(point), strict=True))
+    at = dict(zip(limited_loads(task, topology), loads(point), strict=True))
     L = np.array([limit_of(task, load) for load in listed]) / unit
     sizes = np.array([at[load] for load in listed]) / unit
     assert both.constraints(x)[base.rows :] == pytest.approx((L**2 - sizes**2) / (2 * L), rel=1e-9)

@@ -36,7 +36,7 @@ def main() -> None:
             if asked.check:
                 check_chunk(task, Topology.from_key(best.key), 0, best.objective, Chunk.of(0, "closed", b"\0"))
             print("key        aim         cut/best     boxes   CPU s  chunks closed, check: CPU s, boxes halved")
-            for row in folder.ledger.ranked(n):
+            for row in folder.ledger.ranking(n):
                 if row.status == "impossible" or (asked.trees and row.key not in asked.trees):
                     continue
                 aim, cut = target(row, best.objective, asked.gap)
