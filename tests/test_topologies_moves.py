@@ -10,7 +10,7 @@ from topo_search.engine import Space
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, Root, Symmetry, candidate_of, candidates, sample
-from topo_search.topologies.tree_moves import graft, part_of, random_move, with_spins_reversed
+from topo_search.topologies.tree_moves import draw_move, graft, part_of, with_spins_reversed
 
 
 def spins(topology: Topology) -> list[int]:
@@ -30,7 +30,7 @@ def trees(draw: st.DrawFn, connectors: Connectors) -> Topology:
 
 @given(trees("aligned"), st.randoms(use_true_random=False))
 def test_a_neighbour_of_an_aligned_tree_is_an_aligned_tree_of_the_same_size(tree: Topology, random: Random) -> None:
-    other = random_move(tree, random, "aligned")
+    other = graft(tree, *draw_move(tree, random, "aligned"))
     assert other.aligned
     assert other.n == tree.n
 
@@ -67,7 +67,7 @@ def test_moves_lead_from_any_candidate_to_all(n: int, connectors: Connectors, ro
         tree = Topology.from_key(waiting.pop())
         reached.add(tree.key)
         keys = {
-            candidate_of(random_move(tree, random, connectors), connectors=connectors, root=root).key
+            candidate_of(graft(tree, *draw_move(tree, random, connectors)), connectors=connectors, root=root).key
             for _ in range(60)
         }
         assert keys <= listed
@@ -84,7 +84,7 @@ def test_what_cannot_be_moved_is_refused() -> None:
     with pytest.raises(ValueError, match="carries one joint"):
         graft(chain, 2, (0, 0))
     with pytest.raises(ValueError, match=r"`n >= 2` must hold for a move, but got n = 1"):
-        random_move(Topology.from_key("a0"), Random(0), "aligned")
+        draw_move(Topology.from_key("a0"), Random(0), "aligned")
 
 
 @given(trees("any"))

@@ -72,11 +72,6 @@ def part_of(topology: Topology, i: int) -> frozenset[int]:
     return frozenset(part)
 
 
-def random_move(topology: Topology, random: Random, connectors: Connectors) -> Topology:
-    """Return a tree that one move leads to; arguments and errors as `draw_move`."""
-    return graft(topology, *draw_move(topology, random, connectors))
-
-
 def draw_move(topology: Topology, random: Random, connectors: Connectors) -> Move:
     """Return a move: of a leaf or any other part, or (any port) a parity that is flipped.
 
