@@ -15,7 +15,7 @@ from nlp.numbers.point import Point
 from nlp.own import Beside
 from nlp.requirements import clearances
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
-from topo_search.model import BadInput, Status, Task, Topology
+from topo_search.model import BadInput, Infeasible, Status, Task, Topology
 from topo_search.model.files import validate
 from verify import audit
 from verify.flight.joints import joint_loads
@@ -115,3 +115,17 @@ def test_what_no_start_keeps_is_told_by_joint_and_load_case() -> None:
     result = solve(push(3, load_cases=GENTLE_PUSH, flight={"joint_moment": 1e-3}), TREE, starts=range(1), seed=0)
     assert not hasattr(result, "objective")
     assert "moment in the joint of module" in result.message
+
+
+def test_a_limit_of_joints_may_be_all_that_keeps_a_tree_from_a_design() -> None:
+    """Without it, and with a larger one, there is a design, which uses the whole limit."""
+    loose, tight = (
+        solve(push(3, load_cases=GENTLE_PUSH, flight={"joint_moment": most}), TREE, starts=range(4), seed=0)
+        for most in (0.21, 0.141)
+    )
+    assert isinstance(tight, Infeasible)
+    assert "moment in the joint of module" in tight.worst_constraint
+    judged = audit(solved(loose))
+    assert judged.verdict == "clear"
+    (row,) = (row for row in judged.residuals if row.name == "largest moment in a joint")
+    assert row.derived == pytest.approx(0.21, rel=1e-3)
