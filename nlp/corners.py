@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlp.joints import Limits, holder, limit_of, limited, loads, name_of
+from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
-from nlp.own import OwnConstraints, finished, judged
+from nlp.own import OwnConstraints, finish_point, violations_of
 from nlp.programs.ipopt import IpoptResult
 from nlp.requirements.balances import WRENCH_TOLERANCE, missed_wrenches
 from nlp.trial import Trial
@@ -31,10 +31,10 @@ TAKEN = 8
 
 def without_corners(task: ResolvedTask) -> ResolvedTask:
     """Return a task with its own load cases alone."""
-    return task.keeping(()) if isinstance(task, CorneredTask) else task
+    return task.with_corners(()) if isinstance(task, CorneredTask) else task
 
 
-def held(
+def take_in_corners(
     task: ResolvedTask,
     start: int,
     origin: Point,
@@ -55,14 +55,14 @@ def held(
         answer = solve(point, limits)
         iterations += answer.iterations
         answer = replace(answer, iterations=iterations)
-        reached = finished(answer.point if answer.finite else point, own)
+        reached = finish_point(answer.point if answer.finite else point, own)
         whole = with_all(reached, task, own)
         trial = Trial.at(start, whole, answer, _labels(point.task), own)
         if trial.worst.met:
             return trial
-        more, near = _missed(whole, point.task), limits
-        lacking = {check.name for check in judged(reached, own) if not check.met}
-        overloaded = lacking & {name_of(task, load) for load in limited(task, origin.topology)}
+        more, near = _most_missed(whole, point.task), limits
+        lacking = {check.name for check in violations_of(reached, own) if not check.met}
+        overloaded = lacking & {name_of(task, load) for load in limited_loads(task, origin.topology)}
         if overloaded and limits is None:
             near, lacking = _near(reached), lacking - overloaded
         if lacking or (not more and near is limits):
@@ -74,7 +74,7 @@ def held(
 def _near(point: Point) -> Limits:
     """Return the loads that are not far below their limits."""
     task = point.task.declared
-    listed = limited(task, point.topology)
+    listed = limited_loads(task, point.topology)
     sizes = zip(listed, loads(point).tolist(), strict=True)
     return Limits(holder(point), tuple(load for load, size in sizes if size > NEAR_LIMIT * limit_of(task, load)))
 
@@ -85,10 +85,10 @@ def with_all(point: Point, task: ResolvedTask, own: OwnConstraints = ()) -> Poin
         return point
     u = np.zeros((len(task.load_cases), *point.u.shape[1:]))
     u[_places(point.task, task)] = point.u
-    return finished(replace(point, task=task, u=u), own)
+    return finish_point(replace(point, task=task, u=u), own)
 
 
-def _missed(whole: Point, had: ResolvedTask) -> list[int]:
+def _most_missed(whole: Point, had: ResolvedTask) -> list[int]:
     """Return the corners that are missed most and were not had, by their places among all, one of a set."""
     task, taken = whole.task, list[int]()
     if not isinstance(task, CorneredTask):
@@ -114,7 +114,7 @@ def _with_more(whole: Point, had: ResolvedTask, more: list[int]) -> Point:
     declared = len(task.stated.load_cases)
     kept = sorted([*(_places(had, task)[declared:] - declared).tolist(), *more])
     cases = [*range(declared), *(declared + c for c in kept)]
-    return replace(whole, task=task.keeping(kept), u=whole.u[cases])
+    return replace(whole, task=task.with_corners(kept), u=whole.u[cases])
 
 
 def _places(some: ResolvedTask, task: ResolvedTask) -> np.ndarray:

@@ -51,16 +51,16 @@ def refuse_wrong_claims(
     rng = np.random.default_rng(0)
     claims = [one for one in constraints if one.invariant != "none"]
     for _ in range(DRAWS if claims else 0):
-        listing = _Listing.drawn(task, topology, rng)
-        other = listing.relisted(int(rng.integers(topology.n)), int(2 * rng.integers(2)))
+        listing = _Listing.draw(task, topology, rng)
+        other = listing.relist(int(rng.integers(topology.n)), int(2 * rng.integers(2)))
         for one in claims:
             _compare(one, listing, other, "numbering")
             if one.invariant == "mirror" and mirror is not None:
-                _compare(one, listing, listing.mirrored(mirror), "mirror")
+                _compare(one, listing, listing.mirror(mirror), "mirror")
 
 
 def _compare(constraint: OwnConstraint, listing: _Listing, other: _Listing, claim: str) -> None:
-    missed, there = (_missed(constraint, each.platform()) for each in (listing, other))
+    missed, there = (_violation(constraint, each.platform()) for each in (listing, other))
     if not abs(missed - there) <= SAME * max(1.0, abs(missed), abs(there)):
         rule = (
             f"says that it is invariant to {claim}, but one platform is {missed:.6g} {constraint.unit} beyond its "
@@ -69,7 +69,7 @@ def _compare(constraint: OwnConstraint, listing: _Listing, other: _Listing, clai
         raise BadInput("constraints", [Fault(constraint.name, rule)])
 
 
-def _missed(constraint: OwnConstraint, platform: SymbolicPlatform) -> float:
+def _violation(constraint: OwnConstraint, platform: SymbolicPlatform) -> float:
     """Return by how much the values of an expression are beyond their bounds at most."""
     values = np.asarray(ca.evalf(rows(constraint, platform)), dtype=float).ravel()
     return float(np.max(np.maximum(constraint.lower - values, values - constraint.upper)))
@@ -83,14 +83,14 @@ class _Listing:
         self.R, self.o, self.p_E, self.u = R, o, p_E, u
 
     @classmethod
-    def drawn(cls, task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> _Listing:
+    def draw(cls, task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> _Listing:
         """Return a random platform; all load cases have the same inputs, since a mirror may exchange them."""
         n, l_c = topology.n, task.module.connector_distance
         R, p = poses(topology, root_rotation(rng.uniform(-1.5, 1.5, 3)), rng.uniform(-1.0, 1.0, n - 1), l_c)
         u = rng.uniform(0.0, task.module.max_input(task.gravity), (n, 4))
         return cls(task, topology, R, p - p.mean(axis=0), rng.normal(size=3), u)
 
-    def relisted(self, root: int, turns: int) -> _Listing:
+    def relist(self, root: int, turns: int) -> _Listing:
         """Return the same platform listed from another module, whose axes are turned by so many quarters."""
         graph, order, joints = self.topology.graph(), [root], [(-1, -1, -1)]
         for h, i in nx.bfs_edges(graph, root):
@@ -113,14 +113,14 @@ class _Listing:
         u = np.array([np.roll(self.u[m], t[i]) for i, m in enumerate(modules)])
         return _Listing(self.task, topology, R, self.o[modules], self.p_E, u)
 
-    def mirrored(self, O: Array) -> _Listing:
+    def mirror(self, O: Array) -> _Listing:
         """Return the mirror image: the ports +y and -y of every module change places, and so do its rotors."""
         swap = (0, 3, 2, 1)
         joints = [(h, swap[a] if h >= 0 else a, swap[b] if h >= 0 else b) for h, a, b in self.topology.joints]
         rough = Topology(tuple(joints))
         R = np.einsum("ab,ibc,cd->iad", O, self.R, MIRROR)
         image = _Listing(self.task, rough, R, self.o @ O.T, O @ self.p_E, self.u[:, [3, 2, 1, 0]])
-        return image.relisted(0, 0)
+        return image.relist(0, 0)
 
     def platform(self) -> SymbolicPlatform:
         """Return what a constraint is called with."""

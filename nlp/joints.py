@@ -33,7 +33,7 @@ import numpy as np
 
 from nlp.numbers.point import Point
 from nlp.symbols.kinematics import PORTS, poses
-from nlp.symbols.wrench import scaled, thrust, torque_map
+from nlp.symbols.wrench import scale, thrust, torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -50,7 +50,7 @@ class Load:
     """Else a force."""
 
 
-def limited(task: ResolvedTask, topology: Topology) -> tuple[Load, ...]:
+def limited_loads(task: ResolvedTask, topology: Topology) -> tuple[Load, ...]:
     """Return the loads that a task limits: in every joint and every load case that it states."""
     asked = enumerate(task.declared.joint_limits)  # force, moment
     kinds = [bool(moment) for moment, limit in asked if limit is not None]
@@ -83,8 +83,8 @@ def holder(point: Point) -> int:
 
 
 def loads(point: Point) -> Array:
-    """Return the size of every load that is limited, in the order of `limited` [N], [N m]."""
-    task, listed = point.task, limited(point.task, point.topology)
+    """Return the size of every load that is limited, in the order of `limited_loads` [N], [N m]."""
+    task, listed = point.task, limited_loads(point.task, point.topology)
     if not listed:
         return np.zeros(0)
     unit, cases = Units.of(task), len(task.declared.load_cases)
@@ -137,7 +137,7 @@ def _vectors(
     u = [ca.SX.sym(f"u_{k}", 4 * n) for k in range(len(task.load_cases))]
     placed = poses(topology, root, alpha, l_c)
     centroid = ca.sum2(ca.horzcat(*(pose.p for pose in placed))) / n
-    p_E = tip if position is None else centroid + (n + m_E) / n * scaled(position, unit.length)
+    p_E = tip if position is None else centroid + (n + m_E) / n * scale(position, unit.length)
     p_COM = (m_E * p_E + n * centroid) / (n + m_E)
     o, q, up = [pose.p - p_COM for pose in placed], p_E - p_COM, ca.DM([0, 0, 1])
     inertia = ca.diag(ca.DM(module.inertia)) / (module.mass * unit.length**2)
@@ -148,10 +148,10 @@ def _vectors(
     vectors = []
     for load in listed:
         case, c = task.load_cases[load.case], joints[load.child]
-        f_C, tau_C = scaled(case.at_com.force, unit.force), scaled(case.at_com.torque, unit.torque)
+        f_C, tau_C = scale(case.at_com.force, unit.force), scale(case.at_com.torque, unit.torque)
         f_E, tau_E = (
-            scaled(case.at_end_effector.force, unit.force),
-            scaled(case.at_end_effector.torque, unit.torque),
+            scale(case.at_end_effector.force, unit.force),
+            scale(case.at_end_effector.torque, unit.torque),
         )
         a, spin = f_C / (n + m_E) - up, ca.SX.zeros(3)
         if any(case.at_com.torque):

@@ -22,7 +22,7 @@ from nlp.numbers.evaluate import Violation, violations
 from nlp.numbers.finish import finish
 from nlp.numbers.point import Point
 from nlp.symbols.kinematics import Pose, poses
-from nlp.symbols.wrench import scaled
+from nlp.symbols.wrench import scale
 from nlp.units import Units
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -65,12 +65,12 @@ OwnConstraints = tuple[OwnConstraint, ...]
 """What a user states; mostly nothing."""
 
 
-def judged(point: Point, own: OwnConstraints) -> list[Violation]:
+def violations_of(point: Point, own: OwnConstraints) -> list[Violation]:
     """Return how far a point is from meeting everything: the printed problem, and own constraints."""
     return [*violations(point), *rows_of(own, point.task, point.topology).violations(point)]
 
 
-def finished(point: Point, own: OwnConstraints) -> Point:
+def finish_point(point: Point, own: OwnConstraints) -> Point:
     """Return a point as a file can hold it; own constraints may bound inputs that cost nothing."""
     return finish(point, settled=len(point.task.declared.load_cases) if own else 0)
 
@@ -237,7 +237,7 @@ def _platform(task: ResolvedTask, topology: Topology, x: ca.SX) -> SymbolicPlatf
     modules: list[Pose] = poses(topology, x[:3], x[3 : n + 2], module.connector_distance / unit.length)
     m_E, position = task.end_effector.mass / module.mass, task.end_effector.fixed_position
     centroid = ca.sum2(ca.horzcat(*(pose.p for pose in modules))) / n
-    p_E = x[n + 2 : n + 5] if position is None else centroid + (n + m_E) / n * scaled(position, unit.length)
+    p_E = x[n + 2 : n + 5] if position is None else centroid + (n + m_E) / n * scale(position, unit.length)
     p_COM = (m_E * p_E + n * centroid) / (n + m_E)
     first = x.numel() - 4 * n * K
     return SymbolicPlatform(

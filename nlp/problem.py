@@ -55,7 +55,7 @@ import casadi as ca
 
 from nlp.requirements import balances, clearances, variable_bounds
 from nlp.symbols.kinematics import poses
-from nlp.symbols.wrench import scaled
+from nlp.symbols.wrench import scale
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 
@@ -126,7 +126,7 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     centroid = ca.sum2(ca.horzcat(*(pose.p for pose in modules))) / n
     p_E = variables.p_E
     if position is not None:  # given from the COM, which it moves: p'_E = centroid + (m_t / n m) p_E
-        p_E = centroid + (n + m_E) / n * scaled(position, unit.length)
+        p_E = centroid + (n + m_E) / n * scale(position, unit.length)
     p_COM = (m_E * p_E + n * centroid) / (n + m_E)
     platform = {axis: [pose.R[:, column] for pose in modules] for column, axis in enumerate("xyz")}
     platform |= {"p": [pose.p for pose in modules], "p'_E": [p_E], "p_COM": [p_COM]}

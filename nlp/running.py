@@ -8,7 +8,7 @@ from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 
 
-def running(task: ResolvedTask) -> Array:
+def running_rotors(task: ResolvedTask) -> Array:
     """Return 1 for each rotor that runs in a load case and 0 for one that is dead, shape (K, 4n).
 
     Limits of inputs times it are those of each rotor: a dead one is exempt from the least input.

@@ -10,7 +10,7 @@ from importlib.metadata import version
 import numpy as np
 
 from nlp.bounds import bound_of, prove_impossible
-from nlp.corners import held, without_corners
+from nlp.corners import take_in_corners, without_corners
 from nlp.joints import Limits
 from nlp.numbers.evaluate import Violation
 from nlp.numbers.point import Point
@@ -21,7 +21,7 @@ from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start
 from nlp.trial import Trial
 from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Task, Topology
-from topo_search.model.corners import cornered
+from topo_search.model.corners import to_corners
 from topo_search.protocols import OwnConstraint
 
 PLACED_STARTS = 24
@@ -87,8 +87,8 @@ def solve(
         raise ValueError(f"`starts` must have at least one index, but got {starts}")
     if proof := prove_impossible(task, topology):
         return proof
-    task, began = cornered(task), time.perf_counter()
-    trials = _placed if reason_against(task) else _reduced
+    task, began = to_corners(task), time.perf_counter()
+    trials = _whole_problem if reason_against(task) else _reduced_search
     found = trials(task, topology, starts=starts, seed=seed, near=near, own=tuple(constraints))
     best = min(found, key=lambda trial: trial.rank)
     corners = len(task.load_cases) - len(task.declared.load_cases)
@@ -108,7 +108,7 @@ def solve(
     return _design(best, record, constraints) if best.worst.met else _infeasible(found, best, record)
 
 
-def _reduced(
+def _reduced_search(
     task: ResolvedTask,
     topology: Topology,
     *,
@@ -123,7 +123,7 @@ def _reduced(
     return trials(task, topology, starts=starts, seed=seed, near=near, own=own)
 
 
-def _placed(
+def _whole_problem(
     task: ResolvedTask,
     topology: Topology,
     *,
@@ -132,12 +132,12 @@ def _placed(
     near: Sequence[Design],
     own: OwnConstraints,
 ) -> list[Trial]:
-    """Return the trials of Ipopt on the whole problem, from placed starts."""
+    """Return the trials of Ipopt on the whole problem, from untangled starts."""
     from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
 
     plain, found = without_corners(task), []
 
-    def solved(point: Point, limits: Limits | None) -> IpoptResult:
+    def solve_from(point: Point, limits: Limits | None) -> IpoptResult:
         return AssembledProgram(point.task, topology, own, limits).solve(point)
 
     draws: list[tuple[int, Callable[..., Point]]]
@@ -145,7 +145,7 @@ def _placed(
     draws += [(s, draw) for s in starts]
     for s, start in draws:
         origin = start(plain, topology, rng=generator(plain, topology, s, seed))
-        found.append(held(task, s, origin, solved, own))
+        found.append(take_in_corners(task, s, origin, solve_from, own))
     return found
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from nlp.numbers.evaluate import Violation, worst
 from nlp.numbers.point import Point
-from nlp.own import OwnConstraints, finished, judged
+from nlp.own import OwnConstraints, finish_point, violations_of
 from nlp.programs.ipopt import IpoptResult
 
 
@@ -34,7 +34,7 @@ class Trial:
         own: OwnConstraints = (),
     ) -> Trial:
         """Return the outcome of a start that reached a point, whose program had some corners."""
-        return cls(start, answer, point, worst(judged(point, own)), corners)
+        return cls(start, answer, point, worst(violations_of(point, own)), corners)
 
     @classmethod
     def of(cls, start: int, origin: Point, answer: IpoptResult, own: OwnConstraints = ()) -> Trial:
@@ -42,7 +42,7 @@ class Trial:
 
         An evaluation that failed leaves no numbers behind: then the origin is what was reached.
         """
-        return cls.at(start, finished(answer.point if answer.finite else origin, own), answer, own=own)
+        return cls.at(start, finish_point(answer.point if answer.finite else origin, own), answer, own=own)
 
     @property
     def objective(self) -> float:

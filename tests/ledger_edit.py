@@ -3,7 +3,7 @@
 import sqlite3
 from contextlib import ExitStack, closing
 
-from topo_search.study.seals import PLACES, changed
+from topo_search.study.seals import PLACES, reseal
 
 
 def damaged(folder, *statements):
@@ -24,6 +24,6 @@ def forge(database, *statements):
     with database, ExitStack() as stack:
         database.execute("BEGIN")
         for table in PLACES:
-            stack.enter_context(changed(database, table, "true", ()))
+            stack.enter_context(reseal(database, table, "true", ()))
         for statement in statements:
             database.execute(*statement if isinstance(statement, tuple) else (statement,))

@@ -43,7 +43,7 @@ def test_the_direct_formulation_s_rows_are_those_of_the_scaling_study(tmp_path: 
     subprocess.run(command, check=True)
     rows = results(out)
     asked = experiment("scaling")
-    planned = asked.cells(asked.full.changed(tasks=(("ten-wrenches", (3,)),), topologies=(2, 2)))
+    planned = asked.cells(asked.full.override(tasks=(("ten-wrenches", (3,)),), topologies=(2, 2)))
     assert list(rows["key"]) == [cell.key for cell in planned]
     assert list(rows["task_seed"]) == [cell.task_seed for cell in planned]
     assert set(rows["method"]) == {"direct"}

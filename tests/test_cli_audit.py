@@ -16,7 +16,7 @@ import verify
 from topo_search import compose
 from topo_search.cli import main
 from topo_search.cli.design_files import DesignFile
-from topo_search.export.audit_summary import escaped, survived
+from topo_search.export.audit_summary import escape, tolerance_lines
 from topo_search.limits import DESIGN_BYTES
 from topo_search.model import Audit, Topology
 from topo_search.model.files import to_json
@@ -179,7 +179,7 @@ def test_what_errors_a_design_survives_is_told_and_in_the_summary(command, tmp_p
     write(tmp_path / "good.json", given)
     told = command("good.json", "--markdown", "audit.md").output
     found = verify.audit(given).sensitivity
-    lines = list(survived(found))
+    lines = list(tolerance_lines(found))
     assert len(lines) == 4
     assert lines[0].startswith(f"hinge angles may be off by {found.hinge_angle_deg.tolerated:.3g} deg (too much: ")
     assert lines[0].endswith(f"; first to break: {found.hinge_angle_deg.name}")
@@ -202,7 +202,7 @@ def test_tables_have_as_many_cells_in_every_row(command, tmp_path):
 
 
 def test_text_of_others_is_no_markup():
-    assert escaped("a|b\n# c `d` [e](f) <g>") == r"a\|b # c \`d\` \[e\](f) \<g\>"
+    assert escape("a|b\n# c `d` [e](f) <g>") == r"a\|b # c \`d\` \[e\](f) \<g\>"
 
 
 @pytest.mark.parametrize("option", ["--csv", "--markdown"])

@@ -21,9 +21,9 @@ from toy_problem import toy_run
 
 from topo_search.cli.progress import Bar
 from topo_search.model.files import to_toml
-from topo_search.report.progress import Lines, told
+from topo_search.report.progress import Lines, describe_plan
 from topo_search.study import Phase, Plan, TimeLeft
-from topo_search.study.phases import WRITING, auditing, proving
+from topo_search.study.phases import WRITING, audit_phase, proof_phase
 
 SEARCHING = Phase("searching", 3, 100, 24, seconds=2.0)
 ROW = toy_problem.toy_row("a110", objective=4.0, gap=0.25)
@@ -73,14 +73,15 @@ def test_a_notebook_is_told_in_the_same_plain_lines(tmp_path, capsys):
 
 
 def test_the_plan_names_candidates_starts_workers_stages_and_time():
-    phases = (proving(5), Phase("searching", 5, 28, 8, seconds=3.0), auditing(5, 10), WRITING)
-    text = told(Plan(phases, workers=2))
+    phases = (proof_phase(5), Phase("searching", 5, 28, 8, seconds=3.0), audit_phase(5, 10), WRITING)
+    text = describe_plan(Plan(phases, workers=2))
     assert text.startswith(
         "plan: 5 modules: 28 candidates, 8 starts each; audits of the best 10; "
         "proving, searching, auditing, writing on 2 workers: about "
     )
     assert re.search(r"about [45]\d s$", text)
-    assert told(Plan(phases, workers=2, time_limit=20.0)).endswith("about 25 s, of which at most 20 s to solve")
+    limited = describe_plan(Plan(phases, workers=2, time_limit=20.0))
+    assert limited.endswith("about 25 s, of which at most 20 s to solve")
 
 
 def test_a_plan_is_what_is_left_to_do(tmp_path):
@@ -118,7 +119,7 @@ def test_a_timed_run_plans_rounds_of_more_starts_by_the_name_of_polishing(tmp_pa
 
 def test_time_left_is_learnt_from_the_steps():
     left = TimeLeft()
-    left.plan(Plan((Phase("searching", 3, 10, 1, seconds=1.0), auditing(3, 10)), workers=1), 0.0)
+    left.plan(Plan((Phase("searching", 3, 10, 1, seconds=1.0), audit_phase(3, 10)), workers=1), 0.0)
     before = left(0.0)
     left.begin(Phase("searching", 3, 10, 1, seconds=1.0), 0.0)
     for number in range(1, 6):

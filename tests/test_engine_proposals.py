@@ -167,7 +167,7 @@ def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
 def test_what_is_carried_over_are_designs_of_earlier_rounds_in_place_of_new_starts(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(moves, "REPEATS", ROUND)  # the more there are, the more often one's donor is another one
+    monkeypatch.setattr(moves, "REPEATS", ROUND)  # the more there are, the more often one's source is another one
 
     def missing(key: str, starts: int) -> Scored:
         """More starts help much or not at all, so that some trees are tried again."""
@@ -186,7 +186,7 @@ def test_what_is_carried_over_are_designs_of_earlier_rounds_in_place_of_new_star
                 key, near = proposal.candidate.key, proposal.near
                 assert solved.issuperset(near)
                 assert not now.intersection(near)
-                assert all(objective(donor, had[donor]).objective is not None for donor in near)
+                assert all(objective(source, had[source]).objective is not None for source in near)
                 assert len(set(near)) == len(near) <= proposal.starts - had[key]
                 assert lent[key].isdisjoint(near)
                 lent[key].update(near)

@@ -153,7 +153,7 @@ def test_by_how_much_trees_without_a_design_miss_it_counts_only_while_none_has_o
             study.tell(trial, float(number) if found else float("inf"))
         moves = Moves(space, starts=4, seed=0)
         over = study.get_trials(deepcopy=False)
-        learnt = moves._learnt(over)
+        learnt = moves._learn(over)
         return learnt.surrogate.lower_confidence_bounds(
             moves._descriptors([one.key for one in space.sample(20, 1)])
         ).tolist()

@@ -9,7 +9,7 @@ from topo_search.engine import Failed
 from topo_search.experiments import Settings, experiment, results
 from topo_search.experiments.cell import Variant, plan
 from topo_search.experiments.folder import ABOUT, RESULTS, Results, about
-from topo_search.experiments.measured import COLUMNS, Measured, failed
+from topo_search.experiments.measured import COLUMNS, Measured, failure_row
 from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput
 from topo_search.study.lost import LedgerLost
@@ -19,7 +19,7 @@ SETTINGS = Settings(tasks=(("push", (3,)),), topologies=(3, 3), starts=1)
 
 
 def asked(**changes):
-    settings = SETTINGS.changed(**changes)
+    settings = SETTINGS.override(**changes)
     return about("scaling", settings.as_json(), f"topo-search experiment scaling {settings.as_options()}")
 
 
@@ -35,7 +35,7 @@ def test_rows_are_kept_as_they_are(tmp_path):
     first, second, _ = cells()
     with Results.open(tmp_path, asked()) as rows:
         rows.add(row_of(first))
-        rows.add(failed(second, Failed("timeout", "still running, after a day")))
+        rows.add(failure_row(second, Failed("timeout", "still running, after a day")))
         assert [rows.has(cell) for cell in cells()] == [True, True, False]
     with (tmp_path / RESULTS).open(newline="") as stream:
         kept = list(csv.DictReader(stream))
@@ -140,14 +140,14 @@ def test_what_made_the_rows_is_said_without_where(tmp_path):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_settings_come_back_from_files_and_options(name):
-    for settings in (experiment(name).full, experiment(name).small, SETTINGS.changed(distances=(0.22, 0.3))):
+    for settings in (experiment(name).full, experiment(name).small, SETTINGS.override(distances=(0.22, 0.3))):
         assert Settings.from_json(json.loads(json.dumps(settings.as_json()))) == settings
         words = settings.as_options().split()
         assert tuple(Settings.task_of(word) for word in words[1::2] if ":" in word) == settings.tasks
 
 
 def test_the_command_has_all_digits():
-    options = SETTINGS.changed(distances=(0.2200001, 3.0), time_limit=1234567.5).as_options()
+    options = SETTINGS.override(distances=(0.2200001, 3.0), time_limit=1234567.5).as_options()
     assert "--distances 0.2200001,3 " in options
     assert options.endswith("--time-limit 1234567.5")
 
@@ -171,7 +171,7 @@ def test_the_full_setting_is_the_paper_s(name):
 )
 def test_settings_that_cannot_be_are_refused(changes, words):
     with pytest.raises(BadInput, match=words):
-        SETTINGS.changed(**changes)
+        SETTINGS.override(**changes)
 
 
 def rows_of(tmp_path):

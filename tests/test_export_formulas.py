@@ -13,8 +13,8 @@ import verify
 from topo_search import compose
 from topo_search.cli import main
 from topo_search.export import tables
-from topo_search.export.audit_summary import Judged, escaped, markdown
-from topo_search.model.csv_text import harmless
+from topo_search.export.audit_summary import Judged, escape, markdown
+from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import to_json
 
 FORMULAS = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", '=HYPERLINK("http://x")']
@@ -22,15 +22,15 @@ FORMULAS = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", '=HYPERLIN
 
 @pytest.mark.parametrize("text", FORMULAS)
 def test_a_text_is_no_formula(text: str) -> None:
-    assert harmless(text) == f"'{text}"
-    assert not escaped(text).startswith(("=", "+", "-", "@"))
+    assert escape_formula(text) == f"'{text}"
+    assert not escape(text).startswith(("=", "+", "-", "@"))
 
 
 @pytest.mark.parametrize(
     "cell", [-1.5, 3, "-1.5", "+1e-3", "-inf", "", "a-b", "load case 0, torque", None, "clear"]
 )
 def test_numbers_and_plain_texts_stay_what_they_are(cell: object) -> None:
-    assert harmless(cell) == cell
+    assert escape_formula(cell) == cell
 
 
 def test_tables_of_clearances_name_files_harmlessly() -> None:
@@ -63,12 +63,12 @@ def test_the_table_of_candidates_has_no_formulas(tmp_path, monkeypatch) -> None:
     from topo_search.study import ledger
     from topo_search.study.row import COLUMNS
 
-    ranked = ledger.Ledger.ranked
+    ranked = ledger.Ledger.ranking
 
     def hostile(self, n):
         return [replace(row, worst_constraint="=1+1", unit="@x") for row in ranked(self, n)]
 
-    monkeypatch.setattr(ledger.Ledger, "ranked", hostile)
+    monkeypatch.setattr(ledger.Ledger, "ranking", hostile)
     toy_problem.toy_run(tmp_path / "run", modules=2)
     rows = list(csv.DictReader((tmp_path / "run" / "candidates.csv").read_text().splitlines()))
     assert tuple(rows[0]) == COLUMNS
@@ -76,6 +76,6 @@ def test_the_table_of_candidates_has_no_formulas(tmp_path, monkeypatch) -> None:
 
 
 def test_markdown_lists_and_headings_are_text() -> None:
-    assert [escaped(text) for text in ("# a", "1. a", "1.json", "- a")] == [r"\# a", r"1\. a", "1.json", r"\- a"]
+    assert [escape(text) for text in ("# a", "1. a", "1.json", "- a")] == [r"\# a", r"1\. a", "1.json", r"\- a"]
     summary = markdown([Judged("=1", fan(), verify.audit(fan()))], [("# x", "- y")])
     assert r"- \# x: \- y" in summary

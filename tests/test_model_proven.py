@@ -13,7 +13,7 @@ from toy_problem import toy_row
 
 from topo_search.cli.tables import progress_line
 from topo_search.compose import audit
-from topo_search.export.audit_summary import survived
+from topo_search.export.audit_summary import tolerance_lines
 from topo_search.model import Limit, Topology
 from topo_search.model.proven import SOLVER_PRECISION, at_least, at_most, gap_percent
 from topo_search.report.design_page import bound, design_page
@@ -92,6 +92,6 @@ def test_bounds_of_clearances_and_errors_are_told_on_their_side() -> None:
     pointed = json.loads(part.clearances[0].data)["data"][0]["customdata"]
     assert "proven: 1.23 mm to 1.24 mm" in str(pointed)
     assert part.errors.rows[0][1:3] == ["0.00409°", "0.00411°"]
-    assert next(survived(changed.sensitivity)).startswith(
+    assert next(tolerance_lines(changed.sensitivity)).startswith(
         "hinge angles may be off by 0.00409 deg (too much: 0.00411 deg)"
     )

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from topo_search.model import BadInput, ResolvedTask, Task
-from topo_search.model.corners import cornered
+from topo_search.model.corners import to_corners
 from topo_search.model.files import to_toml, validate
 from topo_search.model.reserves import UNSEEN, centres, reserve_corners
 
@@ -59,7 +59,7 @@ def test_reserves_are_around_hover_or_all_cases_that_carry_the_weight() -> None:
     for around, names in (("hover", ["hover"]), ("all", ["hover", "load case 0 (push)", "load case 2"])):
         resolved = task({"force_reserve": 0.1, "around": around}, PUSH, FREE, HOVER).resolve(4)
         assert [label for _, label, _ in centres(resolved)] == names
-    labels = cornered(resolved).case_labels
+    labels = to_corners(resolved).case_labels
     assert labels[3] == "hover, force reserve 0"
     assert labels[17] == "load case 0 (push), force reserve 0"
     assert len(labels) == 3 + 42
@@ -69,8 +69,8 @@ def test_reserves_are_around_hover_or_all_cases_that_carry_the_weight() -> None:
 
 def test_proofs_leave_reserves_out_that_inputs_beyond_the_peak_may_keep() -> None:
     resolved = task({"force_reserve": 0.1}, search={"peak_input": 0.9}).resolve(4)
-    assert cornered(resolved, inner=True) is resolved
-    assert len(cornered(resolved).load_cases) == 15
+    assert to_corners(resolved, inner=True) is resolved
+    assert len(to_corners(resolved).load_cases) == 15
 
 
 def test_reserves_in_weights_grow_with_the_platform_and_a_design_has_newtons() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from topo_search.model import BadInput, ResolvedTask, Task
-from topo_search.model.corners import cornered, corners_of
+from topo_search.model.corners import corners_of, to_corners
 from topo_search.model.files import to_toml, validate
 from topo_search.model.force_cone import WIDEST, ForceCone
 
@@ -88,14 +88,14 @@ def test_own_wrench_and_equal_vertices_are_no_corners_twice() -> None:
 def test_written_out_its_own_cases_come_first_and_all_are_called_by_name() -> None:
     stated = task({"name": "wipe", "carries_weight": True, "cone": CONE}, {"carries_weight": True, "weight": 2.0})
     resolved = stated.resolve(5)
-    single = cornered(resolved)
+    single = to_corners(resolved)
     assert [case.weight for case in single.load_cases] == [1.0, 2.0, *[0.0] * 8]
     assert single.case_labels[:3] == ("load case 0 (wipe)", "load case 1", "load case 0 (wipe), corner 0")
     assert single.declared == resolved
-    assert cornered(single) is single
+    assert to_corners(single) is single
     assert pickle.loads(pickle.dumps(single)) == single
     plain = task({"carries_weight": True}).resolve(5)
-    assert cornered(plain) is plain
+    assert to_corners(plain) is plain
     assert plain.declared is plain
 
 

@@ -12,9 +12,9 @@ from test_nlp_bounds_attack import random_task
 
 from nlp import solve
 from nlp.bounds.branch import box, frames, multipliers, search, slopes
-from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowded
+from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from nlp.bounds.branch.proof import chunk_box, prove_chunk
-from nlp.bounds.branch.stated import centre, effort_unit, hung, state, whole
+from nlp.bounds.branch.stated import centre, effort_unit, hang, state, whole_box
 from nlp.units import Units
 from topo_search.model import Design, Topology
 from topo_search.model.files import read_task
@@ -78,9 +78,9 @@ def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed):
     rng = np.random.default_rng([25, seed])
     task = random_task(rng)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
-    tree = hung(tree, centre(task, tree))
+    tree = hang(tree, centre(task, tree))
     stated = state(task, tree)
-    least, most = whole(task, task.n)
+    least, most = whole_box(task, task.n)
     middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, 0, size=len(least))
     lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
     y = multipliers_for(stated, rng)
@@ -98,8 +98,8 @@ def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(
     rng = np.random.default_rng([26, seed])
     task = random_task(rng)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
-    tree = hung(tree, centre(task, tree))
-    stated, theta = state(task, tree), rng.uniform(*whole(task, task.n))
+    tree = hang(tree, centre(task, tree))
+    stated, theta = state(task, tree), rng.uniform(*whole_box(task, task.n))
     y = multipliers_for(stated, rng)
     true, proven = dual_value(task, tree, theta, np.zeros(3), y), bound_of(stated, y, theta, theta)
     size = np.abs(stated.loads.f).sum() + np.abs(stated.loads.t).sum() + task.n * stated.u_max
@@ -112,7 +112,7 @@ def test_a_bound_ends_early_under_a_cut_alone(seed):
     rng = np.random.default_rng([33, seed])
     task = random_task(rng)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
-    stated, (least, most) = state(task, tree), whole(task, task.n)
+    stated, (least, most) = state(task, tree), whole_box(task, task.n)
     lower = rng.uniform(least, most)
     upper = np.minimum(most, lower + 0.3)
     y, looked_at = multipliers_for(stated, rng), (*seen(stated, lower, upper), box.sums(stated))
@@ -138,7 +138,7 @@ def test_slopes_are_those_of_the_dual_function(seed):
     rng = np.random.default_rng([34, seed])
     task = random_task(rng)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
-    stated, theta = state(task, tree), rng.uniform(*whole(task, task.n))
+    stated, theta = state(task, tree), rng.uniform(*whole_box(task, task.n))
     A, step, y = len(theta), 1e-6, multipliers_for(stated, rng)
     flat, other = slopes.blank(task.n, A), slopes.blank(task.n, A)
     _, work = looked_at(stated, theta, y, flat)
@@ -162,10 +162,10 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
     """What they are to maximise, D at the middle less what its slopes take, does not fall, and mostly rises."""
     rng, effort = np.random.default_rng(35), 100.0
     task, higher = push(4), list[bool]()
-    least, most = whole(task, 4)
+    least, most = whole_box(task, 4)
     for _ in range(400):
         tree = random_tree(4, rng, aligned=True)
-        stated = state(task, hung(tree, centre(task, tree)))
+        stated = state(task, hang(tree, centre(task, tree)))
         lower = rng.uniform(least, most - 0.4)
         roots, middle, axes, _, rho = seen(stated, lower, lower + 0.4)
         work, flat = multipliers.room(stated), slopes.blank(4, len(rho))
@@ -180,7 +180,7 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
         slopes.flatten(stated, work, flat, rho, y, 3, effort)
         first, last = (slopes._value(stated, work, flat, rho, one, flat.g) for one in (before, y))
         assert last >= first
-        assert multipliers.missed(stated, y) == pytest.approx((0, 0, 0), abs=1e-9 * np.abs(y).max())
+        assert multipliers.residual(stated, y) == pytest.approx((0, 0, 0), abs=1e-9 * np.abs(y).max())
         higher.append(last > first)
     assert len(higher) >= 20
     assert sum(higher) > 0.5 * len(higher)
@@ -192,13 +192,13 @@ def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed):
     task = push(int(rng.integers(2, 6)), search={"connectors": "any"})
     tree = random_tree(task.n, rng, aligned=False)
     stated, air = state(task, tree), task.module.envelope
-    least, most = whole(task, task.n)
+    least, most = whole_box(task, task.n)
     found = 0
     for _ in range(60):
         middle, half = rng.uniform(least, most), 10 ** rng.uniform(-2, -0.3)
         lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
         _, at, axes, vertices, rho = seen(stated, lower, upper)
-        where = crowded(stated, at, axes, vertices, rho, np.zeros(len(least)))
+        where = crowding(stated, at, axes, vertices, rho, np.zeros(len(least)))
         if where != ALL_OVER:
             continue
         found += 1
@@ -216,14 +216,14 @@ def test_modules_that_are_too_close_at_a_point_are_found(seed, spread):
     task = push(int(rng.integers(2, 6)), search={"connectors": "any"})
     tree = random_tree(task.n, rng, aligned=False)
     stated, air = state(task, tree), task.module.envelope
-    least, most = whole(task, task.n)
+    least, most = whole_box(task, task.n)
     found = 0
     for _ in range(60):
         theta = np.clip(spread * rng.normal(size=len(least)), least, most)
         if clearance_missed(task, tree, air, theta):
             found += 1
             _, at, axes, vertices, rho = seen(stated, theta, theta)
-            assert crowded(stated, at, axes, vertices, rho, np.zeros(len(least))) == ALL_OVER
+            assert crowding(stated, at, axes, vertices, rho, np.zeros(len(least))) == ALL_OVER
     assert found > 0
 
 
@@ -243,9 +243,9 @@ def test_a_tree_hung_from_any_module_is_the_same_platform():
     for n in (2, 3, 5, 8):
         tree = random_tree(n, rng, aligned=False)
         for root in range(n):
-            other = hung(tree, root)
+            other = hang(tree, root)
             assert sorted(dict(other.graph().degree).values()) == sorted(dict(tree.graph().degree).values())
-            assert hung(other, 0).key == other.key
+            assert hang(other, 0).key == other.key
             assert sum(kappa % 2 for kappa in other.kappas) == sum(kappa % 2 for kappa in tree.kappas)
 
 
@@ -255,7 +255,7 @@ EXPOSED = ["push-local", "push-directional", "push-two-paths", "push-exterior-60
 @pytest.mark.parametrize("example", EXPOSED)
 def test_exposure_changes_nothing_in_what_boxes_are_bounded_from(example):
     """So a proof about push is one about these tasks, too."""
-    tree = hung(Topology.from_key("a70010"), 1)
+    tree = hang(Topology.from_key("a70010"), 1)
     folder = resources.files("topo_search") / "examples"
     tasks = [read_task(Path(str(folder / f"{name}.toml"))).resolve(5) for name in ("push", example)]
     plain, exposed = (numbers_of(state(task, tree)) for task in tasks)
@@ -295,8 +295,8 @@ def test_a_cut_under_the_best_is_proven_and_one_above_is_not(best):
 def test_brute_force_finds_nothing_under_what_is_proven(best):
     """A grid over all angles, and a descent from its best points: at fixed angles the rest is a convex problem."""
     task, tree, design = best
-    tree = hung(tree, centre(task, tree))
-    stated, unit, (least, most) = state(task, tree), effort_unit(task), whole(task, tree.n)
+    tree = hang(tree, centre(task, tree))
+    stated, unit, (least, most) = state(task, tree), effort_unit(task), whole_box(task, tree.n)
     work, A = multipliers.room(stated), len(least)
     work.ridge[:] = 1e-9
 
@@ -305,7 +305,7 @@ def test_brute_force_finds_nothing_under_what_is_proven(best):
         if np.any(theta < least) or np.any(theta > most):
             return math.inf
         roots, middle, axes, vertices, rho = seen(stated, theta, theta)
-        if crowded(stated, middle, axes, vertices, rho, np.zeros(A)) >= AT_MIDDLE:
+        if crowding(stated, middle, axes, vertices, rho, np.zeros(A)) >= AT_MIDDLE:
             return math.inf
         multipliers.wrenches(stated, roots[0], middle, work)
         y = np.zeros((2, 6))
@@ -347,7 +347,7 @@ def test_the_chunk_of_a_design_has_a_bound_of_no_more_than_its_effort(best):
 def test_chunks_fill_the_whole_box_and_share_no_more_than_faces():
     for n in (1, 2, 3, 6):
         task = push(n)
-        least, most = whole(task, n)
+        least, most = whole_box(task, n)
         boxes = [chunk_box(task, n, number) for number in range(chunk_count(n))]
         volume = sum(np.prod(upper - lower) for lower, upper in boxes)
         assert volume == pytest.approx(np.prod(most - least))

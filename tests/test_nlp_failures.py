@@ -9,13 +9,13 @@ from scipy.optimize import linprog
 from verify_cases import changed
 
 from nlp import lower_bound, prove_impossible, solve
-from nlp.corners import held, with_all, without_corners
+from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.numbers.finish import finish
 from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, missed_wrenches, wrench_matrix
-from nlp.running import running
+from nlp.running import running_rotors
 from topo_search.model import BadInput, Design, Status, Task, Topology
-from topo_search.model.corners import CorneredTask, cornered
+from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.files import validate
 from topo_search.topologies.task_symmetry import improper_isometry
 from verify import audit
@@ -28,7 +28,7 @@ def asked(n: int = 3, cases: Any = None, **flight: Any) -> Any:
 
 
 def whole(task: Any) -> CorneredTask:
-    found = cornered(task)
+    found = to_corners(task)
     assert isinstance(found, CorneredTask)
     return found
 
@@ -46,7 +46,7 @@ def test_each_rotor_is_dead_in_the_corners_of_its_own_set() -> None:
     assert whole(asked(rotor_out="hover", rotor_out_torque=0.0)).case_labels[6] == "hover, rotor 1 of module 1 dead"
     everywhere = asked(cases=[{"carries_weight": True, "com": {"force": [0.1, 0, 0]}}, HOVER], rotor_out="all")
     assert len(whole(everywhere).corners) == 3 * 168
-    alive = running(task)
+    alive = running_rotors(task)
     assert alive[0].all()
     assert [row.tolist().index(0.0) for row in alive[1:]] == list(task.dead_rotors[1:])
 
@@ -83,11 +83,11 @@ def test_judged_corners_are_those_that_linear_programs_can_produce() -> None:
         A, b = wrench_matrix(every) * task.max_input / units[:, None], asked_wrenches(every) / units
         possible = [
             linprog(np.zeros(12), A_eq=A, b_eq=w, bounds=np.stack([0 * on, on], axis=1)).status == 0
-            for w, on in zip(b, running(task), strict=True)
+            for w, on in zip(b, running_rotors(task), strict=True)
         ]
         met = missed_wrenches(every).max(axis=1) <= WRENCH_TOLERANCE
         assert met.tolist() == possible
-        assert np.array_equal(every.u.reshape(len(b), -1)[running(task) == 0], np.zeros(168))
+        assert np.array_equal(every.u.reshape(len(b), -1)[running_rotors(task) == 0], np.zeros(168))
 
 
 def test_a_design_survives_what_it_is_asked_to_and_few_corners_are_ever_stated() -> None:
@@ -203,7 +203,9 @@ def test_a_program_that_takes_in_corners_ends_where_one_with_all_of_them_does() 
         best = []
         for s in range(6):
             origin = draw(begun, TREE, generator(begun, TREE, s, 0))
-            trial = held(task, s, origin, lambda point, _: AssembledProgram(point.task, TREE).solve(point))
+            trial = take_in_corners(
+                task, s, origin, lambda point, _: AssembledProgram(point.task, TREE).solve(point)
+            )
             best.append(trial)
         found.append(min(best, key=lambda trial: trial.rank))
     assert found[0].worst.met

@@ -10,12 +10,12 @@ from nlp_cases import GENTLE_PUSH, HOVER, as_design, push, random_point, random_
 
 from nlp import solve
 from nlp.assembled.problem import AssembledProblem
-from nlp.joints import LimitRows, Limits, holder, limit_of, limited, loads
+from nlp.joints import LimitRows, Limits, holder, limit_of, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.own import Beside
 from nlp.requirements import clearances
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
-from topo_search.model import BadInput, Status, Task, Topology
+from topo_search.model import BadInput, Infeasible, Status, Task, Topology
 from topo_search.model.files import validate
 from verify import audit
 from verify.flight.joints import joint_loads
@@ -57,11 +57,11 @@ def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both() -> None:
     task, topology = push(4, load_cases=TWISTED, flight={"joint_moment": 1.0}), random_tree(4, rng)
     point = random_point(task, topology, rng)
     base = AssembledProblem(task, topology, clearances(task, topology), 50.0)
-    listed = limited(task, topology)[::3]
+    listed = limited_loads(task, topology)[::3]
     rows = LimitRows(task, topology, Limits(holder(point), listed))
     both, x = Beside(base, rows), point.pack()
     unit = task.module.arm_length * task.module.mass * task.gravity
-    at = dict(zip(limited(task, topology), loads(point), strict=True))
+    at = dict(zip(limited_loads(task, topology), loads(point), strict=True))
     L = np.array([limit_of(task, load) for load in listed]) / unit
     sizes = np.array([at[load] for load in listed]) / unit
     assert both.constraints(x)[base.rows :] == pytest.approx((L**2 - sizes**2) / (2 * L), rel=1e-9)
@@ -115,3 +115,17 @@ def test_what_no_start_keeps_is_told_by_joint_and_load_case() -> None:
     result = solve(push(3, load_cases=GENTLE_PUSH, flight={"joint_moment": 1e-3}), TREE, starts=range(1), seed=0)
     assert not hasattr(result, "objective")
     assert "moment in the joint of module" in result.message
+
+
+def test_a_limit_of_joints_may_be_all_that_keeps_a_tree_from_a_design() -> None:
+    """Without it, and with a larger one, there is a design, which uses the whole limit."""
+    loose, tight = (
+        solve(push(3, load_cases=GENTLE_PUSH, flight={"joint_moment": most}), TREE, starts=range(4), seed=0)
+        for most in (0.21, 0.141)
+    )
+    assert isinstance(tight, Infeasible)
+    assert "moment in the joint of module" in tight.worst_constraint
+    judged = audit(solved(loose))
+    assert judged.verdict == "clear"
+    (row,) = (row for row in judged.residuals if row.name == "largest moment in a joint")
+    assert row.derived == pytest.approx(0.21, rel=1e-3)

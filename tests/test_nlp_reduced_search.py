@@ -76,12 +76,12 @@ def test_starts_that_end_at_one_place_share_their_design() -> None:
 
 def test_a_design_that_is_carried_over_is_one_more_start() -> None:
     task = push(4, load_cases=GENTLE_PUSH)
-    donor = solve(task, TREE, starts=range(3), seed=0)
-    assert isinstance(donor, Design)
-    (found,) = searched(task, range(0), near=[donor])
+    source = solve(task, TREE, starts=range(3), seed=0)
+    assert isinstance(source, Design)
+    (found,) = searched(task, range(0), near=[source])
     assert found.worst.met
     assert found.start == -1
-    assert found.objective <= 1.001 * donor.objective
+    assert found.objective <= 1.001 * source.objective
 
 
 def test_what_has_no_design_says_what_is_missed() -> None:

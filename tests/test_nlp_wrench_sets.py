@@ -13,7 +13,7 @@ from nlp import lower_bound, prove_impossible, solve
 from nlp.assembled import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Status, Topology
-from topo_search.model.corners import cornered
+from topo_search.model.corners import to_corners
 from topo_search.topologies import sample
 from topo_search.topologies.task_symmetry import improper_isometry
 from verify import audit
@@ -55,13 +55,13 @@ def test_a_design_can_exert_all_of_a_cone_and_has_inputs_for_its_cases_alone() -
 def test_it_is_the_task_whose_corners_are_load_cases_without_weight() -> None:
     task = push(5, load_cases=[WIPE, HOVER])
     plain = {"carries_weight": True}
-    f = cornered(task).load_cases[2:]
+    f = to_corners(task).load_cases[2:]
     listed = [{**plain, "units": "SI", "end_effector": c.at_end_effector.model_dump(), "weight": 0.0} for c in f]
     one = {name: value for name, value in WIPE.items() if name != "cone"}
     written = push(5, load_cases=[one, HOVER, *listed])
     assert lower_bound(task) == pytest.approx(lower_bound(written), rel=1e-12)
     start = draw(written, TREE, generator(written, TREE, 0, seed=0))
-    ends = [AssembledProgram(t, TREE).solve(replace(start, task=t)).point for t in (cornered(task), written)]
+    ends = [AssembledProgram(t, TREE).solve(replace(start, task=t)).point for t in (to_corners(task), written)]
     assert ends[0].pack() == pytest.approx(ends[1].pack(), abs=1e-9)
 
 

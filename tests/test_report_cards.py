@@ -19,7 +19,7 @@ def keys(text: str) -> list[str]:
 def test_the_best_ten_have_a_card_the_winner_first(tmp_path):
     text = toy_page(tmp_path / "run", modules=4, starts=4)
     with RunFolder.load(tmp_path / "run") as folder:
-        ranked = [row.key for row in folder.ledger.ranked(4)]
+        ranked = [row.key for row in folder.ledger.ranking(4)]
     assert len(ranked) > 10
     assert keys(text) == ranked[:10]
     assert len(Reader(text).ids) == len({*Reader(text).ids})

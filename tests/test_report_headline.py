@@ -8,7 +8,7 @@ from wording import says
 from topo_search.compose import audit
 from topo_search.model import Audit, Design, Topology
 from topo_search.report.flight_part import cases
-from topo_search.report.headline import checked, closest, headline
+from topo_search.report.headline import closest, headline, tally
 from topo_search.report.near_ties import near_tie_cells
 from topo_search.study import Row
 
@@ -101,6 +101,6 @@ def test_what_is_not_clear_is_counted(audited: tuple[Design, Audit]) -> None:
     _, found = audited
     wrong = sum(pair.status != "clear" for pair in found.pairs)
     wrong += sum(residual.status != "clear" for residual in found.residuals)
-    assert says(checked(found), f"{wrong} of {len(found.pairs) + len(found.residuals)}", "not clear")
+    assert says(tally(found), f"{wrong} of {len(found.pairs) + len(found.residuals)}", "not clear")
     fine = found.model_copy(update={"verdict": "clear"})
-    assert checked(fine).startswith(f"all {len(found.pairs)} clearances are proven")
+    assert tally(fine).startswith(f"all {len(found.pairs)} clearances are proven")

@@ -46,7 +46,7 @@ def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):
     page = Reader(toy_page(tmp_path / "run"))
     assert "No design was found for toy: with 3 modules, no start of" in page.text
     with RunFolder.load(tmp_path / "run") as folder:
-        closest = min(folder.ledger.ranked(3), key=lambda row: row.violation)
+        closest = min(folder.ledger.ranking(3), key=lambda row: row.violation)
         reason = folder.ledger.result(folder.request.contexts(3)[0], closest.key)
     assert " ".join(reason.message.split()) in page.text
     assert "view-data" not in page.data

@@ -7,7 +7,7 @@ from report_cases import design, grown
 from topo_search.compose import audit
 from topo_search.export.poses import poses
 from topo_search.model import Audit, Design, LoadCase, Topology, Wrench
-from topo_search.report.arrows import arrows, reach, ring, straight
+from topo_search.report.arrows import arrows, reach, ring, straight_arrow
 from topo_search.report.scene import scene
 from topo_search.report.view import shared_meshes, view
 
@@ -49,7 +49,7 @@ def test_copies_of_a_mesh_lie_where_the_whole_picture_has_them(audited: tuple[De
 
 def test_an_arrow_begins_and_ends_where_it_says() -> None:
     start, direction = np.array([0.1, 0.2, 0.3]), np.array([0.6, 0.0, -0.8])
-    mesh, end = straight(start, direction, 0.5, 1.0)
+    mesh, end = straight_arrow(start, direction, 0.5, 1.0)
     np.testing.assert_allclose(end, [0.4, 0.2, -0.1])
     along = (mesh.vertices - start) @ direction
     assert (along.min(), along.max()) == pytest.approx((0.0, 0.5))

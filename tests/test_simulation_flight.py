@@ -22,7 +22,7 @@ from topo_search.simulation.campaign import CORNERS, fly_all, plan
 from topo_search.simulation.fly import Options
 from topo_search.simulation.plant import Errors, nominal
 from topo_search.simulation.result import FlightResult
-from topo_search.simulation.scenarios import Scenario, unbalanced
+from topo_search.simulation.scenarios import Scenario, imbalance
 from verify.kinematics import platform
 
 
@@ -102,11 +102,11 @@ def test_what_is_no_steady_flight_is_told_by_its_balance(wall_press: Design) -> 
     W = wall_press.task.force_unit(5)
     tip = Wrench(force=(1.0, 0.0, 0.0), torque=(0.1, 0.0, 0.0))
     steady = LoadCase(units="SI", end_effector=tip, com=Wrench(force=(0.0, 0.0, W)))
-    assert unbalanced(wall_press, steady) is None
+    assert imbalance(wall_press, steady) is None
     whole = LoadCase(units="SI", end_effector=Wrench(force=(1.0, 0.0, W)))
-    assert "would accelerate the platform by [0.00, 0.00, -9.81] m/s^2" in str(unbalanced(wall_press, whole))
+    assert "would accelerate the platform by [0.00, 0.00, -9.81] m/s^2" in str(imbalance(wall_press, whole))
     turns = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, W), torque=(0.1, 0.0, 0.0)))
-    assert unbalanced(wall_press, turns) == "not a steady flight: nothing reacts the torque at the centre of mass"
+    assert imbalance(wall_press, turns) == "not a steady flight: nothing reacts the torque at the centre of mass"
 
 
 def test_who_cannot_hover_is_not_flown() -> None:

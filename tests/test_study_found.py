@@ -33,7 +33,7 @@ def test_solves_come_in_the_order_in_which_they_ended(tmp_path, monkeypatch):
     toy_run(tmp_path / "run", starts=1)
     toy_run(tmp_path / "run", starts=2)
     with RunFolder.load(tmp_path / "run") as folder:
-        solves, rows = list(folder.ledger.solves(3)), {row.key: row for row in folder.ledger.ranked(3)}
+        solves, rows = list(folder.ledger.solves(3)), {row.key: row for row in folder.ledger.ranking(3)}
     assert [solve.key for solve in solves] == solved_keys(log)
     assert len(solves) == 2 * len(rows)
     times = [solve.at for solve in solves]
@@ -60,7 +60,7 @@ def test_a_proof_is_no_solve(tmp_path, monkeypatch):
     toy_run(tmp_path / "run")
     with RunFolder.load(tmp_path / "run") as folder:
         assert list(folder.ledger.solves(3)) == []
-        assert {row.status for row in folder.ledger.ranked(3)} == {"impossible"}
+        assert {row.status for row in folder.ledger.ranking(3)} == {"impossible"}
 
 
 def test_a_folder_without_a_ledger_is_refused_and_left_as_it_is(tmp_path):

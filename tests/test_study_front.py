@@ -24,7 +24,7 @@ from topo_search.model.goals import Goals, Level
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import FrontPoint, Row, RunFolder, answer_of, front
-from topo_search.study.front import CLEARANCE, FRONT_COLUMNS, INPUT, STAND_OFF, idle
+from topo_search.study.front import CLEARANCE, FRONT_COLUMNS, INPUT, STAND_OFF, idle_goals
 
 LEVELS = (1e-4, 2e-3, 1e-2)
 GOALS = Goals(clearance=LEVELS)
@@ -376,11 +376,11 @@ def test_a_goal_of_which_no_level_binds_is_told_with_where_to_look():
     reached = replace(point(1.0), force_reserve=1.25)
     levels = [Level(None, None, peak, force) for peak in (1.0, 0.9) for force in (0.0, 0.1)]
     binding = [1.0, 1.0 + 1e-6, 2.0, 2.0]
-    (told,) = idle(list(zip(levels, binding, strict=True)), [reached])
+    (told,) = idle_goals(list(zip(levels, binding, strict=True)), [reached])
     assert told.startswith("no level of goals.force_reserve binds: each gives the same least effort")
     assert says(told, "reaches 1.25 (N)", "flight.force_reserve beyond")
-    assert idle(list(zip(levels, [1.0, 1.1, 2.0, None], strict=True)), [reached]) == []
-    assert idle(list(zip(levels, binding, strict=True)), []) == []
+    assert idle_goals(list(zip(levels, [1.0, 1.1, 2.0, None], strict=True)), [reached]) == []
+    assert idle_goals(list(zip(levels, binding, strict=True)), []) == []
 
 
 def test_reserves_failures_and_moments_are_weighed_as_the_rest():

@@ -182,7 +182,7 @@ def test_a_ledger_that_is_damaged_where_it_is_looked_at_first_is_left_alone(tmp_
 def test_a_text_that_is_not_what_was_written_is_named(tmp_path, column, harm):
     toy_run(tmp_path / "run")
     with RunFolder.load(tmp_path / "run") as folder:
-        row = next(iter(folder.ledger.ranked(3)))
+        row = next(iter(folder.ledger.ranking(3)))
     database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
     with database:
         database.execute(f"{harm.format(column)} WHERE key = ?", (row.key,))

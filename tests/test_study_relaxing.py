@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import toy_problem
-from nlp_cases import push
+from nlp_cases import GENTLE_PUSH, push
 from toy_problem import toy_run
 from wording import says
 
@@ -45,6 +45,12 @@ def limit_of(task, relaxation):
     ("fields", "key", "binds"),
     [
         ({"module": {"max_thrust_to_weight": 1.2}}, "a11210", "module.max_thrust_to_weight"),
+        pytest.param(
+            {"load_cases": GENTLE_PUSH, "flight": {"joint_moment": 0.141}},
+            "a300",
+            "flight.joint_moment",
+            marks=pytest.mark.slow,
+        ),
         ({}, "a31010", None),
     ],
 )

@@ -88,7 +88,7 @@ def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
     carried = [(line.split()[0], line.split()[3:]) for line in log.read_text().splitlines()]
     assert carried == [(first, []), (second, [first]), (third, []), (first, []), (third, [second])]
     with RunFolder.load(tmp_path / "run") as folder:
-        rows = {row.key: row for row in folder.ledger.ranked(4)}
+        rows = {row.key: row for row in folder.ledger.ranking(4)}
     assert [(rows[key].asked, rows[key].starts) for key in (first, second, third)] == [(2, 2), (3, 2), (3, 2)]
     for key, starts in ((second, (1, 2)), (third, (0, 2))):
         assert rows[key].objective == min(toy_problem.value(key, start, 0, 1e-4) for start in starts)
@@ -121,12 +121,12 @@ def test_a_neighbour_without_a_design_carries_nothing_over(tmp_path, monkeypatch
 def test_more_starts_that_fail_leave_what_was_known(tmp_path, monkeypatch):
     toy_run(tmp_path / "run", starts=1)
     with RunFolder.load(tmp_path / "run") as folder:
-        before = list(folder.ledger.ranked(3))
+        before = list(folder.ledger.ranking(3))
     monkeypatch.setenv("TOY_SEGFAULT", before[0].key)
     answer = toy_run(tmp_path / "run", starts=4, workers=1)
     assert answer.sizes[0].complete
     with RunFolder.load(tmp_path / "run") as folder:
-        (row,) = (row for row in folder.ledger.ranked(3) if row.key == before[0].key)
+        (row,) = (row for row in folder.ledger.ranking(3) if row.key == before[0].key)
         scores = [scored for scored in folder.ledger.scores(folder.request.contexts(3)[0]) if scored.key == row.key]
     assert (row.objective, row.starts, row.asked, row.audit) == (before[0].objective, 1, 4, "clear")
     assert [(scored.starts, scored.objective) for scored in scores] == [(1, row.objective), (4, row.objective)]

@@ -10,7 +10,7 @@ from topo_search.engine import Space
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, Root, Symmetry, candidate_of, candidates, sample
-from topo_search.topologies.tree_moves import grafted, part_of, random_move, with_spins_reversed
+from topo_search.topologies.tree_moves import draw_move, graft, part_of, with_spins_reversed
 
 
 def spins(topology: Topology) -> list[int]:
@@ -30,7 +30,7 @@ def trees(draw: st.DrawFn, connectors: Connectors) -> Topology:
 
 @given(trees("aligned"), st.randoms(use_true_random=False))
 def test_a_neighbour_of_an_aligned_tree_is_an_aligned_tree_of_the_same_size(tree: Topology, random: Random) -> None:
-    other = random_move(tree, random, "aligned")
+    other = graft(tree, *draw_move(tree, random, "aligned"))
     assert other.aligned
     assert other.n == tree.n
 
@@ -42,7 +42,7 @@ def test_a_graft_can_be_taken_back(tree: Topology, data: st.DataObject) -> None:
     own = tree.joints[i][:2]
     ports = [port for port in (*tree.free_connectors, own) if port[0] not in part]
     at, turns = data.draw(st.sampled_from(ports)), data.draw(st.integers(0, 3))
-    moved = grafted(tree, i, at, turns)
+    moved = graft(tree, i, at, turns)
 
     order = [h for h in range(tree.n) if h not in part] + sorted(part)
     place = {old: new for new, old in enumerate(order)}
@@ -54,7 +54,7 @@ def test_a_graft_can_be_taken_back(tree: Topology, data: st.DataObject) -> None:
     assert changed == turns
     above = (spins(moved)[place[at[0]]] - spins(tree)[own[0]]) % 2
     assert flipped == [(turns + above) % 2 if j in part else 0 for j in range(tree.n)]
-    assert grafted(moved, place[i], (place[own[0]], own[1]), -turns).key == tree.key
+    assert graft(moved, place[i], (place[own[0]], own[1]), -turns).key == tree.key
 
 
 @pytest.mark.parametrize("root", ["free", "paper"])
@@ -67,7 +67,7 @@ def test_moves_lead_from_any_candidate_to_all(n: int, connectors: Connectors, ro
         tree = Topology.from_key(waiting.pop())
         reached.add(tree.key)
         keys = {
-            candidate_of(random_move(tree, random, connectors), connectors=connectors, root=root).key
+            candidate_of(graft(tree, *draw_move(tree, random, connectors)), connectors=connectors, root=root).key
             for _ in range(60)
         }
         assert keys <= listed
@@ -78,13 +78,13 @@ def test_moves_lead_from_any_candidate_to_all(n: int, connectors: Connectors, ro
 def test_what_cannot_be_moved_is_refused() -> None:
     chain = Topology.from_key("a120")
     with pytest.raises(ValueError, match=r"`0 < i < 3` must hold, but got i = 0"):
-        grafted(chain, 0, (1, 1))
+        graft(chain, 0, (1, 1))
     with pytest.raises(ValueError, match=r"module 2 goes with module 1, but got at = \(2, 1\)"):
-        grafted(chain, 1, (2, 1))
+        graft(chain, 1, (2, 1))
     with pytest.raises(ValueError, match="carries one joint"):
-        grafted(chain, 2, (0, 0))
+        graft(chain, 2, (0, 0))
     with pytest.raises(ValueError, match=r"`n >= 2` must hold for a move, but got n = 1"):
-        random_move(Topology.from_key("a0"), Random(0), "aligned")
+        draw_move(Topology.from_key("a0"), Random(0), "aligned")
 
 
 @given(trees("any"))

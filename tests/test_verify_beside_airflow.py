@@ -43,7 +43,7 @@ def two_modules(own, envelope, R, centre):
     """The parts of two modules, the first of which stands anywhere; the other one's envelope is given."""
     bounds = bounding_box(own)
     placed = tuple(
-        Compound(tuple(part.placed(turn, o) for part in own), bounds.placed(turn, o), 5)
+        Compound(tuple(part.place(turn, o) for part in own), bounds.place(turn, o), 5)
         for turn, o in ((R, centre), (np.eye(3), np.zeros(3)))
     )
     Rs, centres = np.stack([R, np.eye(3)]), np.stack([centre, np.zeros(3)])
@@ -135,7 +135,7 @@ def test_beside_slivers_nothing_is_proven(hub):
 def test_beyond_the_range_of_proofs_nothing_is_proven():
     rng = np.random.default_rng(4)
     for centre in ([1e7, 0.0, 0.0], [1e200, 0.0, 0.0], [np.inf, 0.0, 0.0], [np.nan, 0.0, 0.0]):
-        far = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -10.0]), 1.0, 0.5)).placed(
+        far = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -10.0]), 1.0, 0.5)).place(
             np.eye(3), np.array(centre)
         )
         parts, envelopes = two_modules(module(rng, 1.0), far, np.eye(3), np.zeros(3))

@@ -69,8 +69,8 @@ def test_copies_of_a_body_are_judged_like_the_body(family):
     for A, B in nearly_touching(family, 1.0, rng):
         R, S = (np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2))
         R, S, p = R * np.linalg.det(R), S * np.linalg.det(S), rng.normal(size=3)
-        copies = [Solid(ConeSphere((X.o - p) @ R, X.d @ R, X.r, X.dr)).placed(R, p) for X in (A, B)]
-        once_more = [copy.placed(S, -p) for copy in copies]
+        copies = [Solid(ConeSphere((X.o - p) @ R, X.d @ R, X.r, X.dr)).place(R, p) for X in (A, B)]
+        once_more = [copy.place(S, -p) for copy in copies]
         (certificate,) = certify_pairs([(Solid(A), Solid(B))])
         for found in certify_pairs([tuple(copies), tuple(once_more)]):
             assert found.analytic == pytest.approx(certificate.analytic, abs=1e-9)
@@ -180,7 +180,7 @@ def test_bodies_in_cones_are_judged_right_down_to_the_floor():
         for gap in (float(rng.uniform(-3, 3)), 1e-2, -1e-2, 1e-4, -1e-4, 1e-6, -1e-6):
             d, _ = cone_clearance(case.body, case.cone)
             sin, _ = case.cone.sin_cos
-            body = case.body.moved((gap - d) / sin * case.cone.axis)  # s grows by sin(theta) a step along the axis
+            body = case.body.move((gap - d) / sin * case.cone.axis)  # s grows by sin(theta) a step along the axis
             d, _ = cone_clearance(body, case.cone)
             hold(certify_inside(Solid(body), case.cone), d)
 

@@ -12,7 +12,7 @@ from verify_cases import design, unit
 
 from topo_search.model import Status, Topology
 from verify import audit
-from verify.clipping import SLICE, clipped
+from verify.clipping import SLICE, clip
 from verify.convex import Polyhedron, box
 from verify.kinematics import PORT_DIRECTIONS, platform
 from verify.parts import rigid_parts
@@ -196,7 +196,7 @@ def test_what_a_plane_cuts_a_solid_into_is_all_of_it():
         n = unit(rng) if k % 3 else np.eye(3)[k % 3]
         h = solid.vertices @ n
         b = float(h[0]) if k % 2 else rng.uniform(h.min(), h.max())  # through a corner, or anywhere
-        pieces = [clipped(solid, n, b), clipped(solid, -n, -b)]
+        pieces = [clip(solid, n, b), clip(solid, -n, -b)]
         assert sum(volume(piece) for piece in pieces if piece) == pytest.approx(volume(solid), rel=1e-4)
         for piece, side in zip(pieces, (1, -1), strict=True):
             if piece is None or piece is solid:
@@ -212,8 +212,8 @@ def test_a_plane_beside_a_solid_leaves_all_or_nothing():
     cube = box("cube", np.zeros(3), np.eye(3))
     x = np.array([1.0, 0.0, 0.0])
     for b in (1.0, 2.0, 1.0 - SLICE / 2):
-        assert clipped(cube, x, b) is cube
+        assert clip(cube, x, b) is cube
     for b in (-1.0, -2.0, -1.0 + SLICE / 2):
-        assert clipped(cube, x, b) is None
+        assert clip(cube, x, b) is None
     for b in (-1.0 + 2 * SLICE, 1.0 - 2 * SLICE):
-        assert volume(clipped(cube, x, b)) == pytest.approx(4 * (b + 1), rel=1e-9)
+        assert volume(clip(cube, x, b)) == pytest.approx(4 * (b + 1), rel=1e-9)

@@ -87,7 +87,7 @@ def test_bodies_far_from_the_origin_keep_their_verdict():
         shift = np.array([far, -far, far])
         for gap, status in ((1e-6, Status.CLEAR), (-1e-6, Status.VIOLATED)):
             A, B = at_clearance(*random_pair("generic", rng), gap)
-            assert judged(A.moved(shift), B.moved(shift)) == status
+            assert judged(A.move(shift), B.move(shift)) == status
 
 
 def test_an_arm_is_a_thousand_of_fcl_s_lengths_long(monkeypatch):

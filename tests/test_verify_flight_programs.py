@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 import verify.flight.programs
 from verify.flight.balls import largest_balls
 from verify.flight.inputs import least_inputs
-from verify.flight.programs import GAP, Box, greatest, solvable
+from verify.flight.programs import GAP, Box, find_solutions, greatest
 from verify.flight.simplex import Ends, solve
 from verify.meshes import Indices
 
@@ -52,7 +52,7 @@ def test_equations_have_a_solution_where_highs_has_one(seed: int) -> None:
     N = int(rng.integers(8, 40))
     M, box = drawn(rng, 6, N)
     m = rng.uniform(box.low - 0.4, box.high + 0.4, size=(20, N)) @ M.T
-    found = solvable(M, m, box)
+    found = find_solutions(M, m, box)
     assert np.all(found.yes ^ found.no)
     expected = [by_highs(np.zeros(N), M, row, box).status == 0 for row in m]
     assert found.yes.tolist() == expected
@@ -61,7 +61,9 @@ def test_equations_have_a_solution_where_highs_has_one(seed: int) -> None:
 
 def test_the_audits_tolerance_decides_what_is_next_to_impossible() -> None:
     M, box = np.eye(2), Box(np.zeros(2), np.ones(2))
-    found = solvable(M, np.array([[1.0, 0.5], [1 + 5e-7, 0.5], [1 + 2e-6, 0.5], [-5e-7, 1.0], [-2e-6, 1.0]]), box)
+    found = find_solutions(
+        M, np.array([[1.0, 0.5], [1 + 5e-7, 0.5], [1 + 2e-6, 0.5], [-5e-7, 1.0], [-2e-6, 1.0]]), box
+    )
     assert found.yes.tolist() == [True, True, False, True, False]
     assert found.no.tolist() == [False, False, True, False, True]
 
@@ -80,8 +82,8 @@ def test_wrong_points_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     by_highs_alone = greatest(c, M, m, box)
     assert np.allclose(by_highs_alone.attained, right.attained, atol=1e-7)
     assert np.all(by_highs_alone.upper >= right.attained - 1e-9)
-    assert np.all(solvable(M, m, box).yes)
-    assert np.all(solvable(M, m + 100, box).no)
+    assert np.all(find_solutions(M, m, box).yes)
+    assert np.all(find_solutions(M, m + 100, box).no)
 
     class Nothing:
         status = 4
@@ -90,7 +92,7 @@ def test_wrong_points_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     unproven = greatest(c, M, m, box)
     assert np.all(unproven.attained == -np.inf)
     assert np.all(unproven.upper >= right.attained - 1e-9)
-    undecided = solvable(M, m, box)
+    undecided = find_solutions(M, m, box)
     assert not undecided.yes.any()
     assert not undecided.no.any()
 
@@ -116,8 +118,8 @@ def test_a_wrench_at_the_very_edge_is_reached_without_highs(monkeypatch: pytest.
     A, box = rng.normal(size=(6, 20)), Box(np.zeros(20), np.ones(20))
     d = rng.normal(size=(50, 6))
     edge = (d @ A > 0).astype(float)
-    assert np.all(solvable(A, edge @ A.T, box).yes)
-    assert np.all(solvable(A, 1.001 * edge @ A.T - 0.001 * A.sum(axis=1) / 2, box).no)
+    assert np.all(find_solutions(A, edge @ A.T, box).yes)
+    assert np.all(find_solutions(A, 1.001 * edge @ A.T - 0.001 * A.sum(axis=1) / 2, box).no)
 
 
 def polytope(C: Array, M: Array, g: Array, m: Array, box: Box) -> Array:

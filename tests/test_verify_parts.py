@@ -74,8 +74,8 @@ def test_distances_are_those_of_alternating_projections():
     """Von Neumann's projections between two convex sets converge to their nearest points, without any support."""
     rng = np.random.default_rng(0)
     for _ in range(40):
-        A = random_solid(rng).placed(rotation(rng), ORIGIN)
-        B = random_solid(rng).placed(rotation(rng), rng.uniform(2.0, 4.0) * unit(rng))
+        A = random_solid(rng).place(rotation(rng), ORIGIN)
+        B = random_solid(rng).place(rotation(rng), rng.uniform(2.0, 4.0) * unit(rng))
         found = certificate(A, B)
         y = B.centre
         for _ in range(300):
@@ -136,7 +136,7 @@ def test_a_solid_inside_another_is_found(s):
 def test_a_solid_overlaps_itself():
     rng = np.random.default_rng(2)
     for _ in range(6):
-        A = random_solid(rng).placed(rotation(rng), rng.normal(size=3))
+        A = random_solid(rng).place(rotation(rng), rng.normal(size=3))
         assert certificate(A, A).status == Status.VIOLATED
 
 
@@ -144,10 +144,10 @@ def test_a_solid_overlaps_itself():
 def test_near_contact_is_decided(gap):
     rng = np.random.default_rng(3)
     for _ in range(12):
-        A, B = random_solid(rng).placed(rotation(rng), ORIGIN), random_solid(rng).placed(rotation(rng), ORIGIN)
+        A, B = random_solid(rng).place(rotation(rng), ORIGIN), random_solid(rng).place(rotation(rng), ORIGIN)
         away = 5.0 * unit(rng)
-        (found,) = proximities([(one(A), one(B.placed(STILL, away)))], [False])
-        B = B.placed(STILL, away - (found.d - gap) * found.n)
+        (found,) = proximities([(one(A), one(B.place(STILL, away)))], [False])
+        B = B.place(STILL, away - (found.d - gap) * found.n)
         result = certificate(A, B)
         assert result.status == (Status.CLEAR if gap > 0 else Status.VIOLATED)
         if gap > 0:
@@ -160,9 +160,9 @@ def test_near_contact_is_decided(gap):
 @for_all(st.integers(0, 10_000))
 def test_turning_and_moving_both_changes_nothing(seed):
     rng = np.random.default_rng(seed)
-    A, B = random_solid(rng), random_solid(rng).placed(rotation(rng), rng.uniform(0.5, 3.0) * unit(rng))
+    A, B = random_solid(rng), random_solid(rng).place(rotation(rng), rng.uniform(0.5, 3.0) * unit(rng))
     R, p = rotation(rng), rng.normal(size=3)
-    before, after = certificate(A, B), certificate(A.placed(R, p), B.placed(R, p))
+    before, after = certificate(A, B), certificate(A.place(R, p), B.place(R, p))
     assert after.status == before.status
     if before.status == Status.CLEAR:
         assert after.analytic == pytest.approx(before.analytic, abs=1e-8)
@@ -176,7 +176,7 @@ def test_the_clearance_of_unions_is_the_least_of_their_parts():
         sides = []
         for k in range(2):
             parts = tuple(
-                random_solid(rng).placed(rotation(rng), 6.0 * k * UP + rng.normal(size=3))
+                random_solid(rng).place(rotation(rng), 6.0 * k * UP + rng.normal(size=3))
                 for _ in range(rng.integers(1, 5))
             )
             sides.append(Compound(parts, bounding_box(parts)))
@@ -278,8 +278,8 @@ def test_solids_overlap_only_where_they_have_a_common_point(hinged):
         R = rotation(rng)
         H = kinematics.rotation(1, rng.uniform(-1.5, 1.5)) if hinged else STILL
         p = 1.5 * (STILL + H)[:, 0] if hinged else rng.integers(-3, 4, 3) * rng.choice([0.5, 0.75, 1.0])
-        discs.append(disc.placed(R, ORIGIN))
-        hubs.append(hub.placed(R @ H, R @ p))
+        discs.append(disc.place(R, ORIGIN))
+        hubs.append(hub.place(R @ H, R @ p))
     towards = np.array([B.centre - A.centre for A, B in zip(discs, hubs, strict=True)])
     found = nearest(cores(discs), cores(hubs), towards)
     assert 100 < found.overlap.sum() < 400
@@ -300,7 +300,7 @@ def facing(distance, tilt):
     for side in (-1.0, 1.0):
         R = kinematics.rotation(1, -side * tilt) @ kinematics.rotation(2, math.pi / 4)
         p = np.array([side * distance / 2, 0.0, 0.0])
-        modules.append(Compound(tuple(part.placed(R, p) for part in frame + rotors), bounds.placed(R, p)))
+        modules.append(Compound(tuple(part.place(R, p) for part in frame + rotors), bounds.place(R, p)))
     (found,) = certify_compounds([tuple(modules)], [False])
     return found
 
@@ -328,7 +328,7 @@ def test_two_reaches_between_centres_keep_all_parts_apart():
         pair = []
         for p in (ORIGIN, (2 * reach + 1e-6) * unit(rng)):
             R = rotation(rng)
-            pair.append(Compound(tuple(part.placed(R, p) for part in parts), bounds.placed(R, p)))
+            pair.append(Compound(tuple(part.place(R, p) for part in parts), bounds.place(R, p)))
         (found,) = certify_compounds([tuple(pair)], [False])
         assert found.status == Status.CLEAR
 

@@ -10,7 +10,7 @@ from test_nlp_bounds_attack import random_task
 from test_nlp_bounds_branch import seen
 
 from nlp import proof_root, prove_chunk, solve
-from nlp.bounds.branch.crowded import ALL_OVER, crowded
+from nlp.bounds.branch.crowded import ALL_OVER, crowding
 from nlp.bounds.branch.stated import state
 from topo_search.model import Chunk, Design, Topology
 from topo_search.model.proof import chunk_count
@@ -184,7 +184,7 @@ def crowded_at(task, tree, theta, problem):
     other = state(task, tree, problem)
     _, middle, axes, vertices, rho = seen(other, theta, theta)
     return (
-        crowded(other, middle, axes, vertices, rho, np.zeros(len(theta))) == ALL_OVER,
+        crowding(other, middle, axes, vertices, rho, np.zeros(len(theta))) == ALL_OVER,
         bool(nearness.too_near(stated, corners, at, np.zeros(2, np.int64))),
     )
 

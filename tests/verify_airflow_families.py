@@ -103,7 +103,7 @@ def moved_to(part: Convex, body: ConeSphere, d: float) -> ConeSphere | None:
             return None
         if abs(found - d) < 1e-14:
             break
-        body = body.moved((d - found) * way / length)
+        body = body.move((d - found) * way / length)
     return body
 
 
@@ -115,11 +115,11 @@ def rotor_against_airflow(scale: float, rng: np.random.Generator) -> Iterator[Ju
     bodies = [drawn, *(body for body in near if body is not None)]
     R, centre = rotation(rng), scale * rng.normal(size=3) * 10 ** rng.uniform(-1, 1)
     bounds = bounding_box(own)
-    placed = Compound(tuple(each.placed(R, centre) for each in own), bounds.placed(R, centre), FRAME)
+    placed = Compound(tuple(each.place(R, centre) for each in own), bounds.place(R, centre), FRAME)
     parts = RigidParts((placed,), centre[None], R[None], np.zeros(3), own, max(each.reach for each in own))
     asked = [
         BesideAirflow(0, 1, segment, True, placed, against)
-        for against in (Solid(body).placed(R, centre) for body in bodies)
+        for against in (Solid(body).place(R, centre) for body in bodies)
         for segment in (*range(ROTORS), None)
     ]
     certificates = iter(certify_beside(asked, parts))

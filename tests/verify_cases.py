@@ -169,7 +169,7 @@ def at_clearance(A: ConeSphere, B: ConeSphere, d: float) -> tuple[ConeSphere, Co
         w = B.centre(gamma) - A.centre(eta)
         if abs(found - d) < 1e-14 or not w.any():
             break
-        B = B.moved((d - found) * w / np.linalg.norm(w))
+        B = B.move((d - found) * w / np.linalg.norm(w))
     return A, B
 
 

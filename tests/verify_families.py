@@ -111,7 +111,7 @@ def moved_to(body: ConeSphere, region: Hull, d: float) -> ConeSphere | None:
             return None
         if abs(found.d - d) < 1e-14:
             break
-        body = body.moved((d - found.d) * w / np.linalg.norm(w))
+        body = body.move((d - found.d) * w / np.linalg.norm(w))
     return body
 
 

@@ -2,12 +2,12 @@
 
 from typing import NoReturn
 
-from topo_search.supervisor import supervised
+from topo_search.supervisor import supervise
 
 
 def main() -> NoReturn:
     """Run the command line, from its first import on, such that it can be stopped at any moment."""
-    supervised(_command)
+    supervise(_command)
 
 
 def _command() -> None:

@@ -35,7 +35,7 @@ class Handed:
     """What makes the user's own."""
 
 
-def handed_in(
+def collect_own(
     task: Task,
     *,
     near: Iterable[Design],
@@ -55,7 +55,7 @@ def handed_in(
         Own(
             topologies=None if topologies is None else own_candidates(topologies, task),
             near=tuple(digest(design.model_dump(mode="json", exclude={"solver"})) for design in designs),
-            constraints=stated(constraints, elsewhere=elsewhere),
+            constraints=stated_constraints(constraints, elsewhere=elsewhere),
             sampler=None if own_sampler is None else own_sampler.stated,
         ),
         designs,
@@ -79,7 +79,7 @@ def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
     return designs
 
 
-def stated(constraints: Sequence[OwnConstraint], *, elsewhere: bool = False) -> tuple[Stated, ...]:
+def stated_constraints(constraints: Sequence[OwnConstraint], *, elsewhere: bool = False) -> tuple[Stated, ...]:
     """Return own constraints as files keep them.
 
     Args:
@@ -96,7 +96,7 @@ def stated(constraints: Sequence[OwnConstraint], *, elsewhere: bool = False) -> 
     for k, one in enumerate(constraints):
         if not isinstance(one, OwnConstraint):
             faults.append(Fault(f"[{k}]", f"must be an OwnConstraint, but got {type(one).__name__}"))
-        elif (reason := _kept_here(one, elsewhere=elsewhere)) is not None:
+        elif (reason := _reason_to_stay(one, elsewhere=elsewhere)) is not None:
             faults.append(Fault(one.name, reason))
     if not faults:
         names = Counter(one.name for one in constraints)
@@ -106,7 +106,7 @@ def stated(constraints: Sequence[OwnConstraint], *, elsewhere: bool = False) -> 
     return tuple(one.stated for one in constraints)
 
 
-def _kept_here(constraint: OwnConstraint, *, elsewhere: bool) -> str | None:
+def _reason_to_stay(constraint: OwnConstraint, *, elsewhere: bool) -> str | None:
     """Return why a constraint cannot be sent to workers; None if it can."""
     how = "write it as a function at the top of a module, with `functools.partial` for its numbers"
     try:

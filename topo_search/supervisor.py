@@ -102,7 +102,7 @@ def tell(text: str) -> None:
         return  # stderr is full or gone: there is nobody left to tell
 
 
-def supervised(command: Callable[[], object]) -> NoReturn:
+def supervise(command: Callable[[], object]) -> NoReturn:
     """Run a command in a child process, and end with its exit status."""
     _open_standard_streams()
     for name, number in ONE_THREAD.items():
@@ -156,10 +156,10 @@ def _wait(child: int, ends: int) -> int:
         if not told:
             tell("stopped")
         return told[-1] if told else INTERRUPTED
-    return _died(status)
+    return _explain_death(status)
 
 
-def _died(status: int) -> int:
+def _explain_death(status: int) -> int:
     """Say what a command died of, and return its exit status.
 
     Args:
@@ -206,11 +206,11 @@ def _silence(stop: Stop) -> None:
     """Print no traceback of what only follows from a stop; a thread that has no memory ends the command."""
     unraisable, of_thread = sys.unraisablehook, threading.excepthook
 
-    def ignored(told: sys.UnraisableHookArgs) -> None:
+    def ignore(told: sys.UnraisableHookArgs) -> None:
         if not stop.asked and not (told.exc_value and out_of_memory(told.exc_value)):
             unraisable(told)
 
-    def ended(told: threading.ExceptHookArgs) -> None:
+    def end(told: threading.ExceptHookArgs) -> None:
         if stop.asked:
             return
         if told.exc_value and out_of_memory(told.exc_value):
@@ -219,7 +219,7 @@ def _silence(stop: Stop) -> None:
             os._exit(OUT_OF_MEMORY)
         of_thread(told)
 
-    sys.unraisablehook, threading.excepthook = ignored, ended
+    sys.unraisablehook, threading.excepthook = ignore, end
     # of a command that was killed, the process that tidies up after it would say what it tidies
     sys.warnoptions.append("ignore:resource_tracker:UserWarning")
 

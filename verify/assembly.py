@@ -24,7 +24,7 @@ from verify.bodies import Array
 from verify.kinematics import PORT_DIRECTIONS, Platform, platform
 from verify.parts import RigidParts, rigid_parts
 from verify.requirements import Scene
-from verify.residuals import finite
+from verify.residuals import clamp
 from verify.rod import free_connectors, straight_rod
 from verify.solid_regions import rod_keeps_out
 
@@ -40,7 +40,7 @@ LOST = "positions are too large, or parts too thin, to tell which connectors a s
 def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:
     """Return the sheet; a design's own mount stands, otherwise it is the best available connector."""
     joints = tuple(
-        BoltedJoint(module=h, port=a, child=i, child_port=b, angle_deg=finite(math.degrees(alpha)))
+        BoltedJoint(module=h, port=a, child=i, child_port=b, angle_deg=clamp(math.degrees(alpha)))
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     )
     connectors = free_connectors(design, parts)
@@ -114,13 +114,13 @@ def _reach(design: Design, parts: RigidParts, sheet: Assembly, reach: float) -> 
     status = Status.VIOLATED if scaled > REACHED else Status.CLEAR
     return Residual(
         name="reach of the end-effector's rod",
-        value=finite(excess),
+        value=clamp(excess),
         unit="m",
-        scaled=finite(scaled),
+        scaled=clamp(scaled),
         tolerance=REACHED,
         status=status if lengths else Status.UNDECIDED,
         stated=reach,
-        derived=finite(min(lengths)) if lengths else None,
+        derived=clamp(min(lengths)) if lengths else None,
     )
 
 
@@ -181,5 +181,5 @@ def _heavy(design: Design, rod: Rod, found: Platform) -> str | None:
 
 
 def _vector(v: Array) -> Vector:
-    x, y, z = (finite(float(value)) for value in v)
+    x, y, z = (clamp(float(value)) for value in v)
     return x, y, z

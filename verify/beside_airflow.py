@@ -109,7 +109,7 @@ def certify_beside(asked: Sequence[BesideAirflow], parts: RigidParts) -> list[Ce
     if not asked:
         return []
     pairs = asked[:: ROTORS + 1]
-    found = _found(parts, pairs)
+    found = _find(parts, pairs)
     proven = [
         (row.lower > ROUNDING) & (row.d > 0) & (row.lower - ROUNDING <= row.d) & (row.d <= row.upper + ROUNDING)
         for row in found
@@ -138,7 +138,7 @@ def certify_beside(asked: Sequence[BesideAirflow], parts: RigidParts) -> list[Ce
 
 def beside_evidence(asked: BesideAirflow, parts: RigidParts) -> tuple[str, ...]:
     """Return what to look at when bisection, planes and FCL disagree; one finding a line [l_arm]."""
-    at = _row(_found(parts, [asked])[ROTORS if asked.segment is None else asked.segment], 0)
+    at = _row(_find(parts, [asked])[ROTORS if asked.segment is None else asked.segment], 0)
     part = asked.body.parts[int(at.part)]
     return (
         f"A, {part.name}: {part!r}",
@@ -179,25 +179,25 @@ def _fcl_apart(asked: BesideAirflow, n: Array, x: Array, level: int) -> bool:
         near = [part for part in near if part.shape.overlaps(outer[1])]
     if level == 1 or not near:
         return not near
-    body = asked.against.body.moved(-x)
+    body = asked.against.body.move(-x)
     mesh = outer_mesh(body, TURNED_LEVELS[level - 2], n)
     if not encloses(mesh, body):
         return False
     shape = Shape(mesh)
-    return not any(shape.overlaps(Shape(_moved(part.outer(-n), -x))) for part in near)
+    return not any(shape.overlaps(Shape(_move(part.outer(-n), -x))) for part in near)
 
 
 def _fcl_overlap(asked: BesideAirflow, at: _Found, n: Array, x: Array, level: int) -> bool:
-    body = asked.against.body.moved(-x)
+    body = asked.against.body.move(-x)
     mesh, part = inner_mesh(body, TURNED_LEVELS[level - 2], n), asked.body.parts[int(at.part)]
-    return lies_within(mesh, body) and Shape(mesh).overlaps(Shape(_moved(part.inner(x), -x)))
+    return lies_within(mesh, body) and Shape(mesh).overlaps(Shape(_move(part.inner(x), -x)))
 
 
-def _moved(mesh: Polytope, shift: Array) -> Polytope:
+def _move(mesh: Polytope, shift: Array) -> Polytope:
     return Polytope(mesh.vertices + shift, mesh.triangles)
 
 
-def _found(parts: RigidParts, pairs: Sequence[BesideAirflow]) -> list[_Found]:
+def _find(parts: RigidParts, pairs: Sequence[BesideAirflow]) -> list[_Found]:
     """Return how near rotors 0 to 3 and the frame are, for (a, b) of the pairs."""
     a = np.array([pair.a for pair in pairs])
     K = Rows.of([pair.against.body for pair in pairs])

@@ -73,7 +73,7 @@ class ConeSphere:
         """Return r(eta)."""
         return self.r + eta * self.dr
 
-    def moved(self, shift: Array) -> ConeSphere:
+    def move(self, shift: Array) -> ConeSphere:
         """Return the same body elsewhere."""
         return replace(self, o=self.o + shift)
 

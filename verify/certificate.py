@@ -65,7 +65,7 @@ class Solid:
         self._copied: tuple[Solid, Array, Array] | None = None
         self._made: dict[Callable[[ConeSphere, int], Polytope], tuple[Polytope, Shape]] = {}
 
-    def placed(self, R: Array, p: Array) -> Solid:
+    def place(self, R: Array, p: Array) -> Solid:
         """Return a copy turned by R, shape (3, 3), then moved by p, shape (3,)."""
         elsewhere = Solid(replace(self.body, o=R @ self.body.o + p, d=R @ self.body.d))
         elsewhere._copied = self, R, p
@@ -74,24 +74,24 @@ class Solid:
     @functools.cached_property
     def outer(self) -> tuple[Polytope, Shape] | None:
         """The common outer mesh; None if it fails its own check."""
-        mesh, shape = self._common(outer_mesh)
+        mesh, shape = self._common_part(outer_mesh)
         return (mesh, shape) if encloses(mesh, self.body) else None
 
     @functools.cached_property
     def inner(self) -> Shape | None:
         """The common inner mesh; None if it fails its own check."""
-        mesh, shape = self._common(inner_mesh)
+        mesh, shape = self._common_part(inner_mesh)
         return shape if lies_within(mesh, self.body) else None
 
-    def _common(self, make: Callable[[ConeSphere, int], Polytope]) -> tuple[Polytope, Shape]:
+    def _common_part(self, make: Callable[[ConeSphere, int], Polytope]) -> tuple[Polytope, Shape]:
         if make not in self._made:
             if self._copied is None:
                 mesh = make(self.body, COMMON_LEVEL)
                 self._made[make] = mesh, Shape(mesh)
             else:
                 solid, R, p = self._copied
-                mesh, shape = solid._common(make)
-                self._made[make] = Polytope(mesh.vertices @ R.T + p, mesh.triangles), shape.placed(R, p)
+                mesh, shape = solid._common_part(make)
+                self._made[make] = Polytope(mesh.vertices @ R.T + p, mesh.triangles), shape.place(R, p)
         return self._made[make]
 
     @functools.cached_property
@@ -189,7 +189,7 @@ def _common_point(A: Solid, B: Solid, at: Witness, level: int) -> float | None:
     shapes = inner_shapes(A, B, at, level)
     if shapes is None or not shapes[0].overlaps(shapes[1]):
         return None
-    body_A, body_B = A.body.moved(-at.x), B.body.moved(-at.x)
+    body_A, body_B = A.body.move(-at.x), B.body.move(-at.x)
     return -float(body_A.support(at.n) + body_B.support(-at.n))
 
 
@@ -204,7 +204,7 @@ def outer_meshes(
     """Return the outer meshes of a level, 0 the common ones; None if one fails its own check."""
     if level == 0:
         return None if A.outer is None or B.outer is None else (A.outer, B.outer)
-    body_A, body_B = A.body.moved(-at.x), B.body.moved(-at.x)  # the digits are needed around x
+    body_A, body_B = A.body.move(-at.x), B.body.move(-at.x)  # the digits are needed around x
     mesh_A = outer_mesh(body_A, TURNED_LEVELS[level - 1], at.n)
     mesh_B = outer_mesh(body_B, TURNED_LEVELS[level - 1], -at.n)
     if not (encloses(mesh_A, body_A) and encloses(mesh_B, body_B)):
@@ -216,7 +216,7 @@ def inner_shapes(A: Solid, B: Solid, at: Witness, level: int) -> tuple[Shape, Sh
     """Return the inner meshes of a level, 0 the common ones; None if one fails its own check."""
     if level == 0:
         return None if A.inner is None or B.inner is None else (A.inner, B.inner)
-    body_A, body_B = A.body.moved(-at.x), B.body.moved(-at.x)
+    body_A, body_B = A.body.move(-at.x), B.body.move(-at.x)
     mesh_A = inner_mesh(body_A, TURNED_LEVELS[level - 1], at.n)
     mesh_B = inner_mesh(body_B, TURNED_LEVELS[level - 1], -at.n)
     if not (lies_within(mesh_A, body_A) and lies_within(mesh_B, body_B)):

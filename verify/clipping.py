@@ -19,7 +19,7 @@ SLICE = 1e-6
 """Thinner slices are not told [l_arm]: far thinner than anybody places a plane."""
 
 
-def clipped(solid: Polyhedron, n: Array, b: float) -> Polyhedron | None:
+def clip(solid: Polyhedron, n: Array, b: float) -> Polyhedron | None:
     """Return the part of a solid with n.x <= b, under its name; None where that is no more than a slice."""
     h = solid.vertices @ n - b
     if h.min() >= -SLICE:

@@ -114,13 +114,13 @@ def _keep_off(part_A: Convex, part_B: Convex, n: Array, x: Array) -> bool:
     """
     if not part_A.shape.overlaps(part_B.shape):
         return True
-    near_A, near_B = (part.placed(np.eye(3), -x) for part in (part_A, part_B))
+    near_A, near_B = (part.place(np.eye(3), -x) for part in (part_A, part_B))
     return not Shape(near_A.outer(n)).overlaps(Shape(near_B.outer(-n)))
 
 
 def _overlap(A: Compound, B: Compound, found: Proximity, x: Array, level: int) -> float | None:
     """Return the (negative) gap of the deepest parts, if FCL sees meshes inside them overlap around x."""
-    near = [part.placed(np.eye(3), -x) for part in (A.parts[found.a], B.parts[found.b])]
+    near = [part.place(np.eye(3), -x) for part in (A.parts[found.a], B.parts[found.b])]
     inner_A, inner_B = (part.inner(np.zeros(3)) for part in near)
     return found.d if level > 0 and Shape(inner_A).overlaps(Shape(inner_B)) else None
 
@@ -132,7 +132,7 @@ def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:
     """
     if min(part_A.depth(x), part_B.depth(x)) > ROUNDING:
         return x
-    planes = [_planes(part.placed(np.eye(3), -x)) for part in (part_A, part_B)]
+    planes = [_planes(part.place(np.eye(3), -x)) for part in (part_A, part_B)]
     normals, offsets = (np.concatenate(columns) for columns in zip(*planes, strict=True))
     unit = max(float(np.abs(offsets).min()), LEAST_UNIT)
     rows = np.column_stack([normals, np.ones(len(normals))])

@@ -160,7 +160,7 @@ class _Batch:
         """Return g_ij(n) of the parts of pairs, shape (N, m, m)."""
         return -self.reach(A, n)[:, :, None] - self.reach(B, -n)[:, None, :]
 
-    def relevant(self, index: Indices, bolted: Flags, k: Indices) -> Flags:
+    def relevant_pairs(self, index: Indices, bolted: Flags, k: Indices) -> Flags:
         """Return which parts must not touch each other, shape (N, m, m).
 
         Pieces beyond the connector's neighbourhood are asked about frames alone: of what else may not touch them
@@ -181,7 +181,7 @@ class _Batch:
         rows = np.arange(len(index))
         A, B = self.part[index[:, 0]], self.part[index[:, 1]]
         k = np.arange(self.part.shape[1])
-        relevant = self.relevant(index, bolted, k)
+        relevant = self.relevant_pairs(index, bolted, k)
         along = _unit(self.centre[index[:, 1]] - self.centre[index[:, 0]])
         guess = np.where(relevant, self.gaps(A, B, along), np.inf).reshape(len(index), -1).argmin(axis=1)
         a, b = np.divmod(guess, k.size)
@@ -231,15 +231,15 @@ class _Batch:
         deep = np.flatnonzero(lost)
         if len(deep) and self.measured:
             flat = [part for body in self.bodies for part in body.parts]
-            n[deep], x_A[deep] = touching([(flat[A[k]], flat[B[k]]) for k in deep])
-            n[deep], x_B[deep] = self.steepest(A[deep], B[deep], n[deep]), x_A[deep]
+            n[deep], x_A[deep] = touch([(flat[A[k]], flat[B[k]]) for k in deep])
+            n[deep], x_B[deep] = self.steepest_directions(A[deep], B[deep], n[deep]), x_A[deep]
         g = self.gap(A, B, n)
         open_ = np.flatnonzero(~lost & (g < d - LEAST_GAIN))
-        n[open_], g[open_] = self.sharper(A[open_], B[open_], n[open_], g[open_])
+        n[open_], g[open_] = self.sharper_directions(A[open_], B[open_], n[open_], g[open_])
         d[deep] = g[deep]
         return _Apart(d, g, n, x_A, x_B)
 
-    def sharper(self, A: Indices, B: Indices, n: Array, g: Array) -> tuple[Array, Array]:
+    def sharper_directions(self, A: Indices, B: Indices, n: Array, g: Array) -> tuple[Array, Array]:
         """Return directions across which N pairs of parts are farther apart than along n, if any, and how far.
 
         Nearest points that all but coincide tell n with few digits: too few for sides that face each other. They
@@ -256,7 +256,7 @@ class _Batch:
             n[better], g[better] = turned[better], found[better]
         return n, g
 
-    def steepest(self, A: Indices, B: Indices, n: Array) -> Array:
+    def steepest_directions(self, A: Indices, B: Indices, n: Array) -> Array:
         """Return directions in which N pairs of overlapping parts are less far in each other than along n, if any.
 
         Moved apart along n by twice -g(n), the parts are |v| >= -g(n) apart across n', so g(n') = |v| + 2 g(n) n.n'
@@ -277,7 +277,7 @@ class _Batch:
         return n
 
 
-def touching(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:
+def touch(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:
     """Return the normals, from A to B, at which scaled copies of overlapping solids touch, and where.
 
     Args:
@@ -296,7 +296,7 @@ def touching(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:
         width = np.sum((A.take(left).support(n[left]) - c_A[left]) * n[left], axis=1) + r_A[left]
         width += np.sum((c_B[left] - B.take(left).support(-n[left])) * n[left], axis=1) + r_B[left]
         s[left] = np.maximum(s[left], np.sum((c_B - c_A)[left] * n[left], axis=1) / width)
-        found = nearest(_scaled(A, c_A, s, left), _scaled(B, c_B, s, left), n[left])
+        found = nearest(_scale(A, c_A, s, left), _scale(B, c_B, s, left), n[left])
         size = np.linalg.norm(found.v, axis=1)
         x[left] = (found.x_A + found.x_B + (s * (r_A - r_B))[left, None] * n[left]) / 2
         apart = ~found.overlap & (size - (s * (r_A + r_B))[left] > TOUCHING * (1 - s[left]))
@@ -307,7 +307,7 @@ def touching(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:
     return n, x
 
 
-def _scaled(solids: Cores, centre: Array, s: Array, some: Indices) -> Cores:
+def _scale(solids: Cores, centre: Array, s: Array, some: Indices) -> Cores:
     """Return some of the solids, scaled by s about their centres."""
     c, by = centre[some, None], s[some]
     return Cores(c + by[:, None, None] * (solids.vertices[some] - c), solids.axis[some], by * solids.disc[some])

@@ -83,9 +83,9 @@ def keeps_off(solid: Solid, cone: Cone, eta: float) -> bool:
     One that is turned towards the half-space is made only where the common one does not do.
     """
     m, x, beyond = _half_space(solid.body, cone, eta)
-    if solid.outer is not None and not solid.outer[1].overlaps(beyond.placed(np.eye(3), x)):
+    if solid.outer is not None and not solid.outer[1].overlaps(beyond.place(np.eye(3), x)):
         return True
-    near = solid.body.moved(-x)
+    near = solid.body.move(-x)
     mesh = outer_mesh(near, COMMON_LEVEL, -m)
     return encloses(mesh, near) and not Shape(mesh).overlaps(beyond)
 
@@ -93,7 +93,7 @@ def keeps_off(solid: Solid, cone: Cone, eta: float) -> bool:
 def reaches_beyond(body: ConeSphere, cone: Cone, eta: float) -> bool:
     """Whether FCL sees the body's inner mesh reach into the half-space beyond the cone nearest to an end ball."""
     m, x, beyond = _half_space(body, cone, eta)
-    near = body.moved(-x)
+    near = body.move(-x)
     mesh = inner_mesh(near, COMMON_LEVEL, -m)
     return lies_within(mesh, near) and Shape(mesh).overlaps(beyond)
 

@@ -23,7 +23,7 @@ from itertools import combinations
 from topo_search.model import AllowedContact, Design, Mount
 from topo_search.model.audit import Kind
 from topo_search.model.room import INWARDS, OUTWARDS
-from verify.clipping import SLICE, clipped
+from verify.clipping import SLICE, clip
 from verify.compounds import Compound
 from verify.convex import Convex, Polyhedron
 from verify.kinematics import PORT_DIRECTIONS
@@ -61,7 +61,7 @@ def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterat
     for a, b in combinations(range(len(modules)), 2):
         body, against = modules[a], modules[b]
         if (a, b) in joints:
-            body, against = (_bolted(parts, i, ends[k]) for i, k in zip((a, b), joints[a, b], strict=True))
+            body, against = (_neighbour_at(parts, i, ends[k]) for i, k in zip((a, b), joints[a, b], strict=True))
         yield RigidRequirement("body", a, b, body, against, counts, bolted=(a, b) in joints)
     if mount is None:
         return
@@ -95,14 +95,14 @@ def _end(design: Design, parts: RigidParts, port: int) -> _End:
             others.append(part)
             continue
         near.append(part)
-        pieces = clipped(part, outwards, inner), clipped(part, -outwards, -outer)
+        pieces = clip(part, outwards, inner), clip(part, -outwards, -outer)
         beyond += [piece for piece in pieces if piece is not None]
     return _End(tuple(near), (*others, *parts.own[frame:]), tuple(beyond))
 
 
-def _bolted(parts: RigidParts, i: int, end: _End) -> Compound:
+def _neighbour_at(parts: RigidParts, i: int, end: _End) -> Compound:
     """Return module i as the neighbour at one of its ports meets it."""
-    solids = (part.placed(parts.R[i], parts.centres[i]) for part in (*end.near, *end.others, *end.beyond))
+    solids = (part.place(parts.R[i], parts.centres[i]) for part in (*end.near, *end.others, *end.beyond))
     return Compound(tuple(solids), parts.modules[i].bounds, len(end.near), len(end.beyond))
 
 

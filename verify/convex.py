@@ -79,7 +79,7 @@ class Convex(ABC):
         if self.copied is None:
             return Shape(self.outer(self.axis))
         solid, R, p = self.copied
-        return solid.shape.placed(R, p)
+        return solid.shape.place(R, p)
 
     @property
     def thick(self) -> bool:
@@ -99,11 +99,11 @@ class Convex(ABC):
         """Return a polytope inside the solid that holds its point x."""
 
     @abstractmethod
-    def placed(self, R: Array, p: Array) -> Self:
+    def place(self, R: Array, p: Array) -> Self:
         """Return the solid turned by R, shape (3, 3), then moved by p, shape (3,)."""
 
     @abstractmethod
-    def grown(self, factor: float) -> Self:
+    def grow(self, factor: float) -> Self:
         """Return the solid scaled about its centre."""
 
 
@@ -142,11 +142,11 @@ class Polyhedron(Convex):
         """Return the polyhedron itself."""
         return Polytope(self.vertices, self.triangles)
 
-    def placed(self, R: Array, p: Array) -> Polyhedron:
+    def place(self, R: Array, p: Array) -> Polyhedron:
         """Return the solid turned by R, then moved by p."""
         return Polyhedron(self.name, self.vertices @ R.T + p, self.triangles, copied=(self, R, p))
 
-    def grown(self, factor: float) -> Polyhedron:
+    def grow(self, factor: float) -> Polyhedron:
         """Return the solid scaled about its centre."""
         return Polyhedron(self.name, self.centre + factor * (self.vertices - self.centre), self.triangles)
 
@@ -210,12 +210,12 @@ class Cylinder(Convex):
         ]
         return Polytope(np.concatenate([low + radius * ring, high + radius * ring]), np.concatenate(triangles))
 
-    def placed(self, R: Array, p: Array) -> Cylinder:
+    def place(self, R: Array, p: Array) -> Cylinder:
         """Return the solid turned by R, then moved by p."""
         moved = self.vertices @ R.T + p
         return Cylinder(self.name, moved, axis=R @ self.axis, disc=self.disc, copied=(self, R, p))
 
-    def grown(self, factor: float) -> Cylinder:
+    def grow(self, factor: float) -> Cylinder:
         """Return the solid scaled about its centre."""
         vertices = self.centre + factor * (self.vertices - self.centre)
         return Cylinder(self.name, vertices, axis=self.axis, disc=factor * self.disc)
@@ -250,11 +250,11 @@ class Capsule(Convex):
         distance = np.linalg.norm(away)
         return inner_mesh(body, CAPSULE_LEVEL, away / distance if distance > 0 else self.axis)
 
-    def placed(self, R: Array, p: Array) -> Capsule:
+    def place(self, R: Array, p: Array) -> Capsule:
         """Return the solid turned by R, then moved by p."""
         return Capsule(self.name, self.vertices @ R.T + p, ball=self.ball, copied=(self, R, p))
 
-    def grown(self, factor: float) -> Capsule:
+    def grow(self, factor: float) -> Capsule:
         """Return the solid scaled about its centre."""
         vertices = self.centre + factor * (self.vertices - self.centre)
         return Capsule(self.name, vertices, ball=factor * self.ball)

@@ -36,7 +36,7 @@ from verify.kinematics import platform
 from verify.parts import RigidParts, rigid_parts
 from verify.parts_in_cone import cone_evidence
 from verify.requirements import Requirement, Scene
-from verify.residuals import finite, residuals
+from verify.residuals import clamp, residuals
 from verify.sensitivity import sensitivity
 from verify.solid_regions import InsideCone, certify_parts, parts_beside_regions, rod_beside_regions
 from verify.wrench_sets import corner_residuals
@@ -163,7 +163,7 @@ def _clearance(
     module: Module,
     parts: RigidParts,
 ) -> Clearance:
-    l_arm, d = module.arm_length, finite(certificate.analytic * module.arm_length)
+    l_arm, d = module.arm_length, clamp(certificate.analytic * module.arm_length)
     inconsistent = certificate.status == Status.INCONSISTENT
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
     return Clearance(
@@ -176,7 +176,7 @@ def _clearance(
         upper_m=upper,
         analytic_m=d,
         level=certificate.level,
-        percent=finite(percent_of_deepest(d, module)) if requirement.kind == "airflow" else None,
+        percent=clamp(percent_of_deepest(d, module)) if requirement.kind == "airflow" else None,
         evidence=_evidence(requirement, parts) if inconsistent else (),
         closest_m=closest,
     )

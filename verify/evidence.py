@@ -28,8 +28,8 @@ def evidence(body: Solid, against: Solid | Cone | Hull) -> tuple[str, ...]:
 
 def _of_pair(A: Solid, B: Solid) -> Iterator[str]:
     (at,) = witnesses([(A, B)])
-    yield f"A: {_told(A.body)}"
-    yield f"B: {_told(B.body)}"
+    yield f"A: {_describe(A.body)}"
+    yield f"B: {_describe(B.body)}"
     yield f"closed form: clearance {at.d!r}, normal from A to B {_vector(at.n)}, at {_vector(at.x)}"
     yield f"depth of that place in A {float(A.body.depth(at.x))!r}, in B {float(B.body.depth(at.x))!r}"
     yield f"upper bound that the closed form's points prove: {'none' if at.upper is None else repr(at.upper)}"
@@ -53,7 +53,7 @@ def _of_cone(solid: Solid, cone: Cone) -> Iterator[str]:
     body = solid.body
     d, worst = cone_clearance(body, cone)
     x = body.centre(worst) - body.radius(worst) * cone.inward_normal(body.centre(worst))
-    yield f"body: {_told(body)}"
+    yield f"body: {_describe(body)}"
     yield f"cone: apex {_vector(cone.apex)}, axis {_vector(cone.axis)}, half-angle {cone.half_angle_deg!r} deg"
     yield f"closed form: clearance {d!r} at the {'last' if worst else 'first'} ball"
     yield f"its nearest point {_vector(x)}: depth in the body {float(body.depth(x))!r}, s {float(cone.s(x))!r}"
@@ -67,7 +67,7 @@ def _of_cone(solid: Solid, cone: Cone) -> Iterator[str]:
 
 def _of_hull(body: ConeSphere, region: Hull) -> Iterator[str]:
     at = witness(body, region)
-    yield f"body: {_told(body)}"
+    yield f"body: {_describe(body)}"
     yield f"corners of the region: {region.mesh.vertices.tolist()}"
     yield f"closed form: clearance {at.d!r}, normal from body to region {_vector(at.n)}, at {_vector(at.x)}"
     yield f"depth of that place in the body {float(body.depth(at.x))!r}, in the region {region.depth(at.x)!r}"
@@ -84,7 +84,7 @@ def _of_hull(body: ConeSphere, region: Hull) -> Iterator[str]:
             yield f"level {level}: inner mesh, FCL: {_overlap(inner)}"
 
 
-def _told(body: ConeSphere) -> str:
+def _describe(body: ConeSphere) -> str:
     return f"ball of radius {body.r!r} at {_vector(body.o)}, swept by {_vector(body.d)}, growing by {body.dr!r}"
 
 

@@ -42,7 +42,7 @@ class Shape:
         self._R, self._p = R, p
         self._object = fcl.CollisionObject(self._convex, fcl.Transform(R, SCALE * p))
 
-    def placed(self, R: Array, p: Array) -> Shape:
+    def place(self, R: Array, p: Array) -> Shape:
         """Return the polytope turned by R, shape (3, 3), then moved by p, shape (3,); FCL makes it only once."""
         elsewhere = copy.copy(self)
         elsewhere._place(R @ self._R, R @ self._p + p)

@@ -60,7 +60,7 @@ def outer_gap(body: ConeSphere, region: Hull, at: Witness, level: int) -> tuple[
 
     None if the mesh fails its own check.
     """
-    body, Q = body.moved(-at.x), region.moved(-at.x).mesh  # the digits are needed around x
+    body, Q = body.move(-at.x), region.move(-at.x).mesh  # the digits are needed around x
     mesh = outer_mesh(body, TURNED_LEVELS[level], at.n)
     if not encloses(mesh, body):
         return None
@@ -69,7 +69,7 @@ def outer_gap(body: ConeSphere, region: Hull, at: Witness, level: int) -> tuple[
 
 def inner_overlap(body: ConeSphere, region: Hull, at: Witness, level: int) -> bool | None:
     """Return whether FCL sees K's inner mesh and Q overlap; None if the mesh fails its own check."""
-    body, Q = body.moved(-at.x), region.moved(-at.x).mesh
+    body, Q = body.move(-at.x), region.move(-at.x).mesh
     mesh = inner_mesh(body, TURNED_LEVELS[level], at.n)
     return Shape(mesh).overlaps(Shape(Q)) if lies_within(mesh, body) else None
 

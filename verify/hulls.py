@@ -84,7 +84,7 @@ class Hull:
         points = np.concatenate([*sides, inside])
         return np.asarray(points[np.argmin(np.linalg.norm(points - x, axis=1))])
 
-    def moved(self, shift: Array) -> Hull:
+    def move(self, shift: Array) -> Hull:
         """Return the same region elsewhere."""
         mesh = Polytope(self.mesh.vertices + shift, self.mesh.triangles)
         return Hull(mesh, self.normals, self.offsets + self.normals @ shift)

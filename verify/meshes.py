@@ -148,7 +148,7 @@ def encloses(mesh: Polytope, body: ConeSphere) -> bool:
     corners = mesh.vertices[mesh.triangles] - body.o
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normals = np.cross(first, second)
-    beyond = np.einsum("fx,fx->f", normals, corners[:, 0]) - body.moved(-body.o).support(normals)
+    beyond = np.einsum("fx,fx->f", normals, corners[:, 0]) - body.move(-body.o).support(normals)
     edge = np.maximum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1))
     magnitude = float(np.abs(mesh.vertices).max()) + body.extent
     allowed = 16 * np.finfo(float).eps * magnitude * edge * (edge + body.extent)

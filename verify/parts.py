@@ -78,7 +78,7 @@ def rigid_parts(design: Design, platform: Platform) -> RigidParts:
     parts = frame + rotors
     bounds = bounding_box(parts)
     modules = tuple(
-        Compound(tuple(part.placed(R, o) for part in parts), bounds.placed(R, o), len(frame))
+        Compound(tuple(part.place(R, o) for part in parts), bounds.place(R, o), len(frame))
         for R, o in zip(platform.poses.R, centres, strict=True)
     )
     reach = max(part.reach for part in parts)

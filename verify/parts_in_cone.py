@@ -128,12 +128,12 @@ def _outside(module: Compound, cone: Cone, x: Array, k: int, level: int) -> floa
 
 def _keeps_off(part: Convex, cone: Cone, x: Array) -> bool:
     m, beyond = _beyond(part, cone, x)
-    return not Shape(part.placed(np.eye(3), -x).outer(-m)).overlaps(beyond)
+    return not Shape(part.place(np.eye(3), -x).outer(-m)).overlaps(beyond)
 
 
 def _reaches_beyond(part: Convex, cone: Cone, x: Array) -> bool:
     _, beyond = _beyond(part, cone, x)
-    return Shape(part.placed(np.eye(3), -x).inner(np.zeros(3))).overlaps(beyond)
+    return Shape(part.place(np.eye(3), -x).inner(np.zeros(3))).overlaps(beyond)
 
 
 def _beyond(part: Convex, cone: Cone, x: Array) -> tuple[Array, Shape]:

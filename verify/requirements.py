@@ -54,17 +54,17 @@ class Scene:
         envelope = design.task.module.envelope
         length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))
         still = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -length]), r, dr))
-        self.envelopes = [still.placed(R, o) for R, o in zip(platform.poses.R, self.centres, strict=True)]
+        self.envelopes = [still.place(R, o) for R, o in zip(platform.poses.R, self.centres, strict=True)]
 
     def requirements(self) -> Iterator[Requirement]:
         """Yield every requirement: airflow, exposure, exclusion, separation."""
         yield from self._airflow()
         for number, requirement in enumerate(self.design.task.exposure):
-            yield from self._exposed(number, requirement)
+            yield from self._exposure(number, requirement)
         yield from self._exclusion()
         yield from self._separation()
 
-    def like(self, other: Requirement) -> Requirement:
+    def counterpart(self, other: Requirement) -> Requirement:
         """Return the same requirement as one of another platform of the same task and tree."""
         if other.kind == "airflow":  # of a hundred modules there are thousands
             return Requirement("airflow", other.a, other.b, self.envelopes[other.a], self.envelopes[other.b])
@@ -82,14 +82,14 @@ class Scene:
         elif requirement.radius is not None:
             yield None, Solid(ball(self.p_E, requirement.radius / self.l_arm))
         else:
-            yield None, hull(requirement.corners / self.l_arm).moved(self.p_E)  # far away corners lose their digits
+            yield None, hull(requirement.corners / self.l_arm).move(self.p_E)  # far away corners lose their digits
 
     def _airflow(self) -> Iterator[Requirement]:
         counts = self.design.task.search.interference == "airflow"
         for a, b in combinations(range(len(self.envelopes)), 2):
             yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=counts)
 
-    def _exposed(self, number: int, requirement: Exposure) -> Iterator[Requirement]:
+    def _exposure(self, number: int, requirement: Exposure) -> Iterator[Requirement]:
         for segment, region in self.regions(requirement):
             for a, envelope in enumerate(self.envelopes):
                 yield Requirement(requirement.kind, a, number, envelope, region, segment)
@@ -159,7 +159,7 @@ class Scene:
 def _balls(centres: Sequence[Array] | Array, radius: float) -> list[Solid]:
     """Return equal balls: copies of one."""
     still, R = Solid(ball(np.zeros(3), radius)), np.eye(3)
-    return [still.placed(R, centre) for centre in centres]
+    return [still.place(R, centre) for centre in centres]
 
 
 def _unit(v: Array) -> Array:

@@ -45,17 +45,17 @@ def _row(
     scaled = value / scale if scale > 0 else math.inf
     return Residual(
         name=name,
-        value=finite(value),
+        value=clamp(value),
         unit=unit,
-        scaled=finite(scaled),
+        scaled=clamp(scaled),
         tolerance=tolerance,
         status=Status.CLEAR if scaled <= tolerance else Status.VIOLATED,
         stated=stated,
-        derived=None if derived is None else finite(derived),
+        derived=None if derived is None else clamp(derived),
     )
 
 
-def finite(value: float) -> float:
+def clamp(value: float) -> float:
     """Return the value, or the largest float for what overflowed: JSON has no infinity."""
     return value if math.isfinite(value) else sys.float_info.max
 

@@ -106,7 +106,7 @@ class _Search:
     def worst_case(self, errors: Errors) -> WorstCase:
         """Return what errors of some size do."""
         weakest = self._tolerance.weakest(errors)
-        attained = self._attained(weakest, errors)
+        attained = self._least_clearance(weakest, errors)
         status = Status.CLEAR if weakest.bound > ROUNDING else Status.UNDECIDED
         return WorstCase(
             **_pair(weakest.requirement),
@@ -125,15 +125,15 @@ class _Search:
         None, and the pair whose bound vanishes first, if no example violates any.
         """
         first = self._tolerance.weakest(errors.times(proven))
-        least = self._violating(first, errors, proven, largest)
+        least = self._violating_factor(first, errors, proven, largest)
         tried = {id(first.requirement)}
         reach = min(LEAP * LEAP * proven, largest) if least is None else least
         for other in self._tolerance.not_above(errors.times(reach), 0.0):
             if id(other.requirement) in tried:
                 continue
             if least is None:
-                found = self._violating(other, errors, proven, largest)
-            elif self._attained(other, errors.times(least)) < 0:
+                found = self._violating_factor(other, errors, proven, largest)
+            elif self._least_clearance(other, errors.times(least)) < 0:
                 found = self._crossing(other, errors, proven, least)
             else:
                 continue
@@ -145,14 +145,16 @@ class _Search:
         """Return a factor at which an example violates the pair, and just below which none does."""
         while high - low > CROSSING * high:
             middle = (low + high) / 2
-            low, high = (low, middle) if self._attained(weakest, errors.times(middle)) < 0 else (middle, high)
+            low, high = (
+                (low, middle) if self._least_clearance(weakest, errors.times(middle)) < 0 else (middle, high)
+            )
         return high
 
-    def _violating(self, weakest: Weakest, errors: Errors, factor: float, largest: float) -> float | None:
+    def _violating_factor(self, weakest: Weakest, errors: Errors, factor: float, largest: float) -> float | None:
         """Return a factor near the least at which an example violates the pair; None if none is found."""
-        before, left_before = 0.0, self._attained(weakest, Errors())
+        before, left_before = 0.0, self._least_clearance(weakest, Errors())
         for _ in range(TRIALS):
-            left = self._attained(weakest, errors.times(factor))
+            left = self._least_clearance(weakest, errors.times(factor))
             if left < 0:
                 return self._crossing(weakest, errors, before, factor)
             slope = (left_before - left) / (factor - before)
@@ -163,11 +165,11 @@ class _Search:
                 break
         return None
 
-    def _attained(self, weakest: Weakest, errors: Errors) -> float:
+    def _least_clearance(self, weakest: Weakest, errors: Errors) -> float:
         """Return the least exact clearance that an example leaves its pair [l_arm]."""
         least = math.inf
         for example in weakest.examples:
-            scene = deviated(
+            scene = deviate(
                 self._design,
                 turns=errors.delta * example.turns,
                 shifts=errors.delta_p * self._l_arm * example.shifts,
@@ -175,11 +177,11 @@ class _Search:
                 envelope=errors.delta_e * self._l_arm,
                 holder=self._holder,
             )
-            least = min(least, clearance_of(scene.like(weakest.requirement)))
+            least = min(least, clearance_of(scene.counterpart(weakest.requirement)))
         return least
 
 
-def deviated(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope: float, holder: int) -> Scene:
+def deviate(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope: float, holder: int) -> Scene:
     """Return the volumes of a design that is built with errors, seen from the module that carries the end-effector.
 
     Args:

@@ -20,7 +20,7 @@ import numpy as np
 from topo_search.model import Design, Residual, Status
 from topo_search.model.corners import corners_of
 from topo_search.model.tolerances import TOLERANCE
-from verify.flight.programs import LARGEST, Box, solvable
+from verify.flight.programs import LARGEST, Box, find_solutions
 from verify.kinematics import Platform
 from verify.wrench import required_wrench, wrench_map
 
@@ -36,7 +36,7 @@ def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
     b = np.array([required_wrench(case, platform.p_e) for _, case in corners]) / unit
     box = Box(np.full(4 * n, task.module.min_input), np.full(4 * n, task.search.peak_input))
     if np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST:
-        found = solvable(A, b, box)
+        found = find_solutions(A, b, box)
         error = found.v @ A.T - b
         about_tip = error[:, 3:] - np.cross(platform.p_e / task.module.arm_length, error[:, :3])
         parts = np.linalg.norm([error[:, :3], error[:, 3:], about_tip], axis=2)

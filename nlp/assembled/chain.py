@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nlp.assembled.vectors import crossed
+from nlp.assembled.vectors import cross
 from nlp.numbers.kinematics import Indices, chain
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
@@ -57,7 +57,7 @@ def _links(theta: Array, parents: Indices, ports: Indices, kappas: Indices, l_c:
     R, p, omega, c = chain(theta, parents, ports, kappas, l_c)
     v = np.zeros_like(c)
     for j in range(3, len(c)):
-        v[j] = crossed(c[j], omega[j])
+        v[j] = cross(c[j], omega[j])
     return R, p, omega, v
 
 

@@ -59,7 +59,7 @@ class VectorLayout:
         index: Indices = first + subjects[carried.of]
         return index
 
-    def moved(self, moves: Mask, *, free: bool) -> Mask:
+    def all_movers(self, moves: Mask, *, free: bool) -> Mask:
         """Return which of the unknowns move each carried vector, shape (4n+3, g).
 
         Args:
@@ -95,11 +95,11 @@ class Differences:
         result: Array = _differences(at.V, self.plus, self.minus)
         return result
 
-    def moving(self, moved: Mask) -> Mask:
-        """Return which unknowns move one of a clearance's vectors, shape (m, g); `moved`: see `VectorLayout`."""
+    def movers(self, moved: Mask) -> Mask:
+        """Return which unknowns move one of a clearance's vectors, shape (m, g), given `all_movers`."""
         return np.asarray(moved[self._involved].any(axis=1))
 
-    def turned_as_one(self, moved: Mask, n: int) -> Mask:
+    def common_turns(self, moved: Mask, n: int) -> Mask:
         """Return which unknowns turn all of a clearance's vectors as one, which leaves it as it is, shape (m, g).
 
         No angle does that to p_COM, nor to p'_E where the modules' centroid takes it along.
@@ -150,7 +150,7 @@ class Placed:
         links = self.links
         return _derivatives(links.p, self.axes, links.omega, links.v, links.chain.moves, self._share, self._free)
 
-    def pushed_to_modules(self, gradients: Array) -> Array:
+    def push_to_modules(self, gradients: Array) -> Array:
         """Return the gradient by the modules' positions, p_COM's and a carried p'_E's shares included, (n, 3).
 
         Args:

@@ -34,12 +34,12 @@ class Clearances:
     """A term with the places of its derivatives."""
 
     def __init__(self, term: Term, moved: Mask, n: int) -> None:
-        """Find them; `moved`: see `VectorLayout`."""
+        """Find them; `moved`: what `all_movers` returns."""
         self.derived, self.vectors = term.derived, term.vectors
         self.plus, self.minus = term.vectors.plus, term.vectors.minus
         self.m = len(self.plus)
-        moving = term.vectors.moving(moved)
-        self.rows, self.columns = np.nonzero(moving & ~term.vectors.turned_as_one(moved, n))
+        moving = term.vectors.movers(moved)
+        self.rows, self.columns = np.nonzero(moving & ~term.vectors.common_turns(moved, n))
         self.starts = np.concatenate([[0], np.cumsum(moving.sum(axis=1))])
         self.moving = np.nonzero(moving)[1]
 
@@ -73,7 +73,7 @@ class AssembledProblem:
         weights = np.array([case.weight for case in task.load_cases])
         self._weights = weights / (4 * self.n * weights.sum())
         layout = VectorLayout(self.n)
-        moved = layout.moved(self._chain.moves.astype(bool), free=self._fixed is None)
+        moved = layout.all_movers(self._chain.moves.astype(bool), free=self._fixed is None)
         terms = [term for requirement in stated for term in _terms(requirement, layout, beta)]
         self._clearances = [Clearances(term, moved, self.n) for term in terms]
         self._index()
@@ -165,7 +165,7 @@ class AssembledProblem:
             row += placed.m
             add_gradients(weights, gradient, placed.plus, placed.minus, to)
             add_curvature(weights, hessian, placed.plus, placed.minus, at.dV, placed.starts, placed.moving, H)
-        g_p, g_axes = at.pushed_to_modules(to), to[n + 2 : -1]
+        g_p, g_axes = at.push_to_modules(to), to[n + 2 : -1]
         add_bends(A, u, mu, omega, v, chain.parents, p, at.axes, g_p, g_axes, H)
         diagonal = 2 * of_objective * self._weights
         inputs = by_inputs(A, mu, omega, v, self._starts, self._angles, diagonal)

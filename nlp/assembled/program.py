@@ -13,7 +13,7 @@ from nlp.assembled.problem import AssembledProblem
 from nlp.joints import LimitRows, Limits
 from nlp.numbers.evaluate import worst
 from nlp.numbers.point import Point
-from nlp.own import Assembled, Beside, OwnConstraints, finished, judged, rows_of
+from nlp.own import Assembled, Beside, OwnConstraints, finish_point, rows_of, violations_of
 from nlp.programs.ipopt import BETA, OPTIONS, IpoptResult, answer_of
 from nlp.programs.memory import ipopt
 from nlp.requirements import clearances, variable_bounds
@@ -127,7 +127,7 @@ class AssembledProgram:
         return answer_of(solver, result, self._task, self._topology)
 
     def _merit(self, point: Point) -> _Merit:
-        reason = worst(judged(finished(point, self._own), self._own))
+        reason = worst(violations_of(finish_point(point, self._own), self._own))
         return _Merit(reason.met, point.objective if reason.met else reason.rank)
 
 

@@ -90,7 +90,7 @@ def _envelope_pair(pair: EnvelopePair, beta: float) -> tuple[Derived]:
     A = length**2 - dr_air**2
     sizes = length, dr_air, 2 * r_air, 4 * (r_air + dr_air)
 
-    def derived(order: int, y: Array) -> Jet:
+    def differentiate(order: int, y: Array) -> Jet:
         c, base = _coefficients(y, *sizes)
         psi, by_c, curved = smooth_least(c, A, beta, order)
         jet = [(psi + base) / sizes[-1]]
@@ -100,7 +100,7 @@ def _envelope_pair(pair: EnvelopePair, beta: float) -> tuple[Derived]:
             jet.append(_hessians(y, by_c, curved, *sizes))
         return jet
 
-    return (derived,)
+    return (differentiate,)
 
 
 @njit(cache=True)
@@ -169,7 +169,7 @@ def _distance(asked: Distance, _: float) -> tuple[Derived]:
     """Return (||w||^2 - d^2) / (2 d), of w."""
     d = asked.least
 
-    def derived(order: int, y: Array) -> Jet:
+    def differentiate(order: int, y: Array) -> Jet:
         w = y[:, 0]
         jet: Jet = [(np.einsum("ra,ra->r", w, w) - d**2) / (2 * d)]
         if order >= 1:
@@ -178,7 +178,7 @@ def _distance(asked: Distance, _: float) -> tuple[Derived]:
             jet.append(np.tile(np.eye(3) / d, (len(w), 1, 1)))
         return jet
 
-    return (derived,)
+    return (differentiate,)
 
 
 BY_HAND: dict[type, Callable[..., tuple[Derived]]] = {EnvelopePair: _envelope_pair, Distance: _distance}
@@ -192,14 +192,14 @@ def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
         return by_hand(formula, beta)
     y = [ca.SX.sym("y", 3) for _ in formula.sees]
     rows = ca.vertsplit(formula.smooth(y, ca.SX(beta)))
-    return tuple(_joined(Mapped(ca.vertcat(*y), row)) for row in rows)
+    return tuple(_join(Mapped(ca.vertcat(*y), row)) for row in rows)
 
 
-def _joined(mapped: Mapped) -> Derived:
-    def derived(order: int, y: Array) -> Jet:
+def _join(mapped: Mapped) -> Derived:
+    def differentiate(order: int, y: Array) -> Jet:
         jet = mapped(order, y.reshape(len(y), -1))
         if order >= 1:
             jet[1] = jet[1].reshape(y.shape)
         return jet
 
-    return derived
+    return differentiate

@@ -16,7 +16,7 @@ def dot(a: Array, b: Array) -> float:
 
 
 @njit(cache=True)
-def crossed(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """Return a x b."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 

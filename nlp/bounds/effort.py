@@ -11,7 +11,7 @@ from nlp.bounds.duality import dual_value, multipliers
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.corners import cornered
+from topo_search.model.corners import to_corners
 from topo_search.model.tolerances import TOLERANCE
 
 UNEVEN = 1e-3
@@ -46,7 +46,7 @@ def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
             bound is proven of designs that produce their wrenches exactly; with `TOLERANCE` of every design whose
             audit is clear, which is lower by some 2e-6 of it where the forces are near m_t g.
     """
-    task = cornered(task.declared, inner=True)
+    task = to_corners(task.declared, inner=True)
     idle = max(0.0, task.min_input - accuracy * task.module.max_input(task.gravity))
     at_rest = float(_weights(task).sum()) * 4 * task.n * idle * idle * (1 - ROUNDING)
     return max(closed_form(task, accuracy), _dual_bound(task, accuracy), at_rest)

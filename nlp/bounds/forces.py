@@ -56,7 +56,7 @@ def axes(task: ResolvedTask, topology: Topology | None = None) -> Refutation | N
     """
     if task.n == 1:
         d, reason = 1, "a single module thrusts along one axis"
-    elif task.n == 2 or (topology is not None and _straight(topology)):
+    elif task.n == 2 or (topology is not None and _is_straight(topology)):
         d, reason = 2, f"the thrust axes of {task.n} modules in a straight chain lie in one plane"
     else:
         return None
@@ -107,7 +107,7 @@ def all_forces(task: ResolvedTask) -> Refutation | None:
     )
 
 
-def _straight(topology: Topology) -> bool:
+def _is_straight(topology: Topology) -> bool:
     """Return whether every module is bolted at opposite ports at most: then all hinge axes are parallel."""
     ports: dict[int, set[int]] = {}
     for h, i, a, b in topology.edges():

@@ -14,7 +14,7 @@ from nlp.bounds.rotors import rotors_overlap
 from nlp.bounds.stand_off import stand_off
 from nlp.bounds.torques import torque_reach
 from topo_search.model import Infeasible, ResolvedTask, Topology
-from topo_search.model.corners import cornered
+from topo_search.model.corners import to_corners
 
 
 def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> Infeasible | None:
@@ -25,7 +25,7 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    stated, task = task.declared, cornered(task.declared, inner=True)
+    stated, task = task.declared, to_corners(task.declared, inner=True)
     forces = one_force(task) or axes(task) or all_forces(task) or failures(stated)
     refutation, concerned = forces or out_of_reach(task) or rotors_overlap(task) or _shape(task), None
     if refutation is None and topology is not None:

@@ -49,7 +49,7 @@ def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Refuta
     paths = _paths(topology) if topology is not None else {()} if task.n > 1 else set()
     for turns in sorted(paths, key=lambda turns: (len(turns), turns)):
         depth = DEPTH * module.arm_length
-        if _crowded(turns, module.envelope if airflow else None, apart or 0.0, l_c, depth):
+        if _is_crowded(turns, module.envelope if airflow else None, apart or 0.0, l_c, depth):
             row = f"{len(turns) + 2} modules in a row"
             way = ", ".join({1: "right", 2: "straight on", 3: "left"}[turn] for turn in turns)
             return Refutation(
@@ -77,7 +77,7 @@ def _paths(topology: Topology) -> set[Turns]:
 
 
 @lru_cache(maxsize=256)
-def _crowded(turns: Turns, air: AirflowEnvelope | None, apart: float, l_c: float, depth: float) -> bool:
+def _is_crowded(turns: Turns, air: AirflowEnvelope | None, apart: float, l_c: float, depth: float) -> bool:
     """Return whether it is proven that modules in a row miss some clearance by `depth` [m] at any hinge angles."""
     hinges = len(turns) + 1
     alpha, h = np.zeros((1, hinges)), np.full(hinges, math.pi / 2 + TOLERANCE)
@@ -87,13 +87,13 @@ def _crowded(turns: Turns, air: AirflowEnvelope | None, apart: float, l_c: float
         for i, j in combinations(range(hinges + 1), 2):
             if j - i > 1 or air is None:
                 distance = np.linalg.norm(p[j] - p[i], axis=-1)
-                open_ &= distance + _moved(i, j, h, l_c) >= apart - depth
+                open_ &= distance + _displacement(i, j, h, l_c) >= apart - depth
                 clear &= distance >= apart
             if air is None:
                 continue
             for part in PARTS:
                 length = part * air.length
-                radius = air.start_radius - (_moved(i, j, h, l_c, length) + depth) / 2
+                radius = air.start_radius - (_displacement(i, j, h, l_c, length) + depth) / 2
                 if radius > 0:
                     open_ &= _gaps(R, p, i, j, length, radius, part * air.growth) >= 0
             clear &= _gaps(R, p, i, j, air.length, air.start_radius, air.growth) >= 0
@@ -109,7 +109,7 @@ def _crowded(turns: Turns, air: AirflowEnvelope | None, apart: float, l_c: float
     return False
 
 
-def _moved(i: int, j: int, h: Array, l_c: float, length: float = 0.0) -> float:
+def _displacement(i: int, j: int, h: Array, l_c: float, length: float = 0.0) -> float:
     """Return how far points of the axes of i and j move to or from each other in a box [m].
 
     Hinge t, between the modules t and t + 1, is l_c from their centres and 2 l_c farther from every next one.

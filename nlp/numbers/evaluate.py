@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from nlp.joints import limit_of, limited, loads, name_of
+from nlp.joints import limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
 from nlp.requirements import balances, bounds, clearances
 from nlp.requirements.balances import missed_wrenches
@@ -60,7 +60,7 @@ def _balances(point: Point) -> Iterator[Violation]:
 
 def _joints(point: Point) -> Iterator[Violation]:
     task, n = point.task, point.topology.n
-    for load, size in zip(limited(task, point.topology), loads(point).tolist(), strict=True):
+    for load, size in zip(limited_loads(task, point.topology), loads(point).tolist(), strict=True):
         excess, unit = size - limit_of(task, load), task.torque_unit(n) if load.moment else task.force_unit(n)
         yield Violation(name_of(task, load), excess, "N m" if load.moment else "N", excess / unit, LOAD_TOLERANCE)
 

@@ -12,7 +12,7 @@ import numpy as np
 from nlp.numbers.geometry import root_angles, root_rotation
 from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, wrench_matrix
-from nlp.running import running
+from nlp.running import running_rotors
 from topo_search.model.arrays import Array
 
 PASSES = 3
@@ -33,9 +33,9 @@ def finish(point: Point, *, settled: int = 0) -> Point:
         point: where Ipopt ended.
         settled: the first load cases that keep their inputs even if they weigh nothing.
     """
-    A, b, alive = wrench_matrix(point), asked_wrenches(point), running(point.task)
+    A, b, alive = wrench_matrix(point), asked_wrenches(point), running_rotors(point.task)
     limits = point.task.min_input * alive, point.task.max_input * alive
-    u = _balanced(A, b, np.clip(point.u.reshape(len(b), -1), *limits), limits)
+    u = _balance(A, b, np.clip(point.u.reshape(len(b), -1), *limits), limits)
     weightless = np.array([case.weight == 0 for case in point.task.load_cases])
     weightless[:settled] = False
     if weightless.any():
@@ -56,14 +56,14 @@ def _least(point: Point, A: Array, b: Array, u: Array, limits: Limits) -> Array:
     for k, w in enumerate(wrenches):
         produced = columns * (limits[1][k] > 0)[:, None]  # by rotors that run
         dual(produced, w, STIFFNESS, u_min / u_max, 1.0, np.zeros(6), least[k])
-    least = _balanced(A, b, np.clip(least * u_max, *limits), limits)
+    least = _balance(A, b, np.clip(least * u_max, *limits), limits)
     missed, before = (np.abs((inputs @ A.T - b) / units).max(axis=1) for inputs in (least, u))
     found, less = missed <= WRENCH_TOLERANCE / 10, np.sum(least**2, axis=1) < np.sum(u**2, axis=1)
     better = np.where(before <= WRENCH_TOLERANCE / 10, found & less, missed < before)
     return np.where(better[:, None], least, u)
 
 
-def _balanced(A: Array, b: Array, u: Array, limits: Limits) -> Array:
+def _balance(A: Array, b: Array, u: Array, limits: Limits) -> Array:
     """Return inputs u (K, 4n) within their bounds, moved onto the wrenches b (K, 6); u is changed."""
     unfinished = np.arange(len(b))
     for _ in range(PASSES):

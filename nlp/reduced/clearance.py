@@ -20,7 +20,7 @@ import math
 
 from numba import njit
 
-from nlp.reduced.gaps import FAR, LEAST_DISTANCE, Vector, beyond_a_face, off_hull, swept
+from nlp.reduced.gaps import FAR, LEAST_DISTANCE, Vector, beyond_a_face, off_hull, swept_gap
 from nlp.reduced.kinds import (
     AIR,
     ALONG,
@@ -117,7 +117,7 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
                     gap -= parts[b, 3]
                 elif kind in (PARTS_CAPSULE, PARTS_ALONG):
                     ball = (q0, q1, q2)
-                    gap, _, gamma, x, y, zz = swept(ball, still, parts[b, 3], 0.0, (a0, a1, a2), size, 0.0)
+                    gap, _, gamma, x, y, zz = swept_gap(ball, still, parts[b, 3], 0.0, (a0, a1, a2), size, 0.0)
                     u0, u1, u2 = -gamma * x, -gamma * y, -gamma * zz
                 else:
                     along = q0 * a0 + q1 * a1 + q2 * a2
@@ -149,7 +149,7 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
                 if _far(w, d_i, d_j, length + 2 * (r_air + dr)):
                     g[r] = math.inf
                     continue
-                g[r], eta, gamma, x, y, zz = swept(w, d_i, r_air, dr, d_j, r_air, dr)
+                g[r], eta, gamma, x, y, zz = swept_gap(w, d_i, r_air, dr, d_j, r_air, dr)
                 _to(by, r, P_I, 1.0, x, y, zz)
                 _to(by, r, Z_I, -length * eta, x, y, zz)
                 _to(by, r, P_J, -1.0, x, y, zz)
@@ -164,7 +164,7 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
                 c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
                 c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
                 ball = (w[0] + c0, w[1] + c1, w[2] + c2)
-                gap, _, gamma, x, y, zz = swept(ball, still, parts[b, 3], 0.0, d_j, r_air, dr)
+                gap, _, gamma, x, y, zz = swept_gap(ball, still, parts[b, 3], 0.0, d_j, r_air, dr)
                 if gap < g[r]:
                     g[r] = gap
                     _to(by, r, P_I, 1.0, x, y, zz)
@@ -185,7 +185,7 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
             d_j, path = (data[r, 0], data[r, 1], data[r, 2]), data[r, 0]
             if kind == ALONG:
                 d_j = (path * bx / offset, path * by_ / offset, path * bz / offset)
-            g[r], eta, gamma, x, y, zz = swept(w, d_i, r_air, dr, d_j, size, 0.0)
+            g[r], eta, gamma, x, y, zz = swept_gap(w, d_i, r_air, dr, d_j, size, 0.0)
             _to(by, r, P_I, 1.0, x, y, zz)
             _to(by, r, Z_I, -length * eta, x, y, zz)
             _to(by, r, TIP, -1.0, x, y, zz)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nlp.reduced.inputs import asked, columns, inputs
+from nlp.reduced.inputs import columns, find_wrench, inputs
 from nlp.reduced.merit import Evaluated
 from nlp.reduced.platform import platform
 from nlp.reduced.stated import Mask, Stated
@@ -28,7 +28,7 @@ def always(stated: Stated) -> Mask:
 
 
 @njit(cache=True)
-def taken_in(stated: Stated, at: Evaluated, rho: float) -> tuple[Mask, float]:
+def take_in(stated: Stated, at: Evaluated, rho: float) -> tuple[Mask, float]:
     """Return the load cases that count with the corners that are missed most, and by how much those are at most.
 
     Args:
@@ -48,7 +48,7 @@ def taken_in(stated: Stated, at: Evaluated, rho: float) -> tuple[Mask, float]:
         if cases.group[k] != last:  # corners of one set have much the same inputs
             mu[:] = 0.0
             last = cases.group[k]
-        asked(stated, there, k, w)
+        find_wrench(stated, there, k, w)
         inputs(stated, A, k, w, rho, mu, u)
         for a in range(6):
             residuals[k] = max(residuals[k], abs(mu[a]) * cases.effort[k] / (2 * rho))

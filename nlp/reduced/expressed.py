@@ -5,10 +5,10 @@ from __future__ import annotations
 from topo_search.model import ResolvedTask
 
 REDUCED_UP_TO = 9
-"""Most modules for which the reduced search leads; with more, starts are placed and solved in rounds.
+"""Most modules for which the reduced search leads; with more, starts are untangled and solved in rounds.
 
 Ten wrenches, ten trees of 12 and of 20 modules: the steps of a descent grow with the square of the modules, and its
-ends with many modules miss what placed starts do not.
+ends with many modules miss what untangled starts do not.
 """
 
 

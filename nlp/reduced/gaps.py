@@ -32,7 +32,7 @@ Vector = tuple[float, float, float]
 
 
 @njit(cache=True, forceinline=True)
-def swept(
+def swept_gap(
     w: Vector, d_i: Vector, r_i: float, dr_i: float, d_j: Vector, r_j: float, dr_j: float
 ) -> tuple[float, float, float, float, float, float]:
     """Return g, eta and gamma of two swept balls, and the gradient of g by P_i (x, y, z).
@@ -134,7 +134,7 @@ def off_hull(
     for e in range(len(edges)):
         from_start = (w[0] - edges[e, 0], w[1] - edges[e, 1], w[2] - edges[e, 2])
         edge = (edges[e, 3], edges[e, 4], edges[e, 5])
-        g, at, _, s0, s1, s2 = swept(from_start, d, r_0, dr, edge, 0.0, 0.0)
+        g, at, _, s0, s1, s2 = swept_gap(from_start, d, r_0, dr, edge, 0.0, 0.0)
         if g < least:
             least, eta, x, y, z = g, at, s0, s1, s2
     for k in range(2):

@@ -62,7 +62,7 @@ def effort(
             continue
         fx, fy, fz = stated.cases.f_E[k]
         c = stated.cases.effort[k]
-        asked(stated, at, k, w)
+        find_wrench(stated, at, k, w)
         total += c * inputs(stated, A, k, w, rho, mu[k], u[k])
         _add_gradient(stated, at, c / m, mu[k], u[k], F, T)
         tx, ty, tz = mu[k, 3], mu[k, 4], mu[k, 5]
@@ -86,7 +86,7 @@ def effort(
 
 
 @njit(cache=True)
-def asked(stated: Stated, at: Platform, k: int, w: Array) -> None:
+def find_wrench(stated: Stated, at: Platform, k: int, w: Array) -> None:
     """Find w of load case k."""
     m = len(at.p) + stated.rotors.m_E
     x, y, z = at.p_E[0] - at.p_COM[0], at.p_E[1] - at.p_COM[1], at.p_E[2] - at.p_COM[2]

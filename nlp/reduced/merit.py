@@ -23,7 +23,7 @@ from numba import njit
 from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, TURN_I, Z_I, Z_J, clearances
 from nlp.reduced.inputs import effort
 from nlp.reduced.kinds import AIR, APART, OFFSET, PARTS
-from nlp.reduced.platform import Moved, Platform, moved, platform
+from nlp.reduced.platform import Moved, Platform, motion, platform
 from nlp.reduced.stated import Mask, Stated
 from topo_search.model.arrays import Array
 
@@ -51,7 +51,7 @@ def evaluate(stated: Stated, x: Array, mu: Array, counting: Mask, rho: float) ->
     """Return the reduced problem at x with the load cases that count; the search for the inputs begins at mu."""
     N, m, K, n = len(x), len(stated.rows.kind), len(stated.cases.effort), len(stated.tree.parent)
     at = platform(stated, x)
-    by = moved(stated, at)
+    by = motion(stated, at)
     dV, found, u = np.zeros(N), mu.copy(), np.empty((K, 4 * n))
     V = effort(stated, at, by, counting, rho, found, u, dV)
     g, J, near, local = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 7, 3))

@@ -72,7 +72,7 @@ refresh(platform, Path(__file__).parent, Path(kinematics.__file__))  # nothing c
 
 
 @njit(cache=True)
-def moved(stated: Stated, at: Platform) -> Moved:
+def motion(stated: Stated, at: Platform) -> Moved:
     """Return how the unknowns move everything."""
     n, N, m_E = len(at.p), len(stated.lower), stated.rotors.m_E
     dp, dz = np.zeros((N, n, 3)), np.zeros((N, n, 3))

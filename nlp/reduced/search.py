@@ -14,11 +14,11 @@ import numpy as np
 from numba import njit
 
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.reduced.corners import MISSED, always, taken_in
+from nlp.reduced.corners import MISSED, always, take_in
 from nlp.reduced.descent import descend
 from nlp.reduced.inputs import effort
 from nlp.reduced.merit import Evaluated, estimates, evaluate, merit
-from nlp.reduced.platform import moved, platform
+from nlp.reduced.platform import motion, platform
 from nlp.reduced.stated import Mask, Stated
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -96,15 +96,15 @@ def ends(
         least: fewest distinct ends that go on, if there are as many.
     """
     counting = np.repeat(always(stated)[None], len(starts), axis=0)
-    first = _distinct(descents(stated, starts, counting, phases[0]), [(s,) for s in range(len(starts))], SAME)
+    first = _one_of_each(descents(stated, starts, counting, phases[0]), [(s,) for s in range(len(starts))], SAME)
     count = max(least, math.ceil(KEPT * len(starts)))
     kept = first[:count]
     counting = np.array([end.counting for end in kept])
     second = descents(stated, np.array([end.x for end in kept]), counting, phases[1])
-    return _distinct(second, [end.starts for end in kept], SAME_AFTER), first[count:]
+    return _one_of_each(second, [end.starts for end in kept], SAME_AFTER), first[count:]
 
 
-def _distinct(found: tuple[Array, Array, Array, Mask], starts: list[tuple[int, ...]], same: float) -> list[End]:
+def _one_of_each(found: tuple[Array, Array, Array, Mask], starts: list[tuple[int, ...]], same: float) -> list[End]:
     """Return ends by merit, one for all whose merits agree."""
     result: list[End] = []
     x, merits, missing, counting = found
@@ -128,7 +128,7 @@ def point_of(task: ResolvedTask, topology: Topology, stated: Stated, end: End) -
     """
     n, K, x = topology.n, len(end.counting), end.x
     at, mu, u = platform(stated, x), np.zeros((K, 6)), np.empty((K, 4 * n))
-    effort(stated, at, moved(stated, at), end.counting, SECOND.rho, mu, u, np.zeros(len(x)))
+    effort(stated, at, motion(stated, at), end.counting, SECOND.rho, mu, u, np.zeros(len(x)))
     root, alpha, unit = x[:3].copy(), x[3 : n + 2].copy(), Units.of(task)
     free = task.end_effector.fixed_position is None
     p_E = x[n + 2 :] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
@@ -160,23 +160,23 @@ def descents(stated: Stated, starts: Array, counting: Mask, phase: Phase) -> tup
                 multipliers = estimates(stated, at, multipliers, phase.sigma)
             at = descend(stated, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
             for _ in range(TAKEN_IN):
-                if missed(stated, at, phase.rho) > HOPELESS:
+                if violation(stated, at, phase.rho) > HOPELESS:
                     break
-                wanted, missing[s] = taken_in(stated, at, phase.rho)
+                wanted, missing[s] = take_in(stated, at, phase.rho)
                 if missing[s] <= MISSED:
                     break
                 at = evaluate(stated, at.x, at.mu, wanted, phase.rho)
                 at = descend(stated, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
         if missing[s] > MISSED:
-            _, missing[s] = taken_in(stated, at, phase.rho)
+            _, missing[s] = take_in(stated, at, phase.rho)
         ended[s] = at.counting
         found[s], merits[s] = at.x, merit(stated, at, multipliers, phase.sigma)
-        missing[s] = max(missing[s], missed(stated, at, phase.rho))
+        missing[s] = max(missing[s], violation(stated, at, phase.rho))
     return found, merits, missing, ended
 
 
 @njit(cache=True)
-def missed(stated: Stated, at: Evaluated, rho: float) -> float:
+def violation(stated: Stated, at: Evaluated, rho: float) -> float:
     """Return the largest missing clearance, or residual of a load case that counts."""
     most = 0.0
     for r in range(len(at.g)):

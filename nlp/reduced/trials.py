@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.assembled import AssembledProgram
-from nlp.corners import held, with_all, without_corners
+from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.joints import Limits
 from nlp.numbers.point import Point
-from nlp.own import OwnConstraints, finished
+from nlp.own import OwnConstraints, finish_point
 from nlp.programs.ipopt import IpoptResult
 from nlp.reduced.draws import draws
 from nlp.reduced.search import FIRST, LEAST_KEPT, SAME_AFTER, SECOND, STIFF, End, Phase, ends, point_of
@@ -100,7 +100,7 @@ class _Search:
         best, _ = ends(self._stated, point.pack()[None, : len(self._stated.lower)])
         return [_Place(end, (start,)) for end in best]
 
-    def deep(self) -> list[_Place]:
+    def deep_places(self) -> list[_Place]:
         """Return the best distinct ends of many starts at high prices, whose hinges turn either way.
 
         They come in batches. The search ends when one misses next to nothing, or when its later half brought the
@@ -129,29 +129,29 @@ class _Search:
         best, others = ends(self._stated, drawn, phases, least=least)
         return _Ends(*([_Place(end, _starts(end, starts)) for end in side] for side in (best, others)))
 
-    def polished(self, places: list[_Place]) -> Iterator[Trial]:
+    def polish(self, places: list[_Place]) -> Iterator[Trial]:
         """Yield the trials of the best distinct places, one for each of their starts."""
         tried, met = 0, False
         enough, most = (POLISHED_OWN, HOPED_OWN) if self._own else (POLISHED, HOPED)
-        for place in _distinct(places)[:most]:
+        for place in _one_of_each(places)[:most]:
             if tried >= enough and met:
                 return
             if tried and place.end.missing > HOPELESS:
                 continue
-            trial = held(self._task, place.starts[0], self._origin(place), self._polish, self._own)
+            trial = take_in_corners(self._task, place.starts[0], self._origin(place), self._polish, self._own)
             tried, met = tried + 1, met or trial.worst.met
             yield from (replace(trial, start=start) for start in place.starts)
 
-    def unpolished(self, start: int, place: _Place) -> Trial:
+    def without_polish(self, start: int, place: _Place) -> Trial:
         """Return the trial of a start where its end left it."""
-        point = with_all(finished(self._origin(place), self._own), self._task, self._own)
+        point = with_all(finish_point(self._origin(place), self._own), self._task, self._own)
         return Trial.at(start, point, IpoptResult(point, NOT_POLISHED, 0), own=self._own)
 
     def _origin(self, place: _Place) -> Point:
         """Return an end as a point of the task with the corners that counted there."""
         task, counted = self._plain, place.end.counting[len(self._plain.load_cases) :]
         if isinstance(self._task, CorneredTask):
-            task = self._task.keeping(np.flatnonzero(counted).tolist())
+            task = self._task.with_corners(np.flatnonzero(counted).tolist())
         return point_of(task, self._topology, self._stated, place.end)
 
     def _polish(self, origin: Point, limits: Limits | None) -> IpoptResult:
@@ -186,16 +186,16 @@ def trials(
     if starts:
         reached = search.of_starts(starts)
         best, others = best + reached.best, reached.others
-    found = list(search.polished(best))
+    found = list(search.polish(best))
     if DEEP_AT in starts and not any(trial.worst.met for trial in found):
-        found += [replace(trial, start=DEEP_AT) for trial in search.polished(search.deep())]
+        found += [replace(trial, start=DEEP_AT) for trial in search.polish(search.deep_places())]
     outcomes: dict[int, Trial] = {}
     for trial in sorted(found, key=lambda trial: trial.rank):
         outcomes.setdefault(trial.start, trial)
     for place in sorted(best, key=lambda place: place.rank) + others:
         for start in place.starts:
             if start not in outcomes:
-                outcomes[start] = search.unpolished(start, place)
+                outcomes[start] = search.without_polish(start, place)
     return [outcomes[start] for start in (*range(-1, -1 - len(near), -1), *starts)]
 
 
@@ -204,7 +204,7 @@ def _starts(end: End, starts: Sequence[int]) -> tuple[int, ...]:
     return tuple(dict.fromkeys(starts[draw // DRAWS] for draw in end.starts))
 
 
-def _distinct(places: list[_Place]) -> list[_Place]:
+def _one_of_each(places: list[_Place]) -> list[_Place]:
     """Return places, the best first, one for all whose merits agree."""
     result: list[_Place] = []
     for place in sorted(places, key=lambda place: (*place.rank, place.starts)):

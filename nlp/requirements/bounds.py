@@ -11,7 +11,7 @@ import numpy as np
 from nlp import names
 from nlp.numbers import hinges
 from nlp.numbers.point import Point
-from nlp.running import running
+from nlp.running import running_rotors
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
@@ -46,7 +46,7 @@ def variable_bounds(
     found = [(-limit, limit) for limit in PAPER_ROOT.values()] if paper else [free] * 3
     found += zip(*hinges.ranges(task, topology, alpha), strict=True)
     found += [free] * (3 if task.end_effector.fixed_position is None else 0)
-    alive = running(task).ravel()
+    alive = running_rotors(task).ravel()
     found += zip(task.min_thrust_to_weight * alive, task.max_thrust_to_weight * alive, strict=True)
     lower, upper = (list(side) for side in zip(*found, strict=True))
     return lower, upper
@@ -59,7 +59,7 @@ def bounds(point: Point) -> Iterator[Bound]:
     is no unknown then.
     """
     task, l_arm = point.task, point.task.module.arm_length
-    u, alive = point.u.reshape(len(task.load_cases), -1), running(task)
+    u, alive = point.u.reshape(len(task.load_cases), -1), running_rotors(task)
     above = (u - task.max_input * alive).max(axis=1).tolist()
     below = (task.min_input * alive - u).max(axis=1).tolist()
     for label, over, under in zip(task.case_labels, above, below, strict=True):

@@ -21,7 +21,7 @@ from nlp.numbers.geometry import cone_reach, poses, root_angles, rotation
 from nlp.numbers.hinges import largest_turn, signs, within
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
-from nlp.running import running
+from nlp.running import running_rotors
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Cone
@@ -60,7 +60,7 @@ def entropy(task: ResolvedTask, topology: Topology, seed: str) -> int:
 
 def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
     """Return a random start."""
-    alpha, cone = splayed(task, topology, rng), None
+    alpha, cone = splay(task, topology, rng), None
     if topology.n >= UNTANGLED_FROM:
         from nlp.starts.untangling import (  # compiled code, which small platforms need not load
             place_in_cone,
@@ -77,20 +77,20 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
         turn = rng.uniform(-np.pi, np.pi)
     nowhere, nothing = np.zeros(3), np.empty((len(task.load_cases), topology.n, 4))
 
-    def turned(angle: float) -> Point:
+    def start_at(angle: float) -> Point:
         root = root_of(task, rotation(_unit(mean_force(task)), angle) @ upright)
         return Point(task, topology, root, alpha, nowhere, nothing)
 
     if cone is None:
-        start = turned(turn)
+        start = start_at(turn)
         return with_inputs(replace(start, p_E=_end_effector(start, rng)))
     turns = turn + 2 * np.pi / TURNS * np.arange(TURNS if task.search.root == "free" else 1)
-    starts = [_with_least_norm(replace(start, p_E=_apex(start, cone))) for start in map(turned, turns)]
+    starts = [_with_least_norm(replace(start, p_E=_apex(start, cone))) for start in map(start_at, turns)]
     cheap = min(start.objective for start in starts) * (1.0 + TIE)
-    return _bounded(next(start for start in starts if start.objective <= cheap))
+    return _clip_inputs(next(start for start in starts if start.objective <= cheap))
 
 
-def splayed(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
+def splay(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
     """Return random hinge angles at which airflows of neighbours lean away from each other, shape (n-1,)."""
     phi = rng.uniform(0.0, min(LARGEST_SPLAY, largest_turn(task)), topology.n - 1)
     return within(task, topology, signs(topology) * phi)
@@ -159,7 +159,7 @@ def _upstream(task: ResolvedTask, cone: Cone | None) -> Array:
 
 def with_inputs(point: Point) -> Point:
     """Return the point with the least-norm inputs of every load case, brought inside their bounds."""
-    return _bounded(_with_least_norm(point))
+    return _clip_inputs(_with_least_norm(point))
 
 
 def _with_least_norm(point: Point) -> Point:
@@ -168,9 +168,9 @@ def _with_least_norm(point: Point) -> Point:
     return replace(point, u=np.asarray(u.T, dtype=float).reshape(point.u.shape))
 
 
-def _bounded(point: Point) -> Point:
+def _clip_inputs(point: Point) -> Point:
     """Return the point with its inputs brought inside their bounds."""
-    alive = running(point.task).reshape(point.u.shape)
+    alive = running_rotors(point.task).reshape(point.u.shape)
     low, high = point.task.min_input * alive, point.task.max_input * alive
     least, largest = (low + share * (high - low) for share in (LEAST_INPUT, LARGEST_INPUT))
     return replace(point, u=np.clip(point.u, least, largest))

@@ -207,7 +207,7 @@ def _best_turn(
     A trial ends where its change reaches `to_beat` or that of an earlier trial.
     """
     end = tree.end[hinge]
-    pairs = _meeting(at, rules, deficit, hinge, end)
+    pairs = _pairs_met(at, rules, deficit, hinge, end)
     before = STRAIGHT * abs(alpha)
     for i, j in pairs:
         if deficit[i, j] > 0.0:
@@ -216,7 +216,7 @@ def _best_turn(
     least, best = to_beat, alpha
     for trial in range(ANGLES):
         angle = rng.uniform(-rules.turn, rules.turn) if 2 * trial < ANGLES else rng.normal(alpha, SPREAD)
-        angle = _allowed(rules.folds, tree.sign[hinge], angle)
+        angle = _nearest_allowed(rules.folds, tree.sign[hinge], angle)
         change = STRAIGHT * abs(angle) - before
         if change >= least:
             continue
@@ -233,7 +233,7 @@ def _best_turn(
 
 
 @njit(cache=True)
-def _allowed(folds: Array, sign: float, angle: float) -> float:
+def _nearest_allowed(folds: Array, sign: float, angle: float) -> float:
     """Return the nearest angle with an allowed fold."""
     nearest = math.inf
     for low, high in folds:
@@ -244,7 +244,7 @@ def _allowed(folds: Array, sign: float, angle: float) -> float:
 
 
 @njit(cache=True)
-def _meeting(at: Poses, rules: Rules, deficit: Array, hinge: int, end: int) -> Indices:
+def _pairs_met(at: Poses, rules: Rules, deficit: Array, hinge: int, end: int) -> Indices:
     """Return the pairs (moved, still) that fall short at some angle of the hinge, and maybe others, shape (m, 2).
 
     A ball around each envelope, or around each centre, runs round the hinge's axis at one height and one radius.

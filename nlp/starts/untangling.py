@@ -82,12 +82,12 @@ def place_in_cone(
     l_c = task.module.connector_distance / task.module.arm_length
     tree, rules = _tree(topology, order), _rules(task, topology, CLEAR)
 
-    def repaired(alpha: Array) -> tuple[float, Array]:
+    def repair(alpha: Array) -> tuple[float, Array]:
         found = np.concatenate([[0.0], alpha])[order]
         overlap = tabu_search(tree, _platform(topology, alpha, l_c, order), found, rules, REPAIRS, rng)
         return overlap, _by_module(found, order)
 
-    least, best = repaired(alpha)
+    least, best = repair(alpha)
     shortest, kicks = lever(task, topology, best, half_angle), KICKS * topology.n
     for kick in range(kicks):
         if least > 0.0 and kick >= PATIENCE * kicks:
@@ -97,7 +97,7 @@ def place_in_cone(
         kicked = within(task, topology, kicked)
         if least == 0.0 and lever(task, topology, kicked, half_angle) >= shortest:
             continue
-        overlap, kicked = repaired(kicked)
+        overlap, kicked = repair(kicked)
         length = lever(task, topology, kicked, half_angle)
         if (overlap, length) < (least, shortest):
             least, shortest, best = overlap, length, kicked

@@ -30,7 +30,7 @@ from nlp.numbers.evaluate import violations, worst
 from nlp.numbers.geometry import poses, root_rotation, rotation
 from nlp.numbers.hinges import within
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.starts.random_starts import UNTANGLED_FROM, root_of, splayed, with_inputs
+from nlp.starts.random_starts import UNTANGLED_FROM, root_of, splay, with_inputs
 from topo_search.model import Design, ResolvedTask, Topology
 
 
@@ -66,7 +66,7 @@ def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.r
     place_of = {i: place for part in parts for i, place in part.items()}
     Q = {i: R_source[j] @ rotation([0, 0, 1], t * np.pi / 2) for i, (j, t) in place_of.items()}
 
-    alpha = splayed(task, topology, rng)
+    alpha = splay(task, topology, rng)
     for (h, i, a, _), kappa in zip(topology.edges(), topology.kappas[1:], strict=True):
         if h in part_of and part_of[h] == part_of.get(i):
             H = Q[h].T @ Q[i] @ rotation([0, 0, 1], -kappa * np.pi / 2)

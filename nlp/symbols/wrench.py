@@ -46,7 +46,7 @@ def force_residual(case: LoadCase, modules: list[Pose], u: ca.SX, unit: Units) -
     produced = ca.SX.zeros(3)
     for i, pose in enumerate(modules):
         produced += thrust(u[4 * i : 4 * i + 4]) * pose.z
-    asked = scaled(case.at_end_effector.force, unit.force) + scaled(case.at_com.force, unit.force)
+    asked = scale(case.at_end_effector.force, unit.force) + scale(case.at_com.force, unit.force)
     return produced - asked
 
 
@@ -60,11 +60,11 @@ def torque_residual(
         u_i = u[4 * i : 4 * i + 4]
         produced += ca.cross(pose.p, thrust(u_i) * pose.z) + pose.R @ (own @ u_i)
     tip, com = case.at_end_effector, case.at_com
-    asked = scaled(tip.torque, unit.torque) + ca.cross(p_E, scaled(tip.force, unit.force))
-    asked += scaled(com.torque, unit.torque) + ca.cross(p_COM, scaled(com.force, unit.force))
+    asked = scale(tip.torque, unit.torque) + ca.cross(p_E, scale(tip.force, unit.force))
+    asked += scale(com.torque, unit.torque) + ca.cross(p_COM, scale(com.force, unit.force))
     return produced - asked
 
 
-def scaled(vector: Vector, unit: float) -> ca.SX:
+def scale(vector: Vector, unit: float) -> ca.SX:
     """Return an SI vector in a dimensionless unit."""
     return ca.SX(ca.DM(vector)) / unit

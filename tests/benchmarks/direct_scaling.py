@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--cap", type=int, default=600, help="most CPU seconds of each topology")
     given = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"  # for the children, which measure
-    settings = EXPERIMENT.full.changed(
+    settings = EXPERIMENT.full.override(
         tasks=tuple((task, tuple(given.sizes)) for task in given.tasks),
         topologies=(given.topologies, given.topologies),
         distances=(given.distance,),

@@ -42,7 +42,7 @@ def measure(rows: Rows, options: Options) -> None:
 
 
 def _starts(stated: Stated, key: str, starts: int) -> Iterator[Row]:
-    """Yield an empty row, then what comes of every start; placing and audit are timed for themselves."""
+    """Yield an empty row, then what comes of every start; untangling and audit are timed for themselves."""
     load(stated)
     task, topology = stated.resolve(), Topology.from_key(key)
     yield {}
@@ -68,26 +68,26 @@ def _starts(stated: Stated, key: str, starts: int) -> Iterator[Row]:
 
 
 def _reason(tried: list[Row]) -> str:
-    """Return what stopped a topology: overlaps that placing left, or what the solver missed."""
-    placed = max((start["placed"] for start in tried), default=float("-inf"))
+    """Return what stopped a topology: overlaps that untangling left, or what the solver missed."""
+    untangled = max((start["placed"] for start in tried), default=float("-inf"))
     missed = [start for start in tried if start["verdict"] is None]
     if not missed:
         return "no start ended" if not tried else f"audit {tried[-1]['verdict']}"
     nearest = min(missed, key=lambda start: start["by"])
     solver = f"{nearest['missed']} by {nearest['by']:.2g} {nearest['unit']}"
-    return f"{solver}; least clearance after placing {placed:.3f} m"
+    return f"{solver}; least clearance after untangling {untangled:.3f} m"
 
 
 def table(rows: Rows) -> str:
     """Return one line per topology, and how many were solved as they should be."""
     lines = [
-        "| distance, m | topology | audit | starts | CPU s | placing s | peak MB | gap | what stopped it |",
+        "| distance, m | topology | audit | starts | CPU s | untangling s | peak MB | gap | what stopped it |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     groups: dict[tuple[float, int], list[tuple[bool, bool]]] = {}
     for row in rows.where(part=PART):
         tried = row["tried"]
-        seconds, placing = (sum(start[name] for start in tried) for name in ("seconds", "draw"))
+        seconds, untangling = (sum(start[name] for start in tried) for name in ("seconds", "draw"))
         peak = max((start["peak_mb"] for start in tried), default=0.0)
         last = tried[-1] if tried else {"verdict": None}
         clear = last["verdict"] == "clear"
@@ -102,7 +102,7 @@ def table(rows: Rows) -> str:
             str(len(tried)),
             f"{seconds:.0f}",
         ]
-        lines.append(f"| {' | '.join([*cells, f'{placing:.0f}', f'{peak:.0f}', gap, reason])} |")
+        lines.append(f"| {' | '.join([*cells, f'{untangling:.0f}', f'{peak:.0f}', gap, reason])} |")
     for (distance, n), answers in groups.items():
         clear, soon = (sum(answer) for answer in zip(*answers, strict=True))
         lines.append(f"\nn = {n}, {distance:.2f} m: {clear} of {len(answers)} solved, audit clear;")

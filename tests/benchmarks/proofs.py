@@ -41,7 +41,7 @@ def main() -> None:
             if asked.check:
                 check_chunk(task, Topology.from_key(best.key), 0, best.objective, Chunk.of(0, "closed", b"\0"))
             print("key        aim         cut/best     boxes   CPU s  chunks closed, check: CPU s, boxes halved")
-            rows = [row for row in folder.ledger.ranked(n) if not asked.trees or row.key in asked.trees]
+            rows = [row for row in folder.ledger.ranking(n) if not asked.trees or row.key in asked.trees]
             drawn = random.Random(asked.seed).sample(rows, asked.sample) if asked.sample else rows
             costs = list[tuple[int, float]]()
             for row in drawn:

@@ -74,7 +74,7 @@ def main() -> None:
     of_each = "designs | within 0.1 % | CPU s"
     print(f"| example | trees | {OLD_STARTS} starts of Ipopt: {of_each} | starts now: {of_each} | ratio |")
     print("|---|---|---|---|---|---|---|---|---|")
-    with _source(arguments.revision) as old:
+    with source_of(arguments.revision) as old:
         for example in arguments.examples:
             known = {"EXAMPLE": example, "SETTINGS": settings, "N": n}
             task = read_task(example, settings)
@@ -107,7 +107,7 @@ def _cells(pairs: list[tuple[tuple[float | None, float], tuple[float | None, flo
 
 
 @contextmanager
-def _source(revision: str) -> Iterator[Path]:
+def source_of(revision: str) -> Iterator[Path]:
     """Yield a folder with the packages of a revision."""
     archive = subprocess.run(
         ["git", "archive", revision, "nlp", "topo_search", "verify"], cwd=HERE, check=True, capture_output=True

@@ -200,8 +200,8 @@ class Solved:
         """Solve a candidate from the starts that it lacks."""
         key = proposal.candidate.key
         first = self._starts.get(key, 0)
-        donors = [self._outcomes[donor] for donor in proposal.near]
-        near = [donor for donor in donors if isinstance(donor, Design)]
+        sources = [self._outcomes[key] for key in proposal.near]
+        near = [source for source in sources if isinstance(source, Design)]
         starts = range(first + len(near), proposal.starts)
         outcome = nlp.solve(self.task, proposal.candidate.topology, starts=starts, seed=self.seed, near=near)
         record = record_of(outcome)

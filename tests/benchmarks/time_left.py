@@ -66,7 +66,7 @@ def record(words: list[str], name: str) -> Path:
     parser.add_argument("--time-limit", type=float, default=math.inf)
     parser.add_argument("--set", action="append", default=[])
     given = parser.parse_args(words)
-    task = options.asked(given.task, tuple(given.set), paper=False, modules=given.modules)
+    task = options.task_of(given.task, tuple(given.set), paper=False, modules=given.modules)
     recorder = Recorder()
     with tempfile.TemporaryDirectory() as folder:
         asked = {"starts": given.starts, "workers": given.workers, "strategy": given.strategy}

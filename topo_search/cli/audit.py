@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import BAD_INPUT, explained, note
+from topo_search.cli.errors import BAD_INPUT, explain_errors, note
 
 NOT_CLEAR = 1
 
@@ -28,7 +28,7 @@ def audit(
     Exit status: 0 all clear; 1 a design is violated, undecided or inconsistent, or its audit failed;
     2 a file cannot be read or is not a design (the others are still audited).
     """
-    with explained():
+    with explain_errors():
         from topo_search.cli.design_files import Reading, design_files
         from topo_search.cli.tables import print_audit, print_tally
         from topo_search.compose import audits, available_cores

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained, needs_extras
-from topo_search.report.wording import counted, figures
+from topo_search.cli.errors import explain_errors, needs_extras
+from topo_search.report.wording import figures, quantity
 
 if TYPE_CHECKING:
     from topo_search.model import Task
@@ -47,10 +47,10 @@ def check(
 
     Exit status: 0 valid task, with or without warnings; 2 bad input.
     """
-    with explained():
+    with explain_errors():
         from topo_search.model.task_warnings import task_warnings
 
-        asked = options.asked(task, settings, paper=paper, modules=modules)
+        asked = options.task_of(task, settings, paper=paper, modules=modules)
         if picture is not None:
             _draw(asked, picture)
         sizes = [_size(asked, n) for n in asked.sizes]
@@ -61,7 +61,7 @@ def check(
             return
         _explain(asked)
         for size in sizes:
-            _group(f"search of {counted(size['modules'], 'module')}", _expectations(size))
+            _group(f"search of {quantity(size['modules'], 'module')}", _expectations(size))
         if odd:
             _group("warnings", [(one.path, one.words) for one in odd])
         if picture is not None:
@@ -79,7 +79,7 @@ def _explain(task: Task) -> None:
         _group(group.title, group.rows)
     if task.goals.names:
         _group(*astuple(goals(task)))
-    of = f" of {counted(first.n, 'module')}" if others else ""
+    of = f" of {quantity(first.n, 'module')}" if others else ""
     cases = [(f"load case {k}", f"{wrench}; weight {weight}") for k, wrench, weight in load_cases(first)]
     _group(f"load cases{of}, each the total wrench of the rotors", cases)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from topo_search.limits import DESIGN_BYTES
 from topo_search.model import BadInput, Design, Fault
-from topo_search.model.bad_input import printable
+from topo_search.model.bad_input import to_printable
 from topo_search.model.files import load_json, stated_format, validate
 
 AUDIT = "topo-search/audit"
@@ -29,7 +29,7 @@ class DesignFile:
     @property
     def name(self) -> str:
         """The path as it can be printed: Unicode without control characters."""
-        return printable(self.path)
+        return to_printable(self.path)
 
     def read(self) -> Design | None:
         """Return the design; None for an audit in a folder.

@@ -41,7 +41,7 @@ def needs_extras(option: str) -> Iterator[None]:
 
 
 @contextmanager
-def explained(*, resumes: bool = False) -> Iterator[None]:
+def explain_errors(*, resumes: bool = False) -> Iterator[None]:
     """Turn what is wrong with the input, the machine or the user's patience into a message and an exit status.
 
     Ctrl-C, and the SIGTERM with which a scheduler ends a job, are the user's patience: the first of them raises
@@ -62,12 +62,12 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as error:
-        _end(_stopped(error), INTERRUPTED)
+        _end(_explain_stop(error), INTERRUPTED)
     except Exception as error:
         if isinstance(error, LedgerLost):
             _end(str(error), INPUT_OUTPUT)
         if stop.asked:  # whoever was interrupted made another error of it
-            _end(_stopped(error), INTERRUPTED)
+            _end(_explain_stop(error), INTERRUPTED)
         if isinstance(error, BadInput):
             _end(str(error), BAD_INPUT)
         if isinstance(error, WorkersLost):
@@ -89,7 +89,7 @@ def explained(*, resumes: bool = False) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _stopped(error: BaseException) -> str:
+def _explain_stop(error: BaseException) -> str:
     """Say that the user stopped it, and what whoever kept results noted on the way (PEP 678)."""
     return "; ".join(("stopped", *getattr(error, "__notes__", ())))
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained, needs_extras
+from topo_search.cli.errors import explain_errors, needs_extras
 from topo_search.limits import SECONDS
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def experiment(
 
     Exit status: 0 done; 2 bad input.
     """  # noqa: D301 (\b is click's)
-    with explained(resumes=True):
+    with explain_errors(resumes=True):
         from topo_search.cli.progress import shown_progress
         from topo_search.experiments import Settings, conduct
         from topo_search.experiments import experiment as found
@@ -118,7 +118,7 @@ def experiment(
             raise click.BadParameter(
                 f"must be one or two numbers, but got {len(topologies)}", param_hint="--topologies"
             )
-        settings = settings.changed(
+        settings = settings.override(
             tasks=named,
             topologies=None if topologies is None else (topologies[0], topologies[-1]),
             starts=starts,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained, needs_extras, note
+from topo_search.cli.errors import explain_errors, needs_extras, note
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,11 +45,11 @@ AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
 
 
-def _known(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+def _require_known(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
     """Refuse what is a kind of neither this package nor an installed one (`topo_search.export.formats`)."""
     if value is None or value in OURS:
         return value
-    with explained():
+    with explain_errors():
         from topo_search.export.formats import formats
 
         known = sorted({*OURS, *formats()})
@@ -63,7 +63,7 @@ def _known(context: click.Context, parameter: click.Parameter, value: str | None
 @click.option(
     "--format",
     "kind",
-    callback=_known,
+    callback=_require_known,
     metavar=f"[{'|'.join(OURS)}|...]",
     help="File format (default: by the suffix of --out).",
 )
@@ -134,7 +134,7 @@ def export(
 
     Exit status: 0 written; 2 bad input.
     """  # noqa: D301 (\b is click's)
-    with explained():
+    with explain_errors():
         from topo_search.export.physics import Physics
         from topo_search.model import BadInput, Design, Fault
         from topo_search.model.files import read_json
@@ -203,7 +203,7 @@ def _write(design: Design, kind: Any, parts: Any, physics: Physics, out: Path) -
 
 def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:
     """Write the kit of a design, or a part of it."""
-    from topo_search.compose import brackets_note, rounded
+    from topo_search.compose import brackets_note, round_angles
     from topo_search.export.kit import folder
     from topo_search.export.kit.brackets import require_room
 
@@ -213,7 +213,7 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
         options.require_writable(out)
     notes: tuple[str, ...] = ()
     if angle_step is not None:
-        found = rounded(design, angle_step)
+        found = round_angles(design, angle_step)
         design, notes = found.design, found.notes
     for text in notes:
         click.echo(text)

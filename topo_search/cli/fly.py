@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained, needs_extras, note
+from topo_search.cli.errors import explain_errors, needs_extras, note
 
 if TYPE_CHECKING:
     from topo_search.model import Design
@@ -75,7 +75,7 @@ def fly(
 
     Exit status: 0 all scenarios held; 1 some did not; 2 bad input, or the extra is missing.
     """
-    with explained():
+    with explain_errors():
         from topo_search.model import Design
         from topo_search.model.files import read_json
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained
+from topo_search.cli.errors import explain_errors
 
 
 @click.command(epilog="Example: topo-search init window.toml && topo-search check window.toml")
@@ -21,7 +21,7 @@ def init(file: Path, force: bool) -> None:
 
     Exit status: 0 written; 2 bad input.
     """
-    with explained():
+    with explain_errors():
         from topo_search.model import BadInput, Fault
         from topo_search.model.files import write_atomically
         from topo_search.model.template import task_template

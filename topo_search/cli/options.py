@@ -128,7 +128,7 @@ def certificates(ca: Path | None, cert: Path | None, key: Path | None) -> Certif
     return Certificates(ca, cert, key)
 
 
-def asked(task: str, settings: tuple[str, ...], *, paper: bool = False, **fields: str | None) -> Task:
+def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fields: str | None) -> Task:
     """Return the task that the command line names, with everything that its options set.
 
     Args:

@@ -67,7 +67,7 @@ class Bar:
             TextColumn("{task.fields[steps]}"),
             TextColumn("{task.fields[incumbent]}", table_column=Column(ratio=1, no_wrap=True)),
             TimeElapsedColumn(),
-            _Rendered(self._remaining),
+            _Rendered(self._time_text),
             console=console,
             transient=True,
             expand=True,
@@ -86,16 +86,16 @@ class Bar:
 
     def plan(self, plan: Plan) -> None:
         """Print what is going to be done."""
-        from topo_search.report.progress import told
+        from topo_search.report.progress import describe_plan
 
-        self._following().plan(plan, time.monotonic())
-        self.note(told(plan))
+        self._time_left().plan(plan, time.monotonic())
+        self.note(describe_plan(plan))
 
     def phase(self, phase: Phase) -> None:
         """Name the stage, and count its steps."""
         from topo_search.report.progress import stage
 
-        self._following().begin(phase, time.monotonic())
+        self._time_left().begin(phase, time.monotonic())
         self._phase, self._done = phase, 0
         steps = f"0/{phase.steps}" if phase.steps > 1 or not phase.alone else ""
         self._progress.update(self._task, description=stage(phase), steps=steps)
@@ -106,7 +106,7 @@ class Bar:
 
         if self._phase is None:
             return
-        self._following().step(time.monotonic(), known=known)
+        self._time_left().step(time.monotonic(), known=known)
         self._done += 1
         steps = f"{self._done}/{self._phase.steps}"
         self._progress.update(self._task, steps=steps, incumbent=(self._words or describe)(incumbent))
@@ -115,7 +115,7 @@ class Bar:
         """Print a line above the bar."""
         self._progress.console.print(text, markup=False, highlight=False)
 
-    def _following(self) -> TimeLeft:
+    def _time_left(self) -> TimeLeft:
         """Return what follows the run, from the first that is known of it."""
         if self._left is None:
             from topo_search.study.time_left import TimeLeft
@@ -132,7 +132,7 @@ class Bar:
         self._share = max(self._share, taken / max(taken + self._left(now), 1e-9))
         return ProgressBar(total=1.0, completed=self._share, width=WIDTH)
 
-    def _remaining(self) -> Text:
+    def _time_text(self) -> Text:
         """Return the time left."""
         if self._left is None or self._phase is None:
             return Text("")

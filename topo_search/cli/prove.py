@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import OPEN, explained, needs_extras, note
+from topo_search.cli.errors import OPEN, explain_errors, needs_extras, note
 from topo_search.limits import GAPS, SECONDS
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def prove(
         tls = options.certificates(dask_ca, dask_cert, dask_key)
         _check(folder, topology=topology, workers=workers, dask=dask, dask_tls=tls, as_json=as_json)
         return
-    with explained(resumes=True):
+    with explain_errors(resumes=True):
         from topo_search.cli.progress import shown_progress
 
         with shown_progress() as observer, needs_extras("--dask"):
@@ -147,7 +147,7 @@ def _check(
     as_json: bool,
 ) -> None:
     """Check the proofs of a run, and end with the status that this comes to."""
-    with explained():
+    with explain_errors():
         from topo_search.cli.progress import shown_progress
         from topo_search.compose import check_proofs
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained
+from topo_search.cli.errors import explain_errors
 
 
 @click.command(epilog="Example: topo-search report runs/push-*/")
@@ -31,7 +31,7 @@ def report(source: Path, out: Path | None, flight: Path | None) -> None:
 
     Exit status: 0 written, whatever the verdict; 2 bad input.
     """
-    with explained():
+    with explain_errors():
         from topo_search import compose
 
         if out is not None:

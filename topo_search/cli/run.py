@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options, own
-from topo_search.cli.errors import INPUT_OUTPUT, OPEN, explained, needs_extras
+from topo_search.cli.errors import INPUT_OUTPUT, OPEN, explain_errors, needs_extras
 from topo_search.limits import GAPS, ROUND, TRIALS
 
 if TYPE_CHECKING:
@@ -123,15 +123,15 @@ def run(
         raise click.UsageError("--prune requires --strategy exhaustive")
     if strategy == "optuna" and topologies:
         raise click.UsageError("--topologies requires --strategy exhaustive: all listed trees are solved")
-    with explained(resumes=True):
+    with explain_errors(resumes=True):
         from topo_search.cli.progress import shown_progress
 
         odd: list[TaskWarning] = []
-        with _saved(odd, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
+        with _print_if_lost(odd, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
             from topo_search.compose import DEFAULT_TRIALS, search
             from topo_search.study import DEFAULT_ROUND
 
-            asked = options.asked(
+            asked = options.task_of(
                 task, settings, paper=paper, modules=modules, search__root=root, search__connectors=connectors
             )
             listed = None if topologies is None else own.read_topologies(topologies, asked)
@@ -168,7 +168,7 @@ def run(
 
 
 @contextmanager
-def _saved(odd: Sequence[TaskWarning], *, as_json: bool) -> Iterator[None]:
+def _print_if_lost(odd: Sequence[TaskWarning], *, as_json: bool) -> Iterator[None]:
     """Print the best design and what else was found if the run's folder is gone, so that it is not lost."""
     from topo_search.study import LedgerLost
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from topo_search.cli import options, own
-from topo_search.cli.errors import explained, note
+from topo_search.cli.errors import explain_errors, note
 from topo_search.limits import LARGEST_INTEGER
 
 if TYPE_CHECKING:
@@ -58,13 +58,13 @@ def solve(
     --json prints the design, or why there is none. If --out cannot be written, the design is printed instead, so
     nothing is lost. Exit status as for `run`.
     """
-    with explained():
+    with explain_errors():
         from topo_search import compose
         from topo_search.cli.tables import print_solved, progress_line
         from topo_search.model import Design
         from topo_search.model.files import to_json, write_atomically
 
-        asked = options.asked(task, settings, paper=paper, modules=modules)
+        asked = options.task_of(task, settings, paper=paper, modules=modules)
         topology = _topology(asked, key, sample_seed, sized=modules is not None)
         designs = own.read_near(near)
         if out is not None:

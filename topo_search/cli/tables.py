@@ -11,13 +11,13 @@ from rich.console import Console
 from rich.table import Table
 
 from topo_search.engine import Failed, Outcome
-from topo_search.export.audit_summary import survived
+from topo_search.export.audit_summary import tolerance_lines
 from topo_search.export.flight_lines import flight_lines
 from topo_search.model import Audit, Design, Infeasible, Relaxed, Status
 from topo_search.model.proven import at_most, gap_percent
 from topo_search.model.stated import NOT_CERTIFIED
 from topo_search.report.near_ties import near_tie_cells, near_tie_columns
-from topo_search.report.wording import counted, length, modules
+from topo_search.report.wording import length, modules, quantity
 from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
 
 NARROW = 100
@@ -66,7 +66,7 @@ def _print_size(size: SizeAnswer) -> None:
         _print_rows(size.top)
         _print_near_ties(size)
     if not size.complete:
-        reached = f", after {counted(size.starts, 'start')} of each candidate" if size.starts else ""
+        reached = f", after {quantity(size.starts, 'start')} of each candidate" if size.starts else ""
         click.echo(f"time limit reached{reached}; run the same command to continue")
     if size.statement is not None and size.best is not None:
         click.echo(f"{size.best.key} is {size.statement}")
@@ -88,7 +88,7 @@ def _print_relaxed(relaxed: Relaxed | None) -> None:
 def _counts(size: SizeAnswer) -> str:
     """Return how many candidates of one size ended how."""
     counts = ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items()))
-    told = f"{modules(size.modules)}: {size.settled} of {counted(size.candidates, 'candidate')}"
+    told = f"{modules(size.modules)}: {size.settled} of {quantity(size.candidates, 'candidate')}"
     return f"{told} ({counts})" if counts else told
 
 
@@ -108,7 +108,7 @@ def _print_front(answer: Answer) -> None:
                 click.echo(f"  {sentence}")
     if not answer.points:
         return
-    click.echo(f"front, {counted(len(answer.points), 'design')}, none better than another in every goal:")
+    click.echo(f"front, {quantity(len(answer.points), 'design')}, none better than another in every goal:")
     table = Table(box=None, pad_edge=False)
     for name in ("key", "modules", "objective", "clearance", "stand-off", "peak input", "level"):
         table.add_column(name, justify="left" if name == "key" else "right")
@@ -157,7 +157,7 @@ def _print_near_ties(size: SizeAnswer) -> None:
         table.add_row(*near_tie_cells(row, size.best))
     _print(table)
     if size.near_ties_unaudited:
-        click.echo(f"within the same range, but not audited: {counted(size.near_ties_unaudited, 'design')}")
+        click.echo(f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}")
 
 
 def _print(table: Table) -> None:
@@ -179,7 +179,7 @@ def progress_line(outcome: Outcome) -> str:
     if isinstance(outcome, Infeasible):
         return outcome.message
     tried = (outcome.solver or {}).get("starts")
-    starts = "" if tried is None else f" after {counted(tried, 'start')}"
+    starts = "" if tried is None else f" after {quantity(tried, 'start')}"
     gap = "" if outcome.gap is None else f", gap to the lower bound {gap_percent(outcome.gap)}"
     return f"J = {outcome.objective:.6g} rad^4/s^4{gap}{starts}"
 
@@ -210,7 +210,7 @@ def print_audit(name: str, audit: Audit) -> None:
     if overlaps is not None and overlaps.colliding_pairs:
         sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
         click.echo(
-            f"  {counted(overlaps.colliding_pairs, 'pair')} of envelopes overlap, in clusters of {sizes} modules; "
+            f"  {quantity(overlaps.colliding_pairs, 'pair')} of envelopes overlap, in clusters of {sizes} modules; "
             f"the deepest by {overlaps.deepest_percent:.3g} % of the deepest possible"
         )
     for pair in audit.pairs:
@@ -227,7 +227,7 @@ def print_audit(name: str, audit: Audit) -> None:
     if sheet is not None and sheet.note is not None:
         click.echo(f"  note: {sheet.note}")
     if audit.sensitivity is not None:
-        for line in survived(audit.sensitivity):
+        for line in tolerance_lines(audit.sensitivity):
             click.echo(f"  {line}")
     if audit.flight is not None:
         for line in flight_lines(audit.flight):
@@ -238,6 +238,6 @@ def print_tally(verdicts: Sequence[Status], failed: int, refused: int, passed_ov
     """Print how many designs of a whole command ended how."""
     counts = {**Counter(map(str, verdicts)), "failed": failed, "bad input": refused}
     told = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
-    click.echo(f"{counted(len(verdicts) + failed, 'design')}: {told or 'none'}")
+    click.echo(f"{quantity(len(verdicts) + failed, 'design')}: {told or 'none'}")
     if passed_over:
-        click.echo(f"{counted(passed_over, 'audit')} in the folders skipped")
+        click.echo(f"{quantity(passed_over, 'audit')} in the folders skipped")

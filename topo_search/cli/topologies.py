@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explained
+from topo_search.cli.errors import explain_errors
 from topo_search.limits import DRAWN_TREES, LISTED_MODULES
 
 
@@ -44,7 +44,7 @@ def topologies(
     as_json: bool,
 ) -> None:
     """Print the keys of all topologies of N modules, one per line."""
-    with explained():
+    with explain_errors():
         from topo_search.topologies import candidates, count, draws
 
         family = {"symmetry": symmetry, "connectors": connectors or "aligned", "root": root or "free"}

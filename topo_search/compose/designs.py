@@ -14,7 +14,7 @@ from topo_search.engine import AuditDesign, Failed, Outcome, Workers, audit_dead
 from topo_search.limits import MODULES, STARTS
 from topo_search.model import Audit, BadInput, Design, Fault, Status, Task, Topology
 from topo_search.model.files import read_task
-from topo_search.own import starting_points, stated
+from topo_search.own import starting_points, stated_constraints
 from topo_search.protocols import OwnConstraint
 from topo_search.study import Solved, solve_single
 
@@ -61,7 +61,7 @@ def solve(
         raise BadInput(resolved.name, [Fault("topology", rule)])
     designs = starting_points(near)
     if constraints:
-        stated(constraints)
+        stated_constraints(constraints)
         nlp.refuse_unusable(constraints, resolved, topology)
     nlp.prepare(resolved, note)
     return solve_single(
@@ -101,7 +101,7 @@ class Rounded:
         )
 
 
-def rounded(design: Design, step_deg: float) -> Rounded:
+def round_angles(design: Design, step_deg: float) -> Rounded:
     """Round the hinge angles of a design, recompute its inputs and audit it again.
 
     The root orientation is kept: the autopilot holds it, no bracket does.
@@ -162,7 +162,7 @@ def audit(design: Design, *, constraints: Sequence[OwnConstraint] = ()) -> Audit
         RuntimeError: says why there is no audit.
     """
     if constraints:
-        stated(constraints)
+        stated_constraints(constraints)
         nlp.refuse_unusable(constraints, design.task, design.topology)
     (result,) = audits([design], constraints=constraints)
     if isinstance(result, Failed):

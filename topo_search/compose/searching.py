@@ -18,7 +18,7 @@ from topo_search.limits import CANDIDATES, GAPS
 from topo_search.model import BadInput, Design, Fault, Task
 from topo_search.model.files import read_task
 from topo_search.model.proof import Problem
-from topo_search.own import AnySampler, handed_in
+from topo_search.own import AnySampler, collect_own
 from topo_search.protocols import OwnConstraint
 from topo_search.study import (
     DEFAULT_ROUND,
@@ -104,7 +104,7 @@ def search(
         WorkersLost: workers do not start or return, or the Dask scheduler does not answer; results are kept.
     """
     asked = task if isinstance(task, Task) else read_task(task)
-    handed = handed_in(
+    handed = collect_own(
         asked,
         near=near,
         constraints=constraints,

@@ -6,7 +6,7 @@ from topo_search.engine.dask_tls import Certificates
 from topo_search.engine.dask_workers import DaskWorkers
 from topo_search.engine.engine import Engine, WorkersLost
 from topo_search.engine.exhaustive import exhaustive, may_beat
-from topo_search.engine.job import Job, solved
+from topo_search.engine.job import Job, solve_jobs
 from topo_search.engine.space import Listed, Space
 from topo_search.engine.starts import merge, record_of, rounds, scaled_violation
 from topo_search.engine.strategy import Proposal, Round, Scored, Stage, Strategy
@@ -40,5 +40,5 @@ __all__ = [
     "rounds",
     "scaled_violation",
     "solve_deadline",
-    "solved",
+    "solve_jobs",
 ]

@@ -56,12 +56,12 @@ class Connection:
             WorkersLost: nobody answers, or the scheduler is gone.
         """
         if self._client is None:
-            self._client = self._connected()
+            self._client = self._connect()
         if not self.stands:
-            raise self.gone()
+            raise self.loss()
         return self._client
 
-    def _connected(self) -> Client:
+    def _connect(self) -> Client:
         """Connect. Dask's own limit is none for a scheduler that accepts the connection and then says nothing."""
         from distributed import Client
 
@@ -96,7 +96,7 @@ class Connection:
             self._client.close(timeout=CLOSE)
             self._client = None
 
-    def gone(self) -> WorkersLost:
+    def loss(self) -> WorkersLost:
         """Return the error that says that there is no scheduler any more."""
         return WorkersLost(f"the Dask scheduler at {self.address} is gone")
 
@@ -108,7 +108,7 @@ class Connection:
             text = f"the Dask scheduler at {self.address} has not answered for {CONNECT:.0f} s"
             raise WorkersLost(text) from None
         except OSError:
-            raise self.gone() from None
+            raise self.loss() from None
 
 
 def _within(seconds: float, call: Callable[[], T]) -> T:

@@ -118,7 +118,7 @@ class DaskWorkers(Engine):
                 if not running:
                     time.sleep(pause)  # for a first Dask worker
                 for future in wait(running, pause, FIRST_COMPLETED).done:
-                    sent, ended = running.pop(future), self._ended(future)
+                    sent, ended = running.pop(future), self._result(future)
                     if isinstance(ended, Ended) and ended.results:
                         size = min(max(1, int(BATCH * len(ended.results) / ended.seconds)), LARGEST_BATCH)
                         places = {place for place, _ in ended.results}
@@ -172,12 +172,12 @@ class DaskWorkers(Engine):
         )
         return self._connection.submit(run_guarded, sent)
 
-    def _ended(self, future: Future[Ended]) -> Ended | Failed:
+    def _result(self, future: Future[Ended]) -> Ended | Failed:
         """Return what came back of a batch."""
         from distributed import KilledWorker
 
         if future.cancelled():
-            raise self._connection.gone()
+            raise self._connection.loss()
         error = future.exception()
         if isinstance(error, KilledWorker):
             return Failed(

@@ -59,7 +59,7 @@ def exhaustive(space: Space, *, starts: int, timed: bool, bound: Bound | None = 
         scores = yield everything
         candidates = everything.drawn
     else:
-        candidates, scores = yield from _ascending(space, first, bound)
+        candidates, scores = yield from _in_order_of_bounds(space, first, bound)
     least = _least(scores)
     for stop in later:
         candidates = [
@@ -76,7 +76,7 @@ def may_beat(objective: float, bound: float) -> bool:
     return bound < objective * (1.0 - SOLVER_PRECISION)
 
 
-def _ascending(
+def _in_order_of_bounds(
     space: Space, starts: int, bound: Bound
 ) -> Generator[Round, list[Scored], tuple[list[Candidate], list[Scored]]]:
     """Propose candidates in the order of their bounds, as long as they may beat the best; return them all."""

@@ -32,7 +32,7 @@ class Job:
         return solve_deadline(self.topology.n, len(self.near) + len(self.starts))
 
 
-def solved(
+def solve_jobs(
     jobs: Iterable[Job], *, solve: Solve, engine: Engine, until: float = math.inf
 ) -> Iterator[tuple[Job, Outcome]]:
     """Yield every job with its outcome as it ends, in any order; jobs are drawn as workers become free.

@@ -75,12 +75,12 @@ def findings(rows: pd.DataFrame) -> list[str]:
         f"{(designs['colliding_pairs'] > 0).mean():.0%} of {len(designs)} designs have overlapping airflow.",
         f"The deepest overlap reaches {REACHED:.0f} % of the deepest possible in {reached:.0%} of the designs and "
         f"{FULLY} % in {fully:.0%}; its median is {deepest.median():.0f} %, its least {deepest.min():.0f} %. That "
-        f"the deepest possible is often reached, as the paper finds, is {_confirmed(reached >= OFTEN)} where "
-        f"{REACHED:.0f} % counts as reached, and {_confirmed(fully >= OFTEN)} where {FULLY} % does.",
+        f"the deepest possible is often reached, as the paper finds, is {_confirmation(reached >= OFTEN)} where "
+        f"{REACHED:.0f} % counts as reached, and {_confirmation(fully >= OFTEN)} where {FULLY} % does.",
         f"The largest cluster holds {share.median():.0%} of the modules in the median; it is about half "
         f"({low:.0%} to {high:.0%}) of them in {share.between(low, high).mean():.0%} of the designs, "
         f"more in {(share > high).mean():.0%}. That clusters of about half of the modules, or more, are "
-        f"frequent, as the paper finds, is {_confirmed((share >= low).mean() >= OFTEN)}.",
+        f"frequent, as the paper finds, is {_confirmation((share >= low).mean() >= OFTEN)}.",
     ]
     if len(depths):
         told.append(
@@ -93,12 +93,12 @@ def findings(rows: pd.DataFrame) -> list[str]:
         told.append(
             f"The median number of colliding pairs goes from {pairs.iloc[0]:.0f} with {pairs.index[0]} modules to "
             f"{pairs.iloc[-1]:.0f} with {pairs.index[-1]}: it grows as n^{law.exponent:.1f}. That the number "
-            f"grows with n, as the paper finds, is {_confirmed(law.exponent > 0)}."
+            f"grows with n, as the paper finds, is {_confirmation(law.exponent > 0)}."
         )
     return told
 
 
-def _confirmed(holds: bool) -> str:
+def _confirmation(holds: bool) -> str:
     return "confirmed" if holds else "not confirmed"
 
 

@@ -78,7 +78,7 @@ def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> l
         BadInput: there would be more than CELLS.
     """
     cells = []
-    require_few(planned(settings, lambda _: len(variants)))
+    require_few(cell_count(settings, lambda _: len(variants)))
     for n in sorted({n for _, sizes in settings.tasks for n in sizes}):
         keys = trees(n, settings.trees(n), settings.seed)
         for number, key in enumerate(keys):
@@ -104,7 +104,7 @@ def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> l
     return cells
 
 
-def planned(settings: Settings, of_a_tree: Callable[[int], int]) -> int:
+def cell_count(settings: Settings, of_a_tree: Callable[[int], int]) -> int:
     """Return the number of cells if each tree of n modules has so many in a task and at a distance."""
     return max(1, len(settings.distances)) * sum(
         min(count(n), settings.trees(n)) * of_a_tree(n) for _, sizes in settings.tasks for n in set(sizes)

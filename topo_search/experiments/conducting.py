@@ -15,7 +15,7 @@ from topo_search.compose import BACKENDS, available_cores
 from topo_search.engine import Backends, Failed, Workers, audit_deadline, solve_deadline
 from topo_search.experiments.cell import Cell
 from topo_search.experiments.folder import RESULTS, Results, about
-from topo_search.experiments.measured import failed, measure
+from topo_search.experiments.measured import failure_row, measure
 from topo_search.experiments.settings import Settings
 from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput, Fault
@@ -94,7 +94,7 @@ def conduct(
             told.phase(Phase("searching", n, len(todo), settings.starts))
             try:
                 for cell, row in pool.run(partial(measure, backends), todo, deadline=_deadline):
-                    rows.add(failed(cell, row) if isinstance(row, Failed) else row)
+                    rows.add(failure_row(cell, row) if isinstance(row, Failed) else row)
                     told.settled(None)
             except KeyboardInterrupt as stop:
                 rows.require()

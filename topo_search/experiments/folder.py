@@ -22,12 +22,12 @@ from topo_search.experiments.cell import IDENTITY, Cell
 from topo_search.experiments.measured import COLUMNS, Measured
 from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput, Fault
-from topo_search.model.bad_input import shown
-from topo_search.model.csv_text import harmless
+from topo_search.model.bad_input import show
+from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import load_json
 from topo_search.model.regular_file import NotReadable, read_regular
-from topo_search.study.identity import installed
-from topo_search.study.lock import locked
+from topo_search.study.identity import installed_versions
+from topo_search.study.lock import hold_lock
 from topo_search.study.lost import LedgerLost
 from topo_search.study.place import Place
 
@@ -76,17 +76,17 @@ class Results:
             BadInput: the folder cannot be used; it is left as it is.
         """
         if folder.exists() and not folder.is_dir():
-            raise _refused(folder, "is a file")
+            raise _refusal(folder, "is a file")
         for name in (RESULTS, ABOUT):
             if (folder / name).is_symlink():
-                raise _refused(folder, f"has a symbolic link in place of its {name}")
+                raise _refusal(folder, f"has a symbolic link in place of its {name}")
         if (folder / RESULTS).exists() and not (folder / ABOUT).exists():
-            raise _refused(folder, f"has a {RESULTS} but no {ABOUT}: it is not an experiment folder")
+            raise _refusal(folder, f"has a {RESULTS} but no {ABOUT}: it is not an experiment folder")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise _refused(folder, f"cannot be made: {error.strerror}") from None
-        with locked(folder), Place.open(folder) as place:
+            raise _refusal(folder, f"cannot be made: {error.strerror}") from None
+        with hold_lock(folder), Place.open(folder) as place:
             place.tidy()
             if (folder / ABOUT).exists():
                 _compare(folder, load_json(folder / ABOUT), about)
@@ -116,7 +116,7 @@ class Results:
             OSError: it cannot be written; names the file.
         """
         line = io.StringIO()
-        csv.writer(line, lineterminator="\n").writerow(map(harmless, astuple(row)))
+        csv.writer(line, lineterminator="\n").writerow(map(escape_formula, astuple(row)))
         content = memoryview(line.getvalue().encode())
         self._size += len(content)
         try:
@@ -151,7 +151,7 @@ def about(name: str, settings: dict[str, Any], command: str) -> dict[str, Any]:
         "experiment": name,
         "command": command,
         "settings": settings,
-        "versions": installed(),
+        "versions": installed_versions(),
     }
 
 
@@ -168,17 +168,17 @@ def _circumstances() -> dict[str, Any]:
 def _compare(folder: Path, held: Any, asked: dict[str, Any]) -> None:
     """Refuse a folder that holds another experiment."""
     if not isinstance(held, dict) or held.get("format") != FORMAT or held.get("version") != asked["version"]:
-        raise _refused(folder, f"has an {ABOUT} of another program or version")
+        raise _refusal(folder, f"has an {ABOUT} of another program or version")
     if held.get("experiment") != asked["experiment"]:
-        raise _refused(folder, f"holds the experiment {held.get('experiment')}, not {asked['experiment']}")
+        raise _refusal(folder, f"holds the experiment {held.get('experiment')}, not {asked['experiment']}")
     for group in ("settings", "versions"):
         if not isinstance(of := held.get(group), dict):
-            raise _refused(folder, f"has an {ABOUT} whose {group} is not a table")
+            raise _refusal(folder, f"has an {ABOUT} whose {group} is not a table")
         for name, value in asked[group].items():
             if of.get(name) != value:
                 kind = "results of version" if group == "versions" else "an experiment with"
-                was, now = (shown(one) for one in (of.get(name), value))
-                raise _refused(folder, f"holds {kind} {name} {was}, not {now}")
+                was, now = (show(one) for one in (of.get(name), value))
+                raise _refusal(folder, f"holds {kind} {name} {was}, not {now}")
 
 
 def _rows(path: Path) -> tuple[int, set[Identity]]:
@@ -194,7 +194,7 @@ def _rows(path: Path) -> tuple[int, set[Identity]]:
         raise BadInput(str(path), [Fault("", rule)]) from None
     lines = text.split("\n")[:-1]
     if not lines or tuple(lines[0].split(",")) != COLUMNS:
-        raise _refused(path.parent, f"has a {RESULTS} with other columns")
+        raise _refusal(path.parent, f"has a {RESULTS} with other columns")
     done = set()
     for number, line in enumerate(lines[1:], start=2):
         row = _cells(path, number, line)
@@ -217,15 +217,15 @@ def _cells(path: Path, number: int, line: str) -> dict[str, str]:
             READ[kind.removesuffix(EMPTY)](row[name])
         except ValueError:
             if row[name] or not kind.endswith(EMPTY):
-                rule = f"must be of kind {kind}, but got {shown(row[name])} in line {number}: it is damaged"
+                rule = f"must be of kind {kind}, but got {show(row[name])} in line {number}: it is damaged"
                 raise BadInput(str(path), [Fault(name, rule)]) from None
     return row
 
 
 def _identity(values: dict[str, Any]) -> Identity:
     """Return values as the file has them."""
-    return tuple("" if values[name] is None else str(harmless(values[name])) for name in IDENTITY)
+    return tuple("" if values[name] is None else str(escape_formula(values[name])) for name in IDENTITY)
 
 
-def _refused(path: Path, what: str) -> BadInput:
+def _refusal(path: Path, what: str) -> BadInput:
     return BadInput(str(path), [Fault("", f"{what}; choose another folder with --out")])

@@ -95,10 +95,10 @@ def measure(backends: Backends, cell: Cell) -> Measured:
     if not isinstance(best, Design):
         return row
     audit = backends.audit(best)
-    return replace(row, audit_s=round(clock.lap(), 4), peak_mb=round(peak_mb(), 1), **_judged(audit))
+    return replace(row, audit_s=round(clock.lap(), 4), peak_mb=round(peak_mb(), 1), **_audit_columns(audit))
 
 
-def failed(cell: Cell, failure: Failed) -> Measured:
+def failure_row(cell: Cell, failure: Failed) -> Measured:
     """Return the row of a cell whose process ended without an answer."""
     return Measured(**cell.identity, status="failed", worst_constraint=failure.reason)
 
@@ -122,7 +122,7 @@ def _outcome(cell: Cell, best: Design | Infeasible, spent: float, iterations: in
     return replace(row, worst_constraint=best.worst_constraint, violation=best.violation, unit=best.unit)
 
 
-def _judged(audit: Audit) -> dict[str, Any]:
+def _audit_columns(audit: Audit) -> dict[str, Any]:
     """Return the columns that an audit fills."""
     overlaps = audit.interference
     if overlaps is None:

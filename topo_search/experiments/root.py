@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from topo_search.experiments.cell import Cell, Variant, planned, require_few
+from topo_search.experiments.cell import Cell, Variant, cell_count, require_few
 from topo_search.experiments.comparison import Comparison
 from topo_search.experiments.conducting import Experiment
 from topo_search.experiments.settings import Settings
-from topo_search.topologies.rooted import Rooted, key_of, moved, rooted_of, text_of, turned
+from topo_search.topologies.rooted import Rooted, key_of, reroot, rooted_of, text_of, turn
 
 PAPER_ROOT = Variant("paper root", ('search.root="paper"',))
 
@@ -28,7 +28,7 @@ def cells(settings: Settings) -> list[Cell]:
     Raises:
         BadInput: there would be more than CELLS.
     """
-    require_few(planned(settings, lambda n: 1 + n // 4))  # at least: half and quarter turns make some roots one
+    require_few(cell_count(settings, lambda n: 1 + n // 4))  # at least: half and quarter turns make some roots one
     rooted = []
     for cell in COMPARISON.cells(settings):
         keys = roots(cell.key) if cell.variant == PAPER_ROOT else [cell.key]
@@ -40,13 +40,13 @@ def cells(settings: Settings) -> list[Cell]:
 def roots(key: str) -> list[str]:
     """Return the keys of a tree with each of its modules as the root, as it lies and after a half turn."""
     trees = rootings(rooted_of(key))
-    return sorted({key_of(text_of(turned(tree, quarters))) for tree in trees for quarters in (0, 2)})
+    return sorted({key_of(text_of(turn(tree, quarters))) for tree in trees for quarters in (0, 2)})
 
 
 def rootings(tree: Rooted, entered: int | None = None) -> list[Rooted]:
     """Return an aligned tree with each of its modules as the root; none beyond the port where it was entered."""
     beyond = (port for port in range(4) if tree[port] and port != entered)
-    return [tree, *(other for port in beyond for other in rootings(moved(tree, port), (port + 2) % 4))]
+    return [tree, *(other for port in beyond for other in rootings(reroot(tree, port), (port + 2) % 4))]
 
 
 EXPERIMENT = Experiment(

@@ -40,7 +40,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """Return one row a method, distance, task and size; times and iterations are of topologies with a design."""
     import pandas as pd
 
-    solved = _solved(rows).groupby(GROUP)
+    solved = _solved_rows(rows).groupby(GROUP)
     every = rows.groupby(GROUP)
     return pd.DataFrame(
         {
@@ -69,7 +69,7 @@ def growth(rows: pd.DataFrame) -> pd.DataFrame:
     from topo_search.experiments.power_law import fit
 
     fits = []
-    for group, designs in _solved(rows).groupby(GROUP[:-1]):
+    for group, designs in _solved_rows(rows).groupby(GROUP[:-1]):
         law = fit(designs["n"], designs["seconds"])
         if law is not None:
             fits.append((*group, len(designs), law.exponent, law.at_100))
@@ -84,7 +84,7 @@ def slowdown(rows: pd.DataFrame) -> pd.DataFrame:
     import pandas as pd
 
     problem = list(IDENTITY[1:])
-    designs = _solved(rows)
+    designs = _solved_rows(rows)
     ours, others = (designs[(designs["method"] == METHOD) == mine] for mine in (True, False))
     both = others.merge(ours, on=problem, suffixes=("", "_ours"))
     both = both.assign(times=both["seconds"] / both["seconds_ours"], memory=both["peak_mb"] / both["peak_mb_ours"])
@@ -101,7 +101,7 @@ def findings(rows: pd.DataFrame) -> list[str]:
     for (method, distance), series in rows.groupby(["method", "distance_m"], sort=False):
         of = table[(table["method"] == method) & (table["distance_m"] == distance)]
         told.append(_success(f"{method}, {distance:.2f} m", series))
-        told += _found_first(str(method), of)
+        told += _first_designs(str(method), of)
         fits = growth(series)
         if len(fits):
             low, high = (f"n^{exponent:.1f}" for exponent in (fits["exponent"].min(), fits["exponent"].max()))
@@ -128,7 +128,7 @@ def findings(rows: pd.DataFrame) -> list[str]:
     return told
 
 
-def _found_first(method: str, of: pd.DataFrame) -> list[str]:
+def _first_designs(method: str, of: pd.DataFrame) -> list[str]:
     """Return how good the designs are at which the clock stops: the first ones, of the largest size with any."""
     found = of[of["gap_median"].notna()]
     if found.empty:
@@ -168,7 +168,7 @@ def figure(rows: pd.DataFrame) -> Figure:
             (str(task) if method == METHOD else f"{task}, {method}", mine)
             for (method, task), mine in of.groupby(["method", "task"], sort=False)
         ]
-        draw(upper, [(name, _solved(mine)) for name, mine in series], "seconds", sizes)
+        draw(upper, [(name, _solved_rows(mine)) for name, mine in series], "seconds", sizes)
         upper.set(xlabel="", title=f"connectors at {distance:.2f} m", yscale="log")
         for number, (name, mine) in enumerate(series):
             share = 100 * mine.groupby("n")["status"].agg(lambda status: (status == "feasible").mean())
@@ -183,7 +183,7 @@ def figure(rows: pd.DataFrame) -> Figure:
     return drawn
 
 
-def _solved(rows: pd.DataFrame) -> pd.DataFrame:
+def _solved_rows(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows with a design, with all CPU seconds but those of the audit in `seconds`."""
     designs = rows[rows["status"] == "feasible"]
     return designs.assign(seconds=designs["solve_s"] + designs["build_s"].fillna(0.0))

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 from topo_search.limits import LARGEST_INTEGER, MODULES, SECONDS, STARTS, TREES
 from topo_search.model import BadInput, Fault
-from topo_search.model.bad_input import nearest, shown
+from topo_search.model.bad_input import nearest, show
 from topo_search.model.files import examples
 
 LARGEST_SEED = LARGEST_INTEGER - TREES
@@ -51,13 +51,13 @@ class Settings:
             "time-limit": ([self.time_limit], SECONDS),
         }
         faults += [
-            Fault(f"--{option}", f"{rule}, but got {f'{value:g}' if isinstance(value, float) else shown(value)}")
+            Fault(f"--{option}", f"{rule}, but got {f'{value:g}' if isinstance(value, float) else show(value)}")
             for option, (values, most) in numbers.items()
             for value in dict.fromkeys(values)
-            if (rule := _broken(value, most))
+            if (rule := _broken_rule(value, most))
         ]
         if not 0 <= self.seed <= LARGEST_SEED:
-            faults.append(Fault("--seed", f"must be from 0 to {LARGEST_SEED:,}, but got {shown(self.seed)}"))
+            faults.append(Fault("--seed", f"must be from 0 to {LARGEST_SEED:,}, but got {show(self.seed)}"))
         named = {"task": [name for name, _ in self.tasks], "distances": self.distances}
         faults += [
             Fault(f"--{option}", f"must have no value twice, but got {value} {values.count(value)} times")
@@ -91,11 +91,11 @@ class Settings:
 
     def as_options(self) -> str:
         """Return the options of the command line that ask for them."""
-        options = [f"--task {name}:{listed(sizes)}" for name, sizes in self.tasks]
-        options += [f"--topologies {listed(self.topologies)}", f"--starts {self.starts}"]
+        options = [f"--task {name}:{list_text(sizes)}" for name, sizes in self.tasks]
+        options += [f"--topologies {list_text(self.topologies)}", f"--starts {self.starts}"]
         if self.distances:
-            options.append(f"--distances {listed(self.distances)}")
-        return " ".join([*options, f"--seed {self.seed}", f"--time-limit {listed((self.time_limit,))}"])
+            options.append(f"--distances {list_text(self.distances)}")
+        return " ".join([*options, f"--seed {self.seed}", f"--time-limit {list_text((self.time_limit,))}"])
 
     @classmethod
     def task_of(cls, text: str) -> tuple[str, tuple[int, ...]]:
@@ -105,19 +105,19 @@ class Settings:
             raise BadInput("experiment", [Fault("--task", f"must be TASK:N,N,..., but got {text[:80]}")])
         return match[1], tuple(int(n) for n in match[2].split(","))
 
-    def changed(self, **given: Any) -> Self:
+    def override(self, **given: Any) -> Self:
         """Return these settings with those that are given and not None."""
         kept = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return type(self)(**{**kept, **{name: value for name, value in given.items() if value is not None}})
 
 
-def _broken(value: float, most: float) -> str | None:
+def _broken_rule(value: float, most: float) -> str | None:
     """Return which rule a number breaks."""
     if not 0 < value < math.inf:
         return "must be positive and finite"
     return f"must be at most {most:,}" if value > most else None
 
 
-def listed(values: tuple[float, ...]) -> str:
+def list_text(values: tuple[float, ...]) -> str:
     """Return numbers as the command line takes them, to the last digit."""
     return ",".join(str(value).removesuffix(".0") for value in values)

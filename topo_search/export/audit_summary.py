@@ -35,13 +35,13 @@ def markdown(judged: Sequence[Judged], others: Sequence[tuple[str, str]]) -> str
     """
     lines = ["# Audit of designs", "", *_overview(judged)]
     if others:
-        lines += ["", "## Not audited", "", *(f"- {escaped(name)}: {escaped(reason)}" for name, reason in others)]
+        lines += ["", "## Not audited", "", *(f"- {escape(name)}: {escape(reason)}" for name, reason in others)]
     for each in judged:
         lines += ["", *_section(each)]
     return "\n".join(lines) + "\n"
 
 
-def escaped(text: str) -> str:
+def escape(text: str) -> str:
     """Return a text in which nothing is Markdown or HTML; it stays on one line."""
     line = re.sub(r"([\\`*_\[\]<>|&~])", r"\\\1", " ".join(text.split()))
     return re.sub(r"^(\d*)([=+@#-]|(?<=\d)[.)](?= |$))", r"\1\\\2", line)  # no list, no heading, no formula
@@ -57,11 +57,11 @@ def _overview(judged: Sequence[Judged]) -> list[str]:
         nearest = _nearest(audit.pairs)
         rows.append(
             [
-                escaped(name),
+                escape(name),
                 audit.verdict,
                 str(design.topology.n),
                 "" if nearest is None else f"{nearest.analytic_m:.6g}",
-                "" if nearest is None else escaped(nearest.name),
+                "" if nearest is None else escape(nearest.name),
                 *_overlaps(audit),
             ]
         )
@@ -79,7 +79,7 @@ def _overlaps(audit: Audit) -> list[str]:
 
 def _section(each: Judged) -> Iterator[str]:
     name, _, audit = each
-    yield f"## {escaped(name)}"
+    yield f"## {escape(name)}"
     yield ""
     yield f"Verdict: **{audit.verdict}**. Versions: {', '.join(' '.join(item) for item in audit.versions.items())}."
     yield ""
@@ -88,7 +88,7 @@ def _section(each: Judged) -> Iterator[str]:
         pairs = list(group)
         least = min(pairs, key=lambda pair: pair.analytic_m)
         counts = [str(sum(pair.status == status for pair in pairs)) for status in Status]
-        rows.append([kind, *counts, f"{least.analytic_m:.6g}", escaped(least.name)])
+        rows.append([kind, *counts, f"{least.analytic_m:.6g}", escape(least.name)])
     yield from _table(["kind", *Status, "least clearance [m]", "of"], rows)
     wrong = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
     if wrong:
@@ -108,23 +108,23 @@ def _section(each: Judged) -> Iterator[str]:
             yield f"{len(off) - LISTED} more numbers are off."
     if audit.sensitivity is not None:
         yield ""
-        yield from (f"- {line}" for line in survived(audit.sensitivity))
+        yield from (f"- {line}" for line in tolerance_lines(audit.sensitivity))
     if audit.flight is not None:
         yield ""
         yield from (f"- {line}" for line in flight_lines(audit.flight))
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
         yield ""
-        yield f"Note: {escaped(sheet.note)}."
+        yield f"Note: {escape(sheet.note)}."
     for pair in wrong[:LISTED]:
         if pair.evidence:
             yield ""
-            yield f"Evidence on the {escaped(pair.name)}:"
+            yield f"Evidence on the {escape(pair.name)}:"
             yield ""
             yield from (f"    {finding}" for finding in pair.evidence)
 
 
-def survived(found: Sensitivity) -> Iterator[str]:
+def tolerance_lines(found: Sensitivity) -> Iterator[str]:
     """Yield how much error a design tolerates, each kind alone and as the task asks, a line each."""
     errors = (
         ("hinge angles may be off", found.hinge_angle_deg, "deg"),
@@ -146,7 +146,7 @@ def survived(found: Sensitivity) -> Iterator[str]:
 
 def _clearance_row(pair: Clearance) -> list[str]:
     share = "" if pair.percent is None else f"{pair.percent:.3g} %"
-    return [escaped(pair.name), pair.status, f"{pair.analytic_m:.6g}", *_bounds(pair), share]
+    return [escape(pair.name), pair.status, f"{pair.analytic_m:.6g}", *_bounds(pair), share]
 
 
 def _bounds(pair: Clearance) -> list[str]:
@@ -156,7 +156,7 @@ def _bounds(pair: Clearance) -> list[str]:
 
 
 def _residual_row(row: Residual) -> list[str]:
-    return [escaped(row.name), row.status, f"{row.value:.6g}", row.unit, _number(row.stated), _number(row.derived)]
+    return [escape(row.name), row.status, f"{row.value:.6g}", row.unit, _number(row.stated), _number(row.derived)]
 
 
 def _nearest(pairs: Sequence[Clearance]) -> Clearance | None:

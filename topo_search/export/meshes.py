@@ -33,13 +33,13 @@ def frame(module: Module) -> Trimesh:
     """
     l_arm, w = module.arm_length, module.body.arm_width
     if module.body.frame is not None:
-        return joined([Trimesh(piece.vertices, piece.triangles, process=False) for piece in module.body.frame])
+        return join([Trimesh(piece.vertices, piece.triangles, process=False) for piece in module.body.frame])
     hub = trimesh.creation.box(extents=module.body.hub)
     bars = []
     for angle in ROTOR_ANGLES[:2]:
-        turned = placed(rotation(2, angle), np.zeros(3))
+        turned = pose_matrix(rotation(2, angle), np.zeros(3))
         bars.append(trimesh.creation.box(extents=(2 * l_arm, w, w), transform=turned))
-    return joined([hub, *bars])
+    return join([hub, *bars])
 
 
 def rotors(module: Module, *, sides: int = SIDES) -> Trimesh:
@@ -49,7 +49,7 @@ def rotors(module: Module, *, sides: int = SIDES) -> Trimesh:
     for angle in ROTOR_ANGLES:
         disc = trimesh.creation.cylinder(radius=body.rotor_radius, height=body.rotor_height, sections=sides)
         discs.append(disc.apply_translation((l_arm * math.cos(angle), l_arm * math.sin(angle), 0)))
-    return joined(discs)
+    return join(discs)
 
 
 def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = SIDES) -> Trimesh:
@@ -62,18 +62,18 @@ def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = 
     size = max(r_0, r_1)  # trimesh takes places within 1e-8 for one: small bodies are made large
     mesh: Trimesh = trimesh.creation.revolve(profile[::-1] / size, sections=sides)
     mesh.apply_scale(size)
-    mesh.apply_transform(placed(rotation_to(a / L) if L else np.eye(3), P_0))
+    mesh.apply_transform(pose_matrix(rotation_to(a / L) if L else np.eye(3), P_0))
     return mesh
 
 
-def placed(R: Array, p: Array) -> Array:
+def pose_matrix(R: Array, p: Array) -> Array:
     """Return the pose of a body as a homogeneous matrix, (4, 4)."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = R, p
     return pose
 
 
-def joined(meshes: list[Trimesh]) -> Trimesh:
+def join(meshes: list[Trimesh]) -> Trimesh:
     """Return several meshes as one; each keeps its shell."""
     mesh = trimesh.util.concatenate(meshes)
     assert isinstance(mesh, Trimesh)  # as all of them are

@@ -161,7 +161,7 @@ class Scene:
         along = np.linspace(0.0, 1.6, 5)[:, None, None] * self.design.task.module.arm_length * self.at.z
         marks = np.stack([self.at.p_com, self.at.end_effector])
         taken = list(self._on_page(np.concatenate([(self.at.p + along).reshape(-1, 3), marks])))
-        for i, (on_axes, on_page) in enumerate(zip(self._projected(anchors), self._on_page(anchors), strict=True)):
+        for i, (on_axes, on_page) in enumerate(zip(self._project(anchors), self._on_page(anchors), strict=True)):
             aside = next(
                 (step * size for step in ASIDE if not _overlap(on_page + step * size, taken, size)),
                 size * ASIDE[-1],
@@ -186,14 +186,14 @@ class Scene:
                 zorder=9,
             )
 
-    def _projected(self, points: Array) -> Array:
+    def _project(self, points: Array) -> Array:
         """Return where points lie on the flat axes, (m, 2)."""
         x, y, _ = proj3d.proj_transform(*points.T, self.axes.get_proj())
         return np.stack([x, y], axis=1)
 
     def _on_page(self, points: Array) -> Array:
         """Return where points lie on the page, (m, 2) [pt]."""
-        pixels = self.axes.transData.transform(self._projected(points))
+        pixels = self.axes.transData.transform(self._project(points))
         return np.asarray(pixels * 72 / self.axes.figure.dpi)
 
     def _volumes(self, polygons: list[Array], colour: str, alpha: float = 0.16, *, edge: float = 0.7) -> None:

@@ -18,7 +18,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from topo_search.export import palette
-from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
+from topo_search.export.meshes import cone_sphere, frame, join, pose_matrix, rotors
 from topo_search.export.poses import Poses, poses, rotation
 from topo_search.export.regions import mesh, shapes
 from topo_search.export.rod import rod_of
@@ -49,7 +49,7 @@ class Solid:
 def glb(design: Design, parts: Parts = "all") -> bytes:
     """Return a design as the content of a binary glTF file."""
     scene = Scene(base_frame="world")
-    scene.graph.update("platform", "world", matrix=placed(rotation(0, -math.pi / 2), np.zeros(3)))
+    scene.graph.update("platform", "world", matrix=pose_matrix(rotation(0, -math.pi / 2), np.zeros(3)))
     for solid in _solids(design, parts):
         mesh = solid.mesh.copy()
         mesh.visual = _material(solid)
@@ -64,14 +64,14 @@ def glb(design: Design, parts: Parts = "all") -> bytes:
 def stl(design: Design, parts: Parts = "platform") -> bytes:
     """Return a design as the content of a binary STL file, in millimetres."""
     copies = [solid.mesh.copy().apply_transform(pose) for solid in _solids(design, parts) for pose in solid.poses]
-    content: bytes = joined(copies).apply_scale(MILLIMETRES).export(file_type="stl")
+    content: bytes = join(copies).apply_scale(MILLIMETRES).export(file_type="stl")
     return content
 
 
 def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
     """Yield what some parts of a design are made of."""
     module, at = design.task.module, poses(design)
-    here = [placed(R, p) for R, p in zip(at.R, at.p, strict=True)]
+    here = [pose_matrix(R, p) for R, p in zip(at.R, at.p, strict=True)]
     if parts != "airflow":
         yield Solid("frame", frame(module), palette.MODULE, here)
         yield Solid("rotors", rotors(module), palette.ROTOR, here)
@@ -88,7 +88,7 @@ def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
             ("centre_of_mass", at.p_com, palette.CENTRE_OF_MASS),
         ):
             ball = cone_sphere(np.zeros(3), MARK * module.arm_length, np.zeros(3), MARK * module.arm_length)
-            yield Solid(name, ball, colour, [placed(np.eye(3), place)])
+            yield Solid(name, ball, colour, [pose_matrix(np.eye(3), place)])
         for number in range(len(design.task.exposure)):
             yield _region(design, number, at)
 
@@ -97,9 +97,9 @@ def _region(design: Design, number: int, at: Poses) -> Solid:
     """Return the region that a requirement keeps out of the airflow; of a cone, the surface that encloses it."""
     own = [shape for of, shape in shapes(design.task, at) if of == number]
     slant = float(np.linalg.norm(at.p - at.end_effector, axis=1).max()) + design.task.module.reach
-    surface = joined([mesh(shape, slant) for shape in own])
+    surface = join([mesh(shape, slant) for shape in own])
     opacity = 0.15 if isinstance(own[0], Cone) else 0.3
-    here = [placed(np.eye(3), at.end_effector)]
+    here = [pose_matrix(np.eye(3), at.end_effector)]
     return Solid(f"exposure_{number}", surface, palette.EXPOSURE, here, opacity=opacity)
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 from pydantic import BaseModel
 
 from topo_search.model import Audit, Clearance, Residual
-from topo_search.model.csv_text import harmless
+from topo_search.model.csv_text import escape_formula
 
 
 def clearances(audit: Audit) -> pd.DataFrame:
@@ -33,7 +33,7 @@ def residuals(audit: Audit) -> pd.DataFrame:
 def csv(frame: pd.DataFrame) -> str:
     """Return a data frame as the text of a CSV file; what is not known is left empty, and no text is a formula."""
     texts = frame.select_dtypes(exclude="number").columns
-    frame = frame.assign(**{name: frame[name].map(harmless) for name in texts})
+    frame = frame.assign(**{name: frame[name].map(escape_formula) for name in texts})
     return frame.to_csv(index=False, lineterminator="\n")
 
 

@@ -37,7 +37,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model.arrays import Array, read_only
-from topo_search.model.folds import Folds, joined
+from topo_search.model.folds import Folds, join
 from topo_search.model.module import Module
 from topo_search.model.room import body_radius
 
@@ -89,14 +89,16 @@ def part_cover(module: Module) -> Balls:
     radius, rotors = math.hypot(module.body.rotor_radius, module.body.rotor_height / 2), module.arm_length * ROTORS
     pieces, finest = _pieces(module), FINEST * module.arm_length
     most = max(MOST_BALLS, len(pieces))
-    while len(cells := list(islice(_uncovered(module, pieces, rotors, radius, finest), most + 1))) > most:
+    while len(cells := list(islice(_uncovered_boxes(module, pieces, rotors, radius, finest), most + 1))) > most:
         finest *= math.sqrt(2)
     centres = np.concatenate([rotors, *(cell.centre[None] for cell in cells)])
     radii = np.array([radius] * 4 + [float(np.linalg.norm(cell.half)) for cell in cells])
     return Balls(read_only(centres), read_only(radii))
 
 
-def _uncovered(module: Module, pieces: list[_Box], rotors: Array, radius: float, finest: float) -> Iterator[_Box]:
+def _uncovered_boxes(
+    module: Module, pieces: list[_Box], rotors: Array, radius: float, finest: float
+) -> Iterator[_Box]:
     """Yield boxes around all of some pieces that is neither in the own envelope nor in a rotor's ball."""
     air, left = module.envelope, list(pieces)
     while left:
@@ -165,7 +167,7 @@ def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
         phi = np.concatenate([open_ - h, open_ + h])
         if not len(phi):
             break
-    return joined([(low, high) for low, high in found.tolist()])
+    return join([(low, high) for low, high in found.tolist()])
 
 
 def _spare(module: Module, phi: Array) -> Array:

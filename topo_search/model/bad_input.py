@@ -59,7 +59,7 @@ class BadInput(Exception):
     def __init__(self, source: str, faults: list[Fault]) -> None:
         self.source = source
         self.faults = faults
-        super().__init__("\n".join(f"{printable(source)}: {fault}" for fault in faults))
+        super().__init__("\n".join(f"{to_printable(source)}: {fault}" for fault in faults))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BadInput, (self.source, self.faults)
@@ -76,7 +76,7 @@ def faults_of(error: ValidationError, model: type[BaseModel]) -> list[Fault]:
     return [fault for fault in faults if fault.path in ("format", "version")] or faults
 
 
-def shown(value: Any) -> str:
+def show(value: Any) -> str:
     """Return a value as a file would write it, in at most 80 characters of one line."""
     try:
         text = json.dumps(value, default=str)
@@ -89,10 +89,10 @@ def shown(value: Any) -> str:
 
 def of_file(rule: str, name: Any) -> str:
     """Return a rule with the name of the file that was given; where the rule says what is in it, behind that."""
-    return f"{rule} (in {shown(name)})" if "but " in rule else f"{rule}, but got {shown(name)}"
+    return f"{rule} (in {show(name)})" if "but " in rule else f"{rule}, but got {show(name)}"
 
 
-def printable(name: str | os.PathLike[str]) -> str:
+def to_printable(name: str | os.PathLike[str]) -> str:
     """Return the name of a file as it can be printed: Unicode without control characters and broken bytes."""
     text = re.sub("[\ud800-\udfff]", "\ufffd", os.fspath(name))
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
@@ -120,12 +120,12 @@ def _fault(detail: Any, model: type[BaseModel]) -> Fault:
         return Fault(f"{path}.kind", MISSING)
     if kind == "union_tag_invalid":
         path, given = f"{path}.kind", given["kind"]
-    context = {name: _quoted(value) for name, value in detail.get("ctx", {}).items()}
+    context = {name: _quote(value) for name, value in detail.get("ctx", {}).items()}
     rule = RULES[kind].format_map(context) if kind in RULES else detail["msg"]
-    return Fault(path, rule if "but got" in rule else f"{rule}, but got {shown(given)}")
+    return Fault(path, rule if "but got" in rule else f"{rule}, but got {show(given)}")
 
 
-def _quoted(value: Any) -> Any:
+def _quote(value: Any) -> Any:
     """Turn the single quotes around words that pydantic lists into those of TOML and JSON."""
     return value.replace("'", '"') if isinstance(value, str) else value
 
@@ -167,6 +167,6 @@ def _path(parts: list[Any]) -> str:
         if isinstance(part, int):
             path += f"[{part}]"
         else:
-            name = part if re.fullmatch(r"[A-Za-z0-9_-]{1,80}", part) else shown(part)
+            name = part if re.fullmatch(r"[A-Za-z0-9_-]{1,80}", part) else show(part)
             path += f".{name}" if path else name
     return path

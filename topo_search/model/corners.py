@@ -40,14 +40,14 @@ class CorneredTask(ResolvedTask):
         """The task as it stands in a design."""
         return self.stated
 
-    def keeping(self, corners: Iterable[int]) -> CorneredTask:
+    def with_corners(self, corners: Iterable[int]) -> CorneredTask:
         """Return the task with these of its corners alone."""
         kept = sorted(corners)
         return _with_corners(self.stated, [self.corners[c] for c in kept], [self.groups[c] for c in kept])
 
 
 @lru_cache(maxsize=32)
-def cornered(task: ResolvedTask, *, inner: bool = False) -> ResolvedTask:
+def to_corners(task: ResolvedTask, *, inner: bool = False) -> ResolvedTask:
     """Return the task with every set of wrenches, reserve and failure as corners; the task itself without any.
 
     Args:

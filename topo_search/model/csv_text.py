@@ -13,7 +13,7 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")
 Cell = TypeVar("Cell")
 
 
-def harmless(cell: Cell) -> Cell | str:
+def escape_formula(cell: Cell) -> Cell | str:
     """Return what to write for a cell: a text that would be a formula gets a quote before it, as in spreadsheets.
 
     Numbers stay numbers, also those that are given as texts.
@@ -32,5 +32,5 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(head)
-    table.writerows([harmless(cell) for cell in row] for row in rows)
+    table.writerows([escape_formula(cell) for cell in row] for row in rows)
     return text.getvalue()

@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from topo_search.model.arrays import Array, read_only
-from topo_search.model.bad_input import shown
+from topo_search.model.bad_input import show
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
 from topo_search.model.stated import Stated
@@ -37,7 +37,7 @@ def _topology(value: Any) -> Any:
     joints: list[Joint] = []
     for i, row in enumerate(value):
         if not isinstance(row, list | tuple) or [type(x) for x in row] != [int, int, int]:
-            raise ValueError(f"{rule}, but got {shown(row)} for module {i}")
+            raise ValueError(f"{rule}, but got {show(row)} for module {i}")
         joints.append((row[0], row[1], row[2]))
     return Topology(tuple(joints))
 
@@ -144,7 +144,7 @@ class Design(Value):
 
     @field_validator("topology_key", "lower_bound", "gap", "solver", mode="wrap")
     @classmethod
-    def _informative(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    def _drop_unreadable(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         """Drop what cannot be read or written again: a file is never refused for a field that only informs."""
         try:
             json.dumps(value, allow_nan=False, ensure_ascii=False).encode()

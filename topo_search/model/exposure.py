@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field, Tag, ValidationInfo, model_validator
 
 from topo_search.limits import CORNERS, SEGMENTS
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import of_file, printable, shown
+from topo_search.model.bad_input import of_file, show, to_printable
 from topo_search.model.hulls import has_volume
 from topo_search.model.mesh_file import FARTHEST, hull_corners
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape, unit
@@ -60,17 +60,17 @@ FLAT_BOX = 1e-6
 """Least edge of a box, over its longest."""
 
 
-def _solid(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
+def _check_volume(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
     if max((abs(x) for vertex in vertices for x in vertex), default=0.0) > FARTHEST:
         raise ValueError(f"must be at most {FARTHEST:g} m away")
     if not has_volume(np.array(vertices).reshape(-1, 3)):
-        raise ValueError(f"must span a volume, but got {shown(vertices)}")
+        raise ValueError(f"must span a volume, but got {show(vertices)}")
     return vertices
 
 
-def _thick(box: Vector) -> Vector:
+def _check_thickness(box: Vector) -> Vector:
     if min(box) <= FLAT_BOX * max(box):
-        raise ValueError(f"must not be thinner than a millionth of its length, but got {shown(box)}")
+        raise ValueError(f"must not be thinner than a millionth of its length, but got {show(box)}")
     return box
 
 
@@ -92,10 +92,12 @@ class Local(Value):
     kind: Literal["local"] = "local"
     radius: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
     """r_sph of a ball centred at p_E [m]; 0.15 if nothing else is given."""
-    box: Annotated[Annotated[PositiveVector, AfterValidator(_thick)] | None, Field(exclude_if=_not_given)] = None
+    box: Annotated[
+        Annotated[PositiveVector, AfterValidator(_check_thickness)] | None, Field(exclude_if=_not_given)
+    ] = None
     """Edges of a box centred at p_E, along x, y and z [m]."""
     vertices: Annotated[
-        Annotated[tuple[Vector, ...], at_most(CORNERS, "corners"), AfterValidator(_solid)] | None,
+        Annotated[tuple[Vector, ...], at_most(CORNERS, "corners"), AfterValidator(_check_volume)] | None,
         Field(exclude_if=_not_given),
     ] = None
     """Points whose convex hull the region is, from p_E [m]."""
@@ -136,31 +138,31 @@ class Local(Value):
 def _corners_of(name: Any, context: Any) -> Any:
     """Return the corners of a mesh file's hull; a file is only looked for beside a task file."""
 
-    def wrong(text: str) -> None:
+    def refuse_mesh(text: str) -> None:
         refuse("Local", (("mesh",), of_file(text, name)))
 
     if not isinstance(context, Folder):
-        wrong("must be given by its `vertices` outside a task file")
+        refuse_mesh("must be given by its `vertices` outside a task file")
     elif not isinstance(name, str):
-        wrong("must be the name of an STL or OBJ file")
+        refuse_mesh("must be the name of an STL or OBJ file")
     else:
         path = context.path / name
         try:
             return hull_corners(path).tolist()
         except OSError as error:
-            wrong(f"must be a file that can be read ({printable(path)}: {error.strerror})")
+            refuse_mesh(f"must be a file that can be read ({to_printable(path)}: {error.strerror})")
         except ValueError as error:
-            wrong(str(error))
+            refuse_mesh(str(error))
     return None
 
 
 def _path(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
     if len(points) < 2:
-        raise ValueError(f"must have at least two points, but got {shown(points)}")
+        raise ValueError(f"must have at least two points, but got {show(points)}")
     if max(abs(x) for point in points for x in point) > FARTHEST:
         raise ValueError(f"must be at most {FARTHEST:g} m away")
     if any(math.dist(one, other) < 1e-15 for one, other in pairwise(points)):
-        raise ValueError(f"must lead from each point to a different one, but got {shown(points)}")
+        raise ValueError(f"must lead from each point to a different one, but got {show(points)}")
     return points
 
 

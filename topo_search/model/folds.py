@@ -59,7 +59,7 @@ def clear_folds(module: Module, margin: float = 0.0) -> Folds:
         margin: what the rotors keep clear of other parts by at least [m].
     """
     turn = largest_hinge_angle(module, margin)
-    return ((-turn, turn),) if turn > 0 else _searched(module, margin)
+    return ((-turn, turn),) if turn > 0 else _search(module, margin)
 
 
 def nearest_fold(folds: Folds, phi: Array) -> Array:
@@ -72,7 +72,7 @@ def nearest_fold(folds: Folds, phi: Array) -> Array:
     return result
 
 
-def common(some: Folds, others: Folds) -> Folds:
+def intersect(some: Folds, others: Folds) -> Folds:
     """Return the folds that two sets of intervals have in common."""
     both = ((max(a, c), min(b, d)) for a, b in some for c, d in others)
     return tuple(sorted((low, high) for low, high in both if low <= high))
@@ -111,13 +111,13 @@ class _Part:
 
     def support(self, u: Array, turn: Array) -> Array:
         """Return max u . x over the part for u (m, k, 3), with the part turned about y by angles (m,)."""
-        u = _turned(u, -turn[:, None])
+        u = _turn(u, -turn[:, None])
         result: Array = (u @ self.corners.T).max(axis=-1) + self.radius * np.hypot(u[..., 0], u[..., 1])
         return result
 
 
 @lru_cache(maxsize=32)
-def _searched(module: Module, margin: float) -> Folds:
+def _search(module: Module, margin: float) -> Folds:
     """Return certified intervals of clear folds."""
     h = math.pi / 2 / FIRST
     phi, pairs = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, FIRST), _pairs(module)
@@ -134,10 +134,10 @@ def _searched(module: Module, margin: float) -> Folds:
         open_ = phi[np.abs(slack) < 1.0]
         h /= 2
         phi = np.concatenate([open_ - h, open_ + h])
-    return joined(clear + [(-high, -low) for low, high in clear] if even else clear)
+    return join(clear + [(-high, -low) for low, high in clear] if even else clear)
 
 
-def joined(intervals: list[tuple[float, float]]) -> Folds:
+def join(intervals: list[tuple[float, float]]) -> Folds:
     """Return intervals with those that share an end put together."""
     found: list[tuple[float, float]] = []
     for low, high in sorted(intervals):
@@ -176,7 +176,7 @@ def _pairs(module: Module) -> list[tuple[_Part, _Part]]:
 def _apart(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
     """Return how far two parts are apart at least at fold angles (m,); no more than `enough` need be proven [m]."""
     (a, r_a), (b, r_b) = A.ball, B.ball
-    middle_a, middle_b = (_turned(np.broadcast_to(c, (len(phi), 3)), t) for c, t in ((a, phi / 2), (b, -phi / 2)))
+    middle_a, middle_b = (_turn(np.broadcast_to(c, (len(phi), 3)), t) for c, t in ((a, phi / 2), (b, -phi / 2)))
     apart: Array = np.linalg.norm(middle_b - middle_a, axis=1) - r_a - r_b
     near = apart < enough
     if not near.any():
@@ -187,7 +187,7 @@ def _apart(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
         return -A.support(u, turn) - B.support(-u, -turn)
 
     z = np.broadcast_to([0.0, 0.0, 1.0], (len(turn), 3))
-    faces = np.stack([_turned(z, turn), -_turned(z, turn), _turned(z, -turn), -_turned(z, -turn)], axis=1)
+    faces = np.stack([_turn(z, turn), -_turn(z, turn), _turn(z, -turn), -_turn(z, -turn)], axis=1)
     u = np.concatenate([faces, np.broadcast_to(DIRECTIONS, (len(turn), *DIRECTIONS.shape))], axis=1)
     most = np.full(len(turn), -math.inf)
     for aim in range(AIMS + 1):
@@ -211,7 +211,7 @@ def _ring(axes: Array, angle: float, first: float) -> Array:
     return np.concatenate([axes[:, None], around], axis=1)
 
 
-def _turned(vectors: Array, angle: Array) -> Array:
+def _turn(vectors: Array, angle: Array) -> Array:
     """Return vectors (..., 3) turned about the y axis."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     c, s = np.cos(angle), np.sin(angle)

@@ -51,6 +51,6 @@ class ForceCone(Value):
         rim = self.force * (a + out * e)
         return ((0.0, 0.0, 0.0), *((float(x), float(y), float(z)) for x, y, z in rim))
 
-    def scaled(self, force_unit: float) -> ForceCone:
+    def scale(self, force_unit: float) -> ForceCone:
         """Return the cone with its force in another unit."""
         return self.model_copy(update={"force": self.force * force_unit})

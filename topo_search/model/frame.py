@@ -11,7 +11,7 @@ from pydantic import AfterValidator, model_validator
 
 from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import BadInput, Fault, of_file, printable
+from topo_search.model.bad_input import BadInput, Fault, of_file, to_printable
 from topo_search.model.mesh_file import FARTHEST, surface
 from topo_search.model.value import Index, Value, Vector, at_most, refuse
 
@@ -96,21 +96,21 @@ def read_frame(data: dict[str, Any], folder: Path, source: str) -> None:
         return
     name = body.pop("mesh")
 
-    def wrong(rule: str) -> BadInput:
+    def refusal(rule: str) -> BadInput:
         return BadInput(source, [Fault("module.body.mesh", of_file(rule, name))])
 
     if not isinstance(name, str):
-        raise wrong("must be the name of an .stl or .obj file")
+        raise refusal("must be the name of an .stl or .obj file")
     if "frame" in body:
-        raise wrong("must be left out where `frame` is given")
+        raise refusal("must be left out where `frame` is given")
     try:
         body["frame"] = pieces(*surface(folder / name))
     except FileNotFoundError:
-        raise wrong(f"must be a file in {printable(folder.absolute())}") from None
+        raise refusal(f"must be a file in {to_printable(folder.absolute())}") from None
     except OSError as error:
-        raise wrong(f"must be a file that can be read ({error.strerror})") from None
+        raise refusal(f"must be a file that can be read ({error.strerror})") from None
     except ValueError as error:
-        raise wrong(str(error)) from None
+        raise refusal(str(error)) from None
 
 
 def pieces(vertices: Array, faces: Any) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple, Self, TypeVar, get_args
 from pydantic import AfterValidator, Field, model_validator
 
 from topo_search.limits import LEVELS
-from topo_search.model.bad_input import shown
+from topo_search.model.bad_input import show
 from topo_search.model.reserves import Failing
 from topo_search.model.value import Angle, Flag, NonNegative, Positive, Value, at_most, refuse
 
@@ -32,16 +32,16 @@ FIELDS = (
 Levels = TypeVar("Levels", bound=tuple[float | str, ...])
 
 
-def _different(levels: Levels) -> Levels:
+def _check_distinct(levels: Levels) -> Levels:
     if len(set(levels)) < len(levels):
-        raise ValueError(f"must all be different, but got {shown(levels)}")
+        raise ValueError(f"must all be different, but got {show(levels)}")
     return levels
 
 
 OfFlight = Annotated[
     tuple[NonNegative, ...],
     at_most(LEVELS),
-    AfterValidator(_different),
+    AfterValidator(_check_distinct),
     Field(exclude_if=lambda given: not given),
 ]
 """Levels of a reserve."""
@@ -71,19 +71,19 @@ class Level(NamedTuple):
     def words(self) -> str:
         """The fields that it sets, as a task file does."""
         given = [(field, value) for field, value in zip(FIELDS, self, strict=True) if value is not None]
-        set_ = [f"{field} = {f'{v:g}' if isinstance(v, float) else shown(v)}" for field, v in given]
+        set_ = [f"{field} = {f'{v:g}' if isinstance(v, float) else show(v)}" for field, v in given]
         return ", ".join(set_) or "the task as it is"
 
 
 class Goals(Value):
     """What is weighed against control effort: bounds; the task is solved at every combination of their levels."""
 
-    clearance: Annotated[tuple[NonNegative, ...], at_most(LEVELS), AfterValidator(_different)] = ()
+    clearance: Annotated[tuple[NonNegative, ...], at_most(LEVELS), AfterValidator(_check_distinct)] = ()
     """Levels of search.margin [m]."""
-    stand_off: Annotated[tuple[Positive, ...], at_most(LEVELS), AfterValidator(_different)] = ()
+    stand_off: Annotated[tuple[Positive, ...], at_most(LEVELS), AfterValidator(_check_distinct)] = ()
     """Levels of end_effector.stand_off [m]."""
     peak_input: Annotated[
-        tuple[Annotated[Positive, Field(le=1)], ...], at_most(LEVELS), AfterValidator(_different)
+        tuple[Annotated[Positive, Field(le=1)], ...], at_most(LEVELS), AfterValidator(_check_distinct)
     ] = ()
     """Levels of search.peak_input."""
     force_reserve: OfFlight = ()
@@ -91,20 +91,20 @@ class Goals(Value):
     torque_reserve: OfFlight = ()
     """Levels of flight.torque_reserve, in its units."""
     rotor_out: Annotated[
-        tuple[Failing, ...], AfterValidator(_different), Field(exclude_if=lambda given: not given)
+        tuple[Failing, ...], AfterValidator(_check_distinct), Field(exclude_if=lambda given: not given)
     ] = ()
     """Levels of flight.rotor_out."""
     joint_moment: Annotated[
         tuple[Positive, ...],
         at_most(LEVELS),
-        AfterValidator(_different),
+        AfterValidator(_check_distinct),
         Field(exclude_if=lambda given: not given),
     ] = ()
     """Levels of flight.joint_moment [N m]."""
     hinge_angle_deg: Annotated[
         tuple[Angle, ...],
         at_most(LEVELS),
-        AfterValidator(_different),
+        AfterValidator(_check_distinct),
         Field(exclude_if=lambda given: not given),
     ] = ()
     """Levels of tolerances.hinge_angle_deg, which the clearances survive with all of [tolerances] [deg]."""

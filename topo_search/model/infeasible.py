@@ -28,7 +28,7 @@ class Shortfall(Value):
     unit: str
 
     @staticmethod
-    def gathered(shortfalls: Iterable[Shortfall]) -> tuple[Shortfall, ...]:
+    def gather(shortfalls: Iterable[Shortfall]) -> tuple[Shortfall, ...]:
         """Return one for each constraint, the most frequent first."""
         least: dict[str, Shortfall] = {}
         starts: Counter[str] = Counter()
@@ -67,7 +67,7 @@ class Infeasible(Value):
 
     def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
         """Return the same closest start among these starts."""
-        gathered = Shortfall.gathered(shortfalls)
+        gathered = Shortfall.gather(shortfalls)
         update = {"shortfalls": gathered, "solver": solver, "message": self._message(gathered, solver.starts)}
         return self.model_copy(update=update)
 

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from topo_search.limits import LOAD_CASES
-from topo_search.model.bad_input import shown
+from topo_search.model.bad_input import show
 from topo_search.model.force_cone import ForceCone
 from topo_search.model.value import Flag, PositiveOrZero, Value, Vector, at_most, refuse
 
@@ -38,7 +38,7 @@ class Wrench(Value):
     force: Vector = (0.0, 0.0, 0.0)
     torque: Vector = (0.0, 0.0, 0.0)
 
-    def scaled(self, force_unit: float, torque_unit: float) -> Wrench:
+    def scale(self, force_unit: float, torque_unit: float) -> Wrench:
         """Return the wrench with its force and torque in other units."""
         fx, fy, fz = self.force
         tx, ty, tz = self.torque
@@ -112,12 +112,12 @@ class LoadCase(Value):
         case = self
         if self.units == "weight":
             wrenches = (
-                wrench and wrench.scaled(force_unit, torque_unit) for wrench in (self.end_effector, self.com)
+                wrench and wrench.scale(force_unit, torque_unit) for wrench in (self.end_effector, self.com)
             )
             scaled = dict(zip(("end_effector", "com"), wrenches, strict=True))
             sets = {
-                "cone": self.cone and self.cone.scaled(force_unit),
-                "vertices": tuple(wrench.scaled(force_unit, torque_unit) for wrench in self.vertices),
+                "cone": self.cone and self.cone.scale(force_unit),
+                "vertices": tuple(wrench.scale(force_unit, torque_unit) for wrench in self.vertices),
             }
             case = self.model_copy(update={"units": "SI", **scaled, **sets})
         if self.carries_weight:
@@ -138,7 +138,7 @@ def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: floa
         factor, of = (max(force_unit, torque_unit), " weights") if case.units == "weight" else (1.0, "")
         carried, also = (force_unit, f" and the weight, {force_unit:.4g} N") if case.carries_weight else (0.0, "")
         if not case.largest * factor + carried <= MOST:
-            yield ("load_cases", k), f"must be at most {MOST:g} N and N m, but got {shown(case.largest)}{of}{also}"
+            yield ("load_cases", k), f"must be at most {MOST:g} N and N m, but got {show(case.largest)}{of}{also}"
     if (number := len(cases) + sum(len(case.corners) for case in cases)) > LOAD_CASES:
         yield (
             ("load_cases",),
@@ -147,7 +147,7 @@ def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: floa
     names = [case.name for case in cases]
     for k, name in enumerate(names):
         if name is not None and (first := names.index(name)) < k:
-            text = f"must differ from that of load_cases[{first}], but got {shown(name)}"
+            text = f"must differ from that of load_cases[{first}], but got {show(name)}"
             yield ("load_cases", k, "name"), text
     if not any(case.weight for case in cases):
         yield ("load_cases",), "must have a weight greater than 0 in at least one entry, but got 0 in each"

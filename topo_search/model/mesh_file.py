@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from topo_search.limits import CORNERS, FACETS, MESH_BYTES
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import shown
+from topo_search.model.bad_input import show
 from topo_search.model.hulls import convex_hull, has_volume
 from topo_search.model.regular_file import read_regular
 
@@ -104,7 +104,7 @@ def _ascii_corners(content: bytes) -> Array:
         if due not in (b"x", b"y", b"z"):
             facet = next((f for f, word in enumerate(words[place::size]) if word.lower() != due), None)
             if facet is not None:
-                given = shown(_word(words[place + size * facet]))
+                given = show(_word(words[place + size * facet]))
                 raise ValueError(f"must be an ASCII STL, but facet {facet} has {given} for `{due.decode()}`")
     places = [place for place, due in enumerate(ASCII_FACET) if due in (b"x", b"y", b"z")][3:]
     columns = [[_number(word) for word in words[place::size]] for place in places]
@@ -126,7 +126,7 @@ def _obj(content: bytes) -> tuple[Array, Triangles]:
                 triangles += [(first, i, j) for i, j in pairwise(others)]
                 _few_facets(len(triangles))
             elif word and word not in PASSED_OVER:
-                raise ValueError(f"must be an OBJ of vertices and facets, but has {shown(_word(word))}")
+                raise ValueError(f"must be an OBJ of vertices and facets, but has {show(_word(word))}")
         except ValueError as error:
             raise ValueError(f"{error} (line {number})") from None
     return np.array(vertices).reshape(-1, 3), np.array(triangles, dtype=np.intp).reshape(-1, 3)
@@ -161,7 +161,7 @@ def _corners(words: list[bytes], vertices: int) -> list[int]:
     for word in words:
         match = REFERENCE.fullmatch(word)
         if match is None:
-            raise ValueError(f"must have the number of a vertex for a corner, but got {shown(_word(word))}")
+            raise ValueError(f"must have the number of a vertex for a corner, but got {show(_word(word))}")
         given = int(match[1])
         corner = given + vertices if given < 0 else given - 1
         if given == 0 or not 0 <= corner < vertices:
@@ -172,7 +172,7 @@ def _corners(words: list[bytes], vertices: int) -> list[int]:
 
 def _number(word: bytes) -> float:
     if len(word) > 64 or NUMBER.fullmatch(word) is None:
-        raise ValueError(f"must have numbers for coordinates, but got {shown(_word(word))}")
+        raise ValueError(f"must have numbers for coordinates, but got {show(_word(word))}")
     return float(word)
 
 

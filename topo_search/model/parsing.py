@@ -9,7 +9,7 @@ from collections import Counter
 from typing import Any
 
 from topo_search.limits import KEY_PARTS, LISTS
-from topo_search.model.bad_input import shown
+from topo_search.model.bad_input import show
 
 PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
 DOTTED = re.compile(rf"""(?<![A-Za-z0-9_."'-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{KEY_PARTS}}}""")
@@ -34,7 +34,7 @@ def toml_data(text: str) -> dict[str, Any]:
     if (lists := text.count("[")) > LISTS:
         raise NotParsed(f"must have at most {LISTS:,} lists, but has {lists:,}", beyond=True)
     if (dotted := DOTTED.search(text)) is not None:
-        raise NotParsed(f"must have at most {KEY_PARTS} parts in a key, but got {shown(dotted[0])}", beyond=True)
+        raise NotParsed(f"must have at most {KEY_PARTS} parts in a key, but got {show(dotted[0])}", beyond=True)
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -63,6 +63,6 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(table) < len(pairs):
         counts = Counter(name for name, _ in pairs)
         raise NotParsed(
-            f"must give every name of an object once, but got {shown(counts.most_common(1)[0][0])} twice"
+            f"must give every name of an object once, but got {show(counts.most_common(1)[0][0])} twice"
         )
     return table

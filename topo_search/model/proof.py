@@ -120,12 +120,12 @@ class Proof(Value):
         """The first chunk that cannot be closed."""
         return next((chunk for chunk in self.chunks if chunk.outcome != "closed"), None)
 
-    def due(self) -> list[int]:
+    def due_chunks(self) -> list[int]:
         """Return the chunks that were not looked at."""
         done = {chunk.number for chunk in self.chunks}
         return [number for number in range(chunk_count(self.task.n)) if number not in done]
 
-    def having(self, chunk: Chunk) -> Proof:
+    def with_chunk(self, chunk: Chunk) -> Proof:
         """Return the proof with one more chunk, in order."""
         chunks = sorted((*self.chunks, chunk), key=lambda each: each.number)
         return self.model_copy(update={"chunks": tuple(chunks)})

@@ -20,12 +20,12 @@ SIGNIFICANT = 15
 
 def at_least(value: float, digits: int) -> float:
     """Return a number with so many significant digits that is not larger."""
-    return _rounded(value, digits, ROUND_FLOOR)
+    return _round(value, digits, ROUND_FLOOR)
 
 
 def at_most(value: float, digits: int) -> float:
     """Return a number with so many significant digits that is not smaller."""
-    return _rounded(value, digits, ROUND_CEILING)
+    return _round(value, digits, ROUND_CEILING)
 
 
 def gap_percent(gap: float, decimals: int = 2) -> str:
@@ -38,5 +38,5 @@ def _percent(gap: float, decimals: int) -> Decimal:
     return percent.quantize(Decimal(1).scaleb(-decimals), ROUND_CEILING)
 
 
-def _rounded(value: float, digits: int, rounding: str) -> float:
+def _round(value: float, digits: int, rounding: str) -> float:
     return float(Context(prec=digits, rounding=rounding).create_decimal(f"{value:.{SIGNIFICANT}g}"))

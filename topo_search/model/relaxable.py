@@ -51,21 +51,21 @@ class Relaxable:
 
 def relaxable(task: ResolvedTask) -> list[Relaxable]:
     """Return the limits of a task that can be relaxed without another module or another tree."""
-    return [one for one in (*_module(task), *_search(task), *_exposure(task), *_asked(task)) if one.shares]
+    return [one for one in (*_module(task), *_search(task), *_exposure(task), *_flight(task)) if one.shares]
 
 
 def _module(task: ResolvedTask) -> Iterator[Relaxable]:
     module = task.module
 
-    def stronger(x: float) -> ResolvedTask:
+    def strengthen(x: float) -> ResolvedTask:
         update = {"max_thrust_to_weight": module.max_thrust_to_weight * (1 + x)}
         if module.max_thrust is not None:
             update["max_thrust"] = module.max_thrust * (1 + x)
         return _with(task, "module", **update)
 
     name, unit = ("max_thrust_to_weight", "") if module.max_thrust is None else ("max_thrust", "N")
-    yield Relaxable("rotor limits", f"module.{name}", "more thrust", 1.0, stronger, _of("module", name), unit)
-    yield _scaled(
+    yield Relaxable("rotor limits", f"module.{name}", "more thrust", 1.0, strengthen, _of("module", name), unit)
+    yield _scale(
         task, "distance of module centres", "module", "connector_distance", 1.0, "longer connectors", unit="m"
     )
 
@@ -73,15 +73,15 @@ def _module(task: ResolvedTask) -> Iterator[Relaxable]:
 def _search(task: ResolvedTask) -> Iterator[Relaxable]:
     if task.search.peak_input < 1:
         most = 1 / task.search.peak_input - 1
-        yield _scaled(task, "rotor inputs", "search", "peak_input", most, "larger share of the largest input")
+        yield _scale(task, "rotor inputs", "search", "peak_input", most, "larger share of the largest input")
     if task.search.root == "paper":
-        yield _freed(task, "orientation of the root", "search", "root", "free")
+        yield _free(task, "orientation of the root", "search", "root", "free")
     if task.end_effector.fixed_position is not None:
-        yield _freed(task, "position of the end-effector", "end_effector", "position", "free")
+        yield _free(task, "position of the end-effector", "end_effector", "position", "free")
     if task.end_effector.largest_reach:
-        yield _scaled(task, "reach of the rod", "end_effector", "largest_reach", 1.0, "more reach", unit="m")
+        yield _scale(task, "reach of the rod", "end_effector", "largest_reach", 1.0, "more reach", unit="m")
     if task.end_effector.stand_off:
-        yield _scaled(
+        yield _scale(
             task,
             "stand-off",
             "end_effector",
@@ -95,8 +95,8 @@ def _search(task: ResolvedTask) -> Iterator[Relaxable]:
 def _exposure(task: ResolvedTask) -> Iterator[Relaxable]:
     for number, asked in enumerate(task.exposure):
 
-        def less(x: float, number: int = number, asked: Any = asked) -> ResolvedTask:
-            changed = asked.model_copy(update=_smaller(asked, x, task.module.envelope.length))
+        def reduce(x: float, number: int = number, asked: Any = asked) -> ResolvedTask:
+            changed = asked.model_copy(update=_shrink(asked, x, task.module.envelope.length))
             return task.model_copy(
                 update={"exposure": (*task.exposure[:number], changed, *task.exposure[number + 1 :])}
             )
@@ -106,59 +106,59 @@ def _exposure(task: ResolvedTask) -> Iterator[Relaxable]:
         if isinstance(asked, Exterior):
             most = min(1.0, 90 / asked.half_angle_deg - 1)
             value = _entry(number, "half_angle_deg")
-            yield Relaxable(limit, f"{at}.half_angle_deg", "wider cone", most, less, value, "deg")
+            yield Relaxable(limit, f"{at}.half_angle_deg", "wider cone", most, reduce, value, "deg")
         elif isinstance(asked, Allowed):
             yield Relaxable(
-                limit, f"{at}.planes", "of the airflow's length as extra room", 1.0, less, lambda _: None
+                limit, f"{at}.planes", "of the airflow's length as extra room", 1.0, reduce, lambda _: None
             )
         elif asked.radius is not None:
             value = _entry(number, "radius")
-            yield Relaxable(limit, f"{at}.radius", "smaller radius", 1 - LEAST, less, value, "m")
+            yield Relaxable(limit, f"{at}.radius", "smaller radius", 1 - LEAST, reduce, value, "m")
         elif isinstance(asked, Local):
             field = f"{at}.box" if asked.box is not None else f"{at}.vertices"
-            yield Relaxable(limit, field, "smaller region", 1 - LEAST, less, lambda _: None)
+            yield Relaxable(limit, field, "smaller region", 1 - LEAST, reduce, lambda _: None)
 
 
-def _asked(task: ResolvedTask) -> Iterator[Relaxable]:
+def _flight(task: ResolvedTask) -> Iterator[Relaxable]:
     for name, what in (("force_reserve", "force"), ("torque_reserve", "torque")):
         if getattr(task.flight, name):
             limit = f"reserve of {what}"
-            yield _scaled(task, limit, "flight", name, LEAST - 1, "less", unit="N" if what == "force" else "N m")
+            yield _scale(task, limit, "flight", name, LEAST - 1, "less", unit="N" if what == "force" else "N m")
     for place, (name, what, unit) in enumerate((("joint_force", "force", "N"), ("joint_moment", "moment", "N m"))):
         if (most := task.joint_limits[place]) is not None:
 
-            def firmer(x: float, name: str = name, most: float = most) -> ResolvedTask:
+            def raise_limit(x: float, name: str = name, most: float = most) -> ResolvedTask:
                 return _with(task, "flight", **{name: most * (1 + x)})
 
             def bears(of: ResolvedTask, place: int = place) -> float | None:
                 return of.joint_limits[place]
 
-            yield Relaxable(f"{what} in a joint", f"flight.{name}", f"larger {what}", 1.0, firmer, bears, unit)
+            yield Relaxable(f"{what} in a joint", f"flight.{name}", f"larger {what}", 1.0, raise_limit, bears, unit)
 
-    def lighter(x: float) -> ResolvedTask:
-        return task.model_copy(update={"load_cases": tuple(_lighter(case, 1 - x) for case in task.load_cases)})
+    def lighten(x: float) -> ResolvedTask:
+        return task.model_copy(update={"load_cases": tuple(_lighten(case, 1 - x) for case in task.load_cases)})
 
-    if lighter(0.5) != task:
+    if lighten(0.5) != task:
         more = "less force and torque at the end-effector"
-        yield Relaxable("load cases", "load_cases", more, 1 - LEAST, lighter, lambda _: None)
+        yield Relaxable("load cases", "load_cases", more, 1 - LEAST, lighten, lambda _: None)
 
 
-def _lighter(case: LoadCase, factor: float) -> LoadCase:
+def _lighten(case: LoadCase, factor: float) -> LoadCase:
     """Return a load case with what it exerts at the end-effector scaled; the weight stays."""
 
-    def scaled(wrench: Wrench) -> Wrench:
-        return wrench.scaled(factor, factor)
+    def scale(wrench: Wrench) -> Wrench:
+        return wrench.scale(factor, factor)
 
     return case.model_copy(
         update={
-            "end_effector": case.end_effector and scaled(case.end_effector),
-            "cone": case.cone and case.cone.scaled(factor),
-            "vertices": tuple(scaled(wrench) for wrench in case.vertices),
+            "end_effector": case.end_effector and scale(case.end_effector),
+            "cone": case.cone and case.cone.scale(factor),
+            "vertices": tuple(scale(wrench) for wrench in case.vertices),
         }
     )
 
 
-def _smaller(asked: AnyExposure, x: float, length: float) -> dict[str, Any]:
+def _shrink(asked: AnyExposure, x: float, length: float) -> dict[str, Any]:
     """Return what of a requirement changes."""
     if isinstance(asked, Exterior):
         return {"half_angle_deg": min(90.0, asked.half_angle_deg * (1 + x))}
@@ -187,7 +187,7 @@ def _entry(number: int, name: str) -> Callable[[ResolvedTask], float | None]:
     return lambda task: float(getattr(task.exposure[number], name))
 
 
-def _scaled(
+def _scale(
     task: ResolvedTask, limit: str, part: str, name: str, most: float, more: str, unit: str = ""
 ) -> Relaxable:
     """Return a limit that is one number: it grows if `most` is positive, else shrinks."""
@@ -203,7 +203,7 @@ def _scaled(
     )
 
 
-def _freed(task: ResolvedTask, limit: str, part: str, name: str, free: str) -> Relaxable:
+def _free(task: ResolvedTask, limit: str, part: str, name: str, free: str) -> Relaxable:
     """Return a limit that is there or not."""
     return Relaxable(
         limit,

@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 from topo_search.limits import KEY_PARTS
-from topo_search.model.bad_input import BadInput, Fault, shown
+from topo_search.model.bad_input import BadInput, Fault, show
 from topo_search.model.parsing import NotParsed, toml_data
 
 SETTING = re.compile(r"\s*([A-Za-z_]\w*(?:\.\w+|\[\d+\])*)\s*=(.*)", re.DOTALL)
@@ -44,12 +44,12 @@ def field_of(setting: str) -> tuple[str, ...]:
 def _apply(data: dict[str, Any], setting: str) -> Fault | None:
     match = SETTING.fullmatch(setting)
     if match is None:
-        return Fault("", f"must be FIELD=VALUE, but got {shown(setting)}")
+        return Fault("", f"must be FIELD=VALUE, but got {show(setting)}")
     names = [*field_of(setting)]
     if len(names) > KEY_PARTS:
-        return Fault("", f"must have at most {KEY_PARTS} names in a field, but got {shown(match[1])}")
+        return Fault("", f"must have at most {KEY_PARTS} names in a field, but got {show(match[1])}")
     if max(map(len, names)) > NAME:
-        return Fault("", f"must have names of at most {NAME} characters in a field, but got {shown(match[1])}")
+        return Fault("", f"must have names of at most {NAME} characters in a field, but got {show(match[1])}")
     try:
         value = _value(match[2])
     except NotParsed as error:
@@ -67,7 +67,7 @@ def _lay(place: Any, names: list[str], value: Any, *, above: str) -> Fault | Non
             return Fault(path, f"must be an index under {len(place)}, but got {name}")
         key = int(name)
     elif not isinstance(place, dict):
-        return Fault(path, f"`{above}` must be a table or a list to have fields, but got {shown(place)}")
+        return Fault(path, f"`{above}` must be a table or a list to have fields, but got {show(place)}")
     if not rest:
         place[key] = value
         return None

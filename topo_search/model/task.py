@@ -18,10 +18,10 @@ from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validato
 
 from topo_search.limits import LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
 from topo_search.model.airflow_room import airflow_folds
-from topo_search.model.bad_input import shown
+from topo_search.model.bad_input import show
 from topo_search.model.end_effector import EndEffector, ResolvedEndEffector
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
-from topo_search.model.folds import Folds, clear_folds, common
+from topo_search.model.folds import Folds, clear_folds, intersect
 from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AGREE, Module
@@ -116,12 +116,12 @@ class Task(Value):
         return {**data, "module": Module.with_thrust(data["module"], gravity)}
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _check_consistency(self) -> Self:
         broken: list[tuple[tuple[str | int, ...], str]] = []
         if not self.sizes:
-            broken.append((("modules",), f"`fewest <= most` must hold, but got {shown(self.modules)}"))
+            broken.append((("modules",), f"`fewest <= most` must hold, but got {show(self.modules)}"))
         if len(self.sizes) > SIZES:
-            broken.append((("modules",), f"must be at most {SIZES} sizes, but got {shown(self.modules)}"))
+            broken.append((("modules",), f"must be at most {SIZES} sizes, but got {show(self.modules)}"))
         numbered = [asked for asked in self.exposure if segment_of(asked, 0) is not None]
         if (parts := sum(len(asked.shapes) for asked in numbered)) > SEGMENTS:
             kinds = {asked.kind for asked in numbered}
@@ -136,15 +136,15 @@ class Task(Value):
         if fixed is not None and math.hypot(*fixed) < least:
             text = (
                 f"takes its direction from p_E: `||end_effector.position|| >= {least:g}` must hold, "
-                f"but got {shown(self.end_effector.position)}"
+                f"but got {show(self.end_effector.position)}"
             )
             broken += [(("exposure", e), text) for e, asked in enumerate(self.exposure) if needs_offset(asked)]
         farthest = self.farthest_end_effector(self.sizes[-1]) if self.sizes else math.inf
         if fixed is not None and math.hypot(*fixed) > farthest:
-            text = f"`||position|| <= {farthest:g}` must hold, but got {shown(self.end_effector.position)}"
+            text = f"`||position|| <= {farthest:g}` must hold, but got {show(self.end_effector.position)}"
             broken.append((("end_effector", "position"), text))
         if self.end_effector.stand_off > farthest:
-            text = f"`stand_off <= {farthest:g}` must hold, but got {shown(self.end_effector.stand_off)}"
+            text = f"`stand_off <= {farthest:g}` must hold, but got {show(self.end_effector.stand_off)}"
             broken.append((("end_effector", "stand_off"), text))
         if self.sizes and self.load_cases != "ten-wrenches":
             n = self.sizes[-1]
@@ -187,7 +187,7 @@ class Task(Value):
             if getattr(self.goals, field) and given != default:
                 yield (
                     ("flight", field),
-                    f"must be left out where goals.{field} has levels of it, but got {shown(given)}",
+                    f"must be left out where goals.{field} has levels of it, but got {show(given)}",
                 )
         if self.goals.hinge_angle_deg and (error := self.tolerances.hinge_angle_deg):
             text = f"must be left out where goals.hinge_angle_deg has levels of it, but got {error:g}"
@@ -314,7 +314,7 @@ class Task(Value):
         """
         if self.body_clearance is None:
             return ((-math.pi / 2, math.pi / 2),)
-        return common(clear_folds(self.module, margin), airflow_folds(self.module, margin))
+        return intersect(clear_folds(self.module, margin), airflow_folds(self.module, margin))
 
     @property
     def joint_limits(self) -> tuple[float | None, float | None]:
@@ -327,12 +327,12 @@ class Task(Value):
         """Return the task with its goals held at a level: a task without goals."""
         search = {"margin": level.clearance, "peak_input": level.peak_input}
         end_effector = {"stand_off": level.stand_off}
-        tolerances = self.tolerances.model_copy(update=_given({"hinge_angle_deg": level.hinge_angle_deg}))
+        tolerances = self.tolerances.model_copy(update=_without_none({"hinge_angle_deg": level.hinge_angle_deg}))
         survive = (self.flight.tolerances or bool(level.hinge_angle_deg)) and tolerances != Tolerances()
         return self.model_copy(
             update={
-                "search": self.search.model_copy(update=_given(search)),
-                "end_effector": self.end_effector.model_copy(update=_given(end_effector)),
+                "search": self.search.model_copy(update=_without_none(search)),
+                "end_effector": self.end_effector.model_copy(update=_without_none(end_effector)),
                 "flight": self.flight.at(level).model_copy(update={"tolerances": survive}),
                 "tolerances": tolerances,
                 "goals": Goals(),
@@ -401,5 +401,5 @@ class ResolvedTask(Task):
         return (None,) * len(self.load_cases)
 
 
-def _given(fields: dict[str, float | None]) -> dict[str, float]:
+def _without_none(fields: dict[str, float | None]) -> dict[str, float]:
     return {name: value for name, value in fields.items() if value is not None}

@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from topo_search.model.bad_input import shown
+from topo_search.model.bad_input import show
 from topo_search.model.exposure import Allowed, Directional, Local
 from topo_search.model.folds import in_words
 from topo_search.model.load_case import LoadCase
@@ -178,7 +178,7 @@ def _load_cases(task: Task, n: int) -> Iterator[TaskWarning]:
     weights = [case.weight for case in cases if case.weight]
     if max(weights) > LARGEST_RATIO * min(weights):
         yield TaskWarning(
-            "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {shown(weights)}"
+            "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {show(weights)}"
         )
 
 

@@ -120,7 +120,7 @@ def _fields(stated: BaseModel, filled: BaseModel, without: set[str]) -> Iterator
         if field in without or value is None or isinstance(value, BaseModel):
             continue
         if getattr(stated, field) is None:
-            value = _rounded(value)
+            value = _round(value)
         line = f"# {field} = {json.dumps(value)}"
         words = textwrap.wrap(known.description or "", WIDTH - COMMENT_AT)
         if len(line) > COMMENT_AT - 2:
@@ -131,7 +131,7 @@ def _fields(stated: BaseModel, filled: BaseModel, without: set[str]) -> Iterator
             line = "#"
 
 
-def _rounded(derived: float | tuple[float, ...]) -> float | list[float]:
+def _round(derived: float | tuple[float, ...]) -> float | list[float]:
     """Return a default that other fields give, in four digits."""
     if isinstance(derived, tuple):
         return [float(f"{x:.4g}") for x in derived]

@@ -111,12 +111,12 @@ def _three(value: Any) -> Any:
 def at_most(limit: int, what: str = "entries") -> BeforeValidator:
     """Refuse a list of more entries than that, before any of them is looked into."""
 
-    def few(value: Any) -> Any:
+    def check_count(value: Any) -> Any:
         if isinstance(value, list | tuple) and len(value) > limit:
             raise ValueError(f"must have at most {limit:,} {what}, but got {len(value):,}")
         return value
 
-    return BeforeValidator(few)
+    return BeforeValidator(check_count)
 
 
 Entries = TypeVar("Entries", bound=tuple[Any, ...])

@@ -18,7 +18,7 @@ import trimesh
 from trimesh import Trimesh
 
 from topo_search.export import palette
-from topo_search.export.meshes import joined, placed
+from topo_search.export.meshes import join, pose_matrix
 from topo_search.export.poses import Poses, rotation_to
 from topo_search.model import Design, LoadCase
 from topo_search.model.arrays import Array
@@ -73,13 +73,13 @@ def arrows(design: Design, at: Poses) -> Iterator[Arrows]:
                 if not size:
                     continue
                 share = max(LEAST, size / largest[name])
-                mesh, end = (straight if name == "force" else ring)(place, vector / size, S * share, S)
+                mesh, end = (straight_arrow if name == "force" else ring)(place, vector / size, S * share, S)
                 text = f"{figures(size, 3)} {unit}"
                 meshes.append(mesh)
                 ends.append((text, end.round(5).tolist()))
                 words.append(f"{name} {text}, along {vector_text((vector / size).tolist())}, at the {where}")
         trace = (
-            [drawn_mesh(f"load case {k}", joined(meshes), palette.WRENCH, "case", lighting=MATT)] if meshes else []
+            [drawn_mesh(f"load case {k}", join(meshes), palette.WRENCH, "case", lighting=MATT)] if meshes else []
         )
         name = design.task.case_labels[k]
         yield Arrows(name, "; ".join(words) or "nothing", (*trace, *_contact(design, case, at, S)), tuple(ends))
@@ -92,7 +92,7 @@ def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Itera
     if not f.any() or case.at_com.force[2] < CARRIED * weight:
         return
     disc = trimesh.creation.cylinder(radius=CONTACT * longest, height=0.002, sections=48)
-    disc.apply_transform(placed(rotation_to(f / np.linalg.norm(f)), at.end_effector))
+    disc.apply_transform(pose_matrix(rotation_to(f / np.linalg.norm(f)), at.end_effector))
     yield drawn_mesh("contact plane", disc, palette.CONTACT, "contact", opacity=0.5)
 
 
@@ -107,7 +107,7 @@ def reach(design: Design, at: Poses) -> float:
     return float(np.linalg.norm(places - at.p_com, axis=1).max()) + design.task.module.arm_length
 
 
-def straight(start: Array, direction: Array, length: float, longest: float) -> tuple[Trimesh, Array]:
+def straight_arrow(start: Array, direction: Array, length: float, longest: float) -> tuple[Trimesh, Array]:
     """Return an arrow and its point, (3,) [m].
 
     Args:
@@ -122,12 +122,12 @@ def straight(start: Array, direction: Array, length: float, longest: float) -> t
     shaft.apply_translation((0, 0, (length - head) / 2))
     cone = trimesh.creation.cone(radius=2.4 * thick, height=head, sections=10)
     cone.apply_translation((0, 0, length - head))
-    mesh = joined([shaft, cone]).apply_transform(placed(rotation_to(direction), start))
+    mesh = join([shaft, cone]).apply_transform(pose_matrix(rotation_to(direction), start))
     return mesh, start + length * direction
 
 
 def ring(centre: Array, axis: Array, length: float, longest: float) -> tuple[Trimesh, Array]:
-    """Return an arrow that turns about an axis by the right-hand rule, and a place beside it; see `straight`."""
+    """Return an arrow that turns about an axis by the right-hand rule, and a place beside it."""
     thick, r = THICK * longest, RING * length
     angles = np.linspace(0.0, TURN, 25)
     path = r * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
@@ -137,8 +137,8 @@ def ring(centre: Array, axis: Array, length: float, longest: float) -> tuple[Tri
     ]
     forward = np.array([-math.sin(TURN), math.cos(TURN), 0.0])
     head = trimesh.creation.cone(radius=2.4 * thick, height=5 * thick, sections=10)
-    head.apply_transform(placed(rotation_to(forward), path[-1]))
-    mesh = joined([*steps, head]).apply_transform(placed(rotation_to(axis), centre))
+    head.apply_transform(pose_matrix(rotation_to(forward), path[-1]))
+    mesh = join([*steps, head]).apply_transform(pose_matrix(rotation_to(axis), centre))
     return mesh, centre + rotation_to(axis) @ path[0]
 
 

@@ -77,7 +77,7 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
     for (i, j), pair in cells.items():
         level = 2 if pair.status != "clear" else int(pair.analytic_m <= TIGHT)
         levels[i, j] = level
-        hover[i, j] = _described(pair)
+        hover[i, j] = _describe(pair)
         written.append((columns[j], str(i), millimetres(pair), palette.IN_CELLS[level]))
     figure = go.Figure(
         go.Heatmap(
@@ -114,7 +114,7 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
     return figure
 
 
-def _described(pair: Clearance) -> str:
+def _describe(pair: Clearance) -> str:
     """Return one clearance in full, for the pointer."""
     lower = "none" if pair.lower_m is None else length(at_least(pair.lower_m, 3))
     upper = "none" if pair.upper_m is None else length(at_most(pair.upper_m, 3))
@@ -166,7 +166,7 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> go.Figure:
     incumbent = np.fmin.accumulate(J)
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.62, 0.38], vertical_spacing=0.06)
     found = np.flatnonzero(np.isfinite(J))
-    shown = _thinned(found)
+    shown = _thin(found)
     figure.add_trace(
         go.Scatter(
             x=number[shown],
@@ -196,7 +196,7 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> go.Figure:
     for status, colour in palette.STATUSES.items():
         count = np.cumsum([solve.status == status for solve in solves])
         if count[-1]:
-            at = _thinned(np.arange(len(solves)))
+            at = _thin(np.arange(len(solves)))
             dash = {"feasible": "solid", "infeasible": "dash", "impossible": "dot", "failed": "dashdot"}[status]
             figure.add_trace(
                 go.Scatter(
@@ -226,14 +226,14 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> go.Figure:
     return figure
 
 
-def _thinned(indices: Any) -> Any:
+def _thin(indices: Any) -> Any:
     """Return at most MOST_POINTS of some indices, evenly spread, the last one included."""
     if len(indices) <= MOST_POINTS:
         return indices
     return indices[np.linspace(0, len(indices) - 1, MOST_POINTS).round().astype(int)]
 
 
-def styled(figure: go.Figure) -> go.Figure:
+def style(figure: go.Figure) -> go.Figure:
     """Give a figure the look of the page."""
     figure.update_layout(
         template="plotly_white",

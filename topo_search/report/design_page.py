@@ -9,7 +9,7 @@ from topo_search.model.files import to_toml
 from topo_search.model.proven import at_least, gap_percent
 from topo_search.model.task_warnings import task_warnings
 from topo_search.report.design_part import design_part
-from topo_search.report.headline import checked, headline
+from topo_search.report.headline import headline, tally
 from topo_search.report.page import Page, Reproduction, SimulatedPart, Table, TaskPart, json_in_script
 from topo_search.report.task_facts import facts, load_cases
 from topo_search.report.view import shared_meshes
@@ -30,7 +30,7 @@ def design_page(design: Design, audit: Audit, file: str, simulated: SimulatedPar
         title=title(task.name, task.n),
         key=design.topology.key,
         verdict=str(audit.verdict),
-        checked=checked(audit),
+        checked=tally(audit),
         answer="One design: this page says nothing about other trees of modules.",
         tiles=headline(design, audit, design.gap, "a single design"),
         notes=(),

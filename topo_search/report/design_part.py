@@ -20,7 +20,7 @@ from topo_search.report.page import Chart, DesignPart, Table
 from topo_search.report.task_facts import vector
 from topo_search.report.tree_svg import tree_svg
 from topo_search.report.view import view
-from topo_search.report.wording import EFFORT, counted, figures, length, modules
+from topo_search.report.wording import EFFORT, figures, length, modules, quantity
 
 NEAREST = 12
 """Number of clear pairs in the table of the nearest."""
@@ -49,7 +49,7 @@ def design_part(design: Design, audit: Audit | None) -> DesignPart:
         findings=() if audit is None else _findings(audit),
         errors=None if audit is None else _errors(audit),
         residuals=None if audit is None else _residuals(audit),
-        stated=_stated(design, audit),
+        stated=_stated_constraints(design, audit),
         inputs=Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
         effort=f"Control effort {EFFORT} = {figures(design.objective, 5)} rad⁴/s⁴.",
         loads=_loads(design),
@@ -107,7 +107,7 @@ def _findings(audit: Audit) -> tuple[str, ...]:
     if (overlaps := audit.interference) is not None and overlaps.colliding_pairs:
         sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
         found.append(
-            f"{counted(overlaps.colliding_pairs, 'pair')} of airflow envelopes overlap, in clusters of {sizes} "
+            f"{quantity(overlaps.colliding_pairs, 'pair')} of airflow envelopes overlap, in clusters of {sizes} "
             f"modules; the deepest by {figures(overlaps.deepest_percent, 3)} % of the deepest possible."
         )
     if audit.sensitivity is not None and (asked := audit.sensitivity.tolerances) is not None:
@@ -158,7 +158,7 @@ def _residuals(audit: Audit) -> Table:
     return Table(("checked", "audit", "off by", "in its scale", "allowed"), rows, frozenset({2, 3, 4}))
 
 
-def _stated(design: Design, audit: Audit | None) -> Table | None:
+def _stated_constraints(design: Design, audit: Audit | None) -> Table | None:
     """Return what constraints of the user's own came to, or that nobody looked."""
     checks = [StatedCheck(**one.model_dump(), status="not checked") for one in design.stated]
     rows = [

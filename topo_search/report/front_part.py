@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from topo_search.export import palette
 from topo_search.report.page import Chart, FrontPart, Table
-from topo_search.report.wording import counted, figures, length, modules
+from topo_search.report.wording import figures, length, modules, quantity
 from topo_search.study import Answer, FrontPoint, front
 
 
@@ -76,7 +76,7 @@ def _chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
             name="designs of the front",
             mode="markers",
             marker={"color": palette.CONNECTOR, "size": 9},
-            text=["<br>".join(_described(point)) for point in points],
+            text=["<br>".join(_describe(point)) for point in points],
             hovertemplate="%{text}<extra></extra>",
         )
     )
@@ -88,7 +88,7 @@ def _chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
     return figure
 
 
-def _described(point: FrontPoint) -> Iterator[str]:
+def _describe(point: FrontPoint) -> Iterator[str]:
     """Yield one design in lines, for the pointer."""
     yield f"{point.row.key}, {modules(point.row.modules)}"
     yield f"J = {figures(point.row.objective or 0.0, 5)} rad⁴/s⁴"
@@ -139,7 +139,7 @@ def _levels(answer: Answer) -> Table:
             ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
             size.best.key if size.best else "none",
             figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
-            counted(on_front.count(at.number), "design"),
+            quantity(on_front.count(at.number), "design"),
             size.reason or "",
         ]
         for at in answer.levels

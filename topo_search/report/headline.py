@@ -30,7 +30,7 @@ def closest(audit: Audit | None) -> Clearance | None:
     return None if audit is None else min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
 
 
-def checked(audit: Audit) -> str:
+def tally(audit: Audit) -> str:
     """Return what the audit checked, and how much of it is not clear."""
     wrong = sum(pair.status != "clear" for pair in audit.pairs) + sum(
         row.status != "clear" for row in audit.residuals

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from topo_search.export import palette
-from topo_search.report.charts import styled
+from topo_search.report.charts import style
 from topo_search.report.task_facts import Facts
 
 SCRIPTS = ("figures.js", "labels.js", "view.js", "beside.js", "ranking.js", "page.js")
@@ -33,7 +33,7 @@ class Chart:
     @property
     def data(self) -> Markup:
         """The figure as JSON inside a script element."""
-        return in_script(styled(self.figure).to_json())
+        return in_script(style(self.figure).to_json())
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from itertools import groupby
 
 from topo_search.model.proven import gap_percent
-from topo_search.report.wording import counted, modules
+from topo_search.report.wording import modules, quantity
 from topo_search.study.phases import Phase, Plan
 from topo_search.study.row import Row
 from topo_search.study.time_left import TimeLeft
@@ -32,13 +32,13 @@ def stage(phase: Phase) -> str:
     return f"{phase.name} {modules(phase.n)}" if phase.n else phase.name
 
 
-def announced(phase: Phase) -> str:
+def announcement(phase: Phase) -> str:
     """Return what a stage is about to do."""
     if phase.name == "auditing":
-        return f"{stage(phase)}: {counted(phase.steps, 'design')}"
+        return f"{stage(phase)}: {quantity(phase.steps, 'design')}"
     if not phase.starts:
-        return stage(phase) if phase.alone else f"{stage(phase)}: {counted(phase.steps, 'part')}"
-    return f"{stage(phase)}: {counted(phase.steps, 'candidate')}, at most {counted(phase.starts, 'start')} each"
+        return stage(phase) if phase.alone else f"{stage(phase)}: {quantity(phase.steps, 'part')}"
+    return f"{stage(phase)}: {quantity(phase.steps, 'candidate')}, at most {quantity(phase.starts, 'start')} each"
 
 
 def period(seconds: float) -> str:
@@ -49,7 +49,7 @@ def period(seconds: float) -> str:
     return f"{max(seconds, 1.0):.0f} s"
 
 
-def told(plan: Plan) -> str:
+def describe_plan(plan: Plan) -> str:
     """Return what a run is going to do, and about how long it takes."""
     solving = [phase for phase in plan.phases if phase.starts]
     audits = sum(phase.steps for phase in plan.phases if phase.name == "auditing")
@@ -60,11 +60,11 @@ def told(plan: Plan) -> str:
         of_size = list(phases)
         candidates = sum(phase.steps for phase in of_size if phase.starts == of_size[0].starts)
         most = max(phase.starts for phase in of_size)
-        parts.append(f"{modules(n)}: {counted(candidates, 'candidate')}, {counted(most, 'start')} each")
+        parts.append(f"{modules(n)}: {quantity(candidates, 'candidate')}, {quantity(most, 'start')} each")
     if audits:
         parts.append(f"audits of the best {audits}")
     names = list(dict.fromkeys(phase.name for phase in plan.phases))
-    on = "" if plan.workers is None else f" on {counted(plan.workers, 'worker')}"
+    on = "" if plan.workers is None else f" on {quantity(plan.workers, 'worker')}"
     most_time = f", of which at most {period(plan.time_limit)} to solve" if math.isfinite(plan.time_limit) else ""
     return f"plan: {'; '.join(parts)}; {', '.join(names)}{on}: about {period(plan.seconds)}{most_time}"
 
@@ -88,13 +88,13 @@ class Lines:
     def plan(self, plan: Plan) -> None:
         """Print the plan."""
         self._left.plan(plan, time.monotonic())
-        self._tell(told(plan))
+        self._tell(describe_plan(plan))
 
     def phase(self, phase: Phase) -> None:
         """Print the stage that begins."""
         self._phase, self._done = phase, 0
         self._left.begin(phase, time.monotonic())
-        self._tell(announced(phase))
+        self._tell(announcement(phase))
 
     def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
         """Print the progress, unless it was printed recently."""

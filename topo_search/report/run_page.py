@@ -16,7 +16,7 @@ from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, task_part, title
 from topo_search.report.design_part import design_part
 from topo_search.report.front_part import front_part
-from topo_search.report.headline import checked, headline
+from topo_search.report.headline import headline, tally
 from topo_search.report.near_ties import near_tie_cells, near_tie_columns
 from topo_search.report.page import (
     Card,
@@ -32,7 +32,7 @@ from topo_search.report.page import (
 )
 from topo_search.report.relaxed_part import relaxed_limits
 from topo_search.report.view import shared_meshes
-from topo_search.report.wording import counted, figures, modules
+from topo_search.report.wording import figures, modules, quantity
 from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
 from topo_search.study.proofs import ProofState
 from topo_search.study.statements import kind_of
@@ -91,16 +91,18 @@ def _page(folder: RunFolder, answer: Answer) -> Page:
     design, audit = (None, None) if shown is None else _read(folder, shown)
     tiles: tuple[Tile, ...] = ()
     if design is not None and shown is not None:
-        tiles = headline(design, audit, size.gap_of(shown), f"{counted(_settled(answer), 'candidate')} solved")
+        tiles = headline(
+            design, audit, size.gap_of(shown), f"{quantity(_count_settled(answer), 'candidate')} solved"
+        )
     return Page(
         title=title(request.task.name, n),
         key=shown.key if shown else None,
         verdict=None if audit is None else str(audit.verdict),
-        checked="" if audit is None else checked(audit),
+        checked="" if audit is None else tally(audit),
         answer=_answer(answer, request.task.name, shown, size),
         tiles=tiles,
         notes=(*_own(request.own), *(note for size in answer.sizes for note in _limits(size, shown))),
-        bound=(*bound(size.lower_bound, shown.gap if shown else None, n), *_proven(answer)),
+        bound=(*bound(size.lower_bound, shown.gap if shown else None, n), *_proof_lines(answer)),
         task=task_part(request.task.resolve(n), request.task),
         design=None if design is None else design_part(design, audit),
         meshes=json_in_script({} if design is None else shared_meshes(design)),
@@ -119,7 +121,7 @@ def _read(folder: RunFolder, row: Row) -> tuple[Design | None, Audit | None]:
     )
 
 
-def _settled(answer: Answer) -> int:
+def _count_settled(answer: Answer) -> int:
     """Return how many candidates of all sizes were solved."""
     return sum(size.settled for size in answer.sizes)
 
@@ -132,12 +134,12 @@ def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> s
     if answer.best is None:
         return f"No design found for {name} passed its audit; {shown.key} takes the least effort."
     if answer.levels:
-        return f"Of {counted(len(answer.points), 'design')} on the front, {shown.key} takes the least effort."
+        return f"Of {quantity(len(answer.points), 'design')} on the front, {shown.key} takes the least effort."
     smallest = f"With {modules(shown.modules)}, {answer.smallest}, " if answer.smallest else ""
     return f"{smallest}{shown.key} is {size.statement}."
 
 
-def _proven(answer: Answer) -> Iterator[str]:
+def _proof_lines(answer: Answer) -> Iterator[str]:
     """Yield what branch and bound has proven of each size, and of which problem."""
     for size in answer.sizes:
         if size.proven is not None:
@@ -152,7 +154,7 @@ def _limits(size: SizeAnswer, shown: Row | None) -> list[str]:
     if size.relaxed is not None and size.relaxed.sentences:
         found.append(f"{modules(size.modules)}: {size.relaxed.sentences[0]}.")
     if not size.complete:
-        reached = f" after {counted(size.starts, 'start')} of each candidate" if size.starts else ""
+        reached = f" after {quantity(size.starts, 'start')} of each candidate" if size.starts else ""
         found.append(
             f"{modules(size.modules)}: the search was stopped{reached}, with {size.settled} of {size.candidates} "
             "candidates solved; run the same command to continue."
@@ -166,9 +168,9 @@ def _own(own: Own) -> Iterator[str]:
         names = ", ".join(f"{one.name} ({one.bounds})" for one in own.constraints)
         yield f"{NOT_CERTIFIED.capitalize()}: {names}. Lower bounds and proofs ignore it and remain valid."
     if own.topologies is not None:
-        yield f"The candidates are {counted(len(own.topologies), 'tree')} that the user listed."
+        yield f"The candidates are {quantity(len(own.topologies), 'tree')} that the user listed."
     if own.near:
-        yield f"Every candidate started from {counted(len(own.near), 'design')} of the user's as well."
+        yield f"Every candidate started from {quantity(len(own.near), 'design')} of the user's as well."
     if own.sampler is not None:
         yield f"Candidates were proposed by the user's own sampler {own.sampler.name}."
 
@@ -196,7 +198,7 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> RunPart:
     for size in answer.sizes:
         solves = list(folder.ledger.solves(size.modules))
         if solves and size.lower_bound > 0:
-            caption = f"{modules(size.modules)}: {counted(len(solves), 'solve')}"
+            caption = f"{modules(size.modules)}: {quantity(len(solves), 'solve')}"
             charts.append(Chart(f"progress-{size.modules}", caption, progress(solves, size.lower_bound)))
     return RunPart(
         sizes=_sizes(answer),
@@ -243,7 +245,7 @@ def _near_ties(size: SizeAnswer) -> NearTies:
     told = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least effort, "
     told += "largest force reserve in hover first"
     if size.near_ties_unaudited:
-        told += f"; {counted(size.near_ties_unaudited, 'design')} as near were not audited"
+        told += f"; {quantity(size.near_ties_unaudited, 'design')} as near were not audited"
     columns = near_tie_columns()
     rows = [near_tie_cells(row, best) for row in size.near_ties]
     return NearTies(told, Table(columns, rows, frozenset(range(1, len(columns)))))
@@ -256,7 +258,7 @@ def _cells(row: Row) -> list[Any]:
         row.key,
         row.modules,
         at_most(J / least, 5) if J is not None and least else None,
-        _rounded(J, 6),
+        _round(J, 6),
         None if row.gap is None else float(gap_percent(row.gap).removesuffix(" %")),
         row.audit or ("failed" if row.audit_failure else None),
         row.status,
@@ -264,9 +266,9 @@ def _cells(row: Row) -> list[Any]:
         row.starts_at_best,
         row.starts_feasible,
         row.starts,
-        _rounded(row.seconds, 3),
+        _round(row.seconds, 3),
         row.worst_constraint,
-        _rounded(row.violation, 3),
+        _round(row.violation, 3),
         row.unit,
     ]
 
@@ -278,7 +280,7 @@ def _proof_cells(stands: ProofState) -> list[Any]:
     return [stands.proof, least, gap]
 
 
-def _rounded(value: float | None, digits: int) -> float | None:
+def _round(value: float | None, digits: int) -> float | None:
     return None if value is None else float(f"{value:.{digits}g}")
 
 

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from trimesh import Trimesh
 
 from topo_search.export import outlines, palette
-from topo_search.export.meshes import cone_sphere, frame, joined, placed, rotors
+from topo_search.export.meshes import cone_sphere, frame, join, pose_matrix, rotors
 from topo_search.export.poses import PORTS, Poses
 from topo_search.export.regions import cone_slant, mesh, shapes
 from topo_search.export.viewpoint import azimuth_deg, towards_viewer
@@ -102,7 +102,7 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
         ("cones", "cone that must contain all airflow", cones, 0.15),
     ):
         if found:
-            traces.append(drawn_mesh(words, joined(found), palette.EXPOSURE, part, opacity=opacity))
+            traces.append(drawn_mesh(words, join(found), palette.EXPOSURE, part, opacity=opacity))
     return traces
 
 
@@ -144,8 +144,8 @@ def _platform(design: Design, at: Poses, connectors: Array) -> list[Any]:
 def _copies(mesh: str, name: str, design: Design, at: Poses, colour: str, **options: Any) -> Any:
     """Return every module's copy of one of the `meshes`, as one trace."""
     one = meshes(design.task.module, sides=sides(design.topology.n))[mesh]
-    copies = [one.copy().apply_transform(placed(R, p)) for R, p in zip(at.R, at.p, strict=True)]
-    return drawn_mesh(name, joined(copies), colour, mesh, **options, meta={"part": mesh, "mesh": mesh})
+    copies = [one.copy().apply_transform(pose_matrix(R, p)) for R, p in zip(at.R, at.p, strict=True)]
+    return drawn_mesh(name, join(copies), colour, mesh, **options, meta={"part": mesh, "mesh": mesh})
 
 
 def _free_connectors(design: Design, connectors: Array, assembly: Assembly | None) -> list[Any]:

@@ -14,7 +14,7 @@ from plotly.subplots import make_subplots
 from topo_search.export import palette
 from topo_search.limits import RESULT_BYTES
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import BadInput, Fault, shown
+from topo_search.model.bad_input import BadInput, Fault, show
 from topo_search.model.design import Design
 from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import direction
@@ -37,7 +37,7 @@ def read_simulated(folder: Path, design: Design) -> SimulatedPart:
     result = read_json(FlightResult, folder / "flight.json")
     if result.design != digest_of(design):
         rule = "must be of the design whose page this is; fly it again with --out"
-        raise BadInput(str(folder / "flight.json"), [Fault("design", f"{rule} (got {shown(result.design)})")])
+        raise BadInput(str(folder / "flight.json"), [Fault("design", f"{rule} (got {show(result.design)})")])
     course = _course(folder / "flight.csv", {one.name for one in result.scenarios})
     return simulated_part(result, course)
 
@@ -93,7 +93,7 @@ def _course(path: Path, names: set[str]) -> dict[str, Array]:
     for row in reader:
         name = row.get("scenario")
         if name not in names:
-            rule = f"line {reader.line_num}: must be of a scenario of flight.json, but got {shown(name)}"
+            rule = f"line {reader.line_num}: must be of a scenario of flight.json, but got {show(name)}"
             raise BadInput(str(path), [Fault("scenario", rule)])
         try:
             numbers = [float(row[column]) for column in ("time_s", *COURSE)]

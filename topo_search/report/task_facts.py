@@ -11,7 +11,7 @@ from topo_search.model.folds import in_words
 from topo_search.model.shape import unit as unit_vector
 from topo_search.model.task import Tolerances
 from topo_search.model.value import Vector, is_zero
-from topo_search.report.wording import counted, figures, length, modules
+from topo_search.report.wording import figures, length, modules, quantity
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def goals(task: Task) -> Facts:
         ("modules", [str(n) for n in task.sizes] if asked.modules else []),
     )
     rows = [(name, ", ".join(texts)) for name, texts in levels if texts]
-    return Facts("goals beside effort", (*rows, ("searches", counted(len(asked.levels), "level"))))
+    return Facts("goals beside effort", (*rows, ("searches", quantity(len(asked.levels), "level"))))
 
 
 def _region(asked: Local) -> str:
@@ -124,7 +124,7 @@ def _region(asked: Local) -> str:
         return f"a ball of radius {length(asked.radius)} around the end-effector"
     if asked.box is not None:
         return f"a box of {vector(asked.box)} m along x, y and z, centred at the end-effector"
-    return f"the convex hull of {counted(len(asked.corners), 'point')} about the end-effector"
+    return f"the convex hull of {quantity(len(asked.corners), 'point')} about the end-effector"
 
 
 def requirement(asked: AnyExposure) -> str:
@@ -148,10 +148,10 @@ def requirement(asked: AnyExposure) -> str:
 def _along(asked: Directional) -> str:
     if asked.segments is not None:
         ends = ", ".join(vector(end) for end in asked.segments)
-        return f"{counted(len(asked.segments), 'path')} from the end-effector to {ends} m"
+        return f"{quantity(len(asked.segments), 'path')} from the end-effector to {ends} m"
     if asked.polylines is not None:
         paths = "; ".join(" to ".join(vector(point) for point in points) for points in asked.polylines)
-        return f"{counted(len(asked.polylines), 'bent path')}, from the end-effector: {paths} m"
+        return f"{quantity(len(asked.polylines), 'bent path')}, from the end-effector: {paths} m"
     return f"{length(asked.length or 0.0)} along p_E, away from the centre of mass"
 
 
@@ -183,7 +183,7 @@ def _parts(case: LoadCase, force_unit: float, torque_unit: float) -> list[str]:
 
 def _sets(case: LoadCase) -> Iterator[str]:
     """Yield the wrenches that must be possible besides."""
-    corners = f"{counted(len(case.corners), 'corner')}, which suffice"
+    corners = f"{quantity(len(case.corners), 'corner')}, which suffice"
     if case.cone is not None:
         yield (
             f"in addition, at the end-effector any force up to {figures(case.cone.force)} N within "

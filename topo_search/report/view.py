@@ -19,7 +19,7 @@ from topo_search.model import Assembly, Audit, Design
 from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.arrows import arrows, metres_per_newton
-from topo_search.report.charts import styled
+from topo_search.report.charts import style
 from topo_search.report.clearances import clearance
 from topo_search.report.force_polytope import force_polytope
 from topo_search.report.headline import closest
@@ -45,7 +45,7 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
         forces: whether to draw what can be added at the end-effector in hover, which takes a second or more.
     """
     assembly = None if audit is None else audit.assembly
-    figure = json.loads(styled(scene(design, at, closest(audit), assembly)).to_json())
+    figure = json.loads(style(scene(design, at, closest(audit), assembly)).to_json())
     traces = [_without_copies(trace) for trace in figure["data"] if trace["meta"]["part"] != "numbers"]
     layout = {key: value for key, value in figure["layout"].items() if key != "template"}
     cases = list(arrows(design, at))
@@ -121,7 +121,7 @@ def _modules(design: Design, at: Poses, audit: Audit | None) -> list[str]:
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     }
     return [
-        "<br>".join([f"<b>module {i}</b>", hinges.get(i, "the root"), *_place(at, i), *_audited(audit, i)])
+        "<br>".join([f"<b>module {i}</b>", hinges.get(i, "the root"), *_place(at, i), *_audit_lines(audit, i)])
         for i in range(design.topology.n)
     ]
 
@@ -134,7 +134,7 @@ def _place(at: Poses, i: int) -> list[str]:
     ]
 
 
-def _audited(audit: Audit | None, i: int) -> list[str]:
+def _audit_lines(audit: Audit | None, i: int) -> list[str]:
     """Return a module's least clearance and the largest moment in its joint, as the audit knows them."""
     if audit is None:
         return []

@@ -6,14 +6,14 @@ EFFORT = "J = Σ_k λ_k ‖u_k‖²"
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def counted(number: int, noun: str) -> str:
+def quantity(number: int, noun: str) -> str:
     """Return a number with its noun."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def modules(n: int) -> str:
     """Return a number of modules."""
-    return counted(n, "module")
+    return quantity(n, "module")
 
 
 def figures(value: float, digits: int = 4) -> str:

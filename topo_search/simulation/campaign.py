@@ -10,18 +10,18 @@ from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.load_case import labels
 from topo_search.simulation.authority import MET, hardest_rotor, hover_shortfall, load_factor, weakest_force
-from topo_search.simulation.fly import Options, Track, Watch, fly, judged
+from topo_search.simulation.fly import Options, Track, Watch, fly, judge
 from topo_search.simulation.plant import Nominal, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
 from topo_search.simulation.scenarios import (
     Scenario,
     dead_rotor,
-    exerted_by,
+    exertion,
     gust,
-    held,
-    held_at_tip,
-    hovering,
-    unbalanced,
+    hold,
+    hold_at_tip,
+    hover_scenarios,
+    imbalance,
 )
 
 CORNERS = 12
@@ -74,7 +74,7 @@ def fly_all(
         else:
             track, lost = fly(design, each, options, watch(each))
             flown.append((each, track))
-            result = judged(each, track, lost)
+            result = judge(each, track, lost)
         results.append(result)
         tell(result)
     if not results:
@@ -117,19 +117,19 @@ def plan(design: Design, rotor: int, rotor_out: bool) -> list[Scenario | Scenari
         rotor: the one that dies.
         rotor_out: whether its death has to be survived even if the task does not ask for it.
     """
-    planned: list[Scenario | ScenarioResult] = [*hovering(), gust()]
+    planned: list[Scenario | ScenarioResult] = [*hover_scenarios(), gust()]
     solid = any(region.solid for region in design.task.exposure)
     weakest = _weakest_corners(design)
     for k, (name, case) in enumerate(zip(labels(design.task.load_cases), design.task.load_cases, strict=True)):
-        if (why := unbalanced(design, case)) is not None:
+        if (why := imbalance(design, case)) is not None:
             also = f"; nor are its {len(case.corners)} corners" if case.corners else ""
             planned.append(ScenarioResult(name=name, verdict="not flown", reason=why + also))
             continue
-        planned += held(name, case, solid=solid) or [_as_hover(name)]
+        planned += hold(name, case, solid=solid) or [_as_hover(name)]
         chosen = [number for number in range(len(case.corners)) if (k, number) in weakest]
         for number in chosen:  # of a contact no wall is known but that of the case
             called = f"{name}, corner {number}"
-            planned.append(held_at_tip(called, case.corners[number]) or _as_hover(called))
+            planned.append(hold_at_tip(called, case.corners[number]) or _as_hover(called))
         if others := len(case.corners) - len(chosen):
             why = f"only the {CORNERS} corners of all load cases with the least load factors are flown"
             planned.append(ScenarioResult(name=f"{name}, {others} other corners", verdict="not flown", reason=why))
@@ -142,8 +142,8 @@ def _weakest_corners(design: Design) -> set[tuple[int, int]]:
     known = nominal(design)
     found = []
     for k, case in enumerate(design.task.load_cases):
-        if unbalanced(design, case) is None:
-            loads = [known.about_com(exerted_by(corner)) for corner in case.corners]
+        if imbalance(design, case) is None:
+            loads = [known.about_com(exertion(corner)) for corner in case.corners]
             found += [(load_factor(known, load), k, number) for number, load in enumerate(loads)]
     return {(k, number) for _, k, number in sorted(found)[:CORNERS]}
 

@@ -112,7 +112,7 @@ def fly(
     return track, None
 
 
-def judged(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
+def judge(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
     """Return what a flight showed."""
     t, tilt = np.array(track.time), np.array(track.tilt)
     e = np.linalg.norm(track.error, axis=1)
@@ -121,7 +121,7 @@ def judged(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult
     saturated = float((shares >= AT_LIMIT).mean(axis=0).max())
     missed = float((missing > MISSED).mean())
     within = (e <= scenario.largest_drift) & (tilt <= scenario.largest_tilt)
-    settled = _settled(t, within)
+    settled = _settling_time(t, within)
     force = error = None
     if scenario.force > 0 and late.any():
         along = np.array(track.force)[late].mean(axis=0)
@@ -163,7 +163,7 @@ def judged(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult
     )
 
 
-def _settled(t: Array, within: Array) -> float | None:
+def _settling_time(t: Array, within: Array) -> float | None:
     """Return from when on all is within its limits; None: it never is to stay."""
     outside = np.flatnonzero(np.logical_not(within))
     if not len(outside):
@@ -196,13 +196,13 @@ def _record(
     track.time.append(t)
     track.error.append(kept @ (p - reference.position))
     track.tilt.append(math.degrees(math.acos(float(np.clip((np.trace(R) - 1) / 2, -1.0, 1.0)))))
-    exerted = plant.contact_force if scenario.wall is not None else _produced(plant)
+    exerted = plant.contact_force if scenario.wall is not None else _net_force(plant)
     track.force.append(exerted)
     track.shares.append(share)
     track.missing.append(missing)
 
 
-def _produced(plant: Plant) -> Array:
+def _net_force(plant: Plant) -> Array:
     """Return the force of the rotors less the weight, world axes, (3,) [N]."""
     F = plant.R @ (plant.nominal.B @ (plant.thrusts * plant.gain))[:3]
     return np.asarray(F + plant.model.body_mass.sum() * plant.model.opt.gravity)

@@ -222,7 +222,7 @@ def _spread(r: Array) -> Array:
 def _world(design: Design, wall: Wall | None, lag: float) -> str:
     """Return the MJCF of the platform with all that `Physics` has, and a wall."""
     root = ElementTree.fromstring(mjcf(design, Physics(motor_lag=lag, rod_mass=True, contacts=True)))
-    _found(root, "option").set("timestep", numbers(STEP))
+    _find(root, "option").set("timestep", numbers(STEP))
     at, radius = poses(design), design.task.end_effector.rod_radius
     if wall is not None:
         centre = at.p_E + (radius + wall.gap + 0.01) * wall.towards
@@ -233,14 +233,14 @@ def _world(design: Design, wall: Wall | None, lag: float) -> str:
         felt_by = str(ALL_PARTS if wall.solid else TIP_ALONE)
         touch = {"solref": "0.01 1", "friction": "0.3 0.005 0.0001", "priority": "1"}
         touch |= {"contype": felt_by, "conaffinity": felt_by}
-        tip = _found(root, "worldbody/body[@name='platform']/body[@name='end_effector']/geom[@name='tip']")
+        tip = _find(root, "worldbody/body[@name='platform']/body[@name='end_effector']/geom[@name='tip']")
         tip.attrib.update(contype=str(ALL_PARTS), conaffinity=str(ALL_PARTS))
-        SubElement(_found(root, "worldbody"), "geom", {"name": "wall", **shape, **place, **touch})
+        SubElement(_find(root, "worldbody"), "geom", {"name": "wall", **shape, **place, **touch})
     SubElement(SubElement(root, "visual"), "global", offwidth="960", offheight="720")
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _found(root: Element, path: str) -> Element:
+def _find(root: Element, path: str) -> Element:
     found = root.find(path)
     if found is None:
         raise ValueError(f"the model has no {path}")

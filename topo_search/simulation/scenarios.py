@@ -57,7 +57,7 @@ class Scenario:
         return float(np.linalg.norm(self.exerted[:3]))
 
 
-def hovering() -> list[Scenario]:
+def hover_scenarios() -> list[Scenario]:
     """Return hover, and returns from four sides, tilted about four axes."""
     found = [Scenario("hover", 5.0, 1.0)]
     for number, name in enumerate(("+x", "+y", "-x", "-y")):
@@ -85,7 +85,7 @@ def dead_rotor(rotor: int, *, counts: bool) -> Scenario:
     return Scenario(name, 8.0, 4.0, dead=rotor, counts=counts)
 
 
-def unbalanced(design: Design, case: LoadCase) -> str | None:
+def imbalance(design: Design, case: LoadCase) -> str | None:
     """Return why a load case is no steady flight; None if the weight is all that its COM wrench carries."""
     task, n = design.task, design.topology.n
     W, unit = task.force_unit(n), task.torque_unit(n)
@@ -102,18 +102,18 @@ def unbalanced(design: Design, case: LoadCase) -> str | None:
     return "not a steady flight: nothing reacts the torque at the centre of mass"
 
 
-def exerted_by(case: LoadCase) -> Array:
+def exertion(case: LoadCase) -> Array:
     """Return what a load case exerts at the end-effector, (6,)."""
     return np.array([*case.at_end_effector.force, *case.at_end_effector.torque])
 
 
-def held_at_tip(name: str, case: LoadCase) -> Scenario | None:
+def hold_at_tip(name: str, case: LoadCase) -> Scenario | None:
     """Return a load case held against a load on the end-effector; None if it has none."""
-    wrench = exerted_by(case)
+    wrench = exertion(case)
     return Scenario(name, 6.0, 3.5, exerted=wrench) if wrench.any() else None
 
 
-def held(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
+def hold(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
     """Return a load case held against a load on the end-effector, and if it is a push, against a wall as well.
 
     Args:
@@ -121,7 +121,7 @@ def held(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
         case: the load case.
         solid: whether all parts feel the wall; else the tip alone.
     """
-    loaded = held_at_tip(f"{name}, load at the tip", case)
+    loaded = hold_at_tip(f"{name}, load at the tip", case)
     if loaded is None:
         return []
     found, wrench = [loaded], loaded.exerted

@@ -17,7 +17,7 @@ from topo_search.model.bad_input import faults_of
 from topo_search.model.goals import Level
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
-from topo_search.study.front import FrontPoint, idle
+from topo_search.study.front import FrontPoint, idle_goals
 from topo_search.study.place import Place
 from topo_search.study.row import FLIGHT, Row
 from topo_search.study.statements import reason, remark, statement
@@ -150,7 +150,7 @@ class Answer:
         """A sentence for each goal whose levels do not change the result."""
         best = [[size.best for size in at.sizes if size.best is not None] for at in self.levels]
         least = [min((row.objective for row in rows if row.objective is not None), default=None) for rows in best]
-        return idle([(at.level, J) for at, J in zip(self.levels, least, strict=True)], self.points)
+        return idle_goals([(at.level, J) for at, J in zip(self.levels, least, strict=True)], self.points)
 
     @property
     def best(self) -> Row | None:

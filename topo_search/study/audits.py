@@ -11,14 +11,14 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
-from topo_search.engine import AuditDesign, Backends, Engine, Failed, Job, audit_deadline, solved
+from topo_search.engine import AuditDesign, Backends, Engine, Failed, Job, audit_deadline, solve_jobs
 from topo_search.model import Audit, Design, Topology
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
-from topo_search.study.ledger_file import parsed
+from topo_search.study.ledger_file import parse
 from topo_search.study.margins import raise_margins
 from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase, auditing, solving_seconds
+from topo_search.study.phases import Phase, audit_phase, solving_seconds
 from topo_search.study.recording import record
 from topo_search.study.row import Row
 
@@ -62,7 +62,7 @@ def audit_best(
             if jobs:
                 seconds = solving_seconds(context.task, starts)
                 observer.phase(Phase("polishing", context.task.n, len(jobs), starts, seconds))
-            for job, outcome in solved(iter(jobs), solve=backends.solve, engine=engine, until=until):
+            for job, outcome in solve_jobs(iter(jobs), solve=backends.solve, engine=engine, until=until):
                 record(ledger, context, job, outcome, lower_bound=lower_bound)
                 observer.settled(shown)
         _audit(ledger, context, _rows(ledger, context, due), backends.audit, engine, observer)
@@ -89,13 +89,13 @@ def audits_left(ledger: Ledger, contexts: Sequence[Context], starts: int) -> boo
         for row in batch:
             if best is not None and _objective(best) <= _objective(row):
                 return False
-            if _left(ledger, contexts, row.key, starts):
+            if _is_left(ledger, contexts, row.key, starts):
                 return True
         place += AUDITED
     return False
 
 
-def _left(ledger: Ledger, contexts: Sequence[Context], key: str, starts: int) -> bool:
+def _is_left(ledger: Ledger, contexts: Sequence[Context], key: str, starts: int) -> bool:
     """Return whether one candidate is not yet clear, nor passed over."""
     left = False
 
@@ -135,7 +135,7 @@ def _rows(ledger: Ledger, context: Context, rows: Sequence[Row]) -> list[Row]:
 
 def _verdict(ledger: Ledger, context: Context, key: str) -> Audit:
     """Return the audit of a candidate's design."""
-    return parsed(ledger.path, Audit, "texts", ledger.audit(context, key) or "", strict=False)
+    return parse(ledger.path, Audit, "texts", ledger.audit(context, key) or "", strict=False)
 
 
 def _audit(
@@ -149,7 +149,7 @@ def _audit(
     """Audit the designs that were not, and write their verdicts."""
     keys = [row.key for row in rows if not row.audit_ended]
     if keys:
-        observer.phase(auditing(context.task.n, len(keys)))
+        observer.phase(audit_phase(context.task.n, len(keys)))
     results = engine.run(
         partial(_audit_named, audit),
         ((key, ledger.result(context, key)) for key in keys),

@@ -29,14 +29,14 @@ def find_causes(folder: RunFolder, backends: Backends, engine: Engine, observer:
     """
     request, ledger = folder.request, folder.ledger
     sizes = list(request.task.sizes)
-    if any(row.feasible for n in sizes for row in ledger.ranked(n)):
+    if any(row.feasible for n in sizes for row in ledger.ranking(n)):
         folder.drop_within(RELAXED)
         return
     for n in sizes[-SIZES:]:
         context, kept = request.contexts(n)[0], causes(folder, n)
         bound = ledger.bound(context)
         proven = bound is not None and bound[1] is not None
-        ended = proven or ledger.ended(context, request.starts, request.trials)
+        ended = proven or ledger.has_ended(context, request.starts, request.trials)
         if not ended or (kept is not None and kept.starts >= request.starts):
             continue
         found = relax(
@@ -59,7 +59,7 @@ def causes(folder: RunFolder, n: int) -> Relaxed | None:
     Raises:
         BadInput: what was written of it is damaged.
     """
-    return folder.kept_within(RELAXED, Relaxed).get(_name(n))
+    return folder.read_within(RELAXED, Relaxed).get(_name(n))
 
 
 def _name(n: int) -> str:
@@ -70,7 +70,7 @@ def _closest(folder: RunFolder, n: int) -> list[Topology]:
     """Return the trees that came closest to a design; any, where all are proven impossible."""
     request = folder.request
     task = request.contexts(n)[0].task
-    rows = ((row, row.violation) for row in folder.ledger.ranked(n) if row.status == "infeasible")
+    rows = ((row, row.violation) for row in folder.ledger.ranking(n) if row.status == "infeasible")
     missed = [
         (scaled_violation(amount, row.unit or "", task), row.key) for row, amount in rows if amount is not None
     ]

@@ -17,7 +17,7 @@ from topo_search.model.proof import Problem, chunk_count
 from topo_search.model.proven import gap_percent
 from topo_search.study.folder import PROOFS, RunFolder
 from topo_search.study.observer import Observer
-from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, said_of, weakest
+from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, subject_of, weakest
 from topo_search.study.row import Row
 
 CheckChunk = Callable[[ResolvedTask, Topology, int, float, Chunk, Problem], CheckedChunk]
@@ -116,7 +116,7 @@ def check(
             raise BadInput(str(path), [Fault("", NO_GOALS)])
         known, sizes = set[str](), 0
         for n in folder.request.task.sizes:
-            rows = list(folder.ledger.ranked(n))
+            rows = list(folder.ledger.ranking(n))
             known.update(row.key for row in rows)
             best = folder.ledger.best_clear(n)
             if best is None:
@@ -166,26 +166,26 @@ def _check_size(
             tree.bound, tree.problem = proof.cut, proof.problem
             root = proof.root_module
             jobs += [_Job(task, proof.topology, root, proof.cut, chunk, proof.problem) for chunk in proof.chunks]
-    for tree in _replayed(jobs, trees, check_chunk, engine, observer):
-        observer.note(_told(tree))
+    for tree in _replay(jobs, trees, check_chunk, engine, observer):
+        observer.note(_describe(tree))
     checked.trees += trees.values()
     if len(rows) > 1:
-        count, whom = folder.request.space(n).count(), said_of(folder.request, n)
+        count, whom = folder.request.space(n).count(), subject_of(folder.request, n)
         checked.sentences.append(_sentence(list(trees.values()), best, task, count, whom))
 
 
-def _replayed(
+def _replay(
     jobs: list[_Job], trees: dict[str, CheckedTree], check_chunk: CheckChunk, engine: Engine, observer: Observer
 ) -> Iterator[CheckedTree]:
     """Fill in what the chunks come to, and yield each tree as it ends."""
 
-    def due() -> Iterator[_Job]:
+    def due_jobs() -> Iterator[_Job]:
         for job in jobs:
             if trees[job.topology.key].fault is None:
                 yield job
 
     told = time.monotonic()
-    for job, found in engine.run(partial(_check, check_chunk), due(), deadline=lambda _: CHUNK_DEADLINE):
+    for job, found in engine.run(partial(_check, check_chunk), due_jobs(), deadline=lambda _: CHUNK_DEADLINE):
         tree = trees[job.topology.key]
         if tree.fault is not None:
             continue
@@ -236,7 +236,7 @@ def _unfit(proof: Proof, key: str, task: ResolvedTask) -> str | None:
     return None
 
 
-def _told(tree: CheckedTree) -> str:
+def _describe(tree: CheckedTree) -> str:
     if tree.fault is not None:
         return f"{tree.key}: refused, {tree.fault}"
     return f"{tree.key}: checked, {tree.boxes:,} boxes ({tree.halved:,} of them halved further)"

@@ -11,7 +11,7 @@ from topo_search.limits import STARTS, TASK_BYTES, TRIALS
 from topo_search.model import BadInput, Fault, Task
 from topo_search.model.files import validate
 from topo_search.model.parsing import NotParsed, toml_data
-from topo_search.study.identity import Request, installed
+from topo_search.study.identity import Request, installed_versions
 from topo_search.study.ledger import Ledger
 from topo_search.study.lock import HOLDER, LOCK
 from topo_search.study.own import NOTHING, Own
@@ -29,37 +29,37 @@ PARTS = ("designs", "audits")
 
 
 @contextmanager
-def held(path: Path) -> Iterator[Place]:
+def hold(path: Path) -> Iterator[Place]:
     """Hold a run's folder."""
     try:
         with Place.open(path) as place:
             yield place
     except NotADirectoryError:
-        raise refused(path, "is a file") from None
+        raise refusal(path, "is a file") from None
 
 
-def begun(place: Place) -> bool:
+def holds_run(place: Place) -> bool:
     """Return whether a folder is that of a run; refuse one that has anything else in it, or lost its ledger."""
     names = place.names()
     if LEDGER in names:
         return True
     if LOCK in names and not HOLDER.fullmatch(place.read(LOCK) or b""):
-        raise refused(place.path, f"has a {LOCK} of another program; {LEFT}")
+        raise refusal(place.path, f"has a {LOCK} of another program; {LEFT}")
     others = [name for name in names if name not in (LOCK, PARTIAL)]
     if not others:
         return False
     shown = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
     if any(name in (*RESULTS, *PARTS) or name.startswith((LEDGER, "best-n")) for name in others):
-        raise refused(
+        raise refusal(
             place.path, f"has {shown} but no {LEDGER}: the ledger was removed, or this is not a run folder; {LEFT}"
         )
-    raise refused(place.path, f"is not a run folder, and not empty: it has {shown}; {LEFT}")
+    raise refusal(place.path, f"is not a run folder, and not empty: it has {shown}; {LEFT}")
 
 
 def last_request(path: Path, place: Place, ledger: Ledger) -> Request:
     """Return the request that a ledger was last given."""
     held = ledger.identity()
-    starts, trials = ledger.asked()
+    starts, trials = ledger.last_request()
     if starts < 1 or (trials is not None and trials < 1):
         raise BadInput(str(path), [Fault("", "has no run yet")])
     if starts > STARTS or (trials is not None and trials > TRIALS):
@@ -75,7 +75,7 @@ def last_request(path: Path, place: Place, ledger: Ledger) -> Request:
         trials=trials,
         round_size=held.round_size,
         prune=bool(held.prune),
-        versions=ledger.versions() or installed(),
+        versions=ledger.versions() or installed_versions(),
         own=held.own or NOTHING,
     )
 
@@ -85,7 +85,7 @@ def require_same(path: Path, request: Request, ledger: Ledger) -> None:
     held = ledger.identity()
     for name, value in request.identity:
         if (other := getattr(held, name)) != value:
-            raise refused(path, f"holds {_another(name, other, value)}")
+            raise refusal(path, f"holds {_another(name, other, value)}")
 
 
 def require_versions(path: Path, ledger: Ledger) -> None:
@@ -93,12 +93,12 @@ def require_versions(path: Path, ledger: Ledger) -> None:
     own = ledger.identity().own
     if own is not None and own.unversioned:
         names = ", ".join(map(repr, own.unversioned))
-        raise refused(
+        raise refusal(
             path, f"holds a run with {names} of your own, which has no version, so that it cannot be resumed"
         )
 
 
-def refused(path: Path, what: str) -> BadInput:
+def refusal(path: Path, what: str) -> BadInput:
     """Return what to raise for a folder that the run cannot have."""
     return BadInput(str(path), [Fault("", f"{what}; choose another folder with --out")])
 

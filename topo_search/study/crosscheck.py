@@ -19,7 +19,7 @@ from topo_search.engine import Space
 from topo_search.model import Audit, BadInput, Design, Topology
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
-from topo_search.study.ledger_file import damaged, parsed
+from topo_search.study.ledger_file import damage, parse
 from topo_search.study.row import Row, flight_of
 
 BELOW_BOUND = 3.0e-6
@@ -29,7 +29,7 @@ SAME = 1.0e-6
 STATUSES = ("feasible", "infeasible", "impossible", "pruned", "failed")
 
 
-def checked(rows: Iterable[Row], space: Space, lower_bound: float, path: Path) -> Iterator[Row]:
+def check_rows(rows: Iterable[Row], space: Space, lower_bound: float, path: Path) -> Iterator[Row]:
     """Yield the ranked rows of one size, none of which may contradict the bound, the ranking or their number.
 
     Raises:
@@ -39,19 +39,19 @@ def checked(rows: Iterable[Row], space: Space, lower_bound: float, path: Path) -
     for row in rows:
         number, orbits = number + 1, orbits + row.orbit
         if row.status not in STATUSES or row.orbit < 1 or orbits > classes:
-            raise damaged(path, f"{row.key} is {row.status!r} and stands for {row.orbit} of {classes} trees")
+            raise damage(path, f"{row.key} is {row.status!r} and stands for {row.orbit} of {classes} trees")
         if row.feasible != (row.objective is not None):
-            raise damaged(path, f"{row.key} is {row.status} with the objective {row.objective}")
+            raise damage(path, f"{row.key} is {row.status} with the objective {row.objective}")
         if row.objective is not None:
             least = max(lower_bound, row.lower_bound or 0.0)
             if not (math.isfinite(row.objective) and row.objective >= least * (1 - BELOW_BOUND)):
-                raise damaged(path, f"{row.key} has the objective {row.objective!r}, under the bound of {least!r}")
+                raise damage(path, f"{row.key} has the objective {row.objective!r}, under the bound of {least!r}")
             if row.objective < last:
-                raise damaged(path, f"{row.key} is not where its objective ranks it")
+                raise damage(path, f"{row.key} is not where its objective ranks it")
             last = row.objective
         yield row
     if number == space.count() and orbits != classes:
-        raise damaged(path, f"its {number} candidates stand for {orbits} trees, but there are {classes}")
+        raise damage(path, f"its {number} candidates stand for {orbits} trees, but there are {classes}")
 
 
 def check_designs(ledger: Ledger, contexts: list[Context], space: Space, rows: Iterable[Row]) -> None:
@@ -106,7 +106,7 @@ def _check_audit(ledger: Ledger, row: Row, context: Context) -> None:
         raise _differs(ledger, row, "audit is gone")
     if text is None:
         return
-    audit = parsed(ledger.path, Audit, "texts", text, strict=False)
+    audit = parse(ledger.path, Audit, "texts", text, strict=False)
     stated = [one.stated for one in audit.residuals if one.name == "objective"]
     if audit.verdict != row.audit or any(J not in (None, row.objective) for J in stated):
         raise _differs(ledger, row, "audit is not that of its design")
@@ -115,4 +115,4 @@ def _check_audit(ledger: Ledger, row: Row, context: Context) -> None:
 
 
 def _differs(ledger: Ledger, row: Row, what: str) -> BadInput:
-    return damaged(ledger.path, f"{row.key}: its {what}")
+    return damage(ledger.path, f"{row.key}: its {what}")

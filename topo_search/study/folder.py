@@ -18,24 +18,24 @@ from pydantic import BaseModel, ValidationError
 
 from topo_search.model import BadInput, Fault, Proof, ResolvedTask
 from topo_search.model.bad_input import faults_of
-from topo_search.model.csv_text import harmless
+from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import to_json, to_toml
 from topo_search.study.claims import (
     LEDGER,
     PARTS,
     RESULTS,
     TASK,
-    begun,
-    held,
+    hold,
+    holds_run,
     last_request,
-    refused,
+    refusal,
     require_same,
     require_versions,
 )
 from topo_search.study.identity import Request
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import blank
-from topo_search.study.lock import ReadOnlyFolder, locked
+from topo_search.study.lock import ReadOnlyFolder, hold_lock
 from topo_search.study.own_files import contents
 from topo_search.study.place import Place
 from topo_search.study.proofs import ProofState, bounded_alike, cells, proof_state
@@ -68,17 +68,17 @@ class RunFolder:
             BadInput: it holds another run or something else, or another process works in it; it is left as it is.
         """
         if os.path.lexists(path) and not path.is_dir():
-            raise refused(path, "is a file")
+            raise refusal(path, "is a file")
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise refused(path, f"cannot be made: {error.strerror}") from None
-        with held(path) as place:
-            resumed = begun(place)
+            raise refusal(path, f"cannot be made: {error.strerror}") from None
+        with hold(path) as place:
+            resumed = holds_run(place)
             if resumed and not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
-            with locked(path):
-                resumed = begun(place)
+            with hold_lock(path):
+                resumed = holds_run(place)
                 if not resumed:
                     place.tidy()
                     place.write(LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
@@ -97,7 +97,7 @@ class RunFolder:
     @contextmanager
     def read(cls, path: Path, request: Request) -> Iterator[Self]:
         """Open a folder that cannot be written to; errors as of `open`."""
-        with held(path) as place, Ledger.open(path / LEDGER, read_only=True) as ledger:
+        with hold(path) as place, Ledger.open(path / LEDGER, read_only=True) as ledger:
             require_versions(path, ledger)
             yield cls._of_ledger(path, request, ledger, place)
 
@@ -114,7 +114,7 @@ class RunFolder:
             ReadOnlyFolder: it cannot be written to, but should be.
             BadInput: it is not a run folder, or another process works in it.
         """
-        with held(path) as place:
+        with hold(path) as place:
             if LEDGER not in place.names():
                 raise BadInput(str(path), [Fault("", f"is not a run folder: it has no {LEDGER}")])
             if not writes:
@@ -123,7 +123,7 @@ class RunFolder:
                 return
             if not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
-            with locked(path), Ledger.open(path / LEDGER) as ledger:
+            with hold_lock(path), Ledger.open(path / LEDGER) as ledger:
                 place.tidy()
                 yield cls._of_ledger(path, last_request(path, place, ledger), ledger, place)
 
@@ -169,7 +169,7 @@ class RunFolder:
         """
         if self._level:
             self._place.make(self._level.rstrip("/"))
-        self.ledger.files.changing(self._place, self._level + name, f"{self._level}{name}.lock")
+        self.ledger.files.adopt(self._place, self._level + name, f"{self._level}{name}.lock")
         return self.path / name
 
     def write(self) -> None:
@@ -183,7 +183,7 @@ class RunFolder:
         writer.writerow(COLUMNS)
         for n in self.request.task.sizes:
             for row, stands in self.proof_states(n):
-                writer.writerow([harmless(cell) for cell in cells(row, stands)])
+                writer.writerow([escape_formula(cell) for cell in cells(row, stands)])
         self.keep("candidates.csv", table.getvalue())
         self._write_best()
         for part in PARTS:
@@ -205,7 +205,7 @@ class RunFolder:
     def proof_states(self, n: int) -> Iterator[tuple[Row, ProofState]]:
         """Yield every ranked candidate of n modules with what is proven of it."""
         proofs, best = self.proofs(n), self.ledger.best_clear(n)
-        for row in self.ledger.ranked(n):
+        for row in self.ledger.ranking(n):
             yield row, proof_state(row, proofs.get(row.key), None if best is None else best.objective)
 
     def keep_proof(self, proof: Proof) -> None:
@@ -223,7 +223,7 @@ class RunFolder:
             BadInput: one of them is damaged.
         """
         task = self.request.contexts(n)[0].task
-        found = self.kept_within(PROOFS, Proof).values()
+        found = self.read_within(PROOFS, Proof).values()
         return {proof.topology_key: proof for proof in found if proof.task == task}
 
     def proofs_for(self, task: ResolvedTask) -> dict[str, Proof]:
@@ -232,7 +232,7 @@ class RunFolder:
         Raises:
             BadInput: one of them is damaged.
         """
-        found = self.kept_within(PROOFS, Proof).values()
+        found = self.keep_within(PROOFS, Proof).values()
         held = [proof for proof in found if proof.complete and bounded_alike(proof.task, task)]
         return {proof.topology_key: proof.model_copy(update={"task": task}) for proof in held}
 
@@ -241,7 +241,7 @@ class RunFolder:
         self._place.make(f"{self._level}{part}")
         self.keep(f"{part}/{name}", content)
 
-    def kept_within(self, part: str, model: type[Model]) -> dict[str, Model]:
+    def read_within(self, part: str, model: type[Model]) -> dict[str, Model]:
         """Return the values that the run wrote into one of its folders, by the names of their files.
 
         Raises:

@@ -62,7 +62,7 @@ def shortfalls(path: Path) -> pd.DataFrame:
         for number, level in enumerate(folder.levels()):
             for n in level.request.task.sizes:
                 contexts = level.request.contexts(n)
-                for row in level.ledger.ranked(n):
+                for row in level.ledger.ranking(n):
                     found = None if row.feasible else level.ledger.result(contexts[row.step], row.key)
                     missed = found.shortfalls if isinstance(found, Infeasible) else ()
                     rows += [

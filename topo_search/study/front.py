@@ -25,7 +25,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
 from topo_search.model import Audit, Design, Flight, ResolvedTask
-from topo_search.model.csv_text import harmless
+from topo_search.model.csv_text import escape_formula
 from topo_search.model.goals import FIELDS, Level
 from topo_search.model.reserves import Failing, centres_of
 from topo_search.study.claims import FRONT
@@ -158,7 +158,7 @@ class FrontPoint:
 
 def front_of(folder: RunFolder) -> tuple[FrontPoint, ...]:
     """Return the front of a run with goals, the least effort first."""
-    points = [point for number, level in enumerate(folder.levels()) for point in _audited(level, number)]
+    points = [point for number, level in enumerate(folder.levels()) for point in _clear_points(level, number)]
     return front(points, folder.request.task.goals.names)
 
 
@@ -180,7 +180,7 @@ def front(points: Sequence[FrontPoint], names: Sequence[str]) -> tuple[FrontPoin
     )
 
 
-def idle(levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoint]) -> list[str]:
+def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoint]) -> list[str]:
     """Return a sentence for each goal of which no level binds: all give the same least effort.
 
     Args:
@@ -193,7 +193,11 @@ def idle(levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoi
         groups: dict[tuple[Any, ...], list[float | None]] = {}
         for level, J in levels:
             groups.setdefault((*level[:place], *level[place + 1 :]), []).append(J)
-        if all(level[place] is None for level, _ in levels) or not points or not all(map(_alike, groups.values())):
+        if (
+            all(level[place] is None for level, _ in levels)
+            or not points
+            or not all(map(_are_alike, groups.values()))
+        ):
             continue
         reached = points[0].cells[name]
         has = f"{reached:.4g}" if isinstance(reached, float) else f"{reached}"
@@ -204,7 +208,7 @@ def idle(levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoi
     return told
 
 
-def _alike(efforts: list[float | None]) -> bool:
+def _are_alike(efforts: list[float | None]) -> bool:
     """Whether efforts that were found at the levels of one goal are the same."""
     found = [J for J in efforts if J is not None]
     return len(found) == len(efforts) and (not found or max(found) <= min(found) * (1 + SAME_EFFORT))
@@ -216,7 +220,7 @@ def write_front(folder: RunFolder) -> None:
     table = io.StringIO()
     writer = csv.DictWriter(table, FRONT_COLUMNS, lineterminator="\n")
     writer.writeheader()
-    writer.writerows({name: harmless(cell) for name, cell in point.cells.items()} for point in points)
+    writer.writerows({name: escape_formula(cell) for name, cell in point.cells.items()} for point in points)
     folder.keep(FRONT, table.getvalue())
     if points:
         point = points[0]
@@ -226,21 +230,21 @@ def write_front(folder: RunFolder) -> None:
         folder.drop("best.json")
 
 
-def _audited(folder: RunFolder, number: int) -> Iterator[FrontPoint]:
+def _clear_points(folder: RunFolder, number: int) -> Iterator[FrontPoint]:
     """Yield the designs of one level whose audit is clear."""
     request = folder.request
     for n in request.task.sizes:
         contexts = request.contexts(n)
-        for row in folder.ledger.ranked(n):
+        for row in folder.ledger.ranking(n):
             if not row.clear or request.level is None:
                 continue
             design = folder.ledger.result(contexts[row.step], row.key)
             audit = folder.ledger.audit(contexts[row.step], row.key)
             if isinstance(design, Design) and audit is not None:
-                yield _measured(row, design, Audit.model_validate_json(audit), number, request.level)
+                yield _measure(row, design, Audit.model_validate_json(audit), number, request.level)
 
 
-def _measured(row: Row, design: Design, audit: Audit, number: int, level: Level) -> FrontPoint:
+def _measure(row: Row, design: Design, audit: Audit, number: int, level: Level) -> FrontPoint:
     """Return what a design reaches."""
     task = design.task
     left_out = {"exclusion", "body", "rod", "rod-airflow", "bracket-airflow", "bracket-rotor", "rod-region"}

@@ -31,7 +31,7 @@ DEFAULT_ROUND = 8
 """Proposals of a round when nobody says otherwise."""
 
 
-def installed() -> dict[str, str]:
+def installed_versions() -> dict[str, str]:
     """Return the versions of these libraries that are installed now."""
     return {name: metadata.version(name) for name in LIBRARIES}
 
@@ -118,7 +118,7 @@ class Request:
     """Whether candidates are skipped that the bound proves to be no better than the best."""
     round_size: int = DEFAULT_ROUND
     """Proposals of a round, which learns from the rounds before."""
-    versions: dict[str, str] = field(default_factory=installed)
+    versions: dict[str, str] = field(default_factory=installed_versions)
     """Of the libraries that solve; rows that others solved do not count."""
     level: Level | None = None
     """The level of the goals that `task` holds, if this is one of those of a run with goals."""
@@ -208,7 +208,7 @@ class Request:
         if self._proper:
             found = resolve_symmetry(task, "c2")
             return replace(found, reason=f"{found.reason}; {own.handed!r} may tell mirror images apart")
-        return _lossy(resolve_symmetry(task, self.symmetry), task, own)
+        return _lossy_resolution(resolve_symmetry(task, self.symmetry), task, own)
 
     @property
     def _proper(self) -> bool:
@@ -225,7 +225,7 @@ class Request:
         ]
 
 
-def _lossy(found: Resolution, task: ResolvedTask, own: Own) -> Resolution:
+def _lossy_resolution(found: Resolution, task: ResolvedTask, own: Own) -> Resolution:
     """Return a symmetry that was asked for by name, which own constraints may break."""
     broken = own.telling if task.search.root == "free" else None
     if broken is None and found.group in ("d2", "d4"):

@@ -21,11 +21,11 @@ from topo_search.engine import Scored
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_json
 from topo_search.study.identity import Context, Identity, digest
-from topo_search.study.ledger_file import BESIDE, checked_text, damaged, open_database, parsed
+from topo_search.study.ledger_file import BESIDE, checked_text, damage, open_database, parse
 from topo_search.study.lost import LedgerLost
 from topo_search.study.own_files import OwnFiles
 from topo_search.study.row import Row, SolveEvent, flight_of, score
-from topo_search.study.seals import changed
+from topo_search.study.seals import reseal
 
 _FIELDS = tuple(field.name for field in fields(Row))
 _SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
@@ -79,13 +79,13 @@ class Ledger:
         return self._path
 
     @contextmanager
-    def _changed(self, table: str, where: str = "true", values: Sequence[Any] = ()) -> Iterator[None]:
+    def _change(self, table: str, where: str = "true", values: Sequence[Any] = ()) -> Iterator[None]:
         """Make a transaction of a change to rows of one table, and be sure that it is in the file.
 
         Raises:
             LedgerLost: it is not: the file is gone.
         """
-        with self._transaction(), changed(self._database, table, where, values):
+        with self._transaction(), reseal(self._database, table, where, values):
             yield
 
     @contextmanager
@@ -124,16 +124,16 @@ class Ledger:
         """
         rows = self._database.execute("SELECT identity FROM run").fetchall()
         if len(rows) != 1:
-            raise damaged(self._path, f"its table run has {len(rows)} rows in place of one")
-        return parsed(self._path, Identity, "run", rows[0][0])
+            raise damage(self._path, f"its table run has {len(rows)} rows in place of one")
+        return parse(self._path, Identity, "run", rows[0][0])
 
     def ask(self, starts: int, trials: int | None) -> None:
         """Record how many starts of each candidate, and how many proposals, were asked for last."""
-        if self.asked() != (starts, trials):
-            with self._changed("run"):
+        if self.last_request() != (starts, trials):
+            with self._change("run"):
                 self._database.execute("UPDATE run SET starts = ?, trials = ?", (starts, trials))
 
-    def asked(self) -> tuple[int, int | None]:
+    def last_request(self) -> tuple[int, int | None]:
         """Return how many starts of each candidate, and how many proposals, were asked for last."""
         starts, trials = self._database.execute("SELECT starts, trials FROM run").fetchone()
         return starts, trials
@@ -151,7 +151,7 @@ class Ledger:
             fixed_by, named = None, None
         versions = fixed_by.get("versions") if isinstance(fixed_by, dict) and named == context else None
         if not isinstance(versions, dict) or not all(isinstance(value, str) for value in versions.values()):
-            raise damaged(self._path, f"what it holds of context {context} has changed since it was written")
+            raise damage(self._path, f"what it holds of context {context} has changed since it was written")
         return versions
 
     def bound(self, context: Context) -> tuple[float, Infeasible | None] | None:
@@ -161,12 +161,12 @@ class Ledger:
         if found is None:
             return None
         lower_bound, proof = found
-        return lower_bound, None if proof is None else parsed(self._path, Infeasible, "contexts", proof)
+        return lower_bound, None if proof is None else parse(self._path, Infeasible, "contexts", proof)
 
     def begin(self, context: Context, lower_bound: float, proof: Infeasible | None) -> None:
         """Record a context."""
         values = (context.name, context.task.n, context.step, context.margin, json.dumps(context.fixed_by))
-        with self._changed("contexts", "context = ?", (context.name,)):
+        with self._change("contexts", "context = ?", (context.name,)):
             self._database.execute(
                 "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?, NULL, NULL, 0)",
                 (*values, lower_bound, None if proof is None else to_json(proof)),
@@ -175,17 +175,17 @@ class Ledger:
     def end(self, context: Context, starts: int, trials: int | None) -> None:
         """Record that the strategy came to its end with so many starts and proposals."""
         query = "UPDATE contexts SET ended_starts = ?, ended_trials = ? WHERE context = ?"
-        with self._changed("contexts", "context = ?", (context.name,)):
+        with self._change("contexts", "context = ?", (context.name,)):
             self._database.execute(query, (starts, trials, context.name))
 
-    def ended(self, context: Context, starts: int, trials: int | None) -> bool:
+    def has_ended(self, context: Context, starts: int, trials: int | None) -> bool:
         """Return whether the strategy came to its end with at least so many starts and proposals (None: all)."""
         enough = "ended_starts >= ? AND (ended_trials IS NULL OR ended_trials >= ?)"
         query = f"SELECT {enough} FROM contexts WHERE context = ?"
         found = self._database.execute(query, (starts, trials, context.name)).fetchone()
         return found is not None and bool(found[0])
 
-    def reached(self, context: Context, starts: int) -> int:
+    def count_solved(self, context: Context, starts: int) -> int:
         """Return how many candidates of a context were solved from so many starts."""
         query = "SELECT count(*) FROM candidates WHERE context = ? AND asked >= ?"
         number: int = self._database.execute(query, (context.name, starts)).fetchone()[0]
@@ -208,7 +208,7 @@ class Ledger:
         if text is None:
             return None
         model: type[Design] | type[Infeasible] = Design if '"topo-search/design"' in text[:60] else Infeasible
-        return parsed(self._path, model, "texts", text, strict=False)
+        return parse(self._path, model, "texts", text, strict=False)
 
     def audit(self, context: Context, key: str) -> str | None:
         """Return the audit of a candidate's design as JSON text."""
@@ -239,7 +239,7 @@ class Ledger:
                 standing = row.feasible or context.step == 0
                 values = [getattr(row, name) for name in _FIELDS]
                 text = None if result is None else to_json(result).encode()
-                with changed(self._database, "candidates", _OF_A_KEY, (row.key, context.name)):
+                with reseal(self._database, "candidates", _OF_A_KEY, (row.key, context.name)):
                     if standing:
                         self._database.execute(_STEP_DOWN, (row.key,))
                     self._database.execute(_UPSERT, (*values, context.name, standing, text and zlib.crc32(text)))
@@ -247,14 +247,14 @@ class Ledger:
                 if row.status != "pruned":  # for another design may rule it out, or none
                     reached = astuple(score(row, context.task))
                     number = self._database.execute(_LOGGED).fetchone()[0] + 1
-                    with changed(self._database, "solves", "number = ?", (number,)):
+                    with reseal(self._database, "solves", "number = ?", (number,)):
                         self._database.execute(_LOG, (number, time.time(), context.name, *reached))
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
         text = to_json(audit).encode()
         place = context.name, key
-        with self._changed("candidates", _PLACE, place):
+        with self._change("candidates", _PLACE, place):
             told = {"audit": str(audit.verdict), "audit_checksum": zlib.crc32(text), **flight_of(audit)}
             verdict = f"UPDATE candidates SET {', '.join(f'{name} = ?' for name in told)} WHERE {_PLACE}"
             self._database.execute(verdict, (*told.values(), *place))
@@ -263,7 +263,7 @@ class Ledger:
     def record_audit_failure(self, context: Context, key: str, reason: str) -> None:
         """Write why a candidate's design has no audit."""
         place = context.name, key
-        with self._changed("candidates", _PLACE, place):
+        with self._change("candidates", _PLACE, place):
             self._database.execute(f"UPDATE candidates SET audit_failure = ? WHERE {_PLACE}", (reason, *place))
 
     def consider(self, contexts: Sequence[Context]) -> None:
@@ -272,7 +272,7 @@ class Ledger:
         self._database.execute("DELETE FROM current")
         self._database.executemany("INSERT INTO current VALUES (?)", [(context.name,) for context in contexts])
 
-    def ranked(self, n: int) -> Iterator[Row]:
+    def ranking(self, n: int) -> Iterator[Row]:
         """Yield the row that stands for each candidate of n modules: by objective, ties by key, then the rest."""
         query = f"{_SELECT} {_STANDING} ORDER BY objective IS NULL, objective, key"
         for values in self._database.execute(query, (n,)):

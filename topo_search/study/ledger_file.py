@@ -22,7 +22,7 @@ from pydantic import BaseModel, ValidationError
 
 from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import faults_of
-from topo_search.study.seals import PLACES, changed, fault, unsealed
+from topo_search.study.seals import PLACES, fault, reseal, seal_fault
 
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
@@ -86,7 +86,7 @@ def blank(identity: str) -> bytes:
     """Return the content of a new ledger's file, with the identity of its run."""
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as database:
         database.executescript(SCHEMA)
-        with changed(database, "run", "true", ()):
+        with reseal(database, "run", "true", ()):
             database.execute("INSERT INTO run VALUES (?, 0, NULL, 0)", (identity,))
         content = database.serialize()
     return content[:18] + WAL_MODE + content[20:]
@@ -111,7 +111,7 @@ def open_database(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection
         try:
             _check(database, path)
         except UnicodeDecodeError:  # the name of a column
-            raise damaged(path, "its tables have names that are not text") from None
+            raise damage(path, "its tables have names that are not text") from None
         if not read_only:
             _make_lasting(database, path)
         yield database
@@ -126,7 +126,7 @@ def _make_lasting(database: sqlite3.Connection, path: Path) -> None:
     except sqlite3.OperationalError as error:
         if error.sqlite_errorcode != sqlite3.SQLITE_READONLY or not os.access(path, os.W_OK):
             raise
-        raise damaged(path, "its header says that it cannot be written to") from None
+        raise damage(path, "its header says that it cannot be written to") from None
     database.execute("PRAGMA synchronous = FULL")
 
 
@@ -138,14 +138,14 @@ def _check_file(path: Path) -> None:
         except FileNotFoundError:
             continue
         if not stat.S_ISREG(mode):
-            raise refused(each, "is a symbolic link" if stat.S_ISLNK(mode) else "is no file")
+            raise refusal(each, "is a symbolic link" if stat.S_ISLNK(mode) else "is no file")
     journal = path.with_name(f"{path.name}-journal")
     if os.path.lexists(journal):
-        raise refused(journal, "is not from this program, which keeps no such file")
+        raise refusal(journal, "is not from this program, which keeps no such file")
     if not path.exists():
-        raise refused(path, "is gone")
+        raise refusal(path, "is gone")
     if not path.stat().st_size:  # its content is SQLite's alone to read: closing the file would drop its locks
-        raise refused(path, "is damaged (it is empty)")
+        raise refusal(path, "is damaged (it is empty)")
 
 
 @contextmanager
@@ -172,7 +172,7 @@ def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str
     return text.decode()
 
 
-def parsed(path: Path, model: type[Model], table: str, text: str, *, strict: bool = True) -> Model:
+def parse(path: Path, model: type[Model], table: str, text: str, *, strict: bool = True) -> Model:
     """Return what a table holds as JSON text.
 
     Raises:
@@ -181,7 +181,7 @@ def parsed(path: Path, model: type[Model], table: str, text: str, *, strict: boo
     try:
         return model.model_validate_json(text, strict=strict)
     except ValidationError as error:
-        raise damaged(path, f"its table {table}: {faults_of(error, model)[0]}") from None
+        raise damage(path, f"its table {table}: {faults_of(error, model)[0]}") from None
 
 
 def _check(database: sqlite3.Connection, path: Path) -> None:
@@ -189,19 +189,21 @@ def _check(database: sqlite3.Connection, path: Path) -> None:
     application: int = database.execute("PRAGMA application_id").fetchone()[0]
     version = database.execute("PRAGMA user_version").fetchone()[0]
     if application != APPLICATION_ID:
-        raise refused(path, "is an SQLite file of another program")
+        raise refusal(path, "is an SQLite file of another program")
     if version != VERSION:
-        raise refused(path, f"has version {version}, but this program reads version {VERSION}")
+        raise refusal(path, f"has version {version}, but this program reads version {VERSION}")
     database.execute("BEGIN")  # all is read as of one moment, also beside a run that works
     _check_tables(database, path)
     for table in CHECKED:
         if (found := database.execute(f"PRAGMA integrity_check({table})").fetchone()[0]) != "ok":
-            raise damaged(path, found)
+            raise damage(path, found)
     for table in PLACES:
         if wrong := fault(database, table):
-            raise damaged(path, wrong)
-    if wrong := unsealed(database, "files"):  # else what the run wrote under a name that changed would be nobody's
-        raise damaged(path, wrong)
+            raise damage(path, wrong)
+    if wrong := seal_fault(
+        database, "files"
+    ):  # else what the run wrote under a name that changed would be nobody's
+        raise damage(path, wrong)
     database.execute("COMMIT")
 
 
@@ -212,12 +214,12 @@ def _check_tables(database: sqlite3.Connection, path: Path) -> None:
         pattern.executescript(SCHEMA)
         for table, columns in _columns(pattern).items():
             if table not in held:
-                raise damaged(path, f"it has no table {table}")
+                raise damage(path, f"it has no table {table}")
             if lacking := columns - held[table]:
-                raise damaged(path, f"its table {table} has no column {min(lacking)}")
+                raise damage(path, f"its table {table} has no column {min(lacking)}")
         made, found = pattern.execute(schema).fetchall(), database.execute(schema).fetchall()
         if odd := set(found) ^ set(made):
-            raise damaged(path, f"its {min(map(str, odd))[:200]} is not as this program makes it")
+            raise damage(path, f"its {min(map(str, odd))[:200]} is not as this program makes it")
 
 
 def _columns(database: sqlite3.Connection) -> dict[str, set[str]]:
@@ -232,12 +234,12 @@ def _columns(database: sqlite3.Connection) -> dict[str, set[str]]:
     return tables
 
 
-def damaged(path: Path, what: str) -> BadInput:
+def damage(path: Path, what: str) -> BadInput:
     """Return the error that names the damage of a file that was only looked at."""
-    return refused(path, f"is damaged ({what})")
+    return refusal(path, f"is damaged ({what})")
 
 
-def refused(path: Path, what: str) -> BadInput:
+def refusal(path: Path, what: str) -> BadInput:
     """Return the error that says why a file is not used."""
     return _bad(path, f"{what}; it is left unchanged: {ADVICE}")
 

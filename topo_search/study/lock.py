@@ -30,7 +30,7 @@ class ReadOnlyFolder(BadInput):
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def hold_lock(folder: Path) -> Iterator[None]:
     """Hold the folder's lock; the system frees it when the process ends, however it ends.
 
     The folder itself is locked too where its disk can do that, so that removing the file lets nobody in.
@@ -58,7 +58,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _lock_file(folder: Path, itself: int) -> int:
-    """Open the lock's file, or make it; it must be one that `locked` made."""
+    """Open the lock's file, or make it; it must be one that `hold_lock` made."""
     try:
         handle = os.open(LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644, dir_fd=itself)
     except OSError as error:

@@ -58,7 +58,7 @@ class OwnFiles:
             for name, content in batch:
                 digest, there = digest_of(content), place.read(name)
                 found = None if there is None else digest_of(there)
-                known = self._known(name)
+                known = self._entry(name)
                 if there is not None and not self._owns(known, there, found):
                     if found != digest:  # the very same is in nobody's way
                         foreign.append(name)
@@ -71,12 +71,12 @@ class OwnFiles:
             for name, content in due:
                 place.write(name, content, lasting=lasting)
         if foreign:
-            raise self.foreign(place, foreign)
+            raise self.refusal(place, foreign)
 
     def remove(self, place: Place, names: Iterable[str]) -> None:
         """Remove those of some files that the run wrote; what somebody else has changed since stays."""
         for name in names:
-            known = self._known(name)
+            known = self._entry(name)
             if known is None:
                 continue
             if (there := place.read(name)) is not None and self._owns(known, there, digest_of(there)):
@@ -85,7 +85,7 @@ class OwnFiles:
                 self._database.execute("BEGIN IMMEDIATE")
                 self._database.execute("DELETE FROM files WHERE name = ?", (name,))
 
-    def changing(self, place: Place, *names: str) -> None:
+    def adopt(self, place: Place, *names: str) -> None:
         """Take files over that another library makes anew and appends to.
 
         Raises:
@@ -105,24 +105,24 @@ class OwnFiles:
         """
         foreign = []
         for name in names:
-            known, there = self._known(name), None
+            known, there = self._entry(name), None
             if known is None or not known[2]:
                 there = place.read(name)
             if there is not None and not self._owns(known, there, digest_of(there)):
                 foreign.append(name)
         if foreign:
-            raise self.foreign(place, foreign)
+            raise self.refusal(place, foreign)
 
     def within(self, folder: str) -> list[str]:
         """Return the names of the files that the run wrote into one of its folders, `designs` for instance."""
         query = "SELECT name FROM files WHERE name >= ? AND name < ?"
         names = [name for (name,) in self._database.execute(query, (f"{folder}/", f"{folder}0"))]  # 0 follows /
         if odd := next((name for name in names if not within_folder(name)), None):
-            raise self._damaged(odd)
+            raise self._damage(odd)
         return names
 
     @staticmethod
-    def foreign(place: Place, names: list[str]) -> BadInput:
+    def refusal(place: Place, names: list[str]) -> BadInput:
         """Return the error that names files that stand where the run would write its own."""
         rule = (
             "is not the file that this run wrote, and is left unchanged: move it away and run the same command "
@@ -130,17 +130,17 @@ class OwnFiles:
         )
         return BadInput(str(place.path), [Fault(name, rule) for name in names])
 
-    def _known(self, name: str) -> tuple[bytes | None, bytes | None, int] | None:
+    def _entry(self, name: str) -> tuple[bytes | None, bytes | None, int] | None:
         """Return digest, the one before and whether it changes, of a file that the run wrote."""
         found = self._database.execute("SELECT * FROM files WHERE name = ?", (name,)).fetchone()
         if found is None:
             return None
         if checksum(found[:-1]) != found[-1]:
-            raise self._damaged(name)
+            raise self._damage(name)
         _, digest, before, changing, _ = found
         return digest, before, changing
 
-    def _damaged(self, name: str) -> BadInput:
+    def _damage(self, name: str) -> BadInput:
         rule = f"is damaged (its entry of the file {name} has changed since it was written)"
         return BadInput(str(self._ledger), [Fault("", rule)])
 

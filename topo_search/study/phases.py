@@ -90,12 +90,12 @@ def solving_seconds(task: ResolvedTask, starts: int) -> float:
     return cases * starts * START_SECONDS * growth
 
 
-def auditing(n: int, designs: int) -> Phase:
+def audit_phase(n: int, designs: int) -> Phase:
     """Return the phase that audits designs of n modules."""
     return Phase("auditing", n, designs, seconds=AUDIT_SECONDS * (n / 5) ** 1.5)
 
 
-def proving(n: int) -> Phase:
+def proof_phase(n: int) -> Phase:
     """Return the phase that bounds the effort of a size, or proves it impossible."""
     return Phase("proving", n, 1, seconds=PROVING_SECONDS, alone=True)
 

@@ -56,11 +56,11 @@ class Place:
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise self._refused(name, error) from None
+            raise self._refusal(name, error) from None
         with os.fdopen(handle, "rb") as stream:
             status = os.fstat(handle)
             if not stat.S_ISREG(status.st_mode):
-                raise self._refused(name, None)
+                raise self._refusal(name, None)
             if status.st_size > most_bytes:
                 rule = f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}; it is left unchanged"
                 raise BadInput(str(self.path / name), [Fault("", rule)])
@@ -100,7 +100,7 @@ class Place:
                 if lasting:
                     os.fsync(folder)
         except NotADirectoryError as error:
-            raise self._refused(name, error) from None
+            raise self._refusal(name, error) from None
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self.path / name)) from error
 
@@ -120,7 +120,7 @@ class Place:
             with self._within(f"{name}/.", make=True):
                 return
         except NotADirectoryError as error:
-            raise self._refused(name, error) from None
+            raise self._refusal(name, error) from None
 
     def tidy(self) -> None:
         """Remove what a run that was killed left of a file that it was writing; only who holds the lock may."""
@@ -146,7 +146,7 @@ class Place:
         finally:
             os.close(handle)
 
-    def _refused(self, name: str, error: OSError | None) -> BadInput:
+    def _refusal(self, name: str, error: OSError | None) -> BadInput:
         why = "is no regular file" if error is None else f"cannot be used ({error.strerror})"
         rule = f"{why}: a run uses regular files only, no symbolic links; it is left unchanged"
         return BadInput(str(self.path / name), [Fault("", rule)])

@@ -9,10 +9,10 @@ from itertools import pairwise
 from topo_search.engine import rounds
 from topo_search.study.audits import AUDITED
 from topo_search.study.folder import RunFolder
-from topo_search.study.phases import WRITING, Phase, PhaseName, Plan, auditing, proving, solving_seconds
+from topo_search.study.phases import WRITING, Phase, PhaseName, Plan, audit_phase, proof_phase, solving_seconds
 
 
-def planned(folder: RunFolder, workers: int | None, time_limit: float) -> Plan:
+def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) -> Plan:
     """Return what is left to do of a run.
 
     Args:
@@ -32,16 +32,16 @@ def _level(folder: RunFolder, *, timed: bool) -> Iterator[Phase]:
         context = request.contexts(n)[0]
         bound = ledger.bound(context)
         if bound is None:
-            yield proving(n)
+            yield proof_phase(n)
         elif bound[1] is not None:
             continue  # it is proven impossible
         count = request.space(n).count()
         candidates = count if request.trials is None else min(count, request.trials)
-        if not ledger.ended(context, request.starts, request.trials):
+        if not ledger.has_ended(context, request.starts, request.trials):
             stops = [0, *(part.stop for part in rounds(request.starts, request.starts, timed=timed))]
             for before, stop in pairwise(stops):
-                left = candidates - ledger.reached(context, stop)
+                left = candidates - ledger.count_solved(context, stop)
                 name: PhaseName = "polishing" if before else "searching"
                 if left > 0:
                     yield Phase(name, n, left, stop, solving_seconds(context.task, stop - before))
-            yield auditing(n, min(AUDITED, candidates))
+            yield audit_phase(n, min(AUDITED, candidates))

@@ -98,7 +98,7 @@ def together(
         best: the best design whose audit is clear.
         task: the task.
         candidates: how many there are.
-        whom: of which trees a complete proof speaks, as `said_of` has it.
+        whom: of which trees a complete proof speaks, as `subject_of` has it.
     """
     if best is None or best.objective is None or not proofs:
         return Together(None, None)
@@ -127,7 +127,7 @@ def together(
     return Together(sentence, gap)
 
 
-def said_of(request: Request, n: int) -> str:
+def subject_of(request: Request, n: int) -> str:
     """Return of which trees of a size a proof of all candidates speaks: of all, if the candidates stand for all."""
     if request.own.topologies is None and request.quotient(n).exact:
         return f"no {n}-module topology"

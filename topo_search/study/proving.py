@@ -61,12 +61,12 @@ class _Work:
     def jobs(self) -> Iterator[_Job]:
         """Yield what is due, tree by tree; a tree with a chunk that cannot be closed is left alone."""
         for key in list(self.proofs):
-            for number in self.proofs[key].due():
+            for number in self.proofs[key].due_chunks():
                 proof = self.proofs[key]
                 if proof.open_at is None:
                     yield _Job(proof.task, proof.topology, number, proof.cut, proof.problem)
 
-    def ended(self, job: _Job, result: Chunk | Failed) -> None:
+    def take(self, job: _Job, result: Chunk | Failed) -> None:
         """Keep what came of a chunk."""
         key = job.topology.key
         if job.cut != self.proofs[key].cut:
@@ -74,14 +74,14 @@ class _Work:
         if isinstance(result, Failed):
             self.observer.note(f"{key}: chunk {job.number} failed, {result.reason}")
             return
-        proof = self.proofs[key] = self.proofs[key].having(result)
+        proof = self.proofs[key] = self.proofs[key].with_chunk(result)
         self.due.add(key)
         if proof.complete or time.monotonic() - self.kept > LATEST:
             self.keep()
         if proof.complete:
             self.observer.note(f"{key}: {_words(proof, self.floor)}, {proof.boxes:,} boxes")
         elif result.outcome != "closed" and proof.cut > self.floor:
-            self.proofs[key] = _lowered(proof, self.floor)
+            self.proofs[key] = _lower(proof, self.floor)
             self.observer.note(f"{key}: {_why(result)}; is held to {gap_percent(proof.gap)} under the best instead")
         elif result.outcome != "closed":
             self.observer.note(f"{key}: open, for {_why(result)}")
@@ -144,7 +144,7 @@ def prove(
                     loan = lent.get(row.key)
                     if held is not None and _serves(held, cut, work.floor, gap, problem):
                         if held.open_at is not None and held.cut > work.floor:
-                            held = _lowered(held, work.floor)
+                            held = _lower(held, work.floor)
                     elif loan is not None and loan.cut >= work.floor and loan.problem in ("task", problem):
                         whole: Aim = "excluded" if loan.cut >= best else "within"
                         held = loan.model_copy(update={"aim": whole, "gap": gap})
@@ -164,14 +164,16 @@ def prove(
                 incumbent, before = folder.ledger.best_clear(n), dict[str, float]()
                 while before != (cuts := {key: proof.cut for key, proof in work.proofs.items()}):
                     before = cuts  # what was lowered meanwhile is due again
-                    due = sum(len(list(proof.due())) for proof in work.proofs.values() if proof.open_at is None)
+                    due = sum(
+                        len(list(proof.due_chunks())) for proof in work.proofs.values() if proof.open_at is None
+                    )
                     observer.phase(Phase("proving", n, due, seconds=CHUNK_SECONDS))
                     ended = engine.run(
                         partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: CHUNK_DEADLINE, until=until
                     )
                     try:
                         for job, result in ended:
-                            work.ended(job, result)
+                            work.take(job, result)
                             observer.settled(incumbent)
                     finally:
                         work.keep()
@@ -216,7 +218,7 @@ def _lent(lender: Path | None, task: ResolvedTask) -> dict[str, Proof]:
     return found
 
 
-def _lowered(proof: Proof, floor: float) -> Proof:
+def _lower(proof: Proof, floor: float) -> Proof:
     """Return a proof to begin in place of one that cannot be closed."""
     return proof.model_copy(update={"aim": "within", "cut": floor, "chunks": ()})
 
@@ -232,7 +234,7 @@ def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, fl
     refuse_unprovable(request, str(path))
     known = set[str]()
     for n in request.task.sizes:
-        rows = list(folder.ledger.ranked(n))
+        rows = list(folder.ledger.ranking(n))
         known.update(row.key for row in rows)
         best = folder.ledger.best_clear(n)
         if best is None or not best.objective:

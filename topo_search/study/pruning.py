@@ -16,7 +16,7 @@ def rests_on_an_audited_design(ledger: Ledger, n: int, lower_bound: float) -> bo
 
 def record_pruned(ledger: Ledger, context: Context, space: Space, lower_bound: float) -> None:
     """Write a row for every candidate that was not solved."""
-    known = {row.key for row in ledger.ranked(space.n)}
+    known = {row.key for row in ledger.ranking(space.n)}
     rows = [
         Row(candidate.key, space.n, candidate.orbit, status="pruned", asked=0, lower_bound=lower_bound)
         for candidate in space.candidates()

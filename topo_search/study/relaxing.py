@@ -48,7 +48,7 @@ class _Attempt:
             return last if self.short < last else None
         return (self.enough + self.short) // 2 if self.enough - self.short > 1 else None
 
-    def tried(self, place: int, outcome: Design | Infeasible | Failed) -> None:
+    def take(self, place: int, outcome: Design | Infeasible | Failed) -> None:
         """Take up what came of a share."""
         if isinstance(outcome, Design):
             self.enough, self.design = place, outcome
@@ -99,7 +99,7 @@ def relax(
     attempts = [_Attempt(topology, limit) for topology in topologies[:TREES] for limit in relaxable(task)]
     few = range(min(starts, STARTS))
     proven = backends.prove_impossible(task) is not None  # else what is easier is not either
-    while jobs := _possible(attempts, backends if proven else None):
+    while jobs := _possible_attempts(attempts, backends if proven else None):
         observer.phase(Phase("relaxing", task.n, len(jobs), len(few), solving_seconds(task, len(few))))
         numbered = [(number, place, _job(attempts[number], place, few, seed)) for number, place in jobs]
         ended = engine.run(
@@ -107,7 +107,7 @@ def relax(
         )
         count = 0
         for (number, place, _), outcome in ended:
-            attempts[number].tried(place, outcome)
+            attempts[number].take(place, outcome)
             observer.settled(None)
             count += 1
         if count < len(jobs):  # the time is over
@@ -124,7 +124,7 @@ def relax(
     return Relaxed(modules=task.n, starts=starts, relaxations=_best(found), in_vain=tuple(sorted(in_vain.values())))
 
 
-def _possible(attempts: list[_Attempt], backends: Backends | None) -> list[tuple[int, int]]:
+def _possible_attempts(attempts: list[_Attempt], backends: Backends | None) -> list[tuple[int, int]]:
     """Return which attempts to solve with which place of their ladders; with proofs, those that may be possible."""
     due = list[tuple[int, int]]()
     for number, attempt in enumerate(attempts):
@@ -134,7 +134,7 @@ def _possible(attempts: list[_Attempt], backends: Backends | None) -> list[tuple
             if proof is None:
                 due.append((number, place))
                 break
-            attempt.tried(place, proof)
+            attempt.take(place, proof)
     return due
 
 

@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 
-from topo_search.engine import Engine, Job, Proposal, Round, Scored, Solve, Stage, Strategy, solved
+from topo_search.engine import Engine, Job, Proposal, Round, Scored, Solve, Stage, Strategy, solve_jobs
 from topo_search.model import Design
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
@@ -87,7 +87,7 @@ class Replay:
                 else:
                     self._settle(proposal.candidate.key, known=True)
 
-        for job, outcome in solved(jobs(), solve=self._solve, engine=self._engine, until=until):
+        for job, outcome in solve_jobs(jobs(), solve=self._solve, engine=self._engine, until=until):
             row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
             self._add(score(row, self._context.task))
             self._incumbent = _better(self._incumbent, row)

@@ -18,7 +18,7 @@ from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, quotient_r
 from topo_search.study.audits import audit_best, audits_left
 from topo_search.study.causes import causes, find_causes
 from topo_search.study.claims import LEDGER
-from topo_search.study.crosscheck import check_designs, checked
+from topo_search.study.crosscheck import check_designs, check_rows
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import front_of, write_front
 from topo_search.study.identity import Context, Request
@@ -26,9 +26,9 @@ from topo_search.study.ledger import Ledger
 from topo_search.study.lock import ReadOnlyFolder
 from topo_search.study.lost import KEPT, LedgerLost
 from topo_search.study.observer import Observer
-from topo_search.study.phases import WRITING, proving
-from topo_search.study.planning import planned
-from topo_search.study.proofs import said_of, together
+from topo_search.study.phases import WRITING, proof_phase
+from topo_search.study.planning import remaining_plan
+from topo_search.study.proofs import subject_of, together
 from topo_search.study.pruning import record_pruned, rests_on_an_audited_design
 from topo_search.study.replay import Replay
 from topo_search.study.row import row_of
@@ -71,7 +71,7 @@ def run(
     try:
         with RunFolder.open(path, request) as folder, _not_lost(folder):
             try:
-                observer.plan(planned(folder, workers, time_limit))
+                observer.plan(remaining_plan(folder, workers, time_limit))
                 for number, level in enumerate(folder.levels()):
                     left = len(request.levels) - number
                     if level.request.level is not None:
@@ -89,7 +89,7 @@ def run(
             folder.ledger.require()
             return answer_of(folder)
     except ReadOnlyFolder:
-        answer = _finished(path, request)
+        answer = _finished_answer(path, request)
         if answer is None:
             raise
         return answer
@@ -154,7 +154,7 @@ def _search_size(
     context = contexts[0]
     bound = ledger.bound(context)
     if bound is None:
-        observer.phase(proving(n))
+        observer.phase(proof_phase(n))
         bound = backends.lower_bound(context.task), backends.prove_impossible(context.task)
         ledger.begin(context, *bound)
     lower_bound, proof = bound
@@ -178,7 +178,7 @@ def _search_size(
             near=request.near,
         )
 
-    if ledger.ended(context, request.starts, request.trials):
+    if ledger.has_ended(context, request.starts, request.trials):
         audit()
         return
     previous = None if request.previous is None else request.previous.contexts(n)[0]
@@ -256,7 +256,7 @@ def _record_proof(
         ledger.record(context, [(row, None) for row in rows])
 
 
-def _finished(path: Path, request: Request) -> Answer | None:
+def _finished_answer(path: Path, request: Request) -> Answer | None:
     """Return the answer of a run that has nothing left to do, from a folder that cannot be written to."""
     if not os.access(path / LEDGER, os.R_OK):
         return None
@@ -279,17 +279,17 @@ def answer_of(folder: RunFolder) -> Answer:
 
 def _sizes(folder: RunFolder) -> tuple[SizeAnswer, ...]:
     """Read the answer of a task without goals."""
-    found = (_proven(folder, _sum_up(folder.ledger, folder.request, n)) for n in folder.request.task.sizes)
+    found = (_add_proof(folder, _sum_up(folder.ledger, folder.request, n)) for n in folder.request.task.sizes)
     return tuple(size if size.feasible else replace(size, relaxed=causes(folder, size.modules)) for size in found)
 
 
-def _proven(folder: RunFolder, answer: SizeAnswer) -> SizeAnswer:
+def _add_proof(folder: RunFolder, answer: SizeAnswer) -> SizeAnswer:
     """Return the answer of one size with what branch and bound proves of it."""
     proofs = folder.proofs(answer.modules)
     if not proofs:
         return answer
-    task, rows = folder.request.contexts(answer.modules)[0].task, list(folder.ledger.ranked(answer.modules))
-    whom = said_of(folder.request, answer.modules)
+    task, rows = folder.request.contexts(answer.modules)[0].task, list(folder.ledger.ranking(answer.modules))
+    whom = subject_of(folder.request, answer.modules)
     found = together(rows, proofs, answer.best, task, answer.candidates, whom)
     told = answer.statement
     if found.gap is not None:
@@ -302,11 +302,11 @@ def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
     contexts, space = request.contexts(n), request.space(n)
     lower_bound, proof = ledger.bound(contexts[0]) or (0.0, None)
     answer = size_answer(
-        checked(ledger.ranked(n), space, lower_bound, ledger.path),
+        check_rows(ledger.ranking(n), space, lower_bound, ledger.path),
         contexts[0].task,
         candidates=space.count(),
         starts=request.starts,
-        ended=proof is not None or ledger.ended(contexts[0], request.starts, request.trials),
+        ended=proof is not None or ledger.has_ended(contexts[0], request.starts, request.trials),
         audits_left=audits_left(ledger, contexts, request.starts),
         lower_bound=lower_bound,
         proof=proof,

@@ -32,7 +32,7 @@ def checksum(values: Sequence[Any]) -> int:
 
 
 @contextmanager
-def changed(database: sqlite3.Connection, table: str, where: str, values: Sequence[Any]) -> Iterator[None]:
+def reseal(database: sqlite3.Connection, table: str, where: str, values: Sequence[Any]) -> Iterator[None]:
     """Seal the rows of a table that meet a condition again, after they were changed within the block.
 
     Args:
@@ -83,7 +83,7 @@ def fault(database: sqlite3.Connection, table: str) -> str | None:
     return None
 
 
-def unsealed(database: sqlite3.Connection, table: str) -> str | None:
+def seal_fault(database: sqlite3.Connection, table: str) -> str | None:
     """Return what is wrong with a table whose rows have checksums, but which has none as a whole."""
     for values in database.execute(f"SELECT * FROM {table} NOT INDEXED"):
         if checksum(values[:-1]) != values[-1]:

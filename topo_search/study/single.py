@@ -17,7 +17,7 @@ from topo_search.engine import (
     merge,
     rounds,
     scaled_violation,
-    solved,
+    solve_jobs,
 )
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Topology
 from topo_search.model.html import paragraph
@@ -114,7 +114,7 @@ def solve_single(
     ends: list[tuple[Outcome, Audit | Failed | None]] = []
     with Workers(1) as worker:
 
-        def explained(outcome: Infeasible) -> Infeasible:
+        def explain(outcome: Infeasible) -> Infeasible:
             most = round_size if starts is None else starts
             relaxed = relax(
                 task,
@@ -129,7 +129,7 @@ def solve_single(
             return outcome.model_copy(update={"relaxed": relaxed})
 
         if proof is not None:
-            return Solved(explained(proof), None, ())
+            return Solved(explain(proof), None, ())
 
         def judge(step: int, names: Sequence[str]) -> list[tuple[str, Audit]] | None:
             if step and time.monotonic() >= until:
@@ -138,7 +138,7 @@ def solve_single(
             outcome = _best_of(tasks[step], topology, ranges, seed, backends, worker, until, progress, near)
             if not isinstance(outcome, Design):
                 if step == 0:
-                    ends.append((explained(outcome) if isinstance(outcome, Infeasible) else outcome, None))
+                    ends.append((explain(outcome) if isinstance(outcome, Infeasible) else outcome, None))
                 return []
             audit = worker.one(backends.audit, outcome, deadline=audit_deadline(topology.n))
             ends.append((outcome, audit))
@@ -172,7 +172,7 @@ def _best_of(
     for starts in ranges:
         job = Job(task, topology, 1, starts, seed, () if starts.start else tuple(near))
         outcome = next(
-            (end for _, end in solved(iter([job]), solve=backends.solve, engine=worker, until=until)), None
+            (end for _, end in solve_jobs(iter([job]), solve=backends.solve, engine=worker, until=until)), None
         )
         if outcome is None:  # the time limit
             return best

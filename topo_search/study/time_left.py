@@ -68,7 +68,7 @@ class TimeLeft:
 
     def __call__(self, now: float) -> float:
         """Return how long it still takes [s]."""
-        taken, expected = self._spent(now)
+        taken, expected = self._seconds_spent(now)
         correction = (self._taken + taken + TRUSTED) / (self._expected + expected + TRUSTED)
         solving = other = 0.0
         for phase in self._planned:
@@ -105,7 +105,7 @@ class TimeLeft:
         """Whether no worker has done a step yet."""
         return self._phase is not None and not self._phase.alone and not self._woken
 
-    def _spent(self, now: float) -> tuple[float, float]:
+    def _seconds_spent(self, now: float) -> tuple[float, float]:
         """Return what was spent on the present phase, and what was expected of as much [s]."""
         phase = self._phase
         if phase is None or not phase.steps or self._waking:
@@ -115,7 +115,7 @@ class TimeLeft:
 
     def _close(self, now: float) -> None:
         """Add up the phase that is over."""
-        taken, expected = self._spent(now)
+        taken, expected = self._seconds_spent(now)
         self._taken += taken
         self._expected += expected
 

@@ -58,7 +58,7 @@ def candidates(
         ValueError: n < 1, an unknown name, or `task` without a task.
     """
     quotient = Quotient(_group(n, symmetry, connectors, root, task), root)
-    return _listed(n, quotient, connectors)
+    return _enumerate(n, quotient, connectors)
 
 
 def count(
@@ -162,7 +162,7 @@ def _group(n: int, symmetry: Symmetry, connectors: Connectors, root: Root, task:
     return group_of(symmetry, connectors=connectors, root=root, mirrors=mirrors)
 
 
-def _listed(n: int, quotient: Quotient, connectors: Connectors) -> Iterator[Candidate]:
+def _enumerate(n: int, quotient: Quotient, connectors: Connectors) -> Iterator[Candidate]:
     """Yield the aligned candidates, keys `a...`, then (for any port) those with an odd kappa, keys `p...`."""
     families: tuple[Connectors, ...] = ("aligned",) if connectors == "aligned" else ("aligned", "any")
     for family in families:

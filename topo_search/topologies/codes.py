@@ -25,7 +25,7 @@ LONGEST_KEPT = 5
 """Lists of codes up to this many modules are kept (343 aligned codes, 9,726 of any port), longer ones made anew."""
 
 
-def planted(slots: tuple[str, str, str], odd: int = 0) -> str:
+def plant(slots: tuple[str, str, str], odd: int = 0) -> str:
     """Return the code of a module from the codes in its slots 1, 2, 3 and the parity of its own kappa."""
     right, ahead, left = slots
     digit = DIGITS[(right != "") | (ahead != "") << 1 | (left != "") << 2 | odd << 3]
@@ -47,7 +47,7 @@ def split(mask: int, text: str, width: int) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=1 << 14)
-def mirrored(code: str) -> str:
+def mirror_code(code: str) -> str:
     """Return the code of the mirror image, which swaps slots 1 and 3 of every module."""
     waiting: list[str] = []
     for digit in reversed(code):
@@ -59,16 +59,16 @@ def mirrored(code: str) -> str:
 def codes(least: int, most: int, connectors: Connectors) -> Iterable[str]:
     """Return the codes of `least` to `most` modules in ascending order."""
     if most <= LONGEST_KEPT:
-        return _kept(least, most, connectors)
-    return _grown(least, most, connectors)
+        return _kept_codes(least, most, connectors)
+    return _grow(least, most, connectors)
 
 
 @cache
-def _kept(least: int, most: int, connectors: Connectors) -> tuple[str, ...]:
-    return tuple(_grown(least, most, connectors))
+def _kept_codes(least: int, most: int, connectors: Connectors) -> tuple[str, ...]:
+    return tuple(_grow(least, most, connectors))
 
 
-def _grown(least: int, most: int, connectors: Connectors) -> Iterator[str]:
+def _grow(least: int, most: int, connectors: Connectors) -> Iterator[str]:
     """Write codes digit by digit, depth first; every beginning that is kept can be completed."""
     descending = (DIGITS if connectors == "any" else DIGITS[:8])[::-1]
     stack = [("", 1)]

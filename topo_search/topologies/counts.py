@@ -69,18 +69,18 @@ def mirror_bridges(n: int, *, connectors: Connectors = "aligned", root: Root = "
     return ternary_trees(n // 2) << (n // 2 - 1 if connectors == "any" else 0)
 
 
-def unchanged(
+def count_fixed(
     quarters: int, mirror: bool, n: int, *, connectors: Connectors = "aligned", root: Root = "free"
 ) -> int:
     """Return the number of trees that an element (q, mirror) of a group leaves as they are."""
     if mirror and quarters % 2 == 0:
         paths = mirror_paths(n, connectors=connectors, root=root)
         return sum(paths) + mirror_bridges(n, connectors=connectors, root=root)
-    number, joints = _turned_unchanged(quarters, mirror, n, root)
+    number, joints = _count_fixed_by_turn(quarters, mirror, n, root)
     return number << joints if connectors == "any" else number
 
 
-def _turned_unchanged(quarters: int, mirror: bool, n: int, root: Root) -> tuple[int, int]:
+def _count_fixed_by_turn(quarters: int, mirror: bool, n: int, root: Root) -> tuple[int, int]:
     """Return how many aligned trees an element that is no axis mirror leaves as they are, and their free joints."""
     if not mirror and quarters == 0:
         return (fixed_trees(n) if root == "free" else rooted_trees(n)), n - 1
@@ -96,4 +96,6 @@ def _turned_unchanged(quarters: int, mirror: bool, n: int, root: Root) -> tuple[
 def classes(n: int, group: Group, *, connectors: Connectors = "aligned", root: Root = "free") -> int:
     """Return the number of trees of n modules up to a group."""
     elements = GROUPS[group]
-    return sum(unchanged(q, mirror, n, connectors=connectors, root=root) for q, mirror in elements) // len(elements)
+    return sum(count_fixed(q, mirror, n, connectors=connectors, root=root) for q, mirror in elements) // len(
+        elements
+    )

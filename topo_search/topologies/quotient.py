@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 
-from topo_search.topologies.rooted import Rooted, centred, moved, other_centroid, reflected, text_of, turned
+from topo_search.topologies.rooted import Rooted, centre, other_centroid, reflect, reroot, text_of, turn
 from topo_search.topologies.symmetry import GROUPS, Element, Group, Root
 
 
@@ -25,7 +25,7 @@ class Quotient:
 
     def representative(self, rooted: Rooted) -> Rooted:
         """Return the tree with the least text among those that are one candidate with a given one."""
-        return min(self.same(rooted if self.root == "paper" else centred(rooted)), key=text_of)
+        return min(self.equivalents(rooted if self.root == "paper" else centre(rooted)), key=text_of)
 
     @property
     def masks(self) -> Iterable[int]:
@@ -52,13 +52,13 @@ class Quotient:
         """
         if self._exact == self:
             return 1
-        rest, classes = set(self.same(rooted)), 0
+        rest, classes = set(self.equivalents(rooted)), 0
         while rest:
-            rest.difference_update(self._exact.same(rest.pop()))
+            rest.difference_update(self._exact.equivalents(rest.pop()))
             classes += 1
         return classes
 
-    def same(self, rooted: Rooted) -> Iterator[Rooted]:
+    def equivalents(self, rooted: Rooted) -> Iterator[Rooted]:
         """Yield the rooted trees that are one candidate with a given one (free root: rooted at a centroid)."""
         for tree in self._rootings(rooted):
             for element in GROUPS[self.group]:
@@ -73,17 +73,17 @@ class Quotient:
         port = None if self.root == "paper" else other_centroid(rooted)
         if port is None:
             return (rooted,)
-        other = moved(rooted, port)
+        other = reroot(rooted, port)
         if self.group == "c1" and rooted[port] >= "8":
             # Centroids of unlike spins see the tree a quarter turn apart, so no frame is common to both. The one
             # with the lesser key up to a half turn is the root, and its two half turns are listed.
-            return (min(rooted, other, key=lambda tree: min(text_of(tree), text_of(turned(tree, 2)))),)
+            return (min(rooted, other, key=lambda tree: min(text_of(tree), text_of(turn(tree, 2)))),)
         return (rooted, other)
 
 
 def _image(rooted: Rooted, element: Element) -> Rooted:
     quarters, mirror = element
-    return turned(reflected(rooted) if mirror else rooted, quarters)
+    return turn(reflect(rooted) if mirror else rooted, quarters)
 
 
 @cache

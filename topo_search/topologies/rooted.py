@@ -12,7 +12,7 @@ turns the frame by a quarter: the same platform, seen from a module whose rotors
 
 from __future__ import annotations
 
-from topo_search.topologies.codes import DIGITS, mirrored, planted, split
+from topo_search.topologies.codes import DIGITS, mirror_code, plant, split
 
 Rooted = tuple[str, str, str, str]
 
@@ -40,20 +40,20 @@ def size_of(rooted: Rooted) -> int:
     return 1 + sum(map(len, rooted))
 
 
-def turned(rooted: Rooted, quarters: int) -> Rooted:
+def turn(rooted: Rooted, quarters: int) -> Rooted:
     """Return the tree turned counterclockwise by quarter turns, with the root's spins left as they are."""
     shift = -quarters % 4
     east, north, west, south = rooted[shift:] + rooted[:shift]
     return east, north, west, south
 
 
-def reflected(rooted: Rooted) -> Rooted:
+def reflect(rooted: Rooted) -> Rooted:
     """Return the mirror image in the x axis. Every module keeps its spin pattern in its own frame."""
     east, north, west, south = rooted
-    return mirrored(east), mirrored(south), mirrored(west), mirrored(north)
+    return mirror_code(east), mirror_code(south), mirror_code(west), mirror_code(north)
 
 
-def moved(rooted: Rooted, port: int) -> Rooted:
+def reroot(rooted: Rooted, port: int) -> Rooted:
     """Return the same tree with the neighbour at a port as its root, in the neighbour's own frame."""
     first, second, third = (rooted[(port + slot) % 4] for slot in (1, 2, 3))
     code = rooted[port]
@@ -61,7 +61,7 @@ def moved(rooted: Rooted, port: int) -> Rooted:
     odd = mask >> 3
     right, ahead, left = split(mask, code[1:], 3)
     # the neighbour's slots lie counterclockwise from where it was entered, which is at port + 2
-    return turned((planted((first, second, third), odd), right, ahead, left), port + 2 - odd)
+    return turn((plant((first, second, third), odd), right, ahead, left), port + 2 - odd)
 
 
 def heaviest(rooted: Rooted) -> int:
@@ -70,11 +70,11 @@ def heaviest(rooted: Rooted) -> int:
     return sizes.index(max(sizes))
 
 
-def centred(rooted: Rooted) -> Rooted:
+def centre(rooted: Rooted) -> Rooted:
     """Return the same tree rooted at a centroid: no port carries more than half of the modules."""
     n = size_of(rooted)
     while 2 * len(rooted[port := heaviest(rooted)]) > n:
-        rooted = moved(rooted, port)
+        rooted = reroot(rooted, port)
     return rooted
 
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from random import Random
 
-from topo_search.topologies.codes import mirrored, planted
-from topo_search.topologies.counts import mirror_bridges, mirror_paths, unchanged
+from topo_search.topologies.codes import mirror_code, plant
+from topo_search.topologies.counts import count_fixed, mirror_bridges, mirror_paths
 from topo_search.topologies.quotient import Quotient
-from topo_search.topologies.rooted import Rooted, turned
+from topo_search.topologies.rooted import Rooted, turn
 from topo_search.topologies.symmetry import GROUPS, Connectors, Root
 
 
@@ -26,13 +26,13 @@ def draw_tree(random: Random, n: int, quotient: Quotient, connectors: Connectors
     """Return the representative of a class of n modules, drawn uniformly from all classes."""
     weights = _weights(n, quotient, connectors)
     quarters, mirror = GROUPS[quotient.group][_pick(random, weights)]
-    return quotient.representative(_Draw(random, n, connectors, quotient.root).unchanged(quarters, mirror))
+    return quotient.representative(_Draw(random, n, connectors, quotient.root).draw_fixed(quarters, mirror))
 
 
 @lru_cache(maxsize=64)
 def _weights(n: int, quotient: Quotient, connectors: Connectors) -> tuple[int, ...]:
     elements = GROUPS[quotient.group]
-    return tuple(unchanged(q, mirror, n, connectors=connectors, root=quotient.root) for q, mirror in elements)
+    return tuple(count_fixed(q, mirror, n, connectors=connectors, root=quotient.root) for q, mirror in elements)
 
 
 @lru_cache(maxsize=64)
@@ -61,14 +61,14 @@ class _Draw:
     connectors: Connectors
     root: Root
 
-    def unchanged(self, quarters: int, mirror: bool) -> Rooted:
+    def draw_fixed(self, quarters: int, mirror: bool) -> Rooted:
         """Return a tree that an element (q, mirror) leaves as it is."""
         n = self.n
         if mirror and quarters % 2 == 0:
-            return turned(self._mirror_image(), quarters // 2)  # the mirrors in the x and in the y axis
+            return turn(self._mirror_image(), quarters // 2)  # the mirrors in the x and in the y axis
         if mirror:
             first, third = self._forest(2, n // 2)
-            return turned((first, mirrored(first), third, mirrored(third)), quarters // 2)
+            return turn((first, mirror_code(first), third, mirror_code(third)), quarters // 2)
         if quarters == 0:
             east, north, west, south = self._forest(4, n - 1)
             return east, north, west, south
@@ -79,23 +79,23 @@ class _Draw:
             first, second = self._forest(2, n // 2)
             return first, second, first, second
         right, ahead, left = self._forest(3, n // 2 - 1)
-        half = planted((right, ahead, left))
-        return turned((half, right, ahead, left), self.random.randrange(2))
+        half = plant((right, ahead, left))
+        return turn((half, right, ahead, left), self.random.randrange(2))
 
     def _mirror_image(self) -> Rooted:
         """Return a tree that is its own mirror image in the x axis."""
         on_axis = _pick(self.random, _mirror_weights(self.n, self.connectors, self.root))
         if on_axis == 0:
             right, ahead, left = self._forest(3, self.n // 2 - 1)
-            return left, mirrored(planted((right, ahead, left))), right, ahead
+            return left, mirror_code(plant((right, ahead, left))), right, ahead
         sides = self._forest(on_axis, (self.n - on_axis) // 2)
         at = self.random.randrange(on_axis)
         east = west = ""
         for side in reversed(sides[at + 1 :]):
-            east = planted((mirrored(side), east, side), self._odd())
+            east = plant((mirror_code(side), east, side), self._odd())
         for side in sides[:at]:
-            west = planted((side, west, mirrored(side)), self._odd())
-        return east, sides[at], west, mirrored(sides[at])
+            west = plant((side, west, mirror_code(side)), self._odd())
+        return east, sides[at], west, mirror_code(sides[at])
 
     def _odd(self) -> int:
         """Return the parity of a joint's kappa."""
@@ -108,15 +108,15 @@ class _Draw:
         for place in self.random.sample(range(length), modules):
             word[place] = 2
         waiting: list[str] = []
-        for step in reversed(self._rotated(word, trees)):
+        for step in reversed(self._rotate(word, trees)):
             if step < 0:
                 waiting.append("")
             else:
                 right, ahead, left = waiting.pop(), waiting.pop(), waiting.pop()
-                waiting.append(planted((right, ahead, left), self._odd()))
+                waiting.append(plant((right, ahead, left), self._odd()))
         return waiting[::-1]
 
-    def _rotated(self, word: list[int], trees: int) -> list[int]:
+    def _rotate(self, word: list[int], trees: int) -> list[int]:
         """Return one of the `trees` rotations of a word that only end when as many trees are complete."""
         height, heights = 0, []
         for step in word:

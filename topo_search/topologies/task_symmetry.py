@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import LoadCase, ResolvedTask
-from topo_search.model.corners import cornered
+from topo_search.model.corners import to_corners
 from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ class _Feature(NamedTuple):
     axial: Array
     """Vectors that go to -O v, shape (k, 3)."""
 
-    def rotated(self, P: Array) -> _Feature:
+    def rotate(self, P: Array) -> _Feature:
         """Return the image under O = -P."""
         return self._replace(polar=-self.polar @ P.T, axial=self.axial @ P.T)
 
@@ -73,9 +73,9 @@ class _Feature(NamedTuple):
         ):
             return False
         if self.kind == REGION:
-            same = _same(self.vectors[:, None], other.vectors)
+            same = _are_same(self.vectors[:, None], other.vectors)
             return bool(np.all(same.any(axis=0)) and np.all(same.any(axis=1)))
-        return bool(np.all(_same(self.vectors, other.vectors)))
+        return bool(np.all(_are_same(self.vectors, other.vectors)))
 
 
 class _Kind(NamedTuple):
@@ -100,7 +100,7 @@ class _Kind(NamedTuple):
     def maps_onto_itself(self, P: Array) -> bool:
         """Whether the image of each of them under O = -P is one of them."""
         images = self.signs * self.vectors @ P.T
-        same = _same(images[:, None], self.vectors).all(axis=-1)
+        same = _are_same(images[:, None], self.vectors).all(axis=-1)
         return bool(np.all(np.any(self.alike & same, axis=1)))
 
 
@@ -113,7 +113,7 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
     planes and a fixed p_E onto themselves. Balls, paths along p_E and cones about the COM axis go with p_E and
     allow every isometry. Among several the one nearest to a plain reflection is returned.
     """
-    features = _features(cornered(task))
+    features = _features(to_corners(task))
     regions = [feature for feature in features if feature.kind == REGION]
     kinds = _kinds(feature for feature in features if feature.kind != REGION)
     found = None
@@ -122,7 +122,7 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
             continue
         if not all(kind.maps_onto_itself(P) for kind in kinds):
             continue
-        images = (region.rotated(P) for region in regions)
+        images = (region.rotate(P) for region in regions)
         if all(any(image.equals(region) for region in regions) for image in images):
             found = P
     if found is None:
@@ -151,18 +151,18 @@ def _features(task: ResolvedTask) -> list[_Feature]:
             match shape:
                 case Polytope(corners):
                     V = np.array(corners)
-                    V = _cleaned(V, float(np.linalg.norm(V, axis=1).max()))
+                    V = _clean(V, float(np.linalg.norm(V, axis=1).max()))
                     wanted.append(_Feature(REGION, (solid,), V, none))
                 case Capsule(length=None, start=start, end=end) if start != end:
                     orders = ((start, end), (end, start))  # its ends have no order, so both stand for it
                     for ends in [both for both in orders if NOWHERE not in (start, end) or both[0] == NOWHERE]:
-                        polar = _cleaned(np.array(ends), l_arm)
+                        polar = _clean(np.array(ends), l_arm)
                         wanted.append(_Feature("segment", (shape.radius, solid), polar, none))
                 case Cone(axis=(_, _, _)):
-                    vectors = _cleaned(np.array([shape.axis, shape.apex]), l_arm)
+                    vectors = _clean(np.array([shape.axis, shape.apex]), l_arm)
                     wanted.append(_Feature("axis", (shape.half_angle_deg, solid), vectors, none))
     if p_E is not None:
-        wanted.append(_Feature("p_E", (), _cleaned(np.array([p_E]), l_arm), none))
+        wanted.append(_Feature("p_E", (), _clean(np.array([p_E]), l_arm), none))
     return wanted
 
 
@@ -175,12 +175,12 @@ def _load_cases(task: ResolvedTask) -> list[_Feature]:
     cases = [(case, *_wrench(case, at_com)) for case, _ in stated]
     kinds = ["load case" if dead is None else "with a rotor dead" for _, dead in stated]
     force, torque = task.force_unit(task.n), task.torque_unit(task.n)
-    cleaned = [(case, _cleaned(f, force), _cleaned(tau[None], torque)) for case, f, tau in cases]
+    cleaned = [(case, _clean(f, force), _clean(tau[None], torque)) for case, f, tau in cases]
     vectors = np.array([np.vstack([f, tau]) for _, f, tau in cleaned])
     kept: list[int] = []
     for k, (case, f, tau) in enumerate(cleaned):
         same_kind = np.array([kinds[other] == kinds[k] for other in kept], dtype=bool)
-        equal = np.flatnonzero(same_kind & _same(vectors[kept], vectors[k]).all(axis=-1))
+        equal = np.flatnonzero(same_kind & _are_same(vectors[kept], vectors[k]).all(axis=-1))
         if equal.size == 0:
             kept.append(k)
             features.append(_Feature(kinds[k], (case.weight,), f, tau))
@@ -197,14 +197,14 @@ def _wrench(case: LoadCase, at_com: bool) -> tuple[Array, Array]:
     return (forces.sum(axis=0, keepdims=True) if at_com else forces), torque
 
 
-def _same(one: Array, other: Array) -> NDArray[np.bool_]:
+def _are_same(one: Array, other: Array) -> NDArray[np.bool_]:
     """Return whether vectors (..., 3) count as equal."""
     lengths = np.maximum(np.linalg.norm(one, axis=-1), np.linalg.norm(other, axis=-1))
     same: NDArray[np.bool_] = np.linalg.norm(one - other, axis=-1) <= TOLERANCE * lengths
     return same
 
 
-def _cleaned(vectors: Array, unit: float) -> Array:
+def _clean(vectors: Array, unit: float) -> Array:
     """Return vectors (m, 3) with zeros in place of those that count as zero."""
     return np.where(np.linalg.norm(vectors, axis=1, keepdims=True) > NOTHING * unit, vectors, 0.0)
 

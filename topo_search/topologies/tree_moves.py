@@ -20,12 +20,12 @@ from topo_search.model import Topology
 from topo_search.topologies.symmetry import Connectors
 
 Move = tuple[int, tuple[int, int], int]
-"""i, (h, a) and the quarter turns that kappa[i] grows by: what `grafted` takes beside a tree."""
+"""i, (h, a) and the quarter turns that kappa[i] grows by: what `graft` takes beside a tree."""
 LEAVES = 0.5
 """Probability that the part to be moved is drawn from the leaves alone."""
 
 
-def grafted(topology: Topology, i: int, at: tuple[int, int], turns: int = 0) -> Topology:
+def graft(topology: Topology, i: int, at: tuple[int, int], turns: int = 0) -> Topology:
     """Return a tree in which the part at module i is joined to another port, or to its own again.
 
     Args:
@@ -70,11 +70,6 @@ def part_of(topology: Topology, i: int) -> frozenset[int]:
         if parent in part:
             part.add(child)
     return frozenset(part)
-
-
-def random_move(topology: Topology, random: Random, connectors: Connectors) -> Topology:
-    """Return a tree that one move leads to; arguments and errors as `draw_move`."""
-    return grafted(topology, *draw_move(topology, random, connectors))
 
 
 def draw_move(topology: Topology, random: Random, connectors: Connectors) -> Move:

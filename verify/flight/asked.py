@@ -22,7 +22,7 @@ def reserve_residuals(design: Design, measured: Flight | None) -> Iterator[Resid
             if r > 0:
                 lower, upper = _bracket(case, f"{field}_reserve", unit)
                 words = f"{label}, {'horizontal force' if field == 'horizontal' else field} reserve"
-                yield _judged(words, "N" if unit == "N" else "N m", r, lower, upper, scale)
+                yield _judge(words, "N" if unit == "N" else "N m", r, lower, upper, scale)
 
 
 def failure_residuals(design: Design, measured: Flight | None) -> Iterator[Residual]:
@@ -48,7 +48,7 @@ def failure_residuals(design: Design, measured: Flight | None) -> Iterator[Resid
     if r > 0:
         lower = (None if out is None else out.torque_reserve_Nm) or 0.0
         upper = None if out is None else out.torque_reserve_at_most_Nm
-        yield _judged(f"{where}, any rotor dead, torque reserve", "N m", r, lower, upper, scale)
+        yield _judge(f"{where}, any rotor dead, torque reserve", "N m", r, lower, upper, scale)
 
 
 def load_residuals(design: Design, measured: Flight | None) -> Iterator[Residual]:
@@ -92,7 +92,7 @@ def tolerance_residuals(design: Design, errors: Sensitivity | None) -> Iterator[
     )
 
 
-def _judged(name: str, unit: str, r: float, lower: float, upper: float | None, scale: float) -> Residual:
+def _judge(name: str, unit: str, r: float, lower: float, upper: float | None, scale: float) -> Residual:
     """Return by how much a reserve is less than the r that is asked; `upper` is None where nothing is proven."""
     short = max(0.0, r - lower)
     status = Status.UNDECIDED

@@ -120,7 +120,7 @@ class _Polytope:
             return np.empty((0, self.D))
         thin = self._thin()
         if thin is not None:
-            return self._unasked(np.stack([thin, -thin]))
+            return self._new_directions(np.stack([thin, -thin]))
         try:
             hull = ConvexHull(self.points)
         except QhullError:
@@ -130,14 +130,14 @@ class _Polytope:
         offsets = np.einsum("fd,fkd->fk", normals, corners).min(axis=1)
         self.lower = max(self.lower, float(offsets.min()) if _surrounds(normals, corners) else 0.0)
         near = np.flatnonzero(offsets < self.upper - ACCURACY)
-        return self._unasked(normals[near[np.argsort(offsets[near], kind="stable")]])[:ASKED]
+        return self._new_directions(normals[near[np.argsort(offsets[near], kind="stable")]])[:ASKED]
 
     def _thin(self) -> Array | None:
         """Return a direction across which no points lie, if there is one."""
         _, sizes, axes = np.linalg.svd(np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))]))
         return None if sizes[-1] > ACCURACY / 10 else np.asarray(axes[-1])
 
-    def _unasked(self, normals: Array) -> Array:
+    def _new_directions(self, normals: Array) -> Array:
         kept: list[Array] = []
         for n in normals:
             known = np.concatenate([self.asked, *[one[None] for one in kept]])

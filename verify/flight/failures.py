@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from verify.bodies import Array
 from verify.flight.balls import largest_balls
-from verify.flight.programs import Box, solvable
+from verify.flight.programs import Box, find_solutions
 
 TOGETHER = 20
 """Polytopes that are looked at at once."""
@@ -32,7 +32,7 @@ class Left:
     """And at most."""
 
 
-def left(A: Array, b: Array, box: Box) -> Left:
+def remainder(A: Array, b: Array, box: Box) -> Left:
     """Return what is left of a wrench with each of the rotors dead, one at a time.
 
     Args:
@@ -43,7 +43,7 @@ def left(A: Array, b: Array, box: Box) -> Left:
     N = A.shape[1]
     alive = 1.0 - np.eye(N)
     low, high = box.low * alive, box.high * alive
-    reached = solvable(A, np.tile(b, (N, 1)), Box(low, high))
+    reached = find_solutions(A, np.tile(b, (N, 1)), Box(low, high))
     lower, upper = np.zeros(N), np.where(reached.no, 0.0, np.inf)
     able = np.flatnonzero(reached.yes)
     for start in range(0, len(able), TOGETHER):

@@ -23,7 +23,7 @@ import numpy as np
 from topo_search.model import Design, JointLoad, LoadCase
 from verify.bodies import Array
 from verify.kinematics import PORT_DIRECTIONS, ROTOR_SPINS, Platform
-from verify.residuals import finite
+from verify.residuals import clamp
 
 
 def joint_loads(
@@ -55,10 +55,10 @@ def joint_loads(
             module=h,
             port=a,
             child=i,
-            force_N=finite(float(np.linalg.norm(F))),
-            moment_Nm=finite(float(np.linalg.norm(tau))),
-            about_hinge_Nm=finite(abs(about)),
-            across_hinge_Nm=finite(float(np.linalg.norm(tau - about * axis))),
+            force_N=clamp(float(np.linalg.norm(F))),
+            moment_Nm=clamp(float(np.linalg.norm(tau))),
+            about_hinge_Nm=clamp(abs(about)),
+            across_hinge_Nm=clamp(float(np.linalg.norm(tau - about * axis))),
         )
 
 

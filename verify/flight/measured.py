@@ -38,12 +38,12 @@ from topo_search.model.reserves import centres_of
 from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
 from verify.flight.balls import Ball, largest_balls
-from verify.flight.failures import left
+from verify.flight.failures import remainder
 from verify.flight.inputs import least_inputs
 from verify.flight.joints import joint_loads
-from verify.flight.programs import LARGEST, Box, Solvable, greatest, solvable
+from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest
 from verify.kinematics import Platform
-from verify.residuals import finite
+from verify.residuals import clamp
 from verify.wrench import required_wrench, wrench_map
 
 HOVER = "hover"
@@ -108,7 +108,7 @@ class _Measured:
     @cached_property
     def reached(self) -> Solvable:
         """Which wrenches can be produced."""
-        return solvable(self.A, self.wrenches, self.box)
+        return find_solutions(self.A, self.wrenches, self.box)
 
     @cached_property
     def v(self) -> list[Array | None]:
@@ -163,7 +163,7 @@ class _Measured:
         if asked == "none":
             return None
         numbers = [number for number, _, _ in centres_of(self.design.task, asked)]
-        found = [left(self.A, b, self.box) for b in self.wrenches[np.unique(self.same[numbers])]]
+        found = [remainder(self.A, b, self.box) for b in self.wrenches[np.unique(self.same[numbers])]]
         lower, upper = (np.min([getattr(one, side) for one in found], axis=0) for side in ("lower", "upper"))
         keep, lose = np.all([one.yes for one in found], axis=0), np.any([one.no for one in found], axis=0)
         least = int(np.argmin(lower))
@@ -173,7 +173,7 @@ class _Measured:
             lost=_rotors(lose),
             undecided=_rotors(~keep & ~lose),
             torque_reserve_Nm=float(lower[least]) * self.torque,
-            torque_reserve_at_most_Nm=finite(float(upper.min()) * self.torque),
+            torque_reserve_at_most_Nm=clamp(float(upper.min()) * self.torque),
             weakest=(least // 4, least % 4),
         )
 
@@ -196,7 +196,7 @@ class _Measured:
             alive = np.ones((len(dead), N))
             alive[np.arange(len(dead)), dead] = 0.0
             box = Box(self.box.low * alive, self.box.high * alive)
-            found = solvable(self.A, self.wrenches[case], box, self.reached.bases[case])
+            found = find_solutions(self.A, self.wrenches[case], box, self.reached.bases[case])
             yes[start : start + len(dead)], no[start : start + len(dead)] = found.yes, found.no
         return yes.reshape(K, N)[self.same], no.reshape(K, N)[self.same]
 
@@ -217,7 +217,7 @@ class _Measured:
         c = np.append(np.zeros(self.A.shape[1]), 1.0)[None]
         box = Box(np.append(self.box.low, 0.0), np.append(self.box.high, 1.01 * most / abs(float(load[largest]))))
         found = greatest(c, np.column_stack([self.A, -load]), w[None], box)
-        at_most = {"load_factor_at_most": finite(float(found.upper[0]))}
+        at_most = {"load_factor_at_most": clamp(float(found.upper[0]))}
         return at_most if np.isinf(found.attained[0]) else {"load_factor": float(found.attained[0]), **at_most}
 
     def _inputs(self, v: Array | None) -> dict[str, float]:
@@ -227,7 +227,7 @@ class _Measured:
         near = AT_LIMIT * (self.box.high - self.box.low)
         limited = (v <= self.box.low + near) | (v >= self.box.high - near)
         return {
-            "largest_input": finite(float(v.max())),
+            "largest_input": clamp(float(v.max())),
             "least_input": max(float(v.min()), -sys.float_info.max),
             "inputs_at_limit": int(limited.sum()),
         }
@@ -244,7 +244,7 @@ class _Measured:
             return None
         task, N = self.design.task, self.A.shape[1]
         parallel = self.force / (N * task.module.thrust_coefficient * self.most)
-        return finite(float(np.mean((self.v[0] / parallel) ** 1.5)))
+        return clamp(float(np.mean((self.v[0] / parallel) ** 1.5)))
 
     def _about_tip(self, W: Array) -> Array:
         """Return torques about the end-effector of wrenches about the COM, shape (6, ...)."""
@@ -272,4 +272,4 @@ def _span(design: Design, found: Platform) -> float:
     """Return the largest distance between the centres of two rotors, and the width of one [m]."""
     at = found.rotors.reshape(-1, 3)
     apart = max(float(np.linalg.norm(at - one, axis=1).max()) for one in at)
-    return finite(apart + 2 * design.task.module.body.rotor_radius)
+    return clamp(apart + 2 * design.task.module.body.rotor_radius)

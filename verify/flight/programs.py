@@ -83,7 +83,7 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
     """
     bounds = box.rows(len(c))
     found = solve(c, M, m, bounds.low, bounds.high, bases)
-    judged = _bracketed(c, M, m, bounds, found.v, found.y, found.bases)
+    judged = _bracket(c, M, m, bounds, found.v, found.y, found.bases)
     loose = np.flatnonzero(~(judged.upper - judged.attained <= GAP))
     if not len(loose):
         return judged
@@ -93,7 +93,7 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
         if answer.status == 0:
             v[row] = np.clip(answer.x, bounds.low[row], bounds.high[row])
             y[row] = -answer.eqlin.marginals
-    again = _bracketed(c, M, m, bounds, v, y, found.bases)
+    again = _bracket(c, M, m, bounds, v, y, found.bases)
     better = again.attained > judged.attained
     return Greatest(
         np.where(better[:, None], again.v, judged.v),
@@ -103,7 +103,7 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
     )
 
 
-def _bracketed(c: Array, M: Array, m: Array, box: Box, v: Array, y: Array, bases: Indices) -> Greatest:
+def _bracket(c: Array, M: Array, m: Array, box: Box, v: Array, y: Array, bases: Indices) -> Greatest:
     met = np.abs(v @ M.T - m).max(axis=1, initial=0.0) <= RESIDUAL
     beside = np.sum(y * m, axis=1) + ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
     upper = box.greatest(c - y @ M) + beside
@@ -125,19 +125,19 @@ class Solvable:
     """Where to start from for bounds that differ a little, shape (B, k)."""
 
 
-def solvable(M: Array, m: Array, box: Box, bases: Indices | None = None) -> Solvable:
+def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -> Solvable:
     """Return for each m, shape (B, k), whether M v = m has a solution within bounds, each equation to TOLERANCE."""
     bounds = box.rows(len(m))
     # any costs would do; different ones make the answer one vertex
     c = np.broadcast_to(-1.0 - np.arange(M.shape[1]) / M.shape[1], (len(m), M.shape[1]))
     found = solve(c, M, m, bounds.low, bounds.high, bases)
     v = found.v
-    yes, no = _meets(M, m, v), _excluded(M, m, bounds, found.rays)
+    yes, no = _meets(M, m, v), _excludes(M, m, bounds, found.rays)
     for row in np.flatnonzero(~yes & ~no):
         v[row], y = _nearest(M, m[row], bounds.low[row], bounds.high[row])
         one = slice(row, row + 1)
         yes[one] = _meets(M, m[one], v[one])
-        no[one] = _excluded(M, m[one], Box(bounds.low[one], bounds.high[one]), y[None])
+        no[one] = _excludes(M, m[one], Box(bounds.low[one], bounds.high[one]), y[None])
     return Solvable(yes, no, v, found.bases)
 
 
@@ -145,7 +145,7 @@ def _meets(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(v @ M.T - m).max(axis=1) <= TOLERANCE)
 
 
-def _excluded(M: Array, m: Array, box: Box, y: Array) -> NDArray[np.bool_]:
+def _excludes(M: Array, m: Array, box: Box, y: Array) -> NDArray[np.bool_]:
     """Return whether each y shows that nothing within the bounds meets the equations to TOLERANCE."""
     size = np.sum(np.abs(y), axis=1, keepdims=True)
     y = y / np.where(size > 0, size, 1.0)

@@ -114,8 +114,8 @@ def farthest(numbers: Numbers, corners: Array, i: int, j: int, down: tuple[float
             shared = numbers.parent[shared]
         else:
             other = numbers.parent[other]
-    x, w, gamma = _seen_from(numbers, corners, i, shared, down[0])
-    x_, w_, gamma_ = _seen_from(numbers, corners, j, shared, down[1])
+    x, w, gamma = _view_from(numbers, corners, i, shared, down[0])
+    x_, w_, gamma_ = _view_from(numbers, corners, j, shared, down[1])
     most = -math.inf
     for v in range(len(w)):
         for v_ in range(len(w_)):
@@ -128,7 +128,7 @@ def farthest(numbers: Numbers, corners: Array, i: int, j: int, down: tuple[float
 
 
 @njit(cache=True)
-def _seen_from(numbers: Numbers, corners: Array, i: int, above: int, down: float) -> tuple[Array, Array, float]:
+def _view_from(numbers: Numbers, corners: Array, i: int, above: int, down: float) -> tuple[Array, Array, float]:
     """Return a point of module i, and its squared size, for each choice of corners, as a module above sees it.
 
     Returns:

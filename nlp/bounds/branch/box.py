@@ -50,7 +50,7 @@ import numpy as np
 from numba import njit
 
 from nlp.bounds.branch.frames import Axes, Frames
-from nlp.bounds.branch.multipliers import missed
+from nlp.bounds.branch.multipliers import residual
 from nlp.bounds.branch.stated import Stated
 from topo_search.model.arrays import Array
 
@@ -159,7 +159,7 @@ def _constant(stated: Stated, y: Array) -> float:
         nu, mu = math.sqrt(nu2), math.sqrt(mu2)
         g = math.sqrt(loads.g[k, 0] ** 2 + loads.g[k, 1] ** 2 + loads.g[k, 2] ** 2)
         total -= slack.force[k] * nu + slack.torque[k] * mu + slack.tip * MISSED * g * mu
-    a, b, c = missed(stated, y)
+    a, b, c = residual(stated, y)
     return total - slack.tip * math.sqrt(a * a + b * b + c * c)
 
 

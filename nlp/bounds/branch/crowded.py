@@ -35,7 +35,7 @@ ROUNDS = 20
 
 
 @njit(cache=True)
-def crowded(stated: Stated, middle: Frames, axes: Axes, vertices: Frames, rho: Array, gain: Array) -> int:
+def crowding(stated: Stated, middle: Frames, axes: Axes, vertices: Frames, rho: Array, gain: Array) -> int:
     """Return NOWHERE, AT_MIDDLE or ALL_OVER: where in a box of hinges two modules are too close.
 
     Args:
@@ -113,7 +113,7 @@ def _too_close(
     _point(middle, j, down_j, B)
     stretched = 2 * stated.l_c * (tree.depth[i] + tree.depth[j]) + down_i + down_j
     limit = radii * radii - MARGIN * (1 + stretched * stretched)
-    if _squared(A, B) >= limit:
+    if _squared_norm(A, B) >= limit:
         return NOWHERE
     shared = 0  # hinges on both paths, which come first
     while shared < min(tree.depth[i], tree.depth[j]) and tree.path[i, 3 + shared] == tree.path[j, 3 + shared]:
@@ -125,13 +125,13 @@ def _too_close(
             part = _remainder(stated, axes, rho, near, far, shared, at, of_near, of_far, down_near, down_far)
             gain[tree.path[near, 3 + at]] += part
             limit -= part
-    if _squared(A, B) >= limit:
+    if _squared_norm(A, B) >= limit:
         return AT_MIDDLE
     for v in range(2 ** (tree.depth[i] - shared)):
         _point(vertices, tree.first[i] + v, down_i, A)
         for w in range(2 ** (tree.depth[j] - shared)):
             _point(vertices, tree.first[j] + w, down_j, B)
-            if _squared(A, B) >= limit:
+            if _squared_norm(A, B) >= limit:
                 return AT_MIDDLE
     return ALL_OVER
 
@@ -194,7 +194,7 @@ def _point(at: Frames, frame: int, down: float, into: Array) -> None:
 
 
 @njit(cache=True)
-def _squared(A: Array, B: Array) -> float:
+def _squared_norm(A: Array, B: Array) -> float:
     x, y, z = A[0] - B[0], A[1] - B[1], A[2] - B[2]
     squared: float = x * x + y * y + z * z
     return squared

@@ -169,7 +169,7 @@ def improve(stated: Stated, work: Work, y: Array, steps: int, enough: float) -> 
 def meet(stated: Stated, y: Array) -> None:
     """Change torques' multipliers as little as makes sum_k g_k x mu_k = 0."""
     loads = stated.loads
-    x, y_, z = missed(stated, y)
+    x, y_, z = residual(stated, y)
     P = loads.project
     qx = P[0, 0] * x + P[0, 1] * y_ + P[0, 2] * z
     qy = P[1, 0] * x + P[1, 1] * y_ + P[1, 2] * z
@@ -182,7 +182,7 @@ def meet(stated: Stated, y: Array) -> None:
 
 
 @njit(cache=True)
-def missed(stated: Stated, y: Array) -> tuple[float, float, float]:
+def residual(stated: Stated, y: Array) -> tuple[float, float, float]:
     """Return sum_k g_k x mu_k."""
     a, b, c = 0.0, 0.0, 0.0
     for k in range(len(y)):

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from nlp.bounds.branch.search import CLOSED, MANY, search
-from nlp.bounds.branch.stated import centre, effort_unit, hung, state, whole
+from nlp.bounds.branch.stated import centre, effort_unit, hang, state, whole_box
 from nlp.reduced import cholesky
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -51,7 +51,7 @@ def prove_chunk(
     n = topology.n
     if not 0 <= number < chunk_count(n):
         raise ValueError(f"`0 <= number < {chunk_count(n)}` must hold, but got {number}")
-    tree = hung(topology, centre(task, topology))
+    tree = hang(topology, centre(task, topology))
     lower, upper = chunk_box(task, n, number)
     found = search(state(task, tree, problem), lower, upper, cut / effort_unit(task) * (1 + ABOVE), most_boxes)
     outcome: Literal["closed", "many", "stuck"] = "stuck"
@@ -65,7 +65,7 @@ def prove_chunk(
 
 def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
     """Return the box of a chunk, from and to, shape (n + 2,) each [rad]."""
-    lower, upper = whole(task, n)
+    lower, upper = whole_box(task, n)
     for split in range(CHUNK_SPLITS if n > 1 else 0):
         axis = 3 + split % (n - 1)
         middle = (lower[axis] + upper[axis]) / 2

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from nlp.bounds.branch import box, frames, multipliers, slopes
-from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowded
+from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from nlp.bounds.branch.stated import Stated
 from topo_search.model.arrays import Array
 
@@ -112,7 +112,7 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
         boxes += 1
         axis = _wide(rho)
         if moved[left]:
-            where = crowded(stated, middle, axes, vertices, rho, gain)
+            where = crowding(stated, middle, axes, vertices, rho, gain)
             if where == ALL_OVER:
                 record[boxes - 1] = CROWDED
                 continue
@@ -122,7 +122,7 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
         if bound_due:
             y[:] = guesses[left]
             _roots(lo[left], hi[left], at, seen.roots)
-            if _excluded(stated, seen, rho, cut, first, bounded[left], y, work, flat, sums):
+            if _is_excluded(stated, seen, rho, cut, first, bounded[left], y, work, flat, sums):
                 record[boxes - 1] = DUAL
                 continue
             if 2 * rho.max() < LEAST_WIDTH:
@@ -141,7 +141,7 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
 
 
 @njit(cache=True)
-def _excluded(
+def _is_excluded(
     stated: Stated,
     seen: Seen,
     rho: Array,

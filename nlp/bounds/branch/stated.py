@@ -157,7 +157,7 @@ def effort_unit(task: ResolvedTask) -> float:
     return Units.of(task).input ** 2 * max(case.weight for case in task.load_cases)
 
 
-def whole(task: ResolvedTask, n: int) -> tuple[Array, Array]:
+def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:
     """Return the box of all angles, from and to, shape (A,) each [rad]: a design's, and what an audit lets pass."""
     quarter = np.full(n - 1, math.pi / 2 + TOLERANCE)
     root = [HALF_TURN, math.pi / 2 * (1 + 1e-12), HALF_TURN]
@@ -172,7 +172,7 @@ def centre(task: ResolvedTask, topology: Topology) -> int:
     return 0 if task.search.root == "paper" else min(nx.center(topology.graph()))
 
 
-def hung(topology: Topology, root: int) -> Topology:
+def hang(topology: Topology, root: int) -> Topology:
     """Return the tree hung from another module: breadth first, ports in order."""
     graph, joints, queue = topology.graph(), list[Joint](), [(root, -1, ROOT)]
     for i, came_from, joint in queue:

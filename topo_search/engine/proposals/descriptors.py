@@ -65,7 +65,7 @@ def descriptors(topologies: Sequence[Topology]) -> Array:
     turn about the mean of the centres, and in the best of the mirrors along rows, columns and diagonals; and
     |sum c |c|^2| / n, by which one side reaches farther from that mean; and how many paths have each pattern.
     """
-    flat = _laid_flat(topologies)
+    flat = _lay_flat(topologies)
     cells = flat.cells
     k, n, _ = cells.shape
     z = np.ones((k, n), dtype=int)
@@ -84,14 +84,14 @@ def descriptors(topologies: Sequence[Topology]) -> Array:
         *(stacked, beside, (z == 1).sum(axis=1), (z == 2).sum(axis=1), (z > 2).sum(axis=1)),
         np.abs(s.sum(axis=1)),
         _path_lengths(flat.parent) / n,
-        *_lopsided(N),
+        *_asymmetry(N),
         np.hypot(*far.T),
         *_paths(flat),
     ]
     return np.stack(columns, axis=1).astype(float)
 
 
-def _laid_flat(topologies: Sequence[Topology]) -> Flat:
+def _lay_flat(topologies: Sequence[Topology]) -> Flat:
     """Return trees with all hinge angles zero."""
     joints = np.array([topology.joints for topology in topologies])
     k, n, _ = joints.shape
@@ -134,7 +134,7 @@ def _paths(flat: Flat) -> list[Array]:
     return counted
 
 
-def _lopsided(places: Indices) -> tuple[Indices, Indices]:
+def _asymmetry(places: Indices) -> tuple[Indices, Indices]:
     """Return how many places, shape (k, n, 2), have no counterpart under a half turn, and in a mirror, at least."""
     x, y = places[..., 0], places[..., 1]
     images = ((-x, -y), (x, -y), (-x, y), (y, x), (-y, -x))

@@ -27,7 +27,7 @@ def ranges(n: int, connectors: Connectors) -> dict[str, int]:
     return numbers
 
 
-def decoded(numbers: Mapping[str, int], n: int) -> Topology:
+def decode(numbers: Mapping[str, int], n: int) -> Topology:
     """Return the tree that a row of numbers makes."""
     joints: list[Joint] = [ROOT]
     free = [(0, port) for port in range(4)]
@@ -39,7 +39,7 @@ def decoded(numbers: Mapping[str, int], n: int) -> Topology:
     return Topology(tuple(joints))
 
 
-def encoded(topology: Topology, connectors: Connectors) -> dict[str, int]:
+def encode(topology: Topology, connectors: Connectors) -> dict[str, int]:
     """Return a row of numbers that makes a tree with the same key."""
     joints = Topology.from_key(topology.key).joints
     numbers: dict[str, int] = {}

@@ -29,7 +29,7 @@ from topo_search.engine.proposals.tree_sampler import (
 from topo_search.engine.space import Space
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
-from topo_search.topologies.tree_moves import draw_move, grafted
+from topo_search.topologies.tree_moves import draw_move, graft
 
 PARENTS = 8
 """The best of a population have children; the others are replaced."""
@@ -100,7 +100,7 @@ class Moves(TreeSampler):
         """The first trial of the present population."""
         self._described: dict[str, Array] = {}
         """Descriptors of candidates, by key."""
-        self._led_to = lru_cache(KEPT)(lambda tree, move: space.key_of(grafted(tree, *move)))
+        self._led_to = lru_cache(KEPT)(lambda tree, move: space.key_of(graft(tree, *move)))
         """Returns the key of the candidate that a move leads to."""
         self._twins: dict[str, str] = {}
         """Key of the candidate that differs in the sense of all rotors alone, by key."""
@@ -112,7 +112,7 @@ class Moves(TreeSampler):
         over = [other for other in earlier if other.state == TrialState.COMPLETE]
         while not over:
             yield self.uniform()
-        known = self._learnt(over)
+        known = self._learn(over)
         best = [other for other in known.solved if other.number >= self._first][:PARENTS]
         if best and trial.number - best[0].number > STALE:
             self._first = trial.number
@@ -133,7 +133,7 @@ class Moves(TreeSampler):
         twins = [one for one in known.twins if one.key not in proposed]
         for _ in range(BATCHES):
             parents: dict[str, str | None] = {}
-            for key, parent in self._drawn(best):
+            for key, parent in self._draw(best):
                 if key not in settled:
                     parents.setdefault(key, parent)
             bounds = (
@@ -144,21 +144,21 @@ class Moves(TreeSampler):
                 had = (other.user_attrs[NEAR] for other in earlier if other.user_attrs[KEY] == key)
                 yield Idea(key, self._warm_start(known.designs, key, parents.get(key), running.union(*had)), repeat)
 
-    def _drawn(self, best: Sequence[FrozenTrial]) -> Iterator[tuple[str, str | None]]:
+    def _draw(self, best: Sequence[FrozenTrial]) -> Iterator[tuple[str, str | None]]:
         """Yield keys: children of the best trees, each with its parent, and random candidates."""
         keys: list[str] = [trial.user_attrs[KEY] for trial in best]
         trees = [Topology.from_key(key) for key in keys]
         for _ in range(CHILDREN):
             place = min(self.random.choices(range(len(best)), k=2))
-            yield self._moved(trees[place]), keys[place]
+            yield self._move(trees[place]), keys[place]
         for _ in range(RANDOM_CANDIDATES):
             yield self.uniform().key, None
 
-    def _moved(self, tree: Topology) -> str:
+    def _move(self, tree: Topology) -> str:
         """Return the key of a candidate that one move leads to."""
         return self._led_to(tree, draw_move(tree, self.random, self.connectors))
 
-    def _learnt(self, over: Sequence[FrozenTrial]) -> _Known:
+    def _learn(self, over: Sequence[FrozenTrial]) -> _Known:
         """Return what trials, at least one, in the order of their numbers tell; one answer serves a round."""
         if self._latest is None or self._latest[0] != len(over):
             solved = _best_of_each(over)
@@ -199,7 +199,7 @@ class Moves(TreeSampler):
         if parent is not None and parent in designs and parent not in without:
             return (parent,)
         tree = Topology.from_key(key)
-        relatives = {self._moved(tree) for _ in range(RELATIVES)} & designs.keys() - without - {key}
+        relatives = {self._move(tree) for _ in range(RELATIVES)} & designs.keys() - without - {key}
         return tuple(sorted(relatives, key=designs.__getitem__)[:1])
 
     def _twin(self, key: str) -> str:

@@ -8,7 +8,7 @@ from optuna import Study
 from optuna.samplers import BaseSampler, NSGAIISampler, TPESampler
 from optuna.trial import FrozenTrial
 
-from topo_search.engine.proposals.encoding import decoded
+from topo_search.engine.proposals.encoding import decode
 from topo_search.engine.proposals.moves import Moves
 from topo_search.engine.proposals.tree_sampler import FRESH, KEY, STARTS, STATUS, Idea, TreeSampler, has_design
 from topo_search.engine.space import Space
@@ -45,7 +45,7 @@ class Optunas(TreeSampler):
             for name, distribution in self.distributions.items():
                 if name not in numbers:
                     numbers[name] = self._sampler.sample_independent(study, trial, name, distribution)
-            yield Idea(self.space.candidate_of(decoded(numbers, self.space.n)).key)
+            yield Idea(self.space.candidate_of(decode(numbers, self.space.n)).key)
 
 
 class Owned(TreeSampler):
@@ -57,7 +57,7 @@ class Owned(TreeSampler):
 
     def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
         """Yield what the sampler proposes."""
-        tried = [_scored(other) for other in earlier if other.state.is_finished()]
+        tried = [_score(other) for other in earlier if other.state.is_finished()]
         while True:
             proposed = self._sampler.propose(self.space, tried, self.random)
             yield Idea(self._candidate(proposed))
@@ -75,7 +75,7 @@ class Owned(TreeSampler):
             raise BadInput("sampler", [Fault(f"{type(self._sampler).__name__}.propose", str(error))]) from None
 
 
-def _scored(trial: FrozenTrial) -> Scored:
+def _score(trial: FrozenTrial) -> Scored:
     """Return what a user's sampler is told of a trial that is over."""
     found = has_design(trial)
     missed = None if found or trial.user_attrs[STATUS] != "infeasible" else sum(trial.constraints.values())
@@ -103,10 +103,10 @@ def sampler_of(sampler: str | SamplerFactory, space: Space, *, starts: int, seed
             return Owned(space, seed, made)
         rule = f"must make an Optuna sampler, or an object with `propose`, but made {type(made).__name__}"
         raise BadInput("sampler", [Fault("", rule)])
-    return _named(sampler, space, starts=starts, seed=seed)
+    return _by_name(sampler, space, starts=starts, seed=seed)
 
 
-def _named(name: str, space: Space, *, starts: int, seed: int) -> TreeSampler:
+def _by_name(name: str, space: Space, *, starts: int, seed: int) -> TreeSampler:
     if name == "moves":
         return Moves(space, starts=starts, seed=seed)
     if name == "random":

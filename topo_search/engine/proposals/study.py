@@ -26,7 +26,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
-from topo_search.engine.proposals.encoding import decoded, encoded
+from topo_search.engine.proposals.encoding import decode, encode
 from topo_search.engine.proposals.promotion import CERTAIN, NOT_PROMISING, Rank, goes_on, rank, steps
 from topo_search.engine.proposals.samplers import sampler_of
 from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
@@ -165,22 +165,22 @@ def optuna_study(
             found = yield Stage(Proposal(space.candidate_of(Topology.from_key(key)), stop) for key in short)
             had |= {score.key: score.starts for score in found}
             if shown is not None:
-                shown.add_trials([_tell(study, _told_again(study, proposer, score.key), score) for score in found])
+                shown.add_trials([_tell(study, _tell_again(study, proposer, score.key), score) for score in found])
 
 
 def _ask(study: optuna.Study, proposer: TreeSampler) -> _Asked:
     """Return the next candidate, with those whose designs are carried over to it."""
     trial = study.ask(proposer.distributions)
-    candidate = proposer.space.candidate_of(decoded(trial.params, proposer.space.n))
+    candidate = proposer.space.candidate_of(decode(trial.params, proposer.space.n))
     near = proposer.warm_starts.get(trial.number, ())
     trial.set_user_attr(KEY, candidate.key)
     trial.set_user_attr(NEAR, near)
     return _Asked(trial, candidate, near)
 
 
-def _told_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:
+def _tell_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:
     """Return a trial of a candidate that is not the sampler's."""
-    study.enqueue_trial(dict(encoded(Topology.from_key(key), proposer.connectors)), {KEY: key, NEAR: ()})
+    study.enqueue_trial(dict(encode(Topology.from_key(key), proposer.connectors)), {KEY: key, NEAR: ()})
     return study.ask(proposer.distributions)
 
 

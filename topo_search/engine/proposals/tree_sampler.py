@@ -18,7 +18,7 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial
 
-from topo_search.engine.proposals.encoding import encoded, ranges
+from topo_search.engine.proposals.encoding import encode, ranges
 from topo_search.engine.proposals.promotion import FEW
 from topo_search.engine.space import Space
 from topo_search.model import Topology
@@ -98,9 +98,9 @@ class TreeSampler(BaseSampler):
             if idea.again or idea.key not in known:
                 break
         else:
-            idea = self._left(known)
+            idea = self._draw_unknown(known)
         self.warm_starts[trial.number] = idea.warm_starts
-        return dict(encoded(Topology.from_key(idea.key), self.connectors))
+        return dict(encode(Topology.from_key(idea.key), self.connectors))
 
     def sample_independent(
         self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
@@ -108,7 +108,7 @@ class TreeSampler(BaseSampler):
         """Refuse to draw a number of its own."""
         raise ValueError(f"only {', '.join(self.distributions)} can be drawn, but got {param_name!r}")
 
-    def _left(self, known: Set[str]) -> Idea:
+    def _draw_unknown(self, known: Set[str]) -> Idea:
         """Return a candidate drawn uniformly from those that are not known; they are listed if there are few."""
         for _ in range(DRAWS):
             idea = self.uniform()

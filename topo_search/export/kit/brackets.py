@@ -22,7 +22,7 @@ import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 from trimesh import Trimesh
 
-from topo_search.export.meshes import placed
+from topo_search.export.meshes import pose_matrix
 from topo_search.export.poses import PORTS, poses, rotation, rotation_to
 from topo_search.export.rod import rod_of
 from topo_search.model.arrays import Array
@@ -112,15 +112,17 @@ def connector_turn(port: int) -> Array:
 def bracket(sizes: Bracket, phi: float) -> Trimesh:
     """Return the bracket for a turn phi, closed, in millimetres."""
     r, d, t, w = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness, sizes.wall))
-    turned = placed(rotation(1, phi), np.zeros(3))  # as d > r, neither end reaches beyond the other's mating face
+    turned = pose_matrix(
+        rotation(1, phi), np.zeros(3)
+    )  # as d > r, neither end reaches beyond the other's mating face
     flange = _box((-d, -r, -r), (-d + t, r, r))
     mirrored = _box((d - t, -r, -r), (d, r, r))
-    solid = flange + _moved(mirrored, turned)
+    solid = flange + _move(mirrored, turned)
     for y in (-r, r - w):
         ends = [_box((x, y, -r), (x + t, y + w, r)) for x in (-d, d - t)]
-        solid += Manifold.batch_hull([ends[0], _moved(ends[1], turned)])
+        solid += Manifold.batch_hull([ends[0], _move(ends[1], turned)])
     solid -= _holes(sizes, -d, t, marks=1)
-    solid -= _moved(_holes(sizes, d - t, t, marks=2), turned)
+    solid -= _move(_holes(sizes, d - t, t, marks=2), turned)
     return _mesh(solid)
 
 
@@ -141,13 +143,13 @@ def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
     r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
     bore, outside = MILLIMETRES * radius, MILLIMETRES * (radius + sizes.wall)
     reach = MILLIMETRES * grip
-    along = placed(rotation_to(v), np.zeros(3))
-    foot = _moved(Manifold.cylinder(t, min(outside, r), circular_segments=SIDES), _x_from_z(-d))
+    along = pose_matrix(rotation_to(v), np.zeros(3))
+    foot = _move(Manifold.cylinder(t, min(outside, r), circular_segments=SIDES), _x_from_z(-d))
     ball = Manifold.sphere(outside, SIDES)
     solid = _box((-d, -r, -r), (-d + t, r, r)) + Manifold.batch_hull([foot, ball])
-    solid += _moved(Manifold.cylinder(reach, outside, circular_segments=SIDES), along)
+    solid += _move(Manifold.cylinder(reach, outside, circular_segments=SIDES), along)
     solid -= _box((-6 * d, -6 * d, -6 * d), (-d, 6 * d, 6 * d))
-    solid -= _moved(Manifold.cylinder(2 * reach, bore, circular_segments=SIDES), along)
+    solid -= _move(Manifold.cylinder(2 * reach, bore, circular_segments=SIDES), along)
     return _mesh(solid - _holes(sizes, -d, t, marks=1))
 
 
@@ -158,13 +160,13 @@ def _holes(sizes: Bracket, x: float, t: float, *, marks: int) -> Manifold:
     holes = []
     for (y, z), radius in spaced:
         hole = Manifold.cylinder(t + 2.0, MILLIMETRES * radius, circular_segments=SIDES)
-        holes.append(_moved(hole, _x_from_z(x - 1.0)).translate((0.0, MILLIMETRES * y, MILLIMETRES * z)))
+        holes.append(_move(hole, _x_from_z(x - 1.0)).translate((0.0, MILLIMETRES * y, MILLIMETRES * z)))
     return Manifold.batch_boolean(holes, OpType.Add)
 
 
 def _x_from_z(x: float) -> Array:
     """Return what puts a solid that stands on z = 0 with its foot at x, upwards being +x."""
-    return placed(rotation(1, math.pi / 2), np.array([x, 0.0, 0.0]))
+    return pose_matrix(rotation(1, math.pi / 2), np.array([x, 0.0, 0.0]))
 
 
 def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Manifold:
@@ -172,7 +174,7 @@ def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> M
     return Manifold.cube(tuple(size.tolist())).translate(low)
 
 
-def _moved(solid: Manifold, pose: Array) -> Manifold:
+def _move(solid: Manifold, pose: Array) -> Manifold:
     return solid.transform(pose[:3])
 
 

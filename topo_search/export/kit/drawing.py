@@ -49,13 +49,13 @@ def joint(sizes: Bracket, port: int, alpha: float) -> str:
     own = np.array([[-span, -r / 2], [-d, -r / 2], [-d, r / 2], [-span, r / 2]])
     for points, colour in ((own, palette.MODULE), (flange, palette.CONNECTOR)):
         svg.append(_polygon(points, colour))
-        svg.append(_polygon(_turned(points * [-1, 1], phi), colour))
+        svg.append(_polygon(_turn(points * [-1, 1], phi), colour))
     svg.append(f'<circle r="1.5" fill="#222"/><line x1="0" y1="0" x2="{2 * d}" y2="0" {_DASHED}/>')
-    end = _turned(np.array([[2 * d, 0.0]]), phi)[0]
+    end = _turn(np.array([[2 * d, 0.0]]), phi)[0]
     svg.append(f'<line x1="0" y1="0" x2="{end[0]:.2f}" y2="{-end[1]:.2f}" stroke="#222" stroke-width="0.7"/>')
     svg.append(_text(-2.2 * d, -r - 3, "up", 8))
     svg.append(_text(-2.2 * d, r + 11, "parent", 8))
-    label = _turned(np.array([[2.2 * d, -r - 8]]), phi)[0]
+    label = _turn(np.array([[2.2 * d, -r - 8]]), phi)[0]
     svg.append(_text(label[0], -label[1], "child", 8))
     return "\n".join([*svg, "</svg>"])
 
@@ -70,7 +70,7 @@ def tips(port: int, alpha: float) -> str:
 _DASHED = 'stroke="#888" stroke-width="0.7" stroke-dasharray="3 2"'
 
 
-def _turned(points: Array, phi: float) -> Array:
+def _turn(points: Array, phi: float) -> Array:
     """Return points (x, z) turned about y: a positive phi takes x towards -z."""
     c, s = math.cos(phi), math.sin(phi)
     return np.asarray(points @ np.array([[c, -s], [s, c]]))

@@ -67,7 +67,7 @@ def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
         BadInput: the folder holds something else, or brackets do not fit.
     """
     _require_only(folder, lambda path: path.suffix == ".stl", "a new or empty folder, or one of STL files")
-    parts = _printed(design)
+    parts = _printed_parts(design)
     for old in folder.glob("*.stl"):
         old.unlink()
     for part in parts:
@@ -118,7 +118,7 @@ def _require_only(folder: Path, known: Callable[[Path], bool], what: str) -> Non
         raise BadInput("--out", [Fault("", f"must be {what}, but {folder} holds {others[0]}")])
 
 
-def _printed(design: Design) -> list[Part]:
+def _printed_parts(design: Design) -> list[Part]:
     held = mount(design)
     return [*brackets(design), *([] if held is None else [held])]
 

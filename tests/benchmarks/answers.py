@@ -1,0 +1,108 @@
+"""What became of a revision's answers: its best designs judged by the present audit, and its problems solved anew.
+
+    python tests/benchmarks/answers.py REVISION [EXAMPLE ...] [--starts N]
+
+REVISION runs from its own source, checked out in a temporary folder: it solves the tree that wins each shipped
+example today (`notebooks/results/gallery.json`), and audits the design. A row of the table shows, of a tree: the
+older effort over the lower bound; by how much the present audit finds another effort for that very design; both
+verdicts; by how much the present solver ends above or below on the older problem, and on the example as it is now.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from reduced import OLD_STARTS, source_of
+
+import nlp
+import verify
+from topo_search.model import Design, ResolvedTask
+from topo_search.model.files import read_task
+
+KEPT = Path(__file__).resolve().parents[2] / "notebooks/results/gallery.json"
+SOLVE = """
+import json, sys
+from nlp.solve import solve
+from topo_search.model import Design, Topology
+from topo_search.model.files import read_task, to_json
+from verify import audit
+
+name, key, starts = sys.argv[1:]
+topology = Topology.from_key(key)
+found = solve(read_task(name).resolve(topology.n), topology, starts=range(int(starts)), seed=0)
+if not isinstance(found, Design):
+    raise SystemExit(f"no design of {key} for {name}")
+print(json.dumps([to_json(found), audit(found).verdict]))
+"""
+SAME = 1e-6
+"""Efforts that differ by less, relatively, are the same."""
+
+
+def main() -> None:
+    """Compare and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("revision")
+    parser.add_argument("examples", nargs="*", help="default: all that the revision has")
+    parser.add_argument("--starts", type=int, default=OLD_STARTS, help="of either solver")
+    arguments = parser.parse_args()
+    kept = json.loads(KEPT.read_text(encoding="utf-8"))
+    head = (
+        "example, tree",
+        "effort then, over the bound",
+        "audited now",
+        "verdict then, now",
+        "solved now",
+        "as posed now",
+    )
+    print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
+    with source_of(arguments.revision) as source:
+        shipped = {path.stem for path in (source / "topo_search/examples").glob("*.toml")}
+        for name in arguments.examples or sorted(shipped & kept.keys()):
+            text, verdict = _older(source, name, kept[name]["key"], arguments.starts)
+            design = Design.model_validate_json(text)
+            audit, n = verify.audit(design), design.topology.n
+            (effort,) = (row for row in audit.residuals if row.name == "objective")
+            assert effort.derived is not None
+            cells = (
+                f"{name}, `{design.topology_key}`",
+                f"{design.objective / nlp.lower_bound(design.task):.6f}",
+                _change(effort.derived, design.objective),
+                f"{verdict}, {audit.verdict}",
+                _solved(design.task, design, arguments.starts),
+                _solved(read_task(name).resolve(n), design, arguments.starts),
+            )
+            print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def _older(source: Path, name: str, key: str, starts: int) -> tuple[str, str]:
+    """Return the design that the older solver finds, as JSON, and the verdict of the older audit."""
+    done = subprocess.run(
+        [sys.executable, "-c", SOLVE, name, key, str(starts)],
+        env={**os.environ, "PYTHONPATH": str(source), "OMP_NUM_THREADS": "1"},
+        cwd=source,
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    text, verdict = json.loads(done.stdout)
+    return text, verdict
+
+
+def _solved(task: ResolvedTask, older: Design, starts: int) -> str:
+    """Return by how much the best design of the same tree costs more now."""
+    found = nlp.solve(task, older.topology, starts=range(starts), seed=0)
+    return _change(found.objective, older.objective) if isinstance(found, Design) else "no design"
+
+
+def _change(now: float, then: float) -> str:
+    change = now / then - 1
+    return f"same to {SAME:g}" if abs(change) <= SAME else f"{100 * change:+.2g} %"
+
+
+if __name__ == "__main__":
+    main()
