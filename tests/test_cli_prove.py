@@ -87,7 +87,17 @@ def test_checked_proofs_end_with_0_open_ones_with_4_and_refused_ones_with_1(run,
     assert "box 2 of 3" in refused["fault"]
 
 
-def test_a_check_takes_no_time_limit(run, monkeypatch):
-    done = check(monkeypatch, Checker(), run, "--time-limit", "5")
+@pytest.mark.parametrize("given", [("--time-limit", "5"), ("--from", "other")])
+def test_a_check_takes_no_time_limit_and_no_other_run(run, monkeypatch, given):
+    done = check(monkeypatch, Checker(), run, *given)
     assert done.exit_code == 2
-    assert "--time-limit" in done.output
+    assert f"{given[0]} cannot be combined with --check" in done.output
+
+
+def test_proofs_may_come_from_another_run(run, tmp_path, monkeypatch):
+    prove(monkeypatch, Prover(), run, "--gap", "0.01")
+    toy_run(tmp_path / "other")
+    prover = Prover()
+    done = prove(monkeypatch, prover, tmp_path / "other", "--gap", "0.01", "--from", run)
+    assert done.exit_code == 0, done.output
+    assert not prover.asked

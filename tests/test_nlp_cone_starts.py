@@ -14,7 +14,7 @@ from nlp.numbers.point import Point
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from nlp.starts import random_starts as starts
 from nlp.starts.random_starts import TURNS, draw, generator, root_of
-from nlp.starts.untangling import CLEAR, lever, place_in_cone, untangle
+from nlp.starts.untangling import CLEAR, lever, shorten_lever, untangle
 from topo_search.model import Topology
 from topo_search.topologies import sample
 from verify.bodies import Cone, ConeSphere
@@ -57,15 +57,16 @@ def test_the_reach_is_where_the_audit_finds_the_cone_touched(half_angle_deg):
         assert min(gaps) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize("half_angle", [math.radians(60), None], ids=["cone", "no cone"])
 @pytest.mark.parametrize("number", range(3))
-def test_hinges_placed_for_a_cone_have_a_shorter_lever_and_no_overlaps(number):
+def test_hinges_turned_for_their_lever_have_a_shorter_one_and_no_overlaps(number, half_angle):
     task, topology = conical(16), sample(16, 3, seed=1)[number]
     rng = np.random.default_rng(number)
     placed = untangle(task, topology, np.zeros(15), rng)
     clear = CLEAR * task.module.arm_length - 1e-9
     assert least_clearance(task, topology, placed) >= clear
-    alpha = place_in_cone(task, topology, placed, math.radians(60), rng)
-    assert lever(task, topology, alpha, math.radians(60)) < lever(task, topology, placed, math.radians(60))
+    alpha = shorten_lever(task, topology, placed, half_angle, rng)
+    assert lever(task, topology, alpha, half_angle) < lever(task, topology, placed, half_angle)
     assert least_clearance(task, topology, alpha) >= clear
     assert np.all(np.abs(alpha) <= np.pi / 2)
 
@@ -77,6 +78,7 @@ def test_the_lever_of_a_straight_chain():
     half_angle = math.radians(60)
     expected = (8 * l_c * math.cos(half_angle) + r) / math.sin(half_angle)
     assert lever(task, chain, np.zeros(8), half_angle) == pytest.approx(expected)
+    assert lever(task, chain, np.zeros(8), None) == pytest.approx(l_c)
 
 
 @pytest.mark.parametrize(

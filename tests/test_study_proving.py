@@ -6,10 +6,11 @@ import math
 
 import pytest
 import toy_problem
-from toy_problem import InProcess, toy_run
+from toy_problem import InProcess, toy_run, toy_task
 from wording import says
 
 from topo_search.model import BadInput, Chunk, Proof
+from topo_search.model.exposure import Local
 from topo_search.model.proof import chunk_count
 from topo_search.report.run_page import run_page
 from topo_search.study import RunFolder, Silent, prove
@@ -181,6 +182,40 @@ def test_a_proof_about_the_solvers_problem_says_so_and_the_tasks_serves_for_it(r
     proven(run, served, problem="solver")
     assert not served.asked
     assert {row["proven_problem"] for row in table(run).values()} == {"task"}
+
+
+def exposed(task):
+    return task.model_copy(update={"name": "toy-local", "exposure": (Local(radius=0.2),)})
+
+
+def test_proofs_of_a_run_without_exposure_serve_for_one_with_it(run, tmp_path):
+    """The same toy but for exposure: what is proven of the one holds of the other, and is not searched again."""
+    proven(run, Prover())
+    other, prover = tmp_path / "other", Prover()
+    toy_run(other, task=exposed(toy_task()))
+    answer = proven(other, prover, lender=run, gap=0.02)
+    assert not prover.asked
+    assert "no 3-module topology is more than 1.00 % better" in answer.sizes[0].proven
+    with RunFolder.load(run) as lender, RunFolder.load(other) as folder:
+        lent, taken = lender.proofs(3), folder.proofs(3)
+    assert {key: proof.chunks for key, proof in taken.items()} == {key: proof.chunks for key, proof in lent.items()}
+    assert {proof.task.name for proof in taken.values()} == {"toy-local"}
+    assert proven(other, prover, gap=0.02).sizes == answer.sizes
+    assert not prover.asked
+    proven(other, prover, lender=run, gap=0.001)  # what proves less than is asked for is not taken
+    assert prover.asked
+
+
+def test_an_open_proof_or_one_of_another_task_serves_for_no_other(run, tmp_path):
+    proven(run, Prover(refuses=table(run)))
+    toy_run(tmp_path / "other", task=exposed(toy_task()))
+    with pytest.raises(BadInput, match=r"has no complete proof that holds for toy-local, n = 3"):
+        proven(tmp_path / "other", Prover(), lender=run)
+    proven(tmp_path / "other", Prover())
+    heavy = toy_task().model_copy(update={"gravity": 3.7})
+    toy_run(tmp_path / "heavy", task=heavy)
+    with pytest.raises(BadInput, match="only name and exposure may differ"):
+        proven(tmp_path / "heavy", Prover(), lender=tmp_path / "other")
 
 
 def test_the_page_says_what_is_proven(run):

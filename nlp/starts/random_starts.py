@@ -30,6 +30,8 @@ LARGEST_SPLAY = 0.8
 """Largest hinge angle of a start [rad]."""
 UNTANGLED_FROM = 8
 """Fewest modules for which hinges are placed free of overlaps first; with fewer, Ipopt sorts them out as well."""
+LIFTED_FROM = 30
+"""Fewest modules for which they are also turned so that thrusts do not point apart."""
 LEVEL = 1e-9
 """Planes whose normals add up to less leave no direction that leads out of them all."""
 CONE_SPREAD = 0.3
@@ -63,13 +65,15 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
     alpha, cone = splay(task, topology, rng), None
     if topology.n >= UNTANGLED_FROM:
         from nlp.starts.untangling import (  # compiled code, which small platforms need not load
-            place_in_cone,
+            shorten_lever,
             untangle,
         )
 
         alpha, cone = untangle(task, topology, alpha, rng), _narrowest_cone(task)
-        if cone is not None and cone.axis is None:  # else the apex is not where the thrusts pull
-            alpha = place_in_cone(task, topology, alpha, math.radians(cone.half_angle_deg), rng)
+        along = cone is not None and cone.axis is None  # else the apex is not where the thrusts pull
+        if along or topology.n >= LIFTED_FROM:
+            half_angle = math.radians(cone.half_angle_deg) if cone is not None and along else None
+            alpha = shorten_lever(task, topology, alpha, half_angle, rng)
 
     R, _ = poses(topology, np.eye(3), alpha, task.module.connector_distance)
     upright, turn = _towards(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0

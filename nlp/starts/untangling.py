@@ -2,15 +2,16 @@ r"""Geometry first: hinge angles at which no two envelopes overlap, before any w
 
 The search itself is compiled (`nlp.starts.tabu_search`); here a task and a topology become its numbers.
 
-A cone that must hold all airflow asks for more than that. The farther its apex, the end-effector, has to be, the
-longer is the lever of the forces there, and thrusts that point apart do little against it. What counts is
+Of such angles those are better where thrusts do not point apart; and a cone that must hold all airflow asks for
+more still. The farther its apex, the end-effector, has to be, the longer is the lever of the forces there, and
+thrusts that point apart do little against it. What counts is
 
 .. math::  \ell = \frac{\text{reach}}{\text{lift}}, \qquad
            \text{lift} = \tfrac{1}{n} \left\| \sum\nolimits_i z_i \right\|,
 
 | symbol | meaning | unit |
 |---|---|---|
-| reach | distance of the nearest apex upstream of the centroid whose cone holds all envelopes | m |
+| reach | distance of the nearest apex upstream of the centroid whose cone holds all envelopes; else l_c | m |
 | lift | share of the thrust that is left of equal inputs; 1 if all axes are parallel | |
 """
 
@@ -38,7 +39,7 @@ TURNS = 100
 SWEEPS = 3
 """How often every hinge is turned back towards zero, once no envelopes overlap."""
 KICKS = 15
-"""Hinges turned at random for a cone's sake, a module."""
+"""Hinges turned at random for the lever's sake, a module."""
 REPAIRS = 20
 """Most turns of hinges after each, to undo the overlaps that it makes."""
 PATIENCE = 1 / 6
@@ -63,8 +64,8 @@ def untangle(
     return _by_module(found, order)
 
 
-def place_in_cone(
-    task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float, rng: np.random.Generator
+def shorten_lever(
+    task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float | None, rng: np.random.Generator
 ) -> Array:
     """Return hinge angles, found from alpha, with no more overlaps and, with as many, no longer a lever l.
 
@@ -74,8 +75,8 @@ def place_in_cone(
     Args:
         task: the task.
         topology: the tree.
-        alpha: hinge angles, best those of `place`, shape (n-1,) [rad].
-        half_angle: of the cone [rad].
+        alpha: hinge angles, best those of `untangle`, shape (n-1,) [rad].
+        half_angle: of the cone [rad]; None without one.
         rng: random numbers.
     """
     order = _preorder(topology)
@@ -104,12 +105,14 @@ def place_in_cone(
     return best
 
 
-def lever(task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float) -> float:
+def lever(task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float | None) -> float:
     """Return the lever l of hinge angles [m]."""
     R, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
     thrust = R[:, :, 2].sum(axis=0)
     lift = max(float(np.linalg.norm(thrust)), 1e-9)
-    reach = cone_reach(envelopes(task.module.envelope, R, p), p.mean(axis=0), thrust / lift, half_angle)
+    reach = task.module.connector_distance
+    if half_angle is not None:
+        reach = cone_reach(envelopes(task.module.envelope, R, p), p.mean(axis=0), thrust / lift, half_angle)
     return topology.n * reach / lift
 
 

@@ -9,6 +9,7 @@
 | random | each method from its own starts until the first design |
 | share | share of topologies with a design after a few starts, by exposure and connector distance |
 | hundred | a hundred modules: time, memory, audit, and what stops the rest |
+| best | large platforms: the first design, and the best after two minutes |
 | growth | time and memory against the number of modules, and where the time goes |
 
 Times are CPU seconds of one process with one thread, after modules and compiled code have been loaded. Every
@@ -22,6 +23,7 @@ import argparse
 import os
 from pathlib import Path
 
+import part_best
 import part_five
 import part_growth
 import part_hundred
@@ -31,7 +33,10 @@ import part_shared
 from options import Options
 from rows import Rows
 
-PARTS = {part.PART: part for part in (part_five, part_shared, part_random, part_share, part_hundred, part_growth)}
+PARTS = {
+    part.PART: part
+    for part in (part_five, part_shared, part_random, part_share, part_hundred, part_best, part_growth)
+}
 
 
 def main() -> None:
@@ -44,7 +49,7 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=Options.starts, help="most starts of each topology")
     parser.add_argument("--cap", type=int, default=Options.cap, help="most CPU seconds of one measurement")
     parser.add_argument("--seconds", type=float, default=Options.seconds, help="five: CPU seconds of each method")
-    parser.add_argument("--distances", type=float, nargs="+", help="share, hundred: connector distances [m]")
+    parser.add_argument("--distances", type=float, nargs="+", help="share, hundred, best: connector distances [m]")
     parser.add_argument("--examples", nargs="+", help="share: tasks; the first one's curve is measured too")
     parser.add_argument("--direct-up-to", type=int, default=Options.direct_up_to, help="growth: largest size of it")
     arguments = vars(parser.parse_args())

@@ -1,14 +1,18 @@
 """Boxes and processor time of the proof of every tree of a task: python tests/benchmarks/proofs.py RUN --gap 0.01.
 
 RUN is the folder of a finished run; nothing is written to it. The compilation is done before the first tree. With
---check every chunk is checked as it is proven; with --sample M only M of the chunks of every tree are looked at.
+--check every chunk is checked as it is proven. With --sample M only M trees are, drawn at random, and what all of
+them take is extrapolated, with the standard error. Chunks of one tree differ too much to be a sample.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
+import random
 import time
 from pathlib import Path
+from statistics import mean, stdev
 
 from nlp import proof_root, prove_chunk
 from topo_search.model import Chunk, Topology
@@ -24,7 +28,8 @@ def main() -> None:
     parser.add_argument("run", type=Path)
     parser.add_argument("--gap", type=float, default=0.01)
     parser.add_argument("--check", action="store_true")
-    parser.add_argument("--sample", type=int)
+    parser.add_argument("--sample", type=int, metavar="M", help="at least 2")
+    parser.add_argument("--seed", type=int, default=0, help="of the draw")
     parser.add_argument("--trees", nargs="*", help="keys; default: all")
     asked = parser.parse_args()
     with RunFolder.load(asked.run) as folder:
@@ -36,13 +41,13 @@ def main() -> None:
             if asked.check:
                 check_chunk(task, Topology.from_key(best.key), 0, best.objective, Chunk.of(0, "closed", b"\0"))
             print("key        aim         cut/best     boxes   CPU s  chunks closed, check: CPU s, boxes halved")
-            for row in folder.ledger.ranking(n):
-                if row.status == "impossible" or (asked.trees and row.key not in asked.trees):
-                    continue
+            rows = [row for row in folder.ledger.ranking(n) if not asked.trees or row.key in asked.trees]
+            drawn = random.Random(asked.seed).sample(rows, asked.sample) if asked.sample else rows
+            costs = list[tuple[int, float]]()
+            for row in drawn:
                 aim, cut = target(row, best.objective, asked.gap)
                 tree, boxes, closed, halved, seconds, checking = Topology.from_key(row.key), 0, 0, 0, 0.0, 0.0
-                every = range(0, chunk_count(n), chunk_count(n) // (asked.sample or chunk_count(n)))
-                for number in every:
+                for number in range(chunk_count(n)):
                     began = time.process_time()
                     chunk = prove_chunk(task, tree, number, cut)
                     seconds += time.process_time() - began
@@ -57,8 +62,19 @@ def main() -> None:
                         if found.fault is not None:
                             raise SystemExit(f"{row.key}, chunk {number}: {found.fault}")
                 told = f"{row.key:10} {aim:9} {cut / best.objective:10.5f} {boxes:9,} {seconds:7.1f}"
-                told += f"  {closed} of {len(every)}"
+                told += f"  {closed} of {chunk_count(n)}"
                 print(told + (f", {checking:7.1f} {halved:9,}" if asked.check else ""), flush=True)
+                costs.append((boxes, seconds))
+            if asked.sample:
+                told = f"{_whole(costs, len(rows), 0)} boxes, {_whole(costs, len(rows), 1)} s"
+                print(f"all {len(rows)} trees: {told}")
+
+
+def _whole(costs: list[tuple[int, float]], trees: int, which: int) -> str:
+    """Extrapolate boxes or seconds from trees drawn without replacement to all, with the standard error."""
+    drawn = [cost[which] for cost in costs]
+    error = stdev(drawn) * math.sqrt((1 - len(drawn) / trees) / len(drawn))
+    return f"{trees * mean(drawn):,.0f} +- {trees * error:,.0f}"
 
 
 if __name__ == "__main__":

@@ -38,6 +38,14 @@ REFUSED = 1
 )
 @click.option("--topology", metavar="KEY", help="Prove only this tree (default: all).")
 @click.option(
+    "--from",
+    "lender",
+    metavar="RUN",
+    type=click.Path(path_type=Path),
+    help="Use the complete proofs of another run where they are enough for --gap; its task may differ only in name "
+    "and exposure.",
+)
+@click.option(
     "--time-limit",
     type=click.FloatRange(0, SECONDS, min_open=True),
     metavar="SECONDS",
@@ -57,6 +65,7 @@ def prove(
     gap: float,
     problem: Any,
     topology: str | None,
+    lender: Path | None,
     time_limit: float | None,
     checks: bool,
     workers: int | None,
@@ -81,8 +90,9 @@ def prove(
     """
     if dask is None and (dask_ca or dask_cert or dask_key):
         raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
-    if checks and time_limit is not None:
-        raise click.UsageError("--time-limit cannot be combined with --check")
+    for name, value in (("--time-limit", time_limit), ("--from", lender)):
+        if checks and value is not None:
+            raise click.UsageError(f"{name} cannot be combined with --check")
     if checks:
         tls = options.certificates(dask_ca, dask_cert, dask_key)
         _check(folder, topology=topology, workers=workers, dask=dask, dask_tls=tls, as_json=as_json)
@@ -98,6 +108,7 @@ def prove(
                 gap=gap,
                 problem=problem,
                 topology=topology,
+                lender=lender,
                 workers=workers,
                 dask=dask,
                 dask_tls=options.certificates(dask_ca, dask_cert, dask_key),

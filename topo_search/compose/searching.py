@@ -171,6 +171,7 @@ def prove(
     gap: float = DEFAULT_GAP,
     problem: Problem = "task",
     topology: str | None = None,
+    lender: str | Path | None = None,
     workers: int | None = None,
     dask: str | None = None,
     dask_tls: Certificates | None = None,
@@ -189,6 +190,8 @@ def prove(
         problem: designs that the proof is about: `task`, all that the audit may call clear; `solver`, those
             that also keep the solver's margin and its distance of centres.
         topology: key of a single tree to prove; default: all.
+        lender: folder of a run of a task that differs in exposure alone; its complete proofs are taken where they
+            prove as much as the gap asks for.
         workers: worker processes; default: the cores available. Results do not depend on it.
         dask: as for `search`.
         dask_tls: as for `search`.
@@ -196,7 +199,8 @@ def prove(
         observer: receives progress.
 
     Raises:
-        BadInput: not a run folder, no audited design, no such tree, or another process is using the folder.
+        BadInput: not a run folder, no audited design, no such tree, another process is using the folder, or no
+            proof of `lender` holds for it.
         ValueError: a gap beyond `limits`.
         WorkersLost: as for `search`.
     """
@@ -212,6 +216,7 @@ def prove(
             engine=engine,
             observer=observer,
             problem=problem,
+            lender=None if lender is None else Path(lender),
             time_limit=time_limit,
             report=write_page,
         )

@@ -16,7 +16,7 @@ from typing import Self, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from topo_search.model import BadInput, Fault, Proof
+from topo_search.model import BadInput, Fault, Proof, ResolvedTask
 from topo_search.model.bad_input import faults_of
 from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import to_json, to_toml
@@ -38,7 +38,7 @@ from topo_search.study.ledger_file import blank
 from topo_search.study.lock import ReadOnlyFolder, hold_lock
 from topo_search.study.own_files import contents
 from topo_search.study.place import Place
-from topo_search.study.proofs import ProofState, cells, proof_state
+from topo_search.study.proofs import ProofState, bounded_alike, cells, proof_state
 from topo_search.study.row import COLUMNS, Row
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -225,6 +225,16 @@ class RunFolder:
         task = self.request.contexts(n)[0].task
         found = self.read_within(PROOFS, Proof).values()
         return {proof.topology_key: proof for proof in found if proof.task == task}
+
+    def proofs_for(self, task: ResolvedTask) -> dict[str, Proof]:
+        """Return the complete proofs that hold for a task of another run as well, as that run's own, by key.
+
+        Raises:
+            BadInput: one of them is damaged.
+        """
+        found = self.keep_within(PROOFS, Proof).values()
+        held = [proof for proof in found if proof.complete and bounded_alike(proof.task, task)]
+        return {proof.topology_key: proof.model_copy(update={"task": task}) for proof in held}
 
     def keep_within(self, part: str, name: str, content: str) -> None:
         """Write a file of the run's own into one of its folders; errors as of `keep`."""

@@ -68,6 +68,11 @@ def target(row: Row, best: float, gap: float) -> tuple[str, float]:
     return EXCLUDED, best
 
 
+def bounded_alike(task: ResolvedTask, other: ResolvedTask) -> bool:
+    """Whether a proof of one task is one of the other: they differ in name and exposure, which no bound knows."""
+    return task.model_copy(update={"name": other.name, "exposure": other.exposure}) == other
+
+
 class Together(NamedTuple):
     """What the proofs of one size come to together."""
 

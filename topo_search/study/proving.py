@@ -11,7 +11,7 @@ from pathlib import Path
 
 from topo_search.engine import Engine, Failed, WorkersLost
 from topo_search.model import BadInput, Chunk, Fault, Proof, ResolvedTask, Topology
-from topo_search.model.proof import Problem
+from topo_search.model.proof import Aim, Problem
 from topo_search.model.proven import gap_percent
 from topo_search.study.answer import Answer
 from topo_search.study.folder import RunFolder
@@ -104,6 +104,7 @@ def prove(
     engine: Engine,
     observer: Observer,
     problem: Problem = "task",
+    lender: Path | None = None,
     time_limit: float = math.inf,
     report: Callable[[RunFolder], None] = lambda _: None,
 ) -> Answer:
@@ -118,11 +119,14 @@ def prove(
         engine: where chunks are searched; it changes nothing but the time it takes.
         observer: is told of the progress.
         problem: which designs the proof is about; what is proven of the task's is not proven again of the solver's.
+        lender: folder of another run, whose proofs are taken where they hold for this one and prove as much as the
+            gap asks for.
         time_limit: seconds after which no more is searched.
         report: is handed the folder once all its files are written.
 
     Raises:
-        BadInput: it is not a run folder, has no audited design or no such tree, or another process works in it.
+        BadInput: it is not a run folder, has no audited design or no such tree, or another process works in it; no
+            proof of the other run holds for it.
         KeyboardInterrupt: after Ctrl-C, with every finished chunk kept.
         WorkersLost: the engine has no workers any more; likewise.
     """
@@ -133,11 +137,19 @@ def prove(
             for n, best, rows in sizes:
                 work = _Work(folder, observer, best * (1 - gap))
                 task = folder.request.contexts(n)[0].task
-                kept = folder.proofs(n)
+                kept, lent = folder.proofs(n), _lent(lender, task)
                 for row in rows:
                     aim, cut = target(row, best, gap)
                     held = kept.get(row.key)
-                    if held is None or not _serves(held, cut, work.floor, problem):
+                    loan = lent.get(row.key)
+                    if held is not None and _serves(held, cut, work.floor, gap, problem):
+                        if held.open_at is not None and held.cut > work.floor:
+                            held = _lower(held, work.floor)
+                    elif loan is not None and loan.cut >= work.floor and loan.problem in ("task", problem):
+                        whole: Aim = "excluded" if loan.cut >= best else "within"
+                        held = loan.model_copy(update={"aim": whole, "gap": gap})
+                        work.due.add(row.key)
+                    else:
                         root = centre(task, Topology.from_key(row.key))
                         held = Proof(
                             task=task,
@@ -148,8 +160,6 @@ def prove(
                             problem=problem,
                             cut=cut,
                         )
-                    elif held.open_at is not None and held.cut > work.floor:
-                        held = _lower(held, work.floor)
                     work.proofs[row.key] = held
                 incumbent, before = folder.ledger.best_clear(n), dict[str, float]()
                 while before != (cuts := {key: proof.cut for key, proof in work.proofs.items()}):
@@ -188,11 +198,24 @@ def refuse_unprovable(request: Request, name: str) -> None:
         raise BadInput(name, [Fault("modules", f"must be at most {MOST_MODULES} for a proof, but got {n}")])
 
 
-def _serves(held: Proof, cut: float, floor: float, problem: Problem) -> bool:
-    """Whether what is held of a tree is what is asked for, or more, or a part of it, or what it was lowered to."""
+def _serves(held: Proof, cut: float, floor: float, gap: float, problem: Problem) -> bool:
+    """Whether what is held of a tree is what is asked for, or more, a part of it, or all that this gap led to."""
     if held.complete:
-        return (held.cut >= cut or held.cut == floor) and held.problem in ("task", problem)
+        enough = held.cut >= cut or (held.gap == gap and held.cut >= floor)
+        return enough and held.problem in ("task", problem)
     return held.cut in (cut, floor) and held.problem == problem
+
+
+def _lent(lender: Path | None, task: ResolvedTask) -> dict[str, Proof]:
+    """Return the proofs of another run that hold for a task."""
+    if lender is None:
+        return {}
+    with RunFolder.load(lender) as other:
+        found = other.proofs_for(task)
+    if not found:
+        text = f"has no complete proof that holds for {task.name}, n = {task.n}: only name and exposure may differ"
+        raise BadInput(str(lender), [Fault("", text)])
+    return found
 
 
 def _lower(proof: Proof, floor: float) -> Proof:

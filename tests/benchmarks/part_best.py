@@ -1,0 +1,73 @@
+"""What more starts of a large platform bring: the effort of its first design, and of the best in two minutes."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterator
+
+from attempts import Stated, load
+from children import Child
+from options import AIRFLOW_ALONE, Options, at
+from rows import Row, Rows
+
+import nlp
+from nlp.solve import PLACED_STARTS
+from topo_search.engine.usage import Clock, peak_mb
+from topo_search.model import Design, Topology
+from topo_search.topologies import sample
+from verify import audit
+
+PART, SIZES, EXAMPLE, DISTANCE = "best", (40, 100), "ten-wrenches", 0.30
+SECONDS = 120
+"""CPU seconds of one topology at most; a start that is under way then does not count."""
+
+
+def measure(rows: Rows, options: Options) -> None:
+    """Measure each topology in a new process: as many starts as a search makes, or as the time allows."""
+    for distance in options.distances or (DISTANCE,):
+        for n in options.sizes:
+            for topology in sample(n, options.topologies, 0):
+                identity = {"part": PART, "n": n, "key": topology.key, "distance": distance}
+                if rows.where(**identity):
+                    continue
+                stated = Stated(EXAMPLE, n, (AIRFLOW_ALONE, at(distance)))
+                with Child(_starts, stated, topology.key, cap=min(SECONDS, options.cap)) as child:
+                    tried = list(child)
+                rows.add({**identity, "tried": tried})
+
+
+def _starts(stated: Stated, key: str) -> Iterator[Row]:
+    """Yield an empty row, then what comes of every start; the audit is not timed, for a search makes one."""
+    load(stated)
+    task, topology = stated.resolve(), Topology.from_key(key)
+    yield {}
+    for index in range(PLACED_STARTS):
+        clock = Clock()
+        outcome = nlp.solve(task, topology, starts=range(index, index + 1), seed=0)
+        row: Row = {"start": index, "seconds": clock.lap(), "peak_mb": peak_mb(), "gap": None}
+        if isinstance(outcome, Design):
+            row |= {"gap": outcome.gap, "verdict": audit(outcome).verdict}
+        yield row
+
+
+def table(rows: Rows) -> str:
+    """Return what first and best designs lack to the bound, by size."""
+    lines = [
+        "| n | m | with a design | gap of the first, median | of the best, median | starts, median | most MB |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    measured = rows.where(part=PART)
+    for n, distance in sorted({(row["n"], row["distance"]) for row in measured}):
+        runs = [row["tried"] for row in rows.where(part=PART, n=n, distance=distance)]
+        gaps = [[start["gap"] for start in tried if start["gap"] is not None] for tried in runs]
+        solved = [of for of in gaps if of]
+        unclear = sum(start.get("verdict") not in (None, "clear") for tried in runs for start in tried)
+        cells = [
+            f"{len(solved)} of {len(runs)}" + (f", {unclear} audits not clear" if unclear else ""),
+            f"{100 * statistics.median(of[0] for of in solved):.1f} %" if solved else "",
+            f"{100 * statistics.median(min(of) for of in solved):.1f} %" if solved else "",
+            f"{statistics.median(len(tried) for tried in runs):.0f}",
+            f"{max((start['peak_mb'] for tried in runs for start in tried), default=0.0):.0f}",
+        ]
+        lines.append(f"| {n} | {distance:.2f} | {' | '.join(cells)} |")
+    return "\n".join(lines)
