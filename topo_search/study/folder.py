@@ -232,7 +232,7 @@ class RunFolder:
         Raises:
             BadInput: one of them is damaged.
         """
-        found = self.keep_within(PROOFS, Proof).values()
+        found = self.read_within(PROOFS, Proof).values()
         held = [proof for proof in found if proof.complete and bounded_alike(proof.task, task)]
         return {proof.topology_key: proof.model_copy(update={"task": task}) for proof in held}
 
