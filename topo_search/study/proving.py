@@ -137,7 +137,7 @@ def prove(
             for n, best, rows in sizes:
                 work = _Work(folder, observer, best * (1 - gap))
                 task = folder.request.contexts(n)[0].task
-                kept, lent = folder.proofs(n), _lent(lender, task)
+                kept, lent = folder.proofs(n), _lend(lender, task)
                 for row in rows:
                     aim, cut = target(row, best, gap)
                     held = kept.get(row.key)
@@ -206,7 +206,7 @@ def _serves(held: Proof, cut: float, floor: float, gap: float, problem: Problem)
     return held.cut in (cut, floor) and held.problem == problem
 
 
-def _lent(lender: Path | None, task: ResolvedTask) -> dict[str, Proof]:
+def _lend(lender: Path | None, task: ResolvedTask) -> dict[str, Proof]:
     """Return the proofs of another run that hold for a task."""
     if lender is None:
         return {}
