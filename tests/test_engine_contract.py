@@ -56,6 +56,20 @@ def test_jobs_are_drawn_only_as_workers_take_them(engine):
     assert len(drawn) <= 6 + 2 * ahead
 
 
+def test_what_depends_on_a_result_is_drawn_once_that_was_yielded(engine):
+    squares = []
+
+    def chain():
+        for x in range(6):
+            while len(squares) < x - 1:  # two at a time
+                yield None
+            yield x
+
+    for _, result in engine.run(square, chain(), deadline=lambda _: LONG):
+        squares.append(result)
+    assert sorted(squares) == [0, 1, 4, 9, 16, 25]
+
+
 def test_one_bad_job_of_each_kind_leaves_the_others_alone(engine):
     kinds = ["fine", "segfault", "fine", "kill", "memory", "fine", "hang", "raise", "fine"]
     jobs = [(kind, number) for number, kind in enumerate(kinds)]

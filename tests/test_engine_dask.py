@@ -137,3 +137,20 @@ def test_a_job_that_ends_its_dask_worker_takes_no_other_with_it(tmp_path):
     failed = found.pop(("parent", 60))
     assert (failed.kind, failed.reason) == ("crash", "the Dask worker that ran it ended, 1 times in a row")
     assert found == {("fine", x): x for x in range(121) if x != 60}
+
+
+def test_what_waits_for_a_job_that_ends_its_dask_worker_goes_on_when_that_has_failed(tmp_path):
+    found = []
+
+    def chain():
+        for x, kind in enumerate(["parent", "fine", "parent", "fine"]):
+            while len(found) < x:
+                yield None
+            yield kind, x
+
+    with Cluster(tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0") as cluster:
+        cluster.add_worker()
+        with DaskWorkers(cluster.address, {}) as workers:
+            for _, result in workers.run(misbehave, chain(), deadline=lambda _: LONG):
+                found.append(isinstance(result, Failed))
+    assert found == [True, False, True, False]

@@ -1,7 +1,7 @@
 import pytest
 from toy_problem import toy_task
 
-from topo_search.engine import Scored, Space, exhaustive
+from topo_search.engine import Results, Scored, Space, Stage, exhaustive
 from topo_search.engine.exhaustive import PRUNED_AFTER
 from topo_search.model.proven import SOLVER_PRECISION
 
@@ -14,20 +14,31 @@ def search(value, *, starts=24, timed=False, status="infeasible", bound=None):
     strategy = exhaustive(
         SPACE, starts=starts, timed=timed, bound=bound and (lambda candidate: bound(candidate.key))
     )
-    rounds, reached = [], {}
+    stages, waiting, reached = [], [], {}
+    step = next(strategy)
     try:
-        proposed = next(strategy)
         while True:
-            rounds.append([(proposal.candidate.key, proposal.starts) for proposal in proposed])
-            scores = []
-            for key, number in rounds[-1]:
-                found = [J for start in range(number) if (J := value(key, start)) is not None]
-                reached[key] = Scored(key, number, "feasible" if found else status, min(found, default=None), None)
-                scores.append(reached[key])
-            assert len(proposed) == len(scores)
-            proposed = strategy.send(scores)
+            if isinstance(step, Results):
+                scores = []
+                for key, number in waiting[: step.number]:
+                    found = [J for start in range(number) if (J := value(key, start)) is not None]
+                    what = "feasible" if found else status
+                    reached[key] = Scored(key, number, what, min(found, default=None), None)
+                    scores.append(reached[key])
+                assert len(scores) == step.number
+                del waiting[: step.number]
+                step = strategy.send(scores)
+                continue
+            if isinstance(step, Stage):
+                assert not waiting
+                stages.append([])
+            else:
+                waiting.append((step.candidate.key, step.starts))
+                stages[-1].append(waiting[-1])
+            step = next(strategy)
     except StopIteration:
-        return rounds, reached
+        assert not waiting
+        return stages, reached
 
 
 def place(key, start=0):
@@ -36,8 +47,8 @@ def place(key, start=0):
 
 
 def test_every_candidate_gets_all_starts():
-    rounds, _ = search(place)
-    assert rounds == [[(key, 24) for key in KEYS]]
+    stages, _ = search(place)
+    assert stages == [[(key, 24) for key in KEYS]]
 
 
 def test_under_a_time_limit_single_starts_come_first_and_the_results_are_the_same():
@@ -54,8 +65,8 @@ def test_under_a_time_limit_single_starts_come_first_and_the_results_are_the_sam
 
 @pytest.mark.parametrize("status", ["impossible", "failed"])
 def test_what_cannot_get_a_design_is_left_alone(status):
-    rounds, reached = search(lambda key, start: place(key) if key == KEYS[0] else None, status=status, timed=True)
-    assert [len(proposals) for proposals in rounds] == [len(KEYS), 1, 1, 1, 1, 1, 1, 1]
+    stages, reached = search(lambda key, start: place(key) if key == KEYS[0] else None, status=status, timed=True)
+    assert [len(proposals) for proposals in stages] == [len(KEYS), 1, 1, 1, 1, 1, 1, 1]
     assert {scored.starts for scored in reached.values()} == {1, 24}
 
 
@@ -66,8 +77,8 @@ def test_candidates_come_in_the_order_of_their_bounds_and_those_that_cannot_win_
     def value(key, start):
         return 2.0 * bound(key)
 
-    rounds, reached = search(value, bound=bound)
-    assert [key for proposals in rounds for key, _ in proposals] == KEYS[: -len(reached) - 1 : -1]
+    stages, reached = search(value, bound=bound)
+    assert [key for proposals in stages for key, _ in proposals] == KEYS[: -len(reached) - 1 : -1]
     assert len(reached) == PRUNED_AFTER < len(KEYS)
     best = min(scored.objective for scored in reached.values())
     assert all(bound(key) >= best * (1 - SOLVER_PRECISION) for key in KEYS if key not in reached)
@@ -75,13 +86,13 @@ def test_candidates_come_in_the_order_of_their_bounds_and_those_that_cannot_win_
 
 
 def test_a_bound_that_is_reached_ends_the_search_also_within_its_rounds_of_starts():
-    rounds, reached = search(lambda key, start: 1.0 if start else 1.1, bound=lambda key: 1.0, timed=True)
+    stages, reached = search(lambda key, start: 1.0 if start else 1.1, bound=lambda key: 1.0, timed=True)
     assert len(reached) == len(KEYS)
-    assert [len(proposals) for proposals in rounds if proposals] == [32] * 6 + [24, len(KEYS)]
+    assert [len(proposals) for proposals in stages] == [len(KEYS), len(KEYS)]
     assert {scored.objective for scored in reached.values()} == {1.0}
 
 
 def test_bounds_that_rule_nothing_out_change_no_result():
-    rounds, reached = search(place, bound=lambda key: 0.5)
+    stages, reached = search(place, bound=lambda key: 0.5)
     assert reached == search(place)[1]
-    assert sum(map(len, rounds)) == len(KEYS)
+    assert sum(map(len, stages)) == len(KEYS)

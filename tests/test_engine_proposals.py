@@ -2,11 +2,12 @@
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import optuna
@@ -16,8 +17,9 @@ from optuna.storages.journal import JournalFileBackend
 
 from topo_search.engine.proposals import moves, optuna_study
 from topo_search.engine.proposals.promotion import CERTAIN, FEW
+from topo_search.engine.proposals.study import LEARNT
 from topo_search.engine.space import Space
-from topo_search.engine.strategy import Proposal, Scored, Strategy
+from topo_search.engine.strategy import Proposal, Results, Scored, Stage, Strategy
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 
@@ -63,62 +65,110 @@ def scored(key: str, starts: int) -> Scored:
     return Scored(key, starts, "feasible", 10.0 / value + 0.1 / starts, None)
 
 
-def follow(strategy: Strategy, objective: Objective = scored) -> list[list[Proposal]]:
-    """Return the rounds that a strategy proposes."""
-    rounds = []
+class Followed(NamedTuple):
+    """What a strategy proposed."""
+
+    searched: list[Proposal]
+    known: list[int]
+    """How many of them had a result that was told when each was made."""
+    stages: list[list[Proposal]]
+    """What was proposed again in the end, from more starts."""
+
+    @property
+    def proposals(self) -> list[Proposal]:
+        return [*self.searched, *(proposal for stage in self.stages for proposal in stage)]
+
+    @property
+    def new(self) -> list[str]:
+        """The candidates in the order in which they were first proposed."""
+        return list(dict.fromkeys(p.candidate.key for p in self.proposals))
+
+
+def follow(strategy: Strategy, objective: Objective = scored) -> Followed:
+    """Follow a strategy to its end."""
+    followed, told = Followed([], [], []), 0
+    step = next(strategy)
     try:
-        proposed = list(next(strategy))
         while True:
-            rounds.append(proposed)
-            proposed = list(strategy.send([objective(p.candidate.key, p.starts) for p in proposed]))
+            if isinstance(step, Results):
+                asked = followed.proposals[told : told + step.number]
+                assert len(asked) == step.number
+                told += step.number
+                step = strategy.send([objective(p.candidate.key, p.starts) for p in asked])
+                continue
+            if isinstance(step, Stage):
+                if step.again:
+                    followed.stages.append([])
+            elif followed.stages:
+                followed.stages[-1].append(step)
+            else:
+                followed.searched.append(step)
+                followed.known.append(told)
+            step = next(strategy)
     except StopIteration:
-        return rounds
+        assert told == len(followed.proposals)
+        return followed
 
 
-def new(rounds: Iterable[list[Proposal]]) -> list[str]:
-    """Return the candidates in the order in which they were first proposed."""
-    return list(dict.fromkeys(p.candidate.key for proposed in rounds for p in proposed))
+def near_ahead(followed: Followed) -> list[list[Proposal]]:
+    """Return for each proposal those before it whose results were not told."""
+    return [followed.searched[known:place] for place, known in enumerate(followed.known)]
 
 
 @pytest.mark.parametrize("connectors", ["aligned", "any"])
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors: str) -> None:
-    def proposed() -> list[list[Proposal]]:
+    def proposed() -> Followed:
         return follow(study_of(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=3))
 
-    rounds = proposed()
-    first = [[p for p in part if p.starts == FIRST[sampler]] for part in rounds]
-    keys = [p.candidate.key for part in first for p in part]
+    followed = proposed()
+    keys = [p.candidate.key for p in followed.searched if p.starts == FIRST[sampler]]
     assert len(keys) == len(set(keys)) == 52
-    assert [len(part) for part in first if part] == [ROUND] * 6 + [4] or sampler == "moves"
-    assert max(map(len, rounds)) <= ROUND
-    assert {len(part) for part in rounds[:-2]} == {ROUND} or sampler != "moves"  # repeats beside new ones
-    met = [(p.candidate.key, p.starts) for part in rounds for p in part]
+    met = [(p.candidate.key, p.starts) for p in followed.proposals]
     assert len(met) == len(set(met))
     listed = {candidate.key: candidate for candidate in space(6, connectors).candidates()}
-    assert all(listed[p.candidate.key] == p.candidate for part in rounds for p in part)
-    assert proposed() == rounds
+    assert all(listed[p.candidate.key] == p.candidate for p in followed.proposals)
+    assert proposed() == followed
     other = study_of(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=4)
-    assert new(follow(other)) != keys
+    assert follow(other).new != keys
+
+
+@pytest.mark.parametrize("round_size", [1, 3, ROUND, 20])
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_no_more_than_a_round_is_unknown_and_few_results_are_learnt_at_a_time(
+    sampler: str, round_size: int
+) -> None:
+    followed = follow(study_of(space(6), round_size=round_size, sampler=sampler, trials=50, starts=STARTS, seed=0))
+    ahead = [len(unknown) + 1 for unknown in near_ahead(followed)]
+    assert max(ahead) == round_size
+    last = max(place for place, p in enumerate(followed.searched) if p.starts == FIRST[sampler])
+    full = slice(round_size, last)  # after it what is told is fewer and fewer
+    learnt = {later - earlier for earlier, later in pairwise(followed.known[full])}
+    assert learnt == {0, LEARNT} or round_size < LEARNT
+    assert min(ahead[full]) > round_size - LEARNT
+    assert len(followed.new) == 50
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
-def test_rounds_are_as_large_as_is_asked(sampler: str) -> None:
-    rounds = follow(study_of(space(6), round_size=20, sampler=sampler, trials=50, starts=FIRST[sampler], seed=0))
-    assert [len(part) for part in rounds][:2] == [20, 20]
-    assert max(map(len, rounds)) == 20
-    assert len(new(rounds)) == 50
+def test_a_tree_is_not_proposed_again_before_its_result_is_told(sampler: str) -> None:
+    followed = follow(study_of(space(7), round_size=40, sampler=sampler, trials=200, starts=STARTS, seed=1))
+    again = 0
+    for proposal, unknown in zip(followed.searched, near_ahead(followed), strict=True):
+        assert proposal.candidate.key not in {one.candidate.key for one in unknown}
+        again += proposal.starts > FIRST[sampler]
+    assert again > 10
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
-    rounds = follow(study_of(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
-    reached = {p.candidate.key: p.starts for part in rounds[:-1] for p in part}
+    followed = follow(study_of(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
+    reached = {p.candidate.key: p.starts for p in followed.searched}
     assert sorted(reached) == [candidate.key for candidate in space(5).candidates()]
     assert sum(starts > FEW for starts in reached.values()) < len(reached) / 2
-    last = [scored(p.candidate.key, reached[p.candidate.key]) for p in rounds[-1]]
+    (stage,) = followed.stages
+    last = [scored(p.candidate.key, reached[p.candidate.key]) for p in stage]
     assert [s.objective or math.inf for s in last] == sorted(s.objective or math.inf for s in last)
-    reached |= {p.candidate.key: p.starts for p in rounds[-1]}
+    reached |= {p.candidate.key: p.starts for p in stage}
     may = [key for key, starts in reached.items() if scored(key, starts).status in ("feasible", "infeasible")]
     assert {reached[key] for key in may} == {STARTS}
 
@@ -126,25 +176,23 @@ def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
 def test_under_a_time_limit_all_get_the_starts_that_are_left_in_parts() -> None:
     for timed, stops in ((False, [STARTS]), (True, [2, 4, 8, STARTS])):
         strategy = study_of(space(6), sampler="moves", trials=1000, starts=STARTS, seed=0, timed=timed)
-        rounds = follow(strategy)
-        stages = [part for part in rounds if len(part) > ROUND]
-        assert [{p.starts for p in part} for part in stages] == [{stop} for stop in stops]
-        assert stages == rounds[-len(stages) :]
-        met = [(p.candidate.key, p.starts) for part in rounds for p in part]
+        followed = follow(strategy)
+        assert [{p.starts for p in part} for part in followed.stages] == [{stop} for stop in stops]
+        met = [(p.candidate.key, p.starts) for p in followed.proposals]
         assert len(met) == len(set(met))
 
 
 @pytest.mark.parametrize("n", [1, 2])
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_the_smallest_spaces(sampler: str, n: int) -> None:
-    rounds = follow(study_of(space(n), sampler=sampler, trials=5, starts=1, seed=0))
-    assert new(rounds) == [candidate.key for candidate in space(n).candidates()]
+    followed = follow(study_of(space(n), sampler=sampler, trials=5, starts=1, seed=0))
+    assert followed.new == [candidate.key for candidate in space(n).candidates()]
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_more_trials_go_on_with_the_same_ones(sampler: str) -> None:
     few, more, many = (
-        new(follow(study_of(space(7), sampler=sampler, trials=trials, starts=4, seed=1))) for trials in (37, 40, 64)
+        follow(study_of(space(7), sampler=sampler, trials=trials, starts=4, seed=1)).new for trials in (37, 40, 64)
     )
     assert (len(few), many[:37]) == (37, few)
     assert many[:40] == more
@@ -152,8 +200,8 @@ def test_more_trials_go_on_with_the_same_ones(sampler: str) -> None:
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
-    rounds = follow(study_of(space(7), sampler=sampler, trials=160, starts=24, seed=2))
-    reached = {p.candidate.key: p.starts for part in rounds for p in part}
+    followed = follow(study_of(space(7), sampler=sampler, trials=160, starts=24, seed=2))
+    reached = {p.candidate.key: p.starts for p in followed.proposals}
     scores = [scored(key, starts) for key, starts in reached.items()]
     feasible = sorted((s for s in scores if s.objective), key=lambda s: s.objective or 0.0)
     assert [s.starts for s in feasible[:CERTAIN]] == [24] * CERTAIN
@@ -164,35 +212,36 @@ def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
     assert all(s.starts == FIRST[sampler] for s in scores if s.status in ("failed", "impossible"))
 
 
-def test_what_is_carried_over_are_designs_of_earlier_rounds_in_place_of_new_starts(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("round_size", [1, 5, ROUND, 20])
+def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_place_of_new_starts(
+    monkeypatch: pytest.MonkeyPatch, round_size: int
 ) -> None:
-    monkeypatch.setattr(moves, "REPEATS", ROUND)  # the more there are, the more often one's source is another one
+    monkeypatch.setattr(moves, "REPEATS", 1)  # the more there are, the more often one's source is another one
 
     def missing(key: str, starts: int) -> Scored:
         """More starts help much or not at all, so that some trees are tried again."""
         miss = min(Random(f"{key} {start}").random() for start in range(starts))
         return Scored(key, starts, "feasible", 10.0 / spread(key) * (1.0 + 0.6 * miss), None)
 
-    had = Counter[str]()
     new_ones = repeats = 0
     for n, seed, objective in ((7, 2, scored), (6, 0, missing), (6, 4, missing)):
-        rounds = follow(study_of(space(n), sampler="moves", trials=100, starts=STARTS, seed=seed), objective)
-        had.clear()
-        lent = defaultdict[str, set[str]](set)
-        for part in rounds:
-            solved, now = {*had}, {p.candidate.key for p in part}
-            for proposal in part:
-                key, near = proposal.candidate.key, proposal.near
-                assert solved.issuperset(near)
-                assert not now.intersection(near)
-                assert all(objective(source, had[source]).objective is not None for source in near)
-                assert len(set(near)) == len(near) <= proposal.starts - had[key]
-                assert lent[key].isdisjoint(near)
-                lent[key].update(near)
-                new_ones += near != () and key not in solved
-                repeats += near != () and key in solved
-            had.update({p.candidate.key: p.starts - had[p.candidate.key] for p in part})
+        strategy = study_of(space(n), round_size=round_size, sampler="moves", trials=100, starts=STARTS, seed=seed)
+        followed = follow(strategy, objective)
+        had, lent = Counter[str](), defaultdict[str, set[str]](set)
+        for place, (proposal, unknown) in enumerate(zip(followed.searched, near_ahead(followed), strict=True)):
+            key, near = proposal.candidate.key, proposal.near
+            told = {one.candidate.key for one in followed.searched[: place - len(unknown)]}
+            assert told.issuperset(near)
+            for one in unknown:
+                assert one.candidate.key not in {key, *near}
+                assert key not in one.near
+            assert all(objective(source, had[source]).objective is not None for source in near)
+            assert len(set(near)) == len(near) <= proposal.starts - had[key]
+            assert lent[key].isdisjoint(near)
+            lent[key].update(near)
+            new_ones += near != () and had[key] == 0
+            repeats += near != () and had[key] > 0
+            had[key] = proposal.starts
     assert new_ones > 100
     assert repeats > 5
 
@@ -202,7 +251,7 @@ def twin_of(key: str) -> str:
 
 
 def test_of_twins_the_other_one_follows_where_the_first_is_good() -> None:
-    keys = new(follow(study_of(space(8), sampler="moves", trials=160, starts=4, seed=0)))
+    keys = follow(study_of(space(8), sampler="moves", trials=160, starts=4, seed=0)).new
     ranking = sorted(keys, key=lambda key: scored(key, 4).objective or math.inf)
     assert twin_of(ranking[0]) in keys
     followed = [twin_of(key) in keys and twin_of(key) != key for key in ranking]
@@ -227,8 +276,8 @@ def test_a_tree_whose_starts_miss_is_found_by_its_twin() -> None:
                     return Scored(key, starts, "feasible", 10.0, None)
             return scored(key, starts)
 
-        rounds = follow(study_of(space(8), sampler="moves", trials=64, starts=4, seed=seed), objective)
-        return {first, second} <= set(new(rounds))
+        followed = follow(study_of(space(8), sampler="moves", trials=64, starts=4, seed=seed), objective)
+        return {first, second} <= set(followed.new)
 
     assert sum(map(found, range(3))) >= 2
 
@@ -246,8 +295,8 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
         return scored(key, starts)
 
     def found(sampler: str, seed: int) -> bool:
-        rounds = follow(study_of(space(8), sampler=sampler, trials=trials, starts=10, seed=seed), objective)
-        return any(p.candidate.key in hidden and p.starts > FEW for part in rounds for p in part)
+        followed = follow(study_of(space(8), sampler=sampler, trials=trials, starts=10, seed=seed), objective)
+        return any(p.candidate.key in hidden and p.starts > FEW for p in followed.proposals)
 
     assert sum(found("moves", seed) for seed in range(3)) >= 2
     assert not any(found("random", seed) for seed in range(3))
@@ -255,12 +304,12 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
 
 def test_more_starts_that_fail_are_not_asked_for_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing but the first starts of a tree leads anywhere."""
-    monkeypatch.setattr(moves, "REPEATS", ROUND)
-    rounds = follow(
+    monkeypatch.setattr(moves, "REPEATS", 1)
+    followed = follow(
         study_of(space(7), sampler="moves", trials=100, starts=STARTS, seed=0),
         lambda key, starts: replace(scored(key, 1), starts=starts),
     )
-    times = Counter(p.candidate.key for part in rounds[:-1] for p in part)
+    times = Counter(p.candidate.key for p in followed.searched)
     assert len(times) == 100
     assert 100 < sum(times.values()) < 200
 
@@ -272,20 +321,24 @@ def test_what_is_known_from_more_starts_than_asked_for_is_not_asked_for_again(sa
     def known(key: str, starts: int) -> Scored:
         return scored(key, max(starts, 4))
 
-    rounds = follow(study_of(space(7), sampler=sampler, trials=100, starts=STARTS, seed=0), known)
+    followed = follow(study_of(space(7), sampler=sampler, trials=100, starts=STARTS, seed=0), known)
     reached = Counter[str]()
-    for part in rounds:
-        for proposal in part:
-            assert proposal.starts > reached[proposal.candidate.key]
-            reached[proposal.candidate.key] = max(proposal.starts, 4)
+    for proposal in followed.proposals:
+        assert proposal.starts > reached[proposal.candidate.key]
+        reached[proposal.candidate.key] = max(proposal.starts, 4)
     assert max(reached.values()) > 4
 
 
+@pytest.mark.parametrize(("round_size", "given_up"), [(ROUND, 24), (20, 44)])
 @pytest.mark.parametrize(("stale", "anew"), [(8, True), (160, False)])
 def test_a_population_that_finds_nothing_better_is_given_up(
-    monkeypatch: pytest.MonkeyPatch, stale: int, anew: bool
+    monkeypatch: pytest.MonkeyPatch, stale: int, anew: bool, round_size: int, given_up: int
 ) -> None:
-    """The first tree is the best, its twin is trial 8; at trial 9 they are stale, and eight are drawn uniformly."""
+    """The first tree is the best, and its twin follows as soon as that is known.
+
+    When nine made since are over, as eight are learnt at a time, eight are drawn uniformly; no more of them even
+    where none of these is known yet.
+    """
     draw_move, sample_relative = moves.draw_move, moves.Moves.sample_relative
     moved, met = list[bool](), list[str]()
 
@@ -304,13 +357,15 @@ def test_a_population_that_finds_nothing_better_is_given_up(
     monkeypatch.setattr(moves, "STALE", stale)
     monkeypatch.setattr(moves, "draw_move", counted)
     monkeypatch.setattr(moves.Moves, "sample_relative", watched)
-    follow(study_of(space(8), sampler="moves", trials=18, starts=1, seed=0), objective)
-    assert moved[:18] == [False] * 9 + [not anew] * 8 + [True]
+    trials = given_up + 24
+    follow(study_of(space(8), round_size=round_size, sampler="moves", trials=trials, starts=1, seed=0), objective)
+    since = given_up - round_size - 1
+    assert moved[: given_up + 16] == [False] * (round_size + 1) + [True] * since + [not anew] * 8 + [True] * 8
 
 
 def test_moves_find_better_trees_than_uniform_draws() -> None:
     def best(sampler: str, seed: int) -> float:
-        keys = new(follow(study_of(space(10), sampler=sampler, trials=96, starts=4, seed=seed)))
+        keys = follow(study_of(space(10), sampler=sampler, trials=96, starts=4, seed=seed)).new
         return min(scored(key, 4).objective or math.inf for key in keys)
 
     assert max(best("moves", seed) for seed in range(3)) < min(best("random", seed) for seed in range(3))
@@ -320,22 +375,22 @@ def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> No
     journal = tmp_path / "study.journal"
     journal.write_text("torn by a kill")
     (tmp_path / "study.journal.lock").symlink_to(journal)
-    rounds = follow(study_of(space(6), sampler="moves", trials=3 * ROUND, starts=4, seed=0, journal=journal))
+    followed = follow(study_of(space(6), sampler="moves", trials=3 * ROUND, starts=4, seed=0, journal=journal))
     storage = JournalStorage(JournalFileBackend(str(journal)))
     study = optuna.load_study(study_name=None, storage=storage)
-    assert list(dict.fromkeys(trial.user_attrs["key"] for trial in study.trials)) == new(rounds)
+    assert list(dict.fromkeys(trial.user_attrs["key"] for trial in study.trials)) == followed.new
     for trial in study.trials:
         score = scored(trial.user_attrs["key"], trial.user_attrs["starts"])
         assert trial.user_attrs["status"] == score.status
         assert trial.value == (None if score.status == "failed" else score.objective or float("inf"))
-    told = [scored(p.candidate.key, p.starts) for part in rounds for p in part]
+    told = [scored(p.candidate.key, p.starts) for p in followed.proposals]
     assert study.best_value == min(score.objective or math.inf for score in told)
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_any_seed_will_do(sampler: str) -> None:
     for seed in (2**32, 2**70 + 1):
-        assert len(new(follow(study_of(space(4), sampler=sampler, trials=9, starts=1, seed=seed)))) == 9
+        assert len(follow(study_of(space(4), sampler=sampler, trials=9, starts=1, seed=seed)).new) == 9
 
 
 def test_an_unknown_sampler_is_refused() -> None:

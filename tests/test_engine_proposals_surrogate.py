@@ -151,7 +151,7 @@ def test_by_how_much_trees_without_a_design_miss_it_counts_only_while_none_has_o
                 trial.set_user_attr(name, value)
             trial.set_constraint("violation", 0.0 if found else violation)
             study.tell(trial, float(number) if found else float("inf"))
-        moves = Moves(space, starts=4, seed=0)
+        moves = Moves(space, starts=4, seed=0, round_size=8)
         over = study.get_trials(deepcopy=False)
         learnt = moves._learn(over)
         return learnt.surrogate.lower_confidence_bounds(

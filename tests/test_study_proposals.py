@@ -1,7 +1,9 @@
 """A run in which candidates are proposed: as many as asked for, extended, killed and gone on with."""
 
+import math
 import os
 import signal
+from random import Random
 
 import optuna
 import pytest
@@ -11,8 +13,10 @@ from processes import eventually, recorded
 from test_study_interruptions import Coordinator, processes_with, ranking
 from toy_problem import solved_keys, toy_run
 
+from topo_search.engine import Engine
 from topo_search.model import BadInput
-from topo_search.study import RunFolder, Silent
+from topo_search.study import Request, RunFolder, Silent
+from topo_search.study.identity import Identity
 
 PROPOSED = {"modules": 6, "strategy": "optuna", "starts": 9}
 
@@ -72,12 +76,43 @@ def test_where_all_candidates_are_proposed_it_ends_like_an_exhaustive_search(tmp
 
 
 def test_workers_change_nothing(tmp_path):
-    for workers in (1, 3):
+    for workers in (1, 2, 3):
         toy_run(tmp_path / str(workers), trials=80, workers=workers, **PROPOSED)
-    assert ranking(tmp_path / "1") == ranking(tmp_path / "3")
-    one, three = ([trial.user_attrs for trial in trials_of(tmp_path / workers)] for workers in "13")
-    assert one == three
+    one, *others = (ranking(tmp_path / workers) for workers in "123")
+    assert others == [one, one]
+    one, *others = ([trial.user_attrs for trial in trials_of(tmp_path / workers)] for workers in "123")
+    assert others == [one, one]
     assert len(one) > len({attributes["key"] for attributes in one}) == 80  # some trees are tried again
+
+
+class Shuffled(Engine):
+    """An engine whose jobs end in an order drawn at random, of all that can be begun."""
+
+    def __init__(self, seed):
+        self.random, self.most = Random(seed), 0
+
+    def run(self, function, jobs, *, deadline, until=math.inf):
+        source, running = iter(jobs), []
+        while True:
+            while (job := next(source, None)) is not None:
+                running.append(job)
+            if not running:
+                return
+            self.most = max(self.most, len(running))
+            job = running.pop(self.random.randrange(len(running)))
+            yield job, function(job)
+
+
+@pytest.mark.parametrize("sampler", ["moves", "tpe", "nsga2", "random"])
+def test_the_order_in_which_jobs_end_changes_nothing(tmp_path, sampler):
+    engines = [Shuffled(seed) for seed in range(2)]
+    for number, engine in enumerate([None, *engines]):
+        toy_run(tmp_path / f"{number}", sampler=sampler, trials=80, round_size=20, engine=engine, **PROPOSED)
+    first, *others = (ranking(tmp_path / f"{number}") for number in range(3))
+    assert others == [first, first]
+    first, *others = ([one.user_attrs for one in trials_of(tmp_path / f"{number}")] for number in range(3))
+    assert others == [first, first]
+    assert {engine.most for engine in engines} == {20} or sampler != "moves"  # others end with all starts of five
 
 
 def test_the_size_of_a_round_is_part_of_what_is_asked(tmp_path):
@@ -92,6 +127,17 @@ def test_the_size_of_a_round_is_part_of_what_is_asked(tmp_path):
         toy_run(tmp_path / "one", **options)
     with pytest.raises(ValueError, match="1 <= round_size <= 1,000"):
         toy_run(tmp_path / "three", **options, round_size=1001)
+
+
+def test_a_folder_whose_proposals_waited_for_whole_rounds_is_refused_by_name(tmp_path, monkeypatch):
+    older = property(lambda request: Identity(**{**new(request).model_dump(), "proposals": "by whole rounds"}))
+    new = Request.identity.func
+    options = {"modules": 5, "strategy": "optuna", "trials": 10}
+    with monkeypatch.context() as context:
+        context.setattr(Request, "identity", older)
+        toy_run(tmp_path / "run", **options)
+    with pytest.raises(BadInput, match="holds a run with proposals by whole rounds, not ahead of results"):
+        toy_run(tmp_path / "run", **options)
 
 
 def test_a_killed_run_ends_like_one_that_was_not_and_solves_nothing_twice(tmp_path, monkeypatch):

@@ -7,17 +7,23 @@ import pytest
 import toy_problem
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
-from topo_search.engine import Proposal, Space
+from topo_search.engine import Proposal, Results, Space
 from topo_search.model import BadInput
 from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.replay import Replay
+
+
+def scores_of(*proposals):
+    """Propose candidates, and return what became of them."""
+    yield from proposals
+    return (yield Results(len(proposals)))
 
 
 def halving(space, told):
     """Propose all candidates, then the better half of them from more starts, and so on."""
     proposals, starts = [Proposal(candidate, 1) for candidate in space.candidates()], 1
     while len(proposals) > 1:
-        scores = yield proposals
+        scores = yield from scores_of(*proposals)
         told.append(scores)
         assert [scored.key for scored in scores] == [proposal.candidate.key for proposal in proposals]
         assert all(scored.starts >= starts for scored in scores)
@@ -77,9 +83,9 @@ def test_what_has_no_design_comes_with_its_violation(tmp_path, monkeypatch):
 
 def neighbours(space, told):
     first, second, third = itertools.islice(space.candidates(), 3)
-    told.append((yield [Proposal(first, 1)]))
-    told.append((yield [Proposal(second, 3, near=(first.key,)), Proposal(third, 1)]))
-    told.append((yield [Proposal(first, 2), Proposal(third, 3, near=(second.key,))]))
+    told.append((yield from scores_of(Proposal(first, 1))))
+    told.append((yield from scores_of(Proposal(second, 3, near=(first.key,)), Proposal(third, 1))))
+    told.append((yield from scores_of(Proposal(first, 2), Proposal(third, 3, near=(second.key,)))))
 
 
 def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
@@ -97,9 +103,9 @@ def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
 def test_designs_may_stand_for_all_of_the_first_starts(tmp_path, log):
     def carried_over_alone(space, told):
         first, second, third = itertools.islice(space.candidates(), 3)
-        told.append((yield [Proposal(first, 1), Proposal(second, 1)]))
-        told.append((yield [Proposal(third, 2, near=(first.key, second.key))]))
-        told.append((yield [Proposal(third, 4)]))
+        told.append((yield from scores_of(Proposal(first, 1), Proposal(second, 1))))
+        told.append((yield from scores_of(Proposal(third, 2, near=(first.key, second.key)))))
+        told.append((yield from scores_of(Proposal(third, 4))))
 
     ended, told = follow(tmp_path / "run", strategy=carried_over_alone)
     lines = [line.split() for line in log.read_text().splitlines()]

@@ -195,7 +195,8 @@ class InProcess:
         for job in jobs:
             if time.monotonic() >= until:
                 return
-            yield job, function(job)
+            if job is not None:  # all before it are known here
+                yield job, function(job)
 
     def one(self, function, job, *, deadline, until=math.inf):
         return function(job)

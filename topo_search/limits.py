@@ -57,7 +57,7 @@ STARTS = 10_000
 TRIALS = 100_000
 """Candidates that a sampler proposes."""
 ROUND = 1_000
-"""Proposals of a round: the coordinator makes them one after the other while workers wait."""
+"""Proposals whose results may be unknown when another is made."""
 CANDIDATES = 2_000_000
 """Of one size in an exhaustive search: their table stays within RUN_BYTES."""
 OWN_TOPOLOGIES = 10_000

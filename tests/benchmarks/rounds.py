@@ -1,12 +1,13 @@
-"""How busy many workers are with what `moves` proposes, by the size of a round: a simulation.
+"""How busy many workers are with what `moves` proposes, by how many proposals may be unsolved: a simulation.
 
     OMP_NUM_THREADS=1 python tests/benchmarks/rounds.py ten-wrenches --modules 12 [--jobs N] [--workers N]
 
 What a job takes is measured: some uniformly drawn trees are solved from one start each. What is proposed is asked
-of `moves` as a run asks it, one candidate after the other while workers solve those before, and the CPU time of
-each proposal is measured too. Each candidate takes what one of the measured jobs took, drawn by its key, and leads
-to what that led to, so that no more is solved. A round begins when all of the one before have ended. What is solved
-from more starts in the end, as in an exhaustive search, is left out.
+of `moves` as a run asks it, as soon as a worker is free and the results that it learns from are known, and the CPU
+time of each proposal is measured too. Each candidate takes what one of the measured jobs took, drawn by its key,
+and leads to what that led to, so that no more is solved. What is solved from more starts in the end, as in an
+exhaustive search, is left out. Busy is the share of the time that all workers together have a job: until the last
+proposal is made, and until the last job has ended.
 """
 
 from __future__ import annotations
@@ -14,17 +15,16 @@ from __future__ import annotations
 import argparse
 import heapq
 import time
+from collections import deque
 from random import Random
 from typing import NamedTuple
 
 import nlp
-from topo_search.engine import Proposal, Scored, Space, Stage, scaled_violation
+from topo_search.engine import Proposal, Results, Scored, Space, scaled_violation
 from topo_search.engine.proposals import optuna_study
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import read_task
 
-SIZES = (64, 192)
-"""Beyond the trials after which `moves` gives a population up, rounds are mostly uniform draws."""
 STARTS = 4
 """Most starts of a tree."""
 
@@ -38,6 +38,21 @@ class Job(NamedTuple):
     violation: float | None
 
 
+class Busy(NamedTuple):
+    """What a simulation came to."""
+
+    proposed: float
+    """Share of the workers' time in which they have a job, until the last proposal is made."""
+    ended: float
+    """The same until the last job has ended."""
+    proposing: float
+    """CPU time of the proposals [s]."""
+    solving: float
+    """CPU time of the jobs [s]."""
+    number: int
+    """Of the proposals."""
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -45,7 +60,8 @@ def main() -> None:
     parser.add_argument("--modules", type=int, default=12)
     parser.add_argument("--jobs", type=int, default=12, help="that are measured")
     parser.add_argument("--workers", type=int, default=64)
-    parser.add_argument("--trials", type=int, default=384)
+    parser.add_argument("--trials", type=int, default=1000)
+    parser.add_argument("--rounds", type=int, nargs="+", default=[64, 128, 256, 384])
     arguments = parser.parse_args()
     task = read_task(arguments.example, (f"modules={arguments.modules}",)).resolve(arguments.modules)
     space = Space(task, "task")
@@ -53,11 +69,13 @@ def main() -> None:
     mean = sum(job.seconds for job in jobs) / len(jobs)
     print(f"{task.name}, n = {task.n}, {arguments.trials} trees; a job takes {1e3 * mean:.0f} ms", end=", ")
     print(f"at most {1e3 * max(job.seconds for job in jobs):.0f}; {arguments.workers} workers")
-    print("| proposals a round | busy | a proposal, CPU ms | of the jobs' CPU |")
-    print("|---|---|---|---|")
-    for size in SIZES:
-        busy, proposing, solving, number = simulated(space, jobs, size, arguments.trials, arguments.workers)
-        print(f"| {size} | {busy:.0%} | {1e3 * proposing / number:.1f} | {proposing / solving:.1%} |", flush=True)
+    busy = "busy till the last proposal | till the end"
+    print(f"| unsolved at a time | {busy} | a proposal, CPU ms | of the jobs' CPU |")
+    print("|---|---|---|---|---|")
+    for size in arguments.rounds:
+        came = simulated(space, jobs, size, arguments.trials, arguments.workers)
+        each, share = 1e3 * came.proposing / came.number, came.proposing / came.solving
+        print(f"| {size} | {came.proposed:.0%} | {came.ended:.0%} | {each:.1f} | {share:.1%} |", flush=True)
 
 
 def measured(space: Space, task: ResolvedTask, number: int) -> list[Job]:
@@ -75,34 +93,34 @@ def measured(space: Space, task: ResolvedTask, number: int) -> list[Job]:
     return jobs[1:]
 
 
-def simulated(
-    space: Space, jobs: list[Job], size: int, trials: int, workers: int
-) -> tuple[float, float, float, int]:
-    """Return the share of the time that workers have a job, CPU seconds of proposals and jobs, and their number."""
+def simulated(space: Space, jobs: list[Job], size: int, trials: int, workers: int) -> Busy:
+    """Return how busy workers are that take jobs in the order in which they are proposed."""
     strategy = optuna_study(space, sampler="moves", trials=trials, round_size=size, starts=STARTS, seed=0)
-    now = proposing = solving = 0.0
-    number = 0
-    began = time.process_time()
-    proposed = next(strategy)
-    while not isinstance(proposed, Stage):
-        free = [now] * workers
-        drawn: list[tuple[Proposal, Job]] = []
-        for proposal in proposed:
-            spent = time.process_time() - began
-            now, proposing, number = now + spent, proposing + spent, number + 1
-            job = Random(f"{proposal.candidate.key} {proposal.starts}").choice(jobs)
-            heapq.heappush(free, max(now, heapq.heappop(free)) + job.seconds)
-            solving += job.seconds
-            drawn.append((proposal, job))
-            began = time.process_time()
-        now = max(now, *free)
-        scores = [
-            Scored(proposal.candidate.key, proposal.starts, job.status, job.objective, job.violation)
-            for proposal, job in drawn
-        ]
+    now = proposing = 0.0
+    spans: list[tuple[float, float]] = []
+    free = [0.0] * workers
+    waiting: deque[tuple[float, Scored]] = deque()
+    results: list[Scored] | None = None
+    while True:
         began = time.process_time()
-        proposed = strategy.send(scores)
-    return solving / (workers * now), proposing, solving, number
+        step = next(strategy) if results is None else strategy.send(results)
+        spent = time.process_time() - began
+        now, proposing, results = now + spent, proposing + spent, None
+        if isinstance(step, Results):
+            told = [waiting.popleft() for _ in range(step.number)]
+            now, results = max(now, *(end for end, _ in told)), [score for _, score in told]
+        elif isinstance(step, Proposal):
+            key, starts = step.candidate.key, step.starts
+            job = Random(f"{key} {starts}").choice(jobs)
+            now = max(now, free[0])  # what no worker is free for is not asked for yet
+            heapq.heapreplace(free, now + job.seconds)
+            spans.append((now, now + job.seconds))
+            waiting.append((now + job.seconds, Scored(key, starts, job.status, job.objective, job.violation)))
+        elif step.again:
+            break
+    last, end = max(began for began, _ in spans), max(free)
+    shares = (sum(min(b, until) - a for a, b in spans) / (workers * until) for until in (last, end))
+    return Busy(*shares, proposing, sum(b - a for a, b in spans), len(spans))
 
 
 if __name__ == "__main__":

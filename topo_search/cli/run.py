@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     "--round",
     "round_size",
     type=click.IntRange(1, ROUND),
-    help="Proposals per round (default: 8); each round learns from earlier ones. More keep more workers busy.",
+    help="Proposals that may be unsolved at a time (default: 8). More keep more workers busy but learn later.",
 )
 @click.option(
     "--prune",

@@ -74,13 +74,13 @@ def search(
         task: a task, its file, or the name of a shipped example.
         out: the run's folder; default: `runs/NAME-HASH`.
         symmetry: symmetries under which trees count as one candidate.
-        strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes, round by round.
+        strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes.
         sampler: sampling algorithm: `moves` on the best trees, `tpe`, `nsga2` or `random`; or your own: an
             `OwnSampler`, a function that makes any Optuna sampler or a `TopologySampler` for a seed, or a
             `TopologySampler` without state.
         trials: number of candidates to propose; None: all.
-        round_size: proposals per round; each round learns from the rounds before. Larger rounds keep more workers
-            busy but learn more slowly.
+        round_size: with `optuna`, how many proposals may be unsolved at a time. More keep more workers busy,
+            and are learnt from later.
         prune: skip candidates that the lower bound proves no better than the best design so far.
         starts: starts per candidate, or per finalist if not all are proposed; default: by the number of modules.
         seed: random seed of starts and proposals.

@@ -9,7 +9,7 @@ from topo_search.engine.exhaustive import exhaustive, may_beat
 from topo_search.engine.job import Job, solve_jobs
 from topo_search.engine.space import Listed, Space
 from topo_search.engine.starts import merge, record_of, rounds, scaled_violation
-from topo_search.engine.strategy import Proposal, Round, Scored, Stage, Strategy
+from topo_search.engine.strategy import Proposal, Results, Scored, Stage, Step, Strategy
 from topo_search.engine.workers import Workers, audit_deadline, solve_deadline
 
 __all__ = [
@@ -23,11 +23,12 @@ __all__ = [
     "Listed",
     "Outcome",
     "Proposal",
-    "Round",
+    "Results",
     "Scored",
     "Solve",
     "Space",
     "Stage",
+    "Step",
     "Strategy",
     "Workers",
     "WorkersLost",

@@ -8,7 +8,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from itertools import islice
 from types import TracebackType
 from typing import Any, Self
 
@@ -72,30 +71,37 @@ class DaskWorkers(Engine):
     def run(
         self,
         function: Callable[[J], R],
-        jobs: Iterable[J],
+        jobs: Iterable[J | None],
         *,
         deadline: Callable[[J], float],
         until: float = math.inf,
     ) -> Iterator[tuple[J, R | Failed]]:
         """Yield (job, result) as batches end; about four batches a Dask thread are drawn from `jobs` ahead."""
-        suspects: list[J] = []
-        for batch, ended in self._batches(function, jobs, deadline, until):
-            if isinstance(ended, Failed):
-                suspects += batch
-            else:
-                yield from _results(batch, ended)
-        for suspect in suspects:  # alone, each can only have ended its Dask worker itself
-            for batch, ended in self._batches(function, [suspect], deadline, until):
-                yield from [(suspect, ended)] if isinstance(ended, Failed) else _results(batch, ended)
+        source = iter(jobs)
+        suspects: list[J] | None = None
+        while suspects is None or suspects:
+            suspects = []
+            for batch, ended in self._batches(function, source, deadline, until):
+                if isinstance(ended, Failed):
+                    suspects += batch
+                else:
+                    yield from _results(batch, ended)
+            for suspect in suspects:  # alone, each can only have ended its Dask worker itself
+                for batch, ended in self._batches(function, iter([suspect]), deadline, until):
+                    yield from [(suspect, ended)] if isinstance(ended, Failed) else _results(batch, ended)
 
     def _batches(
-        self, function: Callable[[J], R], jobs: Iterable[J], deadline: Callable[[J], float], until: float
+        self,
+        function: Callable[[J], R],
+        source: Iterator[J | None],
+        deadline: Callable[[J], float],
+        until: float,
     ) -> Iterator[tuple[list[J], Ended | Failed]]:
         """Yield batches with what came back; Failed if the Dask workers that ran one ended again and again.
 
-        Jobs that a batch had no time to begin are sent again, before new ones are drawn.
+        Jobs that a batch had no time to begin are sent again, before new ones are drawn. It ends when none runs and
+        the source has none, even if that has more once all are known.
         """
-        source = iter(jobs)
         waiting: deque[J] = deque()
         running: dict[Future[Ended], list[J]] = {}
         size = 1
@@ -103,7 +109,8 @@ class DaskWorkers(Engine):
         def draw() -> list[J]:
             """Take a batch; when few jobs are left, all threads shall have some of them."""
             batches = 2 * max(1, self._threads)
-            waiting.extend(islice(source, max(0, batches * size - len(waiting))))
+            while len(waiting) < batches * size and (job := next(source, None)) is not None:
+                waiting.append(job)
             share = math.ceil(len(waiting) / batches)
             return [waiting.popleft() for _ in range(min(size, share))]
 

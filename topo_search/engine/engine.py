@@ -22,7 +22,7 @@ class Engine(Protocol):
     def run(
         self,
         function: Callable[[J], R],
-        jobs: Iterable[J],
+        jobs: Iterable[J | None],
         *,
         deadline: Callable[[J], float],
         until: float = math.inf,
@@ -33,7 +33,7 @@ class Engine(Protocol):
 
         Args:
             function: importable and pure.
-            jobs: picklable values, drawn lazily.
+            jobs: picklable values, drawn lazily; None where there is none before another result was yielded.
             deadline: seconds that a job may take.
             until: time.monotonic() at which to stop: what runs then is dropped and no more is begun.
 

@@ -9,38 +9,19 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 
 from topo_search.engine.space import Space
 from topo_search.engine.starts import rounds
-from topo_search.engine.strategy import Proposal, Round, Scored, Stage, Strategy
+from topo_search.engine.strategy import Proposal, Results, Scored, Stage, Step, Strategy
 from topo_search.model.proven import SOLVER_PRECISION
 from topo_search.topologies import Candidate
 
 PRUNED_AFTER = 32
-"""Candidates that are proposed before it is looked at what they rule out."""
+"""Candidates that are proposed ahead of what is known to be ruled out."""
 
 Bound = Callable[[Candidate], float]
 """What no objective of a candidate can go below."""
-
-
-class Everything:
-    """The round of all candidates, drawn once, as workers become free, so that there may be millions."""
-
-    def __init__(self, space: Space, starts: int) -> None:
-        self.drawn: list[Candidate] = []
-        self._space = space
-        self._starts = starts
-
-    def __iter__(self) -> Iterator[Proposal]:
-        """Yield a proposal for every candidate."""
-        for candidate in self._space.candidates():
-            self.drawn.append(candidate)
-            yield Proposal(candidate, self._starts)
-
-    def __len__(self) -> int:
-        """Return the number of candidates."""
-        return self._space.count()
 
 
 def exhaustive(space: Space, *, starts: int, timed: bool, bound: Bound | None = None) -> Strategy:
@@ -54,10 +35,13 @@ def exhaustive(space: Space, *, starts: int, timed: bool, bound: Bound | None = 
             design so far is not proposed, nor from more starts.
     """
     first, *later = (part.stop for part in rounds(starts, starts, timed=timed))
+    yield Stage(space.count(), first)
     if bound is None:
-        everything = Everything(space, first)
-        scores = yield everything
-        candidates = everything.drawn
+        candidates = []
+        for candidate in space.candidates():  # drawn as workers become free: there may be millions
+            candidates.append(candidate)
+            yield Proposal(candidate, first)
+        scores = yield Results(len(candidates))
     else:
         candidates, scores = yield from _in_order_of_bounds(space, first, bound)
     least = _least(scores)
@@ -67,7 +51,10 @@ def exhaustive(space: Space, *, starts: int, timed: bool, bound: Bound | None = 
             for candidate, score in zip(candidates, scores, strict=True)
             if score.status in ("feasible", "infeasible") and (bound is None or may_beat(least, bound(candidate)))
         ]
-        scores = yield Stage(Proposal(candidate, stop) for candidate in candidates)
+        if candidates:
+            yield Stage(len(candidates), stop, again=True)
+        yield from (Proposal(candidate, stop) for candidate in candidates)
+        scores = yield Results(len(candidates))
         least = min(least, _least(scores))
 
 
@@ -78,18 +65,20 @@ def may_beat(objective: float, bound: float) -> bool:
 
 def _in_order_of_bounds(
     space: Space, starts: int, bound: Bound
-) -> Generator[Round, list[Scored], tuple[list[Candidate], list[Scored]]]:
+) -> Generator[Step, list[Scored], tuple[list[Candidate], list[Scored]]]:
     """Propose candidates in the order of their bounds, as long as they may beat the best; return them all."""
     waiting = deque(sorted(space.candidates(), key=lambda candidate: (bound(candidate), candidate.key)))
     candidates: list[Candidate] = []
     scores: list[Scored] = []
     least = math.inf
     while waiting and may_beat(least, bound(waiting[0])):
-        block = [waiting.popleft() for _ in range(min(PRUNED_AFTER, len(waiting)))]
-        found = yield [Proposal(candidate, starts) for candidate in block]
-        candidates += block
-        scores += found
-        least = min(least, _least(found))
+        if len(candidates) - len(scores) < PRUNED_AFTER:
+            candidates.append(waiting.popleft())
+            yield Proposal(candidates[-1], starts)
+        else:
+            scores += yield Results(1)
+            least = min(least, _least(scores[-1:]))
+    scores += yield Results(len(candidates) - len(scores))
     return candidates, scores
 
 

@@ -33,12 +33,12 @@ class Job:
 
 
 def solve_jobs(
-    jobs: Iterable[Job], *, solve: Solve, engine: Engine, until: float = math.inf
+    jobs: Iterable[Job | None], *, solve: Solve, engine: Engine, until: float = math.inf
 ) -> Iterator[tuple[Job, Outcome]]:
     """Yield every job with its outcome as it ends, in any order; jobs are drawn as workers become free.
 
     Args:
-        jobs: what is to be solved.
+        jobs: what is to be solved; None where that depends on what becomes of those before.
         solve: the solver.
         engine: where it runs.
         until: time.monotonic() at which to stop.

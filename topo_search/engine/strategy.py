@@ -1,15 +1,14 @@
-"""What every way of searching is: a generator that proposes rounds of candidates and is sent their results.
+"""What every way of searching is: a generator that proposes candidates and asks what became of them.
 
-A strategy knows no workers and no files. It is deterministic, and learns from whole rounds alone: started again
-with the results that it had, it makes the same proposals. So a run that was killed is replayed from its ledger, and
-neither the number of workers nor their speed changes what is proposed.
+A strategy knows no workers and no files. It is deterministic, and learns results in the order of its proposals,
+whichever job ended first: started again with the results that it had, it makes the same proposals. So a run that
+was killed is replayed from its ledger, and neither the number of workers nor their speed changes what is proposed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
-from typing import Protocol
 
 from topo_search.topologies import Candidate
 
@@ -20,12 +19,32 @@ class Proposal:
 
     candidate: Candidate
     starts: int
-    """Number of starts in all; those that were tried in earlier rounds are not tried again."""
+    """Number of starts in all; those that were tried before are not tried again."""
     near: tuple[str, ...] = ()
-    """Keys of candidates of earlier rounds, whose designs are carried over in place of as many of the next starts.
+    """Keys of candidates whose designs are carried over in place of as many of the next starts.
 
-    None of them is in this round: how far it had come would depend on which job ends first.
+    The result of each was asked for, and none of them is proposed again before that of this one is: how far it had
+    come would depend on which job ends first.
     """
+
+
+@dataclass(frozen=True)
+class Stage:
+    """So many candidates are proposed next; whoever watches is told."""
+
+    candidates: int
+    starts: int
+    """Of each, at most."""
+    again: bool = False
+    """Whether they were proposed before, from fewer starts."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """What became of the next proposals is asked for; nothing is proposed before it is known."""
+
+    number: int
+    """Of the proposals, the earliest of those whose result was not asked for yet."""
 
 
 @dataclass(frozen=True)
@@ -43,21 +62,7 @@ class Scored:
     """How far the closest start was from feasible, in the task's own units; None where there is a design."""
 
 
-class Round(Protocol):
-    """The proposals of one round, drawn one by one; a list is one. No candidate comes twice."""
-
-    def __iter__(self) -> Iterator[Proposal]:
-        """Yield the proposals."""
-        ...
-
-    def __len__(self) -> int:
-        """Return their number."""
-        ...
-
-
-class Stage(list[Proposal]):
-    """A round that goes over earlier candidates once more, all from as many starts; whoever watches is told."""
-
-
-Strategy = Generator[Round, list[Scored], None]
-"""Yields rounds; is sent what became of each round's proposals, in their order."""
+Step = Proposal | Stage | Results
+"""What a strategy yields."""
+Strategy = Generator[Step, list[Scored], None]
+"""Is sent the results that it asks for, in the order of their proposals, and nothing else."""

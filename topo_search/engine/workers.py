@@ -14,7 +14,6 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import islice
 from multiprocessing.context import SpawnContext
 from multiprocessing.synchronize import RLock
 from types import TracebackType
@@ -103,7 +102,7 @@ class Workers(Engine):
     def run(
         self,
         function: Callable[[J], R],
-        jobs: Iterable[J],
+        jobs: Iterable[J | None],
         *,
         deadline: Callable[[J], float],
         until: float = math.inf,
@@ -120,9 +119,9 @@ class Workers(Engine):
                     running.clear()
                 while len(running) < 2 * self.count:
                     if not waiting:
-                        waiting.extend(_Try(job) for job in islice(source, 1))
-                    if not waiting:
-                        break
+                        if (job := next(source, None)) is None:
+                            break
+                        waiting.append(_Try(job))
                     since = time.monotonic()
                     future = self._submit(function, waiting[0].job, deadline(waiting[0].job))
                     if future is None:

@@ -28,7 +28,7 @@ StrategyName = Literal["exhaustive", "optuna"]
 Sampler = Literal["moves", "tpe", "nsga2", "random"]
 
 DEFAULT_ROUND = 8
-"""Proposals of a round when nobody says otherwise."""
+"""Proposals whose results may be unknown when another is made, when nobody says otherwise."""
 
 
 def installed_versions() -> dict[str, str]:
@@ -93,7 +93,9 @@ class Identity(Value):
     sampler: Sampler | None = None
     """Of any other."""
     round_size: int = Field(DEFAULT_ROUND, ge=1, le=ROUND)
-    """Proposals of a round of any other."""
+    """Proposals whose results may be unknown when any other makes one."""
+    proposals: Literal["by whole rounds", "ahead of results"] = "by whole rounds"
+    """How any other proposes; older folders are by whole rounds, which waited for their last job."""
     own: Own | None = None
     """What the user brought, if anything."""
 
@@ -117,7 +119,7 @@ class Request:
     prune: bool = False
     """Whether candidates are skipped that the bound proves to be no better than the best."""
     round_size: int = DEFAULT_ROUND
-    """Proposals of a round, which learns from the rounds before."""
+    """Most proposals whose results are unknown: what a proposal learns from is fixed by its place alone."""
     versions: dict[str, str] = field(default_factory=installed_versions)
     """Of the libraries that solve; rows that others solved do not count."""
     level: Level | None = None
@@ -167,6 +169,7 @@ class Request:
             sampler=None if exhaustive or self.own.sampler is not None else self.sampler,
             own=None if self.own == NOTHING else self.own,
             round_size=DEFAULT_ROUND if exhaustive else self.round_size,
+            proposals="by whole rounds" if exhaustive else "ahead of results",
         )
 
     @property

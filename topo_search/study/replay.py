@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections import deque
 from collections.abc import Iterator, Sequence
 
-from topo_search.engine import Engine, Job, Proposal, Round, Scored, Solve, Stage, Strategy, solve_jobs
+from topo_search.engine import Engine, Job, Proposal, Results, Scored, Solve, Stage, Strategy, solve_jobs
 from topo_search.model import Design
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
 from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase, solving_seconds
+from topo_search.study.phases import Phase, PhaseName, solving_seconds
 from topo_search.study.recording import record
 from topo_search.study.row import Row, score
 
@@ -44,57 +45,63 @@ class Replay:
         self._near = near
         self._incumbent: Row | None = next(iter(ledger.best_designs(context, 0, 1)), None)
         self._settled: set[str] = set()
-        """Candidates that the observer was told of since the last announcement."""
+        """Candidates of the present stage that the observer was told of."""
         self._reached = 0
-        """Starts that the last announcement was about."""
+        """Starts of the present stage."""
+        self._ended = False
+        """Whether the strategy came to its end."""
         self._scores: dict[str, list[Scored]] = {}
         for scored in ledger.scores(context):
             self._add(scored)
 
-    def follow(self, strategy: Strategy, until: float = math.inf, *, announced: bool = False) -> bool:
+    def follow(self, strategy: Strategy, until: float = math.inf) -> bool:
         """Carry out what a strategy proposes, and return whether it came to its end.
 
         Args:
             strategy: is replayed as far as the ledger knows the results.
             until: time.monotonic() at which to stop.
-            announced: whether the observer knows of all candidates; else it is told of each round's. It is told
-                of those that are a stage of their own.
         """
-        try:
-            proposed = next(strategy)
-            while (scores := self._scores_of(proposed, until, announced)) is not None:
-                proposed = strategy.send(scores)
-        except StopIteration:
-            return True
-        strategy.close()
-        return False
-
-    def _scores_of(self, proposed: Round, until: float, announced: bool) -> list[Scored] | None:
-        """Return the results of a round, in its order; None if the time was over before."""
-        drawn: list[Proposal] = []
-        starts = 0
-        announces = not announced or isinstance(proposed, Stage)
-
-        def jobs() -> Iterator[Job]:
-            nonlocal starts
-            for proposal in proposed:
-                if proposal.starts != starts and announces:
-                    starts = proposal.starts
-                    self.announce(len(proposed), starts, again=isinstance(proposed, Stage))
-                drawn.append(proposal)
-                if self._answer(proposal) is None:
-                    yield self._job(proposal)
-                else:
-                    self._settle(proposal.candidate.key, known=True)
-
-        for job, outcome in solve_jobs(jobs(), solve=self._solve, engine=self._engine, until=until):
+        self._ended = False
+        jobs = self._jobs(strategy)
+        for job, outcome in solve_jobs(jobs, solve=self._solve, engine=self._engine, until=until):
             row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
             self._add(score(row, self._context.task))
             self._incumbent = _better(self._incumbent, row)
             self._settle(row.key)
-        answers = [self._answer(proposal) for proposal in drawn]
-        known = [answer for answer in answers if answer is not None]
-        return known if len(known) == len(proposed) else None
+        strategy.close()
+        return self._ended
+
+    def _jobs(self, strategy: Strategy) -> Iterator[Job | None]:
+        """Yield what is left to solve; None while the strategy waits for what is being solved."""
+        waiting = deque[Proposal]()
+        """Whose results were not asked for yet."""
+        try:
+            step = next(strategy)
+            while True:
+                if isinstance(step, Results):
+                    results = list[Scored]()
+                    for proposal in [waiting.popleft() for _ in range(step.number)]:
+                        while (result := self._answer(proposal)) is None:
+                            yield None
+                        results.append(result)
+                    step = strategy.send(results)
+                    continue
+                if isinstance(step, Stage):
+                    self._announce(step)
+                else:
+                    waiting.append(step)
+                    if self._answer(step) is None:
+                        yield self._job(step)
+                    else:
+                        self._settle(step.candidate.key, known=True)
+                step = next(strategy)
+        except StopIteration:
+            while waiting:
+                if self._answer(waiting[0]) is None:
+                    yield None
+                else:
+                    waiting.popleft()
+            self._ended = True
 
     def _job(self, proposal: Proposal) -> Job:
         """Return what is left to solve of a proposal."""
@@ -116,17 +123,17 @@ class Replay:
             tuple(near for near in known if isinstance(near, Design)),
         )
 
-    def announce(self, candidates: int, starts: int, *, again: bool = False) -> None:
-        """Tell the observer of so many candidates that are solved from so many starts, `again` from more."""
+    def _announce(self, stage: Stage) -> None:
+        """Tell the observer of the candidates to come."""
         task = self._context.task
-        new = (starts - self._reached if again else starts) or starts
-        seconds = solving_seconds(task, new)
-        self._observer.phase(Phase("polishing" if again else "searching", task.n, candidates, starts, seconds))
+        name: PhaseName = "polishing" if stage.again else "searching"
+        new = (stage.starts - self._reached if stage.again else stage.starts) or stage.starts
+        self._observer.phase(Phase(name, task.n, stage.candidates, stage.starts, solving_seconds(task, new)))
         self._settled.clear()
-        self._reached = starts
+        self._reached = stage.starts
 
     def _settle(self, key: str, *, known: bool = False) -> None:
-        """Tell the observer of a candidate, once; more starts of it in a later round are no news."""
+        """Tell the observer of a candidate, once a stage; more starts of it are no news."""
         if key not in self._settled:
             self._settled.add(key)
             self._observer.settled(self._incumbent, known=known)

@@ -209,27 +209,24 @@ def _follow(replay: Replay, folder: RunFolder, n: int, until: float, bound: floa
     space = request.space(n)
     timed = math.isfinite(until)
     if bound is not None:
-        replay.announce(space.count(), request.starts)
         pruned = exhaustive(space, starts=request.starts, timed=timed, bound=lambda _: bound)
-        return replay.follow(pruned, until, announced=True)
+        return replay.follow(pruned, until)
     if request.strategy == "exhaustive":
         return replay.follow(exhaustive(space, starts=request.starts, timed=timed), until)
 
     from topo_search.engine.proposals import optuna_study  # loads Optuna
 
-    trials = space.count() if request.trials is None else min(request.trials, space.count())
-    replay.announce(trials, request.starts)
     strategy = optuna_study(
         space,
         sampler=request.propose or request.sampler,
-        trials=trials,
+        trials=space.count() if request.trials is None else request.trials,
         round_size=request.round_size,
         starts=request.starts,
         seed=request.seed,
         journal=folder.journal(f"study-n{n}.journal"),
         timed=timed,
     )
-    return replay.follow(strategy, until, announced=True)
+    return replay.follow(strategy, until)
 
 
 def _record_proof(

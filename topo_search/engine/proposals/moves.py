@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence, Set
 from functools import lru_cache
+from heapq import merge
 from itertools import groupby, islice
 from typing import NamedTuple
 
@@ -38,18 +39,23 @@ CHILDREN = 32
 RANDOM_CANDIDATES = 16
 """Trees drawn uniformly beside them: the best tree need not look like others that are good."""
 STALE = 160
-"""A population is given up when so many trials after its best, of new trees or old ones, are no better."""
+"""A population is given up when so many trials made in sight of its best, of new trees or not, are no better."""
 RELUCTANCE = {"feasible": 1.0, "infeasible": 0.0}
 """By how much more than a new tree another chance must promise, in standard deviations of what is known.
 
 It is one more for every time that the tree had more starts. One start without a design says little.
 """
-REPEATS = 2
-"""Most trees of a round that are tried again."""
+REPEATS = 1 / 4
+"""Most that are tried again, of the proposals whose results may be unknown."""
 RELATIVES = 32
 """Moves from a tree by which solved ones are looked for to start from; of large trees they find few."""
 KEPT = 1 << 14
 """Moves whose candidates are kept: the same ones are drawn again and again."""
+MORE = 1 / 8
+"""Share of these draws that is made again for each further proposal that learns from the same results.
+
+What was drawn for those before still stands. To draw all anew takes more than twice as long.
+"""
 BATCHES = 2
 """How often trees are drawn before it is said that all are known."""
 
@@ -71,9 +77,9 @@ class _Known(NamedTuple):
     designs: dict[str, int]
     """Keys of the candidates with a design, the best first, and their places."""
     again: list[_Chance]
-    """Solved trees from more starts."""
+    """Solved trees from more starts, the most promising first."""
     twins: list[_Chance]
-    """Twins of solved trees."""
+    """Twins of solved trees, the most promising first."""
 
 
 class Moves(TreeSampler):
@@ -92,12 +98,27 @@ class Moves(TreeSampler):
     few = 1
     promotes = False
 
-    def __init__(self, space: Space, *, starts: int, seed: int) -> None:
-        """Begin a search that gives a tree no more than so many starts."""
+    def __init__(self, space: Space, *, starts: int, seed: int, round_size: int) -> None:
+        """Begin a search.
+
+        Args:
+            space: the candidates.
+            starts: most of a tree.
+            seed: draws the proposals.
+            round_size: most proposals whose results are not known.
+        """
         super().__init__(space, seed)
         self._steps = [*steps(starts, self.few)]
+        self._repeats = max(1, int(REPEATS * round_size))
+        """Most of the proposals whose results are not known that are tried again."""
         self._first = 0
         """The first trial of the present population."""
+        self._best = (-1, 0)
+        """The best trial of the present population, and the first one that was made with it in sight."""
+        self._parents: list[FrozenTrial] = []
+        """The best of the latest population of which any is known."""
+        self._strays: set[int] = set()
+        """Trials made from the population before, as long as nothing was known of the present one."""
         self._described: dict[str, Array] = {}
         """Descriptors of candidates, by key."""
         self._led_to = lru_cache(KEPT)(lambda tree, move: space.key_of(graft(tree, *move)))
@@ -106,6 +127,8 @@ class Moves(TreeSampler):
         """Key of the candidate that differs in the sense of all rotors alone, by key."""
         self._latest: tuple[int, _Known] | None = None
         """What was learnt last, after the number of trials that it was learnt from."""
+        self._pool: dict[str, tuple[_Chance, str | None]] = {}
+        """Trees drawn from the present parents since anything was learnt, each with its parent, if it has one."""
 
     def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
         """Yield candidates drawn uniformly for a new population, then what promises most, if anything does."""
@@ -113,53 +136,65 @@ class Moves(TreeSampler):
         while not over:
             yield self.uniform()
         known = self._learn(over)
-        best = [other for other in known.solved if other.number >= self._first][:PARENTS]
-        if best and trial.number - best[0].number > STALE:
-            self._first = trial.number
-        while trial.number < self._first + FRESH or not best:
+        in_flight = [other for other in earlier if other.state == TrialState.RUNNING]
+        self._breed(trial.number, known, trial.number - len(in_flight))
+        while trial.number < self._first + FRESH:
             yield self.uniform()
-        # A round begins with the best's twin, so the best is not tried again beside it.
+        # What one job carries over must not be what another one extends meanwhile: which ends first is chance.
+        running = {other.user_attrs[KEY] for other in in_flight}
+        lent = running.union(*(other.user_attrs[NEAR] for other in in_flight))
         for key in islice(known.designs, 1):
-            yield Idea(self._twin(key), (key,))
+            if key not in running:
+                yield Idea(self._twin(key), (key,))
         proposed = {other.user_attrs[KEY] for other in earlier}
         failed = {other.user_attrs[KEY] for other in earlier if other.state == TrialState.FAIL}
         settled = proposed | set(map(self._twin, proposed - failed))
-        # What one job of a round carries over must not be what another one extends: which ends first is chance.
-        round_so_far = [other for other in earlier if other.state == TrialState.RUNNING]
-        running = {other.user_attrs[KEY] for other in round_so_far}
-        lent = running.union(*(other.user_attrs[NEAR] for other in round_so_far))
         repeats = {other.user_attrs[KEY] for other in over} & running
-        again = [one for one in known.again if one.key not in lent | failed] if len(repeats) < REPEATS else []
-        twins = [one for one in known.twins if one.key not in proposed]
+        kept = lent | failed
         for _ in range(BATCHES):
-            parents: dict[str, str | None] = {}
-            for key, parent in self._draw(best):
-                if key not in settled:
-                    parents.setdefault(key, parent)
-            bounds = (
-                known.surrogate.lower_confidence_bounds(self._descriptors([*parents])) if parents else np.empty(0)
-            )
-            new = [_Chance(bound, key, again=False) for bound, key in zip(bounds.tolist(), parents, strict=True)]
-            for _, key, repeat in sorted([*new, *twins, *(again if new else [])]):
+            self._draw(known.surrogate, 1 if self._pool.keys() <= settled else MORE)
+            new = [chance for key, (chance, _) in self._pool.items() if key not in settled]
+            again = (one for one in known.again if new and len(repeats) < self._repeats and one.key not in kept)
+            twins = (one for one in known.twins if one.key not in proposed)
+            for _, key, repeat in merge(sorted(new), twins, again):
                 had = (other.user_attrs[NEAR] for other in earlier if other.user_attrs[KEY] == key)
-                yield Idea(key, self._warm_start(known.designs, key, parents.get(key), running.union(*had)), repeat)
+                _, parent = self._pool.get(key, (None, None))
+                yield Idea(key, self._warm_start(known.designs, key, parent, running.union(*had)), repeat)
 
-    def _draw(self, best: Sequence[FrozenTrial]) -> Iterator[tuple[str, str | None]]:
-        """Yield keys: children of the best trees, each with its parent, and random candidates."""
-        keys: list[str] = [trial.user_attrs[KEY] for trial in best]
+    def _breed(self, number: int, known: _Known, over: int) -> None:
+        """Choose the parents for a trial, when all before trial `over` are over; begin a population in time."""
+        own = [one for one in known.solved if one.number >= self._first and one.number not in self._strays]
+        if not own:
+            if number >= self._first + FRESH:
+                self._strays.add(number)
+            return
+        self._parents = own[:PARENTS]
+        if own[0].number != self._best[0]:
+            self._best = own[0].number, number
+        if over - self._best[1] > STALE:
+            self._first, self._strays, self._pool = number, set(), {}
+
+    def _draw(self, surrogate: Surrogate, share: float) -> None:
+        """Add trees to the pool, a share of all: children of the parents, and some drawn uniformly."""
+        keys: list[str] = [trial.user_attrs[KEY] for trial in self._parents]
         trees = [Topology.from_key(key) for key in keys]
-        for _ in range(CHILDREN):
-            place = min(self.random.choices(range(len(best)), k=2))
-            yield self._move(trees[place]), keys[place]
-        for _ in range(RANDOM_CANDIDATES):
-            yield self.uniform().key, None
+        drawn: dict[str, str | None] = {}
+        for _ in range(int(CHILDREN * share)):
+            place = min(self.random.choices(range(len(keys)), k=2))
+            drawn.setdefault(self._move(trees[place]), keys[place])
+        for _ in range(int(RANDOM_CANDIDATES * share)):
+            drawn.setdefault(self.uniform().key, None)
+        new = [key for key in drawn if key not in self._pool]
+        bounds = surrogate.lower_confidence_bounds(self._descriptors(new)).tolist() if new else []
+        for key, bound in zip(new, bounds, strict=True):
+            self._pool[key] = _Chance(bound, key, again=False), drawn[key]
 
     def _move(self, tree: Topology) -> str:
         """Return the key of a candidate that one move leads to."""
         return self._led_to(tree, draw_move(tree, self.random, self.connectors))
 
     def _learn(self, over: Sequence[FrozenTrial]) -> _Known:
-        """Return what trials, at least one, in the order of their numbers tell; one answer serves a round."""
+        """Return what trials, at least one, in the order of their numbers tell; it is kept till there are more."""
         if self._latest is None or self._latest[0] != len(over):
             solved = _best_of_each(over)
             keys = [trial.user_attrs[KEY] for trial in solved]
@@ -173,7 +208,7 @@ class Moves(TreeSampler):
                 key: place for place, (key, trial) in enumerate(zip(keys, solved, strict=True)) if has_design(trial)
             }
             again, twins = self._chances(over, solved[surrogate.kept], surrogate.leave_one_out_bounds().tolist())
-            self._latest = len(over), _Known(solved, surrogate, designs, again, twins)
+            self._latest, self._pool = (len(over), _Known(solved, surrogate, designs, again, twins)), {}
         return self._latest[1]
 
     def _chances(
@@ -190,7 +225,7 @@ class Moves(TreeSampler):
                 twins.append(_Chance(promise, self._twin(key), again=False))
                 if more + 1 < len(self._steps):
                     again.append(_Chance(promise, key, again=True))
-        return again, twins
+        return sorted(again), sorted(twins)
 
     def _warm_start(
         self, designs: Mapping[str, int], key: str, parent: str | None, without: Set[str]

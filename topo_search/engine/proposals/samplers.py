@@ -88,7 +88,9 @@ def _score(trial: FrozenTrial) -> Scored:
     )
 
 
-def sampler_of(sampler: str | SamplerFactory, space: Space, *, starts: int, seed: int) -> TreeSampler:
+def sampler_of(
+    sampler: str | SamplerFactory, space: Space, *, starts: int, seed: int, round_size: int
+) -> TreeSampler:
     """Return the sampler of a name, or that a user's factory makes.
 
     Raises:
@@ -103,12 +105,12 @@ def sampler_of(sampler: str | SamplerFactory, space: Space, *, starts: int, seed
             return Owned(space, seed, made)
         rule = f"must make an Optuna sampler, or an object with `propose`, but made {type(made).__name__}"
         raise BadInput("sampler", [Fault("", rule)])
-    return _by_name(sampler, space, starts=starts, seed=seed)
+    return _by_name(sampler, space, starts=starts, seed=seed, round_size=round_size)
 
 
-def _by_name(name: str, space: Space, *, starts: int, seed: int) -> TreeSampler:
+def _by_name(name: str, space: Space, *, starts: int, seed: int, round_size: int) -> TreeSampler:
     if name == "moves":
-        return Moves(space, starts=starts, seed=seed)
+        return Moves(space, starts=starts, seed=seed, round_size=round_size)
     if name == "random":
         return Uniform(space, seed)
     of_optuna = seed % SEEDS

@@ -1,11 +1,14 @@
-"""An Optuna study as a strategy: rounds of candidates from few starts, and more starts for those that promise more.
+"""An Optuna study as a strategy: candidates from few starts, and more starts for those that promise more.
 
-Either the best of a round are given them at once, or the sampler proposes candidates again. That is a trial of its
-own, told what all starts of the candidate led to: the value of a trial that is over cannot change.
+A candidate is proposed before the last few results are known, so that workers need not wait for each other: what
+is learnt for it depends on its place among the proposals alone.
 
-When all rounds are over the best of all are given what is left of their starts. If every candidate was proposed all
-are that may have a design, the best first, as in an exhaustive search; but designs that were carried over stay in
-the places of starts.
+Either those that do well are given more starts at once, or the sampler proposes candidates again. That is a trial
+of its own, told what all starts of the candidate led to: the value of a trial that is over cannot change.
+
+When enough were proposed the best of all are given what is left of their starts. If every candidate was proposed
+all are that may have a design, the best first, as in an exhaustive search; but designs that were carried over stay
+in the places of starts.
 
 The study is in memory and made again with the strategy; its journal is a copy for optuna-dashboard, with what the
 proposals were made from.
@@ -15,9 +18,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Set
-from dataclasses import dataclass
-from functools import partial
+from collections import deque
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,18 +34,20 @@ from topo_search.engine.proposals.samplers import sampler_of
 from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
 from topo_search.engine.space import Space
 from topo_search.engine.starts import rounds
-from topo_search.engine.strategy import Proposal, Scored, Stage, Strategy
+from topo_search.engine.strategy import Proposal, Results, Scored, Stage, Strategy
 from topo_search.model import Topology
 from topo_search.protocols import SamplerFactory
 from topo_search.topologies import Candidate
 
 IMPOSSIBLE = 1.0e6
 """Constraint of a candidate that is proven impossible, behind all for which no design was found."""
+LEARNT, SHARE_LEARNT = 8, 16
+"""Results that are learnt together, as one takes as long as many: so many, or this part of a large round."""
 
 
 @dataclass(frozen=True)
 class _Asked:
-    """A candidate of the present round."""
+    """A candidate whose result is not known."""
 
     trial: optuna.Trial
     candidate: Candidate
@@ -54,43 +58,6 @@ class _Asked:
     def key(self) -> str:
         """Of the candidate."""
         return self.candidate.key
-
-
-class _NewTrials:
-    """The proposals of a round's trials, asked for one by one while workers solve those before.
-
-    A round ends early with the last candidate that is to be proposed. Nothing is told meanwhile, so that it does
-    not matter when they are asked for.
-    """
-
-    def __init__(
-        self,
-        ask: Callable[[], _Asked],
-        propose: Callable[[_Asked], Proposal],
-        *,
-        size: int,
-        left: int,
-        known: Set[str],
-    ) -> None:
-        """Ask for so many, of which no more than `left` are not known."""
-        self.asked: list[_Asked] = []
-        self.left = left
-        """New candidates that are left to propose."""
-        self._ask = ask
-        self._propose = propose
-        self._size = size
-        self._known = known
-
-    def __iter__(self) -> Iterator[Proposal]:
-        """Yield the proposals; once."""
-        while self.left and len(self.asked) < self._size:
-            self.asked.append(self._ask())
-            self.left -= self.asked[-1].key not in self._known
-            yield self._propose(self.asked[-1])
-
-    def __len__(self) -> int:
-        """Return their number; before all are asked for, the most that it can be."""
-        return self._size if self.left else len(self.asked)
 
 
 def optuna_study(
@@ -110,7 +77,8 @@ def optuna_study(
         space: the candidates.
         sampler: moves, tpe, nsga2 or random; or what makes one for a seed.
         trials: how many different candidates to propose.
-        round_size: candidates a round, new ones or some again: what is learnt is learnt from whole rounds.
+        round_size: most proposals whose results are not known: the larger, the more jobs at a time, and the later
+            each is learnt from.
         starts: starts of the best, or in the end of all if all are proposed; the others are given fewer.
         seed: draws the proposals.
         journal: a file that is written anew, for optuna-dashboard.
@@ -120,49 +88,46 @@ def optuna_study(
         ValueError: an unknown sampler.
         BadInput: what is made is no sampler, or proposes what is no candidate.
     """
-    proposer = sampler_of(sampler, space, starts=starts, seed=seed)
+    proposer = sampler_of(sampler, space, starts=starts, seed=seed, round_size=round_size)
     study = _new_study(sampler=proposer)
     shown = None if journal is None else _new_journal(journal)
     ranks: dict[str, Rank] = {}
     ladder = [*steps(starts, proposer.few)]
     had: dict[str, int] = {}  # starts of each candidate so far
-    left = min(trials, space.count())
+    left, learnt = min(trials, space.count()), min(round_size, max(LEARNT, round_size // SHARE_LEARNT))
 
     def next_starts(key: str) -> int:
         return ladder[bisect_right(ladder, had.get(key, 0))]
 
-    def first(one: _Asked) -> Proposal:
-        return Proposal(one.candidate, next_starts(one.key), one.near)
-
-    while left:
-        new = _NewTrials(partial(_ask, study, proposer), first, size=round_size, left=left, known=ranks.keys())
-        found = yield new
-        left = new.left
-        scores: dict[str, Scored] = {}
-        part = new.asked
-        while True:
-            scores |= {score.key: score for score in found}
-            ranks |= {score.key: rank(score) for score in found}
-            had |= {score.key: score.starts for score in found}
-            ranking = sorted(ranks.values())
-            part = [
-                one
-                for one in part
-                if proposer.promotes
-                and had[one.key] < starts
-                and goes_on(scores[one.key], ranking, bisect_right(ladder, had[one.key]))
-            ]
-            if not part:
-                break
-            found = yield [Proposal(one.candidate, next_starts(one.key)) for one in part]
-        told = [_tell(study, one.trial, scores[one.key]) for one in new.asked]
+    yield Stage(left, starts)
+    asked, again = deque[_Asked](), deque[_Asked]()  # those whose results are not known, and those that go on
+    while left or again or asked:
+        while (left or again) and len(asked) < round_size:
+            one = again.popleft() if again else _ask(study, proposer)
+            left -= one.key not in ranks
+            asked.append(one)
+            yield Proposal(one.candidate, next_starts(one.key), one.near)
+        found = yield Results(min(learnt, len(asked)))
+        ranks |= {score.key: rank(score) for score in found}
+        had |= {score.key: score.starts for score in found}
+        ranking = sorted(ranks.values()) if proposer.promotes else []
+        told = []
+        for score in found:
+            one = asked.popleft()
+            promoted = proposer.promotes and had[one.key] < starts
+            if promoted and goes_on(score, ranking, bisect_right(ladder, had[one.key])):
+                again.append(replace(one, near=()))
+            else:
+                told.append(_tell(study, one.trial, score))
         if shown is not None:
             shown.add_trials(told)
     best = sorted((reached, key) for key, reached in ranks.items() if reached[0] < NOT_PROMISING)
     most = CERTAIN if trials < space.count() else None
     for stop in (part.stop for part in rounds(starts, starts, timed=timed)):
         if short := [key for _, key in best[:most] if had[key] < stop]:
-            found = yield Stage(Proposal(space.candidate_of(Topology.from_key(key)), stop) for key in short)
+            yield Stage(len(short), stop, again=True)
+            yield from (Proposal(space.candidate_of(Topology.from_key(key)), stop) for key in short)
+            found = yield Results(len(short))
             had |= {score.key: score.starts for score in found}
             if shown is not None:
                 shown.add_trials([_tell(study, _tell_again(study, proposer, score.key), score) for score in found])

@@ -35,7 +35,7 @@ NOISE = 0.6
 """Variance of what one start says."""
 OPTIMISM = 2.0
 """Standard deviations by which a tree may do better than expected."""
-MOST = 1000
+MOST = 500
 """Of more solved trees every second, third, ... in their ranking is looked at."""
 
 

@@ -55,7 +55,7 @@ class TreeSampler(BaseSampler):
     few = FEW
     """Starts of a new candidate."""
     promotes = True
-    """Whether the best candidates of a round are given more starts in it."""
+    """Whether candidates that do well are given more starts at once."""
 
     def __init__(self, space: Space, seed: int) -> None:
         self.space = space
