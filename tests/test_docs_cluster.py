@@ -75,4 +75,4 @@ def test_the_search_without_a_script_starts_jobs_and_ends_them(slurm, tmp_path):
     )
     (tmp_path / "search.py").write_text(small)
     done = subprocess.run([sys.executable, "search.py"], cwd=tmp_path, env=slurm, capture_output=True, text=True)
-    assert done.stdout.startswith("0 a3"), done.stderr
+    assert done.stdout.startswith("a3"), done.stderr

@@ -112,4 +112,4 @@ def test_a_deep_search_is_made_once_and_counts_as_its_start(monkeypatch) -> None
 
 def test_a_task_that_it_does_not_express_is_named() -> None:
     assert reason_against(push(4, load_cases=GENTLE_PUSH)) is None
-    assert "more than 9 modules" in str(reason_against(push(10)))
+    assert "more than 20 modules" in str(reason_against(push(21)))

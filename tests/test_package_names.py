@@ -18,7 +18,7 @@ ADJECTIVES = (
     "alike common consistent deep different distinct due empty few finite foreign harmless idle informative lossy "
     "lopsided possible printable relevant same solvable straight unchanged whole wrong"
 )
-NO_PARTICIPLES = ("embed", "feed", "need", "proceed", "seed", "speed")
+NO_PARTICIPLES = ("breed", "embed", "feed", "need", "proceed", "seed", "speed")
 PARTICLES = ("again", "as", "at", "by", "from", "here", "in", "of", "on", "out", "to", "with", "within")
 TERMS = {
     "rooted_at": "a rooted tree is what graph theory calls it",

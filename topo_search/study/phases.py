@@ -16,10 +16,10 @@ PhaseName = Literal["proving", "searching", "polishing", "auditing", "relaxing",
 
 WAKING = 2.5
 """Time until the first worker has loaded what it computes with [s]."""
-REDUCED_UP_TO = 9
+REDUCED_UP_TO = 20
 """Modules up to which a start is a few cheap descents, and Ipopt takes up the best ends of all."""
 REDUCED_SECONDS = 0.08, 0.012
-"""Processor time of a candidate of so many modules, and of each of its starts, with three load cases [s]."""
+"""Processor time of a candidate of twelve modules at most, and of each of its starts, with three load cases [s]."""
 START_SECONDS = 0.135
 """Processor time of one start of twelve modules and three load cases [s]."""
 AUDIT_SECONDS = 0.6
@@ -85,7 +85,7 @@ def solving_seconds(task: ResolvedTask, starts: int) -> float:
     cases = (1 + len(task.load_cases)) / 4
     if task.n <= REDUCED_UP_TO:
         candidate, start = REDUCED_SECONDS
-        return cases * (candidate + starts * start)
+        return cases * max(1.0, task.n / 12) * (candidate + starts * start)
     growth: float = (task.n / 12) ** 2
     return cases * starts * START_SECONDS * growth
 
