@@ -16,7 +16,7 @@ from nlp.numbers.evaluate import Violation
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints
 from nlp.programs.ipopt import IpoptResult
-from nlp.reduced.expressed import reason_against
+from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start
 from nlp.trial import Trial
@@ -26,8 +26,8 @@ from topo_search.protocols import OwnConstraint
 
 PLACED_STARTS = 24
 """Starts a topology when nobody says otherwise, where Ipopt solves the whole problem from each."""
-FEW_STARTS, MANY_STARTS, FEW_UP_TO = 8, 16, 5
-"""Those of the reduced search: few up to five modules, many above; `tests/benchmarks/reduced.py` compares them."""
+REDUCED_STARTS = {5: 8, 9: 16, REDUCED_UP_TO: 48}
+"""Those of the reduced search, by the most modules they are for (`tests/benchmarks/reduced.py` compares them)."""
 
 
 def default_starts(task: Task) -> int:
@@ -35,7 +35,7 @@ def default_starts(task: Task) -> int:
     largest = max(task.sizes)
     if reason_against(task.resolve(largest)):
         return PLACED_STARTS
-    return FEW_STARTS if largest <= FEW_UP_TO else MANY_STARTS
+    return next(starts for most, starts in REDUCED_STARTS.items() if largest <= most)
 
 
 def prepare(task: Task, tell: Callable[[str], None]) -> None:

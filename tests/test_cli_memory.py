@@ -44,8 +44,8 @@ def test_too_little_memory_is_a_line_and_a_status(tmp_path, megabytes, words):
 
 
 def test_threads_of_libraries_take_no_memory_unasked(tmp_path):
-    code = "import os; from topo_search.supervisor import supervised\n"
-    code += "supervised(lambda: print(os.environ['OPENBLAS_NUM_THREADS']))"
+    code = "import os; from topo_search.supervisor import supervise\n"
+    code += "supervise(lambda: print(os.environ['OPENBLAS_NUM_THREADS']))"
     asked = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
     for given, found in ((asked, "1"), ({**asked, "OPENBLAS_NUM_THREADS": "3"}, "3")):
         done = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
@@ -67,7 +67,7 @@ def test_threads_of_libraries_take_no_memory_unasked(tmp_path):
 )
 def test_whatever_ends_a_command_is_told(fault, status, last):
     code = f"import ctypes, os\ndef command():\n    {fault}\n"
-    code += "from topo_search.supervisor import supervised\nsupervised(command)"
+    code += "from topo_search.supervisor import supervise\nsupervise(command)"
     environment = {**os.environ, "PYTHONFAULTHANDLER": ""}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.returncode == status, done.stderr

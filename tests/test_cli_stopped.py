@@ -125,7 +125,7 @@ def test_a_signal_during_a_run_keeps_what_was_finished(tmp_path):
 
 def test_native_code_that_does_not_return_is_ended_too(tmp_path):
     """A big integer's power holds Python's lock for hours; no handler of Python runs meanwhile."""
-    code = "from topo_search.supervisor import supervised; supervised(lambda: print('on', 7 ** 10**9, flush=True))"
+    code = "from topo_search.supervisor import supervise; supervise(lambda: print('on', 7 ** 10**9, flush=True))"
     process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
     eventually(lambda: Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text())
     time.sleep(0.5)

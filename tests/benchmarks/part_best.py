@@ -33,11 +33,11 @@ def measure(rows: Rows, options: Options) -> None:
                 stated = Stated(EXAMPLE, n, (AIRFLOW_ALONE, at(distance)))
                 with Child(_starts, stated, topology.key, cap=min(SECONDS, options.cap)) as child:
                     tried = list(child)
-                rows.add({**identity, "tried": tried})
+                rows.add({**identity, "tried": tried, "verdict": _verdict(tried)})
 
 
 def _starts(stated: Stated, key: str) -> Iterator[Row]:
-    """Yield an empty row, then what comes of every start; the audit is not timed, for a search makes one."""
+    """Yield an empty row, then what comes of every start."""
     load(stated)
     task, topology = stated.resolve(), Topology.from_key(key)
     yield {}
@@ -46,8 +46,14 @@ def _starts(stated: Stated, key: str) -> Iterator[Row]:
         outcome = nlp.solve(task, topology, starts=range(index, index + 1), seed=0)
         row: Row = {"start": index, "seconds": clock.lap(), "peak_mb": peak_mb(), "gap": None}
         if isinstance(outcome, Design):
-            row |= {"gap": outcome.gap, "verdict": audit(outcome).verdict}
+            row |= {"gap": outcome.gap, "design": outcome.model_dump_json()}
         yield row
+
+
+def _verdict(tried: list[Row]) -> str | None:
+    """Return what the audit says of the best design, and leave the rows with their figures alone."""
+    designs = [(row["gap"], row.pop("design")) for row in tried if row["gap"] is not None]
+    return audit(Design.model_validate_json(min(designs)[1])).verdict if designs else None
 
 
 def table(rows: Rows) -> str:
@@ -58,10 +64,11 @@ def table(rows: Rows) -> str:
     ]
     measured = rows.where(part=PART)
     for n, distance in sorted({(row["n"], row["distance"]) for row in measured}):
-        runs = [row["tried"] for row in rows.where(part=PART, n=n, distance=distance)]
+        group = rows.where(part=PART, n=n, distance=distance)
+        runs = [row["tried"] for row in group]
         gaps = [[start["gap"] for start in tried if start["gap"] is not None] for tried in runs]
         solved = [of for of in gaps if of]
-        unclear = sum(start.get("verdict") not in (None, "clear") for tried in runs for start in tried)
+        unclear = sum(row["verdict"] not in (None, "clear") for row in group)
         cells = [
             f"{len(solved)} of {len(runs)}" + (f", {unclear} audits not clear" if unclear else ""),
             f"{100 * statistics.median(of[0] for of in solved):.1f} %" if solved else "",

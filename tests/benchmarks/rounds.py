@@ -2,12 +2,12 @@
 
     OMP_NUM_THREADS=1 python tests/benchmarks/rounds.py ten-wrenches --modules 12 [--jobs N] [--workers N]
 
-What a job takes is measured: some uniformly drawn trees are solved from one start each. What is proposed is asked
-of `moves` as a run asks it, as soon as a worker is free and the results that it learns from are known, and the CPU
-time of each proposal is measured too. Each candidate takes what one of the measured jobs took, drawn by its key,
-and leads to what that led to, so that no more is solved. What is solved from more starts in the end, as in an
-exhaustive search, is left out. Busy is the share of the time that all workers together have a job: until the last
-proposal is made, and until the last job has ended.
+What a job takes is measured: some uniformly drawn trees are solved from as many starts as `moves` gives a new
+tree. What is proposed is asked of `moves` as a run asks it, as soon as a worker is free and the results that it
+learns from are known, and the CPU time of each proposal is measured too. Each candidate takes what one of the
+measured jobs took, drawn by its key, and leads to what that led to, so that no more is solved. What is solved from
+more starts in the end, as in an exhaustive search, is left out. Busy is the share of the time that all workers
+together have a job: until the last proposal is made, and until the last job has ended.
 """
 
 from __future__ import annotations
@@ -22,11 +22,9 @@ from typing import NamedTuple
 import nlp
 from topo_search.engine import Proposal, Results, Scored, Space, scaled_violation
 from topo_search.engine.proposals import optuna_study
+from topo_search.engine.proposals.moves import AT_ONCE, MANY
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import read_task
-
-STARTS = 4
-"""Most starts of a tree."""
 
 
 class Job(NamedTuple):
@@ -65,25 +63,28 @@ def main() -> None:
     arguments = parser.parse_args()
     task = read_task(arguments.example, (f"modules={arguments.modules}",)).resolve(arguments.modules)
     space = Space(task, "task")
-    jobs = measured(space, task, arguments.jobs)
-    mean = sum(job.seconds for job in jobs) / len(jobs)
-    print(f"{task.name}, n = {task.n}, {arguments.trials} trees; a job takes {1e3 * mean:.0f} ms", end=", ")
-    print(f"at most {1e3 * max(job.seconds for job in jobs):.0f}; {arguments.workers} workers")
+    print(f"{task.name}, n = {task.n}, {arguments.trials} trees, {arguments.workers} workers")
     busy = "busy till the last proposal | till the end"
-    print(f"| unsolved at a time | {busy} | a proposal, CPU ms | of the jobs' CPU |")
-    print("|---|---|---|---|---|")
+    print(f"| unsolved at a time | starts; CPU s, at most | {busy} | a proposal, CPU ms | of the jobs' CPU |")
+    print("|---|---|---|---|---|---|")
+    kept: dict[int, list[Job]] = {}
     for size in arguments.rounds:
+        few = AT_ONCE if size >= MANY else 1
+        if few not in kept:
+            kept[few] = measured(space, task, arguments.jobs, few)
+        jobs, seconds = kept[few], [job.seconds for job in kept[few]]
         came = simulated(space, jobs, size, arguments.trials, arguments.workers)
         each, share = 1e3 * came.proposing / came.number, came.proposing / came.solving
-        print(f"| {size} | {came.proposed:.0%} | {came.ended:.0%} | {each:.1f} | {share:.1%} |", flush=True)
+        cells = f"{size} | {few}; {sum(seconds) / len(seconds):.2f}, {max(seconds):.2f}"
+        print(f"| {cells} | {came.proposed:.0%} | {came.ended:.0%} | {each:.1f} | {share:.1%} |", flush=True)
 
 
-def measured(space: Space, task: ResolvedTask, number: int) -> list[Job]:
-    """Return what solves of trees from one start take and lead to; the first, which loads code, does not count."""
+def measured(space: Space, task: ResolvedTask, number: int, starts: int) -> list[Job]:
+    """Return what solves of trees take and lead to; the first, which loads code, does not count."""
     jobs = []
     for tree in space.sample(number + 1, 0):
         began = time.process_time()
-        outcome = nlp.solve(task, tree, starts=range(1), seed=0)
+        outcome = nlp.solve(task, tree, starts=range(starts), seed=0)
         seconds = time.process_time() - began
         if isinstance(outcome, Design):
             jobs.append(Job(seconds, "feasible", outcome.objective, None))
@@ -95,7 +96,9 @@ def measured(space: Space, task: ResolvedTask, number: int) -> list[Job]:
 
 def simulated(space: Space, jobs: list[Job], size: int, trials: int, workers: int) -> Busy:
     """Return how busy workers are that take jobs in the order in which they are proposed."""
-    strategy = optuna_study(space, sampler="moves", trials=trials, round_size=size, starts=STARTS, seed=0)
+    strategy = optuna_study(
+        space, sampler="moves", trials=trials, round_size=size, starts=nlp.default_starts(space.task), seed=0
+    )
     now = proposing = 0.0
     spans: list[tuple[float, float]] = []
     free = [0.0] * workers

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import nlp
 from nlp.reduced import expressed
-from nlp.solve import MANY_STARTS, PLACED_STARTS
+from nlp.solve import PLACED_STARTS, REDUCED_STARTS
 from topo_search.engine import Space
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.files import read_task
@@ -58,7 +58,7 @@ def main() -> None:
     space = Space(task.resolve(n), "task")
     ways = [Way("as a run does", expressed.REDUCED_UP_TO, nlp.default_starts(task))]
     if arguments.both:
-        ways = [Way("reduced", n, MANY_STARTS), Way("placed", 0, PLACED_STARTS)]
+        ways = [Way("reduced", n, max(REDUCED_STARTS.values())), Way("placed", 0, PLACED_STARTS)]
     found: dict[Way, list[Solved]] = {way: [] for way in ways}
     for number, tree in enumerate(space.sample(arguments.trees, 0)):
         for way in ways:

@@ -14,6 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext
 from multiprocessing.synchronize import RLock
 from types import TracebackType
@@ -190,7 +191,11 @@ class Workers(Engine):
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C: workers, and the thread that replaces them, inherit that; the coordinator handles it."""
+    """Block Ctrl-C: workers, and the thread that replaces them, inherit that; the coordinator handles it.
+
+    The resource tracker runs before that: its start unblocks Ctrl-C in the thread that starts it.
+    """
+    resource_tracker.ensure_running()
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

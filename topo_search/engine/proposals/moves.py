@@ -51,6 +51,12 @@ RELATIVES = 32
 """Moves from a tree by which solved ones are looked for to start from; of large trees they find few."""
 KEPT = 1 << 14
 """Moves whose candidates are kept: the same ones are drawn again and again."""
+MANY, AT_ONCE = 64, 4
+"""Proposals unsolved at a time from which workers wait for proposals, and the first starts that a tree then has.
+
+With twelve modules and ten wrenches a proposal takes 5 ms, a tree 0.2 s from one start and 0.5 s from four, the
+deep retry of trees without a design included (`tests/benchmarks/rounds.py`).
+"""
 MORE = 1 / 8
 """Share of these draws that is made again for each further proposal that learns from the same results.
 
@@ -86,8 +92,9 @@ class Moves(TreeSampler):
     """Makes trees from the best of a population by single moves, and begins anew when that leads nowhere.
 
     Of several such trees and some drawn uniformly it proposes the one that promises most by what was solved so far,
-    from one start. That may miss what a tree can do, so solved trees compete with new ones for more starts: they
-    promise what the others tell of them, and less for every time that they had more. Twins, two trees that differ
+    from one start, or a few where many proposals may be unsolved. That may miss what a tree can do, so solved trees
+    compete with new ones for more starts: they promise what the others tell of them, and less for every time that
+    they had more. Twins, two trees that differ
     in the sense of all rotors alone, are about as good as each other: one of them is proposed, and the other one is
     another chance of it, or follows at once if the first is the best of all. Where no new tree is in sight nothing
     is tried again before all are tried. Each time a tree is tried a design takes the place of the next start, if
@@ -95,7 +102,6 @@ class Moves(TreeSampler):
     away; the best's twin has the best's.
     """
 
-    few = 1
     promotes = False
 
     def __init__(self, space: Space, *, starts: int, seed: int, round_size: int) -> None:
@@ -108,6 +114,7 @@ class Moves(TreeSampler):
             round_size: most proposals whose results are not known.
         """
         super().__init__(space, seed)
+        self.few = AT_ONCE if round_size >= MANY else 1
         self._steps = [*steps(starts, self.few)]
         self._repeats = max(1, int(REPEATS * round_size))
         """Most of the proposals whose results are not known that are tried again."""
