@@ -24,7 +24,7 @@ from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, Solve
 from topo_search.model.corners import to_corners
 from topo_search.protocols import OwnConstraint
 
-PLACED_STARTS = 24
+UNTANGLED_STARTS = 24
 """Starts a topology when nobody says otherwise, where Ipopt solves the whole problem from each."""
 REDUCED_STARTS = {5: 8, 9: 16, 12: 32, REDUCED_UP_TO: 48}
 """Those of the reduced search, by the most modules they are for (`tests/benchmarks/reduced.py` compares them)."""
@@ -34,7 +34,7 @@ def default_starts(task: Task) -> int:
     """Return the number of starts per topology that a task gets when nobody says otherwise."""
     largest = max(task.sizes)
     if reason_against(task.resolve(largest)):
-        return PLACED_STARTS
+        return UNTANGLED_STARTS
     return next(starts for most, starts in REDUCED_STARTS.items() if largest <= most)
 
 

@@ -10,12 +10,13 @@ from nlp import solve
 from nlp.numbers.evaluate import violations, worst
 from nlp.reduced import trials as reduced_trials
 from nlp.reduced.draws import draws
-from nlp.reduced.expressed import reason_against
+from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.reduced.search import ends, point_of
 from nlp.reduced.stated import state
 from nlp.reduced.trials import DEEP, DEEP_BATCH, trials
 from nlp.trial import Trial
 from topo_search.model import Design, Topology
+from topo_search.study import phases
 
 TREE = Topology.from_key("a3010")
 """Four modules."""
@@ -113,3 +114,8 @@ def test_a_deep_search_is_made_once_and_counts_as_its_start(monkeypatch) -> None
 def test_a_task_that_it_does_not_express_is_named() -> None:
     assert reason_against(push(4, load_cases=GENTLE_PUSH)) is None
     assert "more than 20 modules" in str(reason_against(push(21)))
+
+
+def test_a_plan_expects_the_reduced_search_of_the_sizes_that_take_it() -> None:
+    """What a run is made of knows no solver, so the number stands in both."""
+    assert phases.REDUCED_UP_TO == REDUCED_UP_TO

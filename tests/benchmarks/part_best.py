@@ -11,7 +11,7 @@ from options import AIRFLOW_ALONE, Options, at
 from rows import Row, Rows
 
 import nlp
-from nlp.solve import PLACED_STARTS
+from nlp.solve import UNTANGLED_STARTS
 from topo_search.engine.usage import Clock, peak_mb
 from topo_search.model import Design, Topology
 from topo_search.topologies import sample
@@ -41,7 +41,7 @@ def _starts(stated: Stated, key: str) -> Iterator[Row]:
     load(stated)
     task, topology = stated.resolve(), Topology.from_key(key)
     yield {}
-    for index in range(PLACED_STARTS):
+    for index in range(UNTANGLED_STARTS):
         clock = Clock()
         outcome = nlp.solve(task, topology, starts=range(index, index + 1), seed=0)
         row: Row = {"start": index, "seconds": clock.lap(), "peak_mb": peak_mb(), "gap": None}

@@ -2,7 +2,7 @@
 
     OMP_NUM_THREADS=1 python tests/benchmarks/sampled.py push --modules 10 [--trees M] [--both] [--set FIELD=VALUE]
 
-Each tree is solved from the starts of a run. With `--both` it is solved with the reduced search and from placed
+Each tree is solved from the starts of a run. With `--both` it is solved with the reduced search and from untangled
 starts as well, whatever size is the largest for which a run takes the one, one after the other; a tree counts as
 done within 0.1 % of the less of both efforts. CPU seconds of one thread; the first tree is solved twice, for code
 is compiled or loaded the first time.
@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import nlp
 from nlp.reduced import expressed
-from nlp.solve import PLACED_STARTS, REDUCED_STARTS
+from nlp.solve import REDUCED_STARTS, UNTANGLED_STARTS
 from topo_search.engine import Space
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.files import read_task
@@ -58,7 +58,7 @@ def main() -> None:
     space = Space(task.resolve(n), "task")
     ways = [Way("as a run does", expressed.REDUCED_UP_TO, nlp.default_starts(task))]
     if arguments.both:
-        ways = [Way("reduced", n, max(REDUCED_STARTS.values())), Way("placed", 0, PLACED_STARTS)]
+        ways = [Way("reduced", n, max(REDUCED_STARTS.values())), Way("untangled", 0, UNTANGLED_STARTS)]
     found: dict[Way, list[Solved]] = {way: [] for way in ways}
     for number, tree in enumerate(space.sample(arguments.trees, 0)):
         for way in ways:

@@ -200,9 +200,8 @@ def _check(database: sqlite3.Connection, path: Path) -> None:
     for table in PLACES:
         if wrong := fault(database, table):
             raise damage(path, wrong)
-    if wrong := seal_fault(
-        database, "files"
-    ):  # else what the run wrote under a name that changed would be nobody's
+    # Else what the run wrote under a name that changed would be nobody's.
+    if wrong := seal_fault(database, "files"):
         raise damage(path, wrong)
     database.execute("COMMIT")
 

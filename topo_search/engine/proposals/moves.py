@@ -94,12 +94,11 @@ class Moves(TreeSampler):
     Of several such trees and some drawn uniformly it proposes the one that promises most by what was solved so far,
     from one start, or a few where many proposals may be unsolved. That may miss what a tree can do, so solved trees
     compete with new ones for more starts: they promise what the others tell of them, and less for every time that
-    they had more. Twins, two trees that differ
-    in the sense of all rotors alone, are about as good as each other: one of them is proposed, and the other one is
-    another chance of it, or follows at once if the first is the best of all. Where no new tree is in sight nothing
-    is tried again before all are tried. Each time a tree is tried a design takes the place of the next start, if
-    there is one that it did not start from before: a child's from its parent, or else one of a solved tree a move
-    away; the best's twin has the best's.
+    they had more. Twins, two trees that differ in the sense of all rotors alone, are about as good as each other:
+    one of them is proposed, and the other one is another chance of it, or follows at once if the first is the best
+    of all. Where no new tree is in sight nothing is tried again before all are tried. Each time a tree is tried a
+    design takes the place of the next start, if there is one that it did not start from before: a child's from its
+    parent, or else one of a solved tree a move away; the best's twin has the best's.
     """
 
     promotes = False

@@ -112,9 +112,8 @@ def connector_turn(port: int) -> Array:
 def bracket(sizes: Bracket, phi: float) -> Trimesh:
     """Return the bracket for a turn phi, closed, in millimetres."""
     r, d, t, w = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness, sizes.wall))
-    turned = pose_matrix(
-        rotation(1, phi), np.zeros(3)
-    )  # as d > r, neither end reaches beyond the other's mating face
+    # As d > r, neither end reaches beyond the other's mating face.
+    turned = pose_matrix(rotation(1, phi), np.zeros(3))
     flange = _box((-d, -r, -r), (-d + t, r, r))
     mirrored = _box((d - t, -r, -r), (d, r, r))
     solid = flange + _move(mirrored, turned)
