@@ -134,6 +134,24 @@ def test_native_code_that_does_not_return_is_ended_too(tmp_path):
     assert (process.returncode, told) == (INTERRUPTED, "stopped\n")
 
 
+def test_a_signal_while_another_is_told_of_takes_no_word_from_it():
+    """A terminal signals the whole group: a command gets one from there, and one from the process that waits."""
+    code = """
+import os, signal
+from topo_search import supervisor
+
+def again(text, tell=supervisor.tell):
+    os.kill(os.getpid(), signal.SIGTERM)
+    tell(text)
+
+supervisor.tell = again
+supervisor.Stop().handle()
+os.kill(os.getpid(), signal.SIGINT)
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANG)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (INTERRUPTED, "", "stopped\n")
+
+
 @pytest.mark.parametrize("kind", ["full", "closed", "unread"])
 def test_what_becomes_of_stderr_keeps_no_run_from_being_stopped(tmp_path, kind):
     reader, writer = os.pipe()

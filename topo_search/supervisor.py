@@ -49,6 +49,7 @@ class Stop:
         self._end = end
         """Where the process that waits is told that the command ends, and no library of it."""
         self._raised = False
+        self._ending = False
         self.asked = False
         """Whether one of them came."""
         self.unwinds = False
@@ -56,12 +57,15 @@ class Stop:
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
-        first, self.asked = not self.asked, True
+        self.asked = True
         if self.unwinds:
             if not self._raised:
                 self._raise(frame)
             return
-        if first:
+        if self._ending:  # a signal of several interrupted the handler of another, which is still to tell
+            return
+        self._ending = True
+        if not self._raised:
             tell("stopped")
         self.ends(INTERRUPTED)
         os._exit(INTERRUPTED)

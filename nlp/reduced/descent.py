@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from nlp.reduced.cholesky import solve_in_place
+from nlp.numbers.cholesky import solve_in_place
 from nlp.reduced.merit import Evaluated, estimates, evaluate, merit
 from nlp.reduced.stated import Indices, Mask, Stated
 from topo_search.model.arrays import Array

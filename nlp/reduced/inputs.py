@@ -25,7 +25,7 @@ import math
 import numpy as np
 from numba import njit
 
-from nlp.reduced.cholesky import solve_in_place
+from nlp.numbers.cholesky import solve_in_place
 from nlp.reduced.platform import Moved, Platform
 from nlp.reduced.stated import Mask, Stated
 from topo_search.model.arrays import Array

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from nlp.numbers import kinematics
+from nlp.numbers import cholesky, kinematics
 from nlp.numbers.kinematics import chain
 from nlp.reduced.stated import Stated
 from topo_search.model.arrays import Array
@@ -68,7 +68,8 @@ def platform(stated: Stated, x: Array) -> Platform:
     return Platform(R, p, z, omega, c, p_E, p_COM)
 
 
-refresh(platform, Path(__file__).parent, Path(kinematics.__file__))  # nothing compiled is without this module
+# nothing compiled is without this module
+refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesky.__file__))
 
 
 @njit(cache=True)

@@ -25,7 +25,7 @@ from numba import njit
 
 from nlp.bounds.branch.frames import Frames
 from nlp.bounds.branch.stated import Stated
-from nlp.reduced.cholesky import solve_in_place
+from nlp.numbers.cholesky import factor, solve_factored, solve_in_place
 from topo_search.model.arrays import Array
 
 LEAST_WEIGHT = 1e-2
@@ -221,10 +221,10 @@ def newton_step(stated: Stated, work: Work, y: Array, tied: int) -> None:
                 for l in range(6):
                     for m in range(l + 1):
                         H[l, m] += work.a[j, l] * work.a[j, m] / (2 * weight)
-        _factor(H)
+        factor(H, 6)
         columns[1 : 1 + tied] = rows[:tied]
         for column in range(1 + tied):
-            _solve(H, columns[column])
+            solve_factored(H, columns[column], 6)
         for row in range(tied):
             for l in range(6):
                 q[row] += rows[row, l] * columns[0, l]
@@ -239,31 +239,3 @@ def newton_step(stated: Stated, work: Work, y: Array, tied: int) -> None:
             work.step[k, l] = work.solved[k, 0, l]
             for row in range(tied):
                 work.step[k, l] -= q[row] * work.solved[k, 1 + row, l]
-
-
-@njit(cache=True)
-def _factor(H: Array) -> None:
-    """Replace the lower half of H by its Cholesky factor."""
-    for a in range(6):
-        for b in range(a):
-            s = H[a, b]
-            for c in range(b):
-                s -= H[a, c] * H[b, c]
-            H[a, b] = s / H[b, b]
-        s = H[a, a]
-        for c in range(a):
-            s -= H[a, c] * H[a, c]
-        H[a, a] = math.sqrt(max(s, 1e-12))
-
-
-@njit(cache=True)
-def _solve(L: Array, d: Array) -> None:
-    """Solve L L^T x = d in place."""
-    for a in range(6):
-        for c in range(a):
-            d[a] -= L[a, c] * d[c]
-        d[a] /= L[a, a]
-    for a in range(5, -1, -1):
-        for c in range(a + 1, 6):
-            d[a] -= L[c, a] * d[c]
-        d[a] /= L[a, a]

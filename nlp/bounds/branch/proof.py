@@ -12,7 +12,7 @@ import numpy as np
 
 from nlp.bounds.branch.search import CLOSED, MANY, search
 from nlp.bounds.branch.stated import centre, effort_unit, hang, state, whole_box
-from nlp.reduced import cholesky
+from nlp.numbers import cholesky
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import refresh

