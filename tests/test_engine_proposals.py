@@ -14,6 +14,7 @@ import optuna
 import pytest
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
+from optuna.trial import FrozenTrial, TrialState
 
 from topo_search.engine.proposals import moves, optuna_study
 from topo_search.engine.proposals.promotion import CERTAIN, FEW
@@ -244,6 +245,49 @@ def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_plac
             had[key] = proposal.starts
     assert new_ones > 100
     assert repeats > 5
+
+
+@pytest.mark.parametrize("round_size", [ROUND, 70])
+def test_what_is_kept_of_trials_is_what_the_study_says(monkeypatch: pytest.MonkeyPatch, round_size: int) -> None:
+    """Proposals of `moves` depend on nothing but what is compared here with the study as it stands."""
+    searched, ideas, compared = space(8), moves.Moves.ideas, list[tuple[int, ...]]()
+
+    def watched(sampler: moves.Moves, study: optuna.Study, trial: FrozenTrial) -> Any:
+        kept, earlier = sampler.trials, [one for one in study.get_trials(deepcopy=False) if "key" in one.user_attrs]
+        over, failed, running = (
+            [one for one in earlier if one.state == state]
+            for state in (TrialState.COMPLETE, TrialState.FAIL, TrialState.RUNNING)
+        )
+        lent = defaultdict[str, set[str]](set)
+        for one in earlier:
+            lent[key_of(one)].update(one.user_attrs["near"])
+        merits = sorted((sum(one.constraints.values()), one.value, one.number, key_of(one)) for one in over)
+        best = {merit[-1]: merit for merit in reversed(merits)}
+        proposed, without = set(map(key_of, earlier)), set(map(key_of, failed))
+        twins = {searched.twin_of(Topology.from_key(key)).key for key in proposed - without}
+        assert (kept.proposed, kept.lent, kept.failed, kept.completed) == (proposed, lent, without, len(over))
+        assert kept.starts == {key_of(one): one.user_attrs["starts"] for one in over}
+        assert [merit[:4] for merit in kept.ranking] == sorted(best.values())
+        assert sampler._settled == proposed | twins
+        assert {number: (idea.key, idea.warm_starts) for number, idea in kept.running.items()} == {
+            one.number: (key_of(one), one.user_attrs["near"]) for one in running
+        }
+        compared.append((len(failed), len(over) - len(best), len(running)))
+        return ideas(sampler, study, trial)
+
+    def objective(key: str, starts: int) -> Scored:
+        fails = Random(key).random() < 0.1
+        return Scored(key, starts, "failed", None, None) if fails else scored(key, starts)
+
+    monkeypatch.setattr(moves.Moves, "ideas", watched)
+    strategy = study_of(searched, round_size=round_size, sampler="moves", trials=300, starts=STARTS, seed=0)
+    follow(strategy, objective)
+    for number, least in zip(compared[-1], (4, 2, 1), strict=True):
+        assert number >= least
+
+
+def key_of(trial: FrozenTrial) -> str:
+    return str(trial.user_attrs["key"])
 
 
 def twin_of(key: str) -> str:

@@ -1,7 +1,6 @@
 """What trees are compared by, and what is expected of those that were never solved."""
 
 import numpy as np
-import optuna
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,8 +8,9 @@ from hypothesis import strategies as st
 from topo_search.engine.proposals.descriptors import PATTERNS, descriptors
 from topo_search.engine.proposals.moves import Moves
 from topo_search.engine.proposals.surrogate import MOST, Surrogate
-from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS
+from topo_search.engine.proposals.trials import Idea
 from topo_search.engine.space import Space
+from topo_search.engine.strategy import Scored
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, candidate_of, sample
@@ -138,22 +138,13 @@ def test_by_how_much_trees_without_a_design_miss_it_counts_only_while_none_has_o
     keys = [candidate.key for candidate in space.sample(12, 0)]
 
     def bounds(violations: list[float], designs: int) -> list[float]:
-        study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
-        for number, (key, violation) in enumerate(zip(keys, violations, strict=True)):
-            trial = study.ask()
-            found = number < designs
-            for name, value in (
-                (KEY, key),
-                (STARTS, 1),
-                (STATUS, "feasible" if found else "infeasible"),
-                (NEAR, ()),
-            ):
-                trial.set_user_attr(name, value)
-            trial.set_constraint("violation", 0.0 if found else violation)
-            study.tell(trial, float(number) if found else float("inf"))
         moves = Moves(space, starts=4, seed=0, round_size=8)
-        over = study.get_trials(deepcopy=False)
-        learnt = moves._learn(over)
+        for number, (key, violation) in enumerate(zip(keys, violations, strict=True)):
+            found = number < designs
+            moves.asked(number, Idea(key))
+            status, value = ("feasible", float(number)) if found else ("infeasible", None)
+            moves.told(number, Scored(key, 1, status, value, None if found else violation))
+        learnt = moves._learn()
         return learnt.surrogate.lower_confidence_bounds(
             moves._descriptors([one.key for one in space.sample(20, 1)])
         ).tolist()

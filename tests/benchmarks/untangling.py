@@ -21,8 +21,8 @@ from topo_search.model.arrays import Array
 from topo_search.topologies import sample
 
 
-def short(task: ResolvedTask, topology: Topology, alpha: Array) -> int:
-    """Return how many pairs overlap, or are nearer than the body clearance."""
+def overlaps(task: ResolvedTask, topology: Topology, alpha: Array) -> list[tuple[int, int]]:
+    """Return the pairs that overlap, or are nearer than the body clearance."""
     R, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
     i, j = np.triu_indices(topology.n, 1)
     air, z = task.module.envelope, R[:, :, 2]
@@ -31,7 +31,8 @@ def short(task: ResolvedTask, topology: Topology, alpha: Array) -> int:
     if task.centre_distance is not None:
         bolted = np.array([pair in topology.bolted for pair in zip(i.tolist(), j.tolist(), strict=True)])
         near = ~bolted & (np.linalg.norm(p[i] - p[j], axis=1) < task.centre_distance)
-    return int(np.sum(near | (clearance(one, other) < 0.0)))
+    short = near | (clearance(one, other) < 0.0)
+    return list(zip(i[short].tolist(), j[short].tolist(), strict=True))
 
 
 def main() -> None:
@@ -61,7 +62,7 @@ def main() -> None:
                     began = time.process_time()
                     alpha = draw(task, topology, generator(task, topology, start, 0)).alpha
                     seconds.append(time.process_time() - began)
-                    left.append(short(task, topology, alpha))
+                    left.append(len(overlaps(task, topology, alpha)))
                     if left[-1] == 0:
                         break
                 fewest.append(min(left))

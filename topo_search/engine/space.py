@@ -4,11 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from random import Random
 from typing import TypedDict
 
 from topo_search.model import ResolvedTask, Topology
-from topo_search.topologies import Candidate, Symmetry, candidate_key, candidate_of, candidates, count, sample
+from topo_search.topologies import (
+    Candidate,
+    Quotient,
+    Symmetry,
+    candidate_key,
+    candidate_of,
+    candidates,
+    count,
+    quotient_of,
+    sample,
+)
 from topo_search.topologies.symmetry import Connectors, Root
 from topo_search.topologies.tree_moves import with_spins_reversed
 
@@ -58,7 +69,7 @@ class Space:
 
     def key_of(self, topology: Topology) -> str:
         """Return the key of the candidate that stands for a topology, sooner than the candidate."""
-        return candidate_key(topology, **self._family)
+        return candidate_key(topology, quotient=self._quotient, connectors=self.task.search.connectors)
 
     def twin_of(self, topology: Topology) -> Candidate:
         """Return the candidate that differs in the sense of all rotors alone, which may be the topology's own.
@@ -78,6 +89,11 @@ class Space:
     def _root(self) -> Root:
         """Which roots make trees differ."""
         return "paper" if self.rooted else self.task.search.root
+
+    @cached_property
+    def _quotient(self) -> Quotient:
+        """Which trees are one candidate; kept, for to find a task's symmetries takes as long as a key."""
+        return quotient_of(self.n, **self._family)
 
     @property
     def _family(self) -> _Family:

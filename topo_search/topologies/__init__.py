@@ -7,9 +7,11 @@ from topo_search.topologies.candidates import (
     candidates,
     count,
     draws,
+    quotient_of,
     sample,
 )
 from topo_search.topologies.own import OwnTopology, own_candidates
+from topo_search.topologies.quotient import Quotient
 from topo_search.topologies.resolution import Resolution, resolve_symmetry
 from topo_search.topologies.symmetry import Connectors, Root, Symmetry
 from topo_search.topologies.task_symmetry import improper_isometry
@@ -18,6 +20,7 @@ __all__ = [
     "Candidate",
     "Connectors",
     "OwnTopology",
+    "Quotient",
     "Resolution",
     "Root",
     "Symmetry",
@@ -28,6 +31,7 @@ __all__ = [
     "draws",
     "improper_isometry",
     "own_candidates",
+    "quotient_of",
     "resolve_symmetry",
     "sample",
 ]

@@ -57,7 +57,7 @@ def candidates(
     Raises:
         ValueError: n < 1, an unknown name, or `task` without a task.
     """
-    quotient = Quotient(_group(n, symmetry, connectors, root, task), root)
+    quotient = quotient_of(n, symmetry=symmetry, connectors=connectors, root=root, task=task)
     return _enumerate(n, quotient, connectors)
 
 
@@ -110,7 +110,7 @@ def draws(
     task: ResolvedTask | None = None,
 ) -> Iterator[Topology]:
     """Return the draws of `sample` one by one, without end; arguments and errors as there."""
-    quotient = Quotient(_group(n, symmetry, connectors, root, task), root)
+    quotient = quotient_of(n, symmetry=symmetry, connectors=connectors, root=root, task=task)
     random = Random(seed)
     trees = (draw_tree(random, n, quotient, connectors) for _ in repeat(None))
     return (Topology.from_key(key_of(text_of(tree))) for tree in trees)
@@ -129,30 +129,27 @@ def candidate_of(
     Raises:
         ValueError: also if the family is aligned and the topology is not.
     """
-    quotient, listed = _representative(topology, symmetry, connectors, root, task)
+    quotient = quotient_of(topology.n, symmetry=symmetry, connectors=connectors, root=root, task=task)
+    listed = _representative(topology, quotient, connectors)
     return Candidate(key_of(text_of(listed)), quotient.orbit(listed))
 
 
-def candidate_key(
-    topology: Topology,
-    *,
-    symmetry: Symmetry = "c2",
-    connectors: Connectors = "aligned",
-    root: Root = "free",
-    task: ResolvedTask | None = None,
-) -> str:
-    """Return the key of the candidate that stands for a topology; arguments and errors as `candidate_of`."""
-    _, listed = _representative(topology, symmetry, connectors, root, task)
-    return key_of(text_of(listed))
+def candidate_key(topology: Topology, *, quotient: Quotient, connectors: Connectors) -> str:
+    """Return the key of the candidate that stands for a topology in a quotient, sooner than the candidate."""
+    return key_of(text_of(_representative(topology, quotient, connectors)))
 
 
-def _representative(
-    topology: Topology, symmetry: Symmetry, connectors: Connectors, root: Root, task: ResolvedTask | None
-) -> tuple[Quotient, Rooted]:
+def quotient_of(
+    n: int, *, symmetry: Symmetry, connectors: Connectors, root: Root, task: ResolvedTask | None
+) -> Quotient:
+    """Return which trees are one candidate; arguments and errors as `candidates`."""
+    return Quotient(_group(n, symmetry, connectors, root, task), root)
+
+
+def _representative(topology: Topology, quotient: Quotient, connectors: Connectors) -> Rooted:
     if connectors == "aligned" and not topology.aligned:
         raise ValueError(f"an aligned topology has even kappas alone, but got {list(topology.kappas)}")
-    quotient = Quotient(_group(topology.n, symmetry, connectors, root, task), root)
-    return quotient, quotient.representative(rooted_of(topology.key))
+    return quotient.representative(rooted_of(topology.key))
 
 
 def _group(n: int, symmetry: Symmetry, connectors: Connectors, root: Root, task: ResolvedTask | None) -> Group:

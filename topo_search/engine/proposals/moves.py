@@ -11,23 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 from optuna import Study
-from optuna.trial import FrozenTrial, TrialState
+from optuna.trial import FrozenTrial
 
 from topo_search.engine.proposals.descriptors import descriptors
 from topo_search.engine.proposals.promotion import steps
 from topo_search.engine.proposals.surrogate import Surrogate
-from topo_search.engine.proposals.tree_sampler import (
-    FRESH,
-    KEY,
-    NEAR,
-    STARTS,
-    STATUS,
-    Idea,
-    TreeSampler,
-    has_design,
-    merit,
-)
+from topo_search.engine.proposals.tree_sampler import FRESH, TreeSampler
+from topo_search.engine.proposals.trials import Idea, Merit
 from topo_search.engine.space import Space
+from topo_search.engine.strategy import Scored
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
 from topo_search.topologies.tree_moves import draw_move, graft
@@ -54,7 +46,7 @@ KEPT = 1 << 14
 MANY, AT_ONCE = 64, 4
 """Proposals unsolved at a time from which workers wait for proposals, and the first starts that a tree then has.
 
-With twelve modules and ten wrenches a proposal takes 5 ms, a tree 0.2 s from one start and 0.5 s from four, the
+With twelve modules and ten wrenches a proposal takes 4 ms, a tree 0.2 s from one start and 0.5 s from four, the
 deep retry of trees without a design included (`tests/benchmarks/rounds.py`).
 """
 MORE = 1 / 8
@@ -77,7 +69,7 @@ class _Chance(NamedTuple):
 class _Known(NamedTuple):
     """What is learnt from the trials that are over."""
 
-    solved: list[FrozenTrial]
+    solved: tuple[Merit, ...]
     """The best trial of each candidate, in the order of their merit."""
     surrogate: Surrogate
     designs: dict[str, int]
@@ -121,7 +113,7 @@ class Moves(TreeSampler):
         """The first trial of the present population."""
         self._best = (-1, 0)
         """The best trial of the present population, and the first one that was made with it in sight."""
-        self._parents: list[FrozenTrial] = []
+        self._parents: list[Merit] = []
         """The best of the latest population of which any is known."""
         self._strays: set[int] = set()
         """Trials made from the population before, as long as nothing was known of the present one."""
@@ -131,50 +123,60 @@ class Moves(TreeSampler):
         """Returns the key of the candidate that a move leads to."""
         self._twins: dict[str, str] = {}
         """Key of the candidate that differs in the sense of all rotors alone, by key."""
+        self._settled: set[str] = set()
+        """Keys of candidates that are not new: they or their twins were proposed, and did not fail."""
         self._latest: tuple[int, _Known] | None = None
         """What was learnt last, after the number of trials that it was learnt from."""
         self._pool: dict[str, tuple[_Chance, str | None]] = {}
         """Trees drawn from the present parents since anything was learnt, each with its parent, if it has one."""
 
-    def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
+    def asked(self, number: int, idea: Idea) -> None:
+        """Take note of what is proposed, and of its twin."""
+        super().asked(number, idea)
+        self._settled |= {idea.key, self._twin(idea.key)}
+
+    def told(self, number: int, score: Scored) -> None:
+        """Take note of what a trial led to: one that failed says nothing of the candidate's twin."""
+        super().told(number, score)
+        if score.status == "failed":
+            self._settled -= {self._twin(score.key)} - self.trials.proposed
+
+    def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield candidates drawn uniformly for a new population, then what promises most, if anything does."""
-        over = [other for other in earlier if other.state == TrialState.COMPLETE]
-        while not over:
+        trials = self.trials
+        while not trials.completed:
             yield self.uniform()
-        known = self._learn(over)
-        in_flight = [other for other in earlier if other.state == TrialState.RUNNING]
-        self._breed(trial.number, known, trial.number - len(in_flight))
+        known = self._learn()
+        self._breed(trial.number, known, trial.number - len(trials.running))
         while trial.number < self._first + FRESH:
             yield self.uniform()
         # What one job carries over must not be what another one extends meanwhile: which ends first is chance.
-        running = {other.user_attrs[KEY] for other in in_flight}
-        lent = running.union(*(other.user_attrs[NEAR] for other in in_flight))
+        running = {idea.key for idea in trials.running.values()}
+        lent = running.union(*(idea.warm_starts for idea in trials.running.values()))
         for key in islice(known.designs, 1):
             if key not in running:
                 yield Idea(self._twin(key), (key,))
-        proposed = {other.user_attrs[KEY] for other in earlier}
-        failed = {other.user_attrs[KEY] for other in earlier if other.state == TrialState.FAIL}
-        settled = proposed | set(map(self._twin, proposed - failed))
-        repeats = {other.user_attrs[KEY] for other in over} & running
-        kept = lent | failed
+        repeats = running & trials.starts.keys()
+        kept = lent | trials.failed
         for _ in range(BATCHES):
-            self._draw(known.surrogate, 1 if self._pool.keys() <= settled else MORE)
-            new = [chance for key, (chance, _) in self._pool.items() if key not in settled]
+            self._draw(known.surrogate, 1 if self._pool.keys() <= self._settled else MORE)
+            new = [chance for key, (chance, _) in self._pool.items() if key not in self._settled]
             again = (one for one in known.again if new and len(repeats) < self._repeats and one.key not in kept)
-            twins = (one for one in known.twins if one.key not in proposed)
+            twins = (one for one in known.twins if one.key not in trials.proposed)
             for _, key, repeat in merge(sorted(new), twins, again):
-                had = (other.user_attrs[NEAR] for other in earlier if other.user_attrs[KEY] == key)
                 _, parent = self._pool.get(key, (None, None))
-                yield Idea(key, self._warm_start(known.designs, key, parent, running.union(*had)), repeat)
+                without = running | trials.lent.get(key, set())
+                yield Idea(key, self._warm_start(known.designs, key, parent, without), repeat)
 
     def _breed(self, number: int, known: _Known, over: int) -> None:
         """Choose the parents for a trial, when all before trial `over` are over; begin a population in time."""
-        own = [one for one in known.solved if one.number >= self._first and one.number not in self._strays]
+        of_own = (one for one in known.solved if one.number >= self._first and one.number not in self._strays)
+        own = [*islice(of_own, PARENTS)]
         if not own:
             if number >= self._first + FRESH:
                 self._strays.add(number)
             return
-        self._parents = own[:PARENTS]
+        self._parents = own
         if own[0].number != self._best[0]:
             self._best = own[0].number, number
         if over - self._best[1] > STALE:
@@ -182,7 +184,7 @@ class Moves(TreeSampler):
 
     def _draw(self, surrogate: Surrogate, share: float) -> None:
         """Add trees to the pool, a share of all: children of the parents, and some drawn uniformly."""
-        keys: list[str] = [trial.user_attrs[KEY] for trial in self._parents]
+        keys = [parent.key for parent in self._parents]
         trees = [Topology.from_key(key) for key in keys]
         drawn: dict[str, str | None] = {}
         for _ in range(int(CHILDREN * share)):
@@ -199,38 +201,33 @@ class Moves(TreeSampler):
         """Return the key of a candidate that one move leads to."""
         return self._led_to(tree, draw_move(tree, self.random, self.connectors))
 
-    def _learn(self, over: Sequence[FrozenTrial]) -> _Known:
-        """Return what trials, at least one, in the order of their numbers tell; it is kept till there are more."""
-        if self._latest is None or self._latest[0] != len(over):
-            solved = _best_of_each(over)
-            keys = [trial.user_attrs[KEY] for trial in solved]
+    def _learn(self) -> _Known:
+        """Return what the trials that are over, at least one, tell; it is kept till there are more."""
+        trials = self.trials
+        if self._latest is None or self._latest[0] != trials.completed:
+            solved = (*trials.ranking,)
             # By how much trees without a design miss one says little of how good they can be, and would spread the
             # ranking where no good tree is: they stand alike, as long as one tree has a design.
-            by_objective = has_design(solved[0])
-            alike = groupby(map(merit, solved), key=lambda one: one.objective if by_objective else one.violation)
+            by_objective = solved[0].has_design
+            alike = groupby(solved, key=lambda one: one.objective if by_objective else one.violation)
             places = [place for place, (_, merits) in enumerate(alike) for _ in merits]
-            surrogate = Surrogate(self._descriptors(keys), places)
-            designs = {
-                key: place for place, (key, trial) in enumerate(zip(keys, solved, strict=True)) if has_design(trial)
-            }
-            again, twins = self._chances(over, solved[surrogate.kept], surrogate.leave_one_out_bounds().tolist())
-            self._latest, self._pool = (len(over), _Known(solved, surrogate, designs, again, twins)), {}
+            surrogate = Surrogate(self._descriptors([one.key for one in solved]), places)
+            designs = {one.key: place for place, one in enumerate(solved) if one.has_design}
+            again, twins = self._chances(solved[surrogate.kept], surrogate.leave_one_out_bounds().tolist())
+            self._latest = trials.completed, _Known(solved, surrogate, designs, again, twins)
+            self._pool = {}
         return self._latest[1]
 
-    def _chances(
-        self, over: Sequence[FrozenTrial], solved: Sequence[FrozenTrial], bounds: Sequence[float]
-    ) -> tuple[list[_Chance], list[_Chance]]:
+    def _chances(self, solved: Sequence[Merit], bounds: Sequence[float]) -> tuple[list[_Chance], list[_Chance]]:
         """Return other chances of solved trees: themselves where starts are left, and their twins."""
-        starts = {trial.user_attrs[KEY]: trial.user_attrs[STARTS] for trial in over}
         again, twins = list[_Chance](), list[_Chance]()
-        for trial, bound in zip(solved, bounds, strict=True):
-            key, status = trial.user_attrs[KEY], trial.user_attrs[STATUS]
-            if status in RELUCTANCE:
-                more = bisect_left(self._steps, starts[key])
-                promise = bound + RELUCTANCE[status] + more
-                twins.append(_Chance(promise, self._twin(key), again=False))
+        for one, bound in zip(solved, bounds, strict=True):
+            if one.status in RELUCTANCE:
+                more = bisect_left(self._steps, self.trials.starts[one.key])
+                promise = bound + RELUCTANCE[one.status] + more
+                twins.append(_Chance(promise, self._twin(one.key), again=False))
                 if more + 1 < len(self._steps):
-                    again.append(_Chance(promise, key, again=True))
+                    again.append(_Chance(promise, one.key, again=True))
         return sorted(again), sorted(twins)
 
     def _warm_start(
@@ -255,11 +252,3 @@ class Moves(TreeSampler):
         if new:
             self._described |= zip(new, descriptors([*map(Topology.from_key, new)]), strict=True)
         return np.array([self._described[key] for key in keys])
-
-
-def _best_of_each(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
-    """Return the trial of each candidate with the best merit, in the order of their merit."""
-    best: dict[str, FrozenTrial] = {}
-    for trial in sorted(trials, key=merit):
-        best.setdefault(trial.user_attrs[KEY], trial)
-    return [*best.values()]

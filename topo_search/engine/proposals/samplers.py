@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import replace
 
 from optuna import Study
 from optuna.samplers import BaseSampler, NSGAIISampler, TPESampler
@@ -10,7 +11,8 @@ from optuna.trial import FrozenTrial
 
 from topo_search.engine.proposals.encoding import decode
 from topo_search.engine.proposals.moves import Moves
-from topo_search.engine.proposals.tree_sampler import FRESH, KEY, STARTS, STATUS, Idea, TreeSampler, has_design
+from topo_search.engine.proposals.tree_sampler import FRESH, TreeSampler
+from topo_search.engine.proposals.trials import Idea, violation
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Scored
 from topo_search.model import BadInput, Fault, Topology
@@ -23,7 +25,7 @@ SEEDS = 2**32
 class Uniform(TreeSampler):
     """Draws uniformly from the candidates."""
 
-    def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
+    def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield candidates drawn uniformly."""
         while True:
             yield self.uniform()
@@ -36,7 +38,7 @@ class Optunas(TreeSampler):
         super().__init__(space, seed)
         self._sampler = sampler
 
-    def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
+    def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield what the sampler proposes."""
         while trial.number < FRESH:
             yield self.uniform()
@@ -54,10 +56,18 @@ class Owned(TreeSampler):
     def __init__(self, space: Space, seed: int, sampler: TopologySampler) -> None:
         super().__init__(space, seed)
         self._sampler = sampler
+        self._tried: dict[int, Scored] = {}
+        """What became of the trials that are over, by number."""
 
-    def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
+    def told(self, number: int, score: Scored) -> None:
+        """Take note of what a trial led to: how far from feasible it was, where that says anything."""
+        super().told(number, score)
+        missed = violation(score) if score.status == "infeasible" else None
+        self._tried[number] = replace(score, violation=missed)
+
+    def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield what the sampler proposes."""
-        tried = [_score(other) for other in earlier if other.state.is_finished()]
+        tried = [self._tried[number] for number in sorted(self._tried)]
         while True:
             proposed = self._sampler.propose(self.space, tried, self.random)
             yield Idea(self._candidate(proposed))
@@ -73,19 +83,6 @@ class Owned(TreeSampler):
             return self.space.candidate_of(topology).key
         except ValueError as error:
             raise BadInput("sampler", [Fault(f"{type(self._sampler).__name__}.propose", str(error))]) from None
-
-
-def _score(trial: FrozenTrial) -> Scored:
-    """Return what a user's sampler is told of a trial that is over."""
-    found = has_design(trial)
-    missed = None if found or trial.user_attrs[STATUS] != "infeasible" else sum(trial.constraints.values())
-    return Scored(
-        trial.user_attrs[KEY],
-        trial.user_attrs[STARTS],
-        trial.user_attrs[STATUS],
-        trial.value if found else None,
-        missed,
-    )
 
 
 def sampler_of(

@@ -16,7 +16,6 @@ proposals were made from.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, replace
@@ -32,6 +31,7 @@ from topo_search.engine.proposals.encoding import decode, encode
 from topo_search.engine.proposals.promotion import CERTAIN, NOT_PROMISING, Rank, goes_on, rank, steps
 from topo_search.engine.proposals.samplers import sampler_of
 from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
+from topo_search.engine.proposals.trials import Idea, value, violation
 from topo_search.engine.space import Space
 from topo_search.engine.starts import rounds
 from topo_search.engine.strategy import Proposal, Results, Scored, Stage, Strategy
@@ -39,8 +39,6 @@ from topo_search.model import Topology
 from topo_search.protocols import SamplerFactory
 from topo_search.topologies import Candidate
 
-IMPOSSIBLE = 1.0e6
-"""Constraint of a candidate that is proven impossible, behind all for which no design was found."""
 LEARNT, SHARE_LEARNT = 8, 16
 """Results that are learnt together, as one takes as long as many: so many, or this part of a large round."""
 
@@ -118,6 +116,7 @@ def optuna_study(
             if promoted and goes_on(score, ranking, bisect_right(ladder, had[one.key])):
                 again.append(replace(one, near=()))
             else:
+                proposer.told(one.trial.number, score)
                 told.append(_tell(study, one.trial, score))
         if shown is not None:
             shown.add_trials(told)
@@ -137,7 +136,9 @@ def _ask(study: optuna.Study, proposer: TreeSampler) -> _Asked:
     """Return the next candidate, with those whose designs are carried over to it."""
     trial = study.ask(proposer.distributions)
     candidate = proposer.space.candidate_of(decode(trial.params, proposer.space.n))
-    near = proposer.warm_starts.get(trial.number, ())
+    idea = proposer.drawn.pop(trial.number, Idea(candidate.key))
+    proposer.asked(trial.number, idea)
+    near = idea.warm_starts
     trial.set_user_attr(KEY, candidate.key)
     trial.set_user_attr(NEAR, near)
     return _Asked(trial, candidate, near)
@@ -155,9 +156,8 @@ def _tell(study: optuna.Study, trial: optuna.Trial, score: Scored) -> FrozenTria
     trial.set_user_attr(STARTS, score.starts)
     if score.status == "failed":
         return study.tell(trial, state=TrialState.FAIL)
-    missed = score.violation if score.status == "infeasible" and score.violation is not None else IMPOSSIBLE
-    trial.set_constraint("violation", 0.0 if score.objective is not None else missed)
-    return study.tell(trial, math.inf if score.objective is None else score.objective)
+    trial.set_constraint("violation", violation(score))
+    return study.tell(trial, value(score))
 
 
 def _new_journal(path: Path) -> optuna.Study:

@@ -1,17 +1,17 @@
 """Optuna samplers over trees: each proposes a whole tree, one that was proposed before only for more starts.
 
-A trial's candidate is in its user attribute `key`, so that what is known is read from the study. A trial that found
-no design has a constraint above zero, by which Optuna orders such trials behind all that have one.
+What a sampler knows of the trials is told to it, and stands in the study for Optuna's own samplers and for the
+journal. A trial that found no design has a constraint above zero there, by which Optuna orders it behind all that
+have one.
 """
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterator, Set
 from itertools import islice
 from random import Random
-from typing import Any, NamedTuple
+from typing import Any
 
 from optuna import Study
 from optuna.distributions import BaseDistribution, CategoricalDistribution
@@ -20,7 +20,9 @@ from optuna.trial import FrozenTrial
 
 from topo_search.engine.proposals.encoding import encode, ranges
 from topo_search.engine.proposals.promotion import FEW
+from topo_search.engine.proposals.trials import Idea, Trials
 from topo_search.engine.space import Space
+from topo_search.engine.strategy import Scored
 from topo_search.model import Topology
 
 KEY = "key"
@@ -38,17 +40,6 @@ FRESH = 8
 """Uniform draws that a search, or a population after a restart, begins with."""
 
 
-class Idea(NamedTuple):
-    """What may be proposed."""
-
-    key: str
-    """Of the candidate."""
-    warm_starts: tuple[str, ...] = ()
-    """Keys of the candidates whose designs are carried over to it."""
-    again: bool = False
-    """Whether it was proposed before and is to have more starts."""
-
-
 class TreeSampler(BaseSampler):
     """Draws the numbers of a tree's encoding together, in the form that its candidate's key has."""
 
@@ -61,8 +52,9 @@ class TreeSampler(BaseSampler):
         self.space = space
         self.random = Random(seed)
         self.connectors = space.task.search.connectors
-        self.warm_starts: dict[int, tuple[str, ...]] = {}
-        """Keys of the candidates whose designs a trial's tree starts from, by the trial's number."""
+        self.trials = Trials()
+        self.drawn: dict[int, Idea] = {}
+        """What was drawn for a trial, by its number; the only tree of one module needs no draw."""
         self.distributions: dict[str, BaseDistribution] = {
             name: CategoricalDistribution(range(values))
             for name, values in ranges(space.n, self.connectors).items()
@@ -70,14 +62,21 @@ class TreeSampler(BaseSampler):
         """The numbers that make a tree, as Optuna's `ask` takes them."""
 
     @abstractmethod
-    def ideas(self, study: Study, trial: FrozenTrial, earlier: Sequence[FrozenTrial]) -> Iterator[Idea]:
+    def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield candidates for a trial until there is no idea left; known ones are passed over, if not meant again.
 
         Args:
             study: what Optuna's own samplers take.
             trial: the one to propose for.
-            earlier: the trials that have a candidate.
         """
+
+    def asked(self, number: int, idea: Idea) -> None:
+        """Take note of what is proposed in a trial."""
+        self.trials.ask(number, idea)
+
+    def told(self, number: int, score: Scored) -> None:
+        """Take note of what a trial of this sampler led to."""
+        self.trials.tell(number, score)
 
     def uniform(self) -> Idea:
         """Return a candidate drawn uniformly from all."""
@@ -91,15 +90,14 @@ class TreeSampler(BaseSampler):
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
     ) -> dict[str, Any]:
-        """Return the numbers of a tree, and note whose designs are carried over to it."""
-        earlier = [other for other in study.get_trials(deepcopy=False) if KEY in other.user_attrs]
-        known = {other.user_attrs[KEY] for other in earlier}
-        for idea in islice(self.ideas(study, trial, earlier), DRAWS):
+        """Return the numbers of a tree that is drawn."""
+        known = self.trials.proposed
+        for idea in islice(self.ideas(study, trial), DRAWS):
             if idea.again or idea.key not in known:
                 break
         else:
             idea = self._draw_unknown(known)
-        self.warm_starts[trial.number] = idea.warm_starts
+        self.drawn[trial.number] = idea
         return dict(encode(Topology.from_key(idea.key), self.connectors))
 
     def sample_independent(
@@ -116,24 +114,3 @@ class TreeSampler(BaseSampler):
                 return idea
         left = [other.key for other in self.space.candidates() if other.key not in known]
         return Idea(self.random.choice(left))
-
-
-class Merit(NamedTuple):
-    """Orders trials that are over; less is better, and the earlier one wins a tie."""
-
-    violation: float
-    """By how much a design was missed; 0 with one."""
-    objective: float
-    """Infinite without a design."""
-    number: int
-    """Of the trial."""
-
-
-def merit(trial: FrozenTrial) -> Merit:
-    """Return what a trial that is over has led to."""
-    return Merit(sum(trial.constraints.values()), trial.value or 0.0, trial.number)
-
-
-def has_design(trial: FrozenTrial) -> bool:
-    """Whether a trial that is over led to a design."""
-    return trial.value is not None and math.isfinite(trial.value)
