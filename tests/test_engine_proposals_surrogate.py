@@ -141,9 +141,9 @@ def test_by_how_much_trees_without_a_design_miss_it_counts_only_while_none_has_o
         moves = Moves(space, starts=4, seed=0, round_size=8)
         for number, (key, violation) in enumerate(zip(keys, violations, strict=True)):
             found = number < designs
-            moves.asked(number, Idea(key))
+            moves.note_idea(number, Idea(key))
             status, value = ("feasible", float(number)) if found else ("infeasible", None)
-            moves.told(number, Scored(key, 1, status, value, None if found else violation))
+            moves.note_score(number, Scored(key, 1, status, value, None if found else violation))
         learnt = moves._learn()
         return learnt.surrogate.lower_confidence_bounds(
             moves._descriptors([one.key for one in space.sample(20, 1)])

@@ -1,7 +1,7 @@
-"""What a solve costs and finds beside that of a revision before the reduced search.
+"""What a solve costs and finds beside that of an older revision: by default, one before the reduced search.
 
     python tests/benchmarks/reduced.py REVISION [--examples EXAMPLE ...] [--modules N] [--trees M] [--starts S]
-        [--set FIELD=VALUE ...]
+        [--starts-before S] [--repeat R] [--set FIELD=VALUE ...]
 
 All candidates of a search of the example, or M uniformly drawn ones. The solver of REVISION runs from its own
 source, checked out in a temporary folder, in a process of its own beside another one with the present solver: one
@@ -31,7 +31,7 @@ HERE = Path(__file__).resolve().parents[2]
 WITHIN = 1e-3
 """A tree is done within this relative distance of its best known effort."""
 OLD_STARTS = 24
-"""Starts of Ipopt a tree, as the revision made them by default."""
+"""Starts of Ipopt a tree, as the solver before the reduced search made them by default."""
 SOLVE = """
 from nlp.solve import solve
 from topo_search.model import Design
@@ -66,13 +66,19 @@ def main() -> None:
     parser.add_argument("--modules", type=int, default=5)
     parser.add_argument("--trees", type=int, help="uniformly drawn ones; default: all")
     parser.add_argument("--starts", type=int, help="present starts per tree; default: those of the solver")
+    parser.add_argument(
+        "--starts-before", type=int, default=OLD_STARTS, help="of the revision; default: %(default)s"
+    )
+    parser.add_argument("--repeat", type=int, default=1, help="solve every tree so many times")
     parser.add_argument("--set", action="append", default=["search.body_clearance=false"], dest="settings")
     arguments = parser.parse_args()
     n = arguments.modules
     settings = (f"modules={n}", *arguments.settings)
     print(f"n = {n}, {' '.join(settings[1:])}")
     of_each = "designs | within 0.1 % | CPU s"
-    print(f"| example | trees | {OLD_STARTS} starts of Ipopt: {of_each} | starts now: {of_each} | ratio |")
+    print(
+        f"| example | trees | {arguments.starts_before} starts before: {of_each} | starts now: {of_each} | ratio |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     with source_of(arguments.revision) as old:
         for example in arguments.examples:
@@ -85,10 +91,14 @@ def main() -> None:
                 sample(n, arguments.trees, 0, symmetry="task", task=resolved) if arguments.trees else list(every)
             )
             with (
-                _served({**known, "STARTS": OLD_STARTS}, old) as before,
+                _served({**known, "STARTS": arguments.starts_before}, old) as before,
                 _served({**known, "STARTS": starts}, HERE) as now,
             ):
-                pairs = [(_asked(before, tree.key), _asked(now, tree.key)) for tree in trees]
+                pairs = [
+                    (_asked(before, tree.key), _asked(now, tree.key))
+                    for _ in range(arguments.repeat)
+                    for tree in trees
+                ]
             cells = _cells(pairs)
             print(f"| {example} | {len(trees)} | {cells[0]} | {starts}: {cells[1]} | {cells[2]} |", flush=True)
 
@@ -103,7 +113,7 @@ def _cells(pairs: list[tuple[tuple[float | None, float], tuple[float | None, flo
         seconds.append(sum(pair[side][1] for pair in pairs))
         found = sum(J is not None for J in efforts)
         cells.append(f"{found} | {close} | {seconds[-1]:.1f}")
-    return cells[0], cells[1], f"{seconds[0] / seconds[1]:.1f}"
+    return cells[0], cells[1], f"{seconds[0] / seconds[1]:.2f}"
 
 
 @contextmanager

@@ -130,14 +130,14 @@ class Moves(TreeSampler):
         self._pool: dict[str, tuple[_Chance, str | None]] = {}
         """Trees drawn from the present parents since anything was learnt, each with its parent, if it has one."""
 
-    def asked(self, number: int, idea: Idea) -> None:
+    def note_idea(self, number: int, idea: Idea) -> None:
         """Take note of what is proposed, and of its twin."""
-        super().asked(number, idea)
+        super().note_idea(number, idea)
         self._settled |= {idea.key, self._twin(idea.key)}
 
-    def told(self, number: int, score: Scored) -> None:
+    def note_score(self, number: int, score: Scored) -> None:
         """Take note of what a trial led to: one that failed says nothing of the candidate's twin."""
-        super().told(number, score)
+        super().note_score(number, score)
         if score.status == "failed":
             self._settled -= {self._twin(score.key)} - self.trials.proposed
 

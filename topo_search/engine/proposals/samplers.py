@@ -59,9 +59,9 @@ class Owned(TreeSampler):
         self._tried: dict[int, Scored] = {}
         """What became of the trials that are over, by number."""
 
-    def told(self, number: int, score: Scored) -> None:
+    def note_score(self, number: int, score: Scored) -> None:
         """Take note of what a trial led to: how far from feasible it was, where that says anything."""
-        super().told(number, score)
+        super().note_score(number, score)
         missed = violation(score) if score.status == "infeasible" else None
         self._tried[number] = replace(score, violation=missed)
 

@@ -116,7 +116,7 @@ def optuna_study(
             if promoted and goes_on(score, ranking, bisect_right(ladder, had[one.key])):
                 again.append(replace(one, near=()))
             else:
-                proposer.told(one.trial.number, score)
+                proposer.note_score(one.trial.number, score)
                 told.append(_tell(study, one.trial, score))
         if shown is not None:
             shown.add_trials(told)
@@ -137,7 +137,7 @@ def _ask(study: optuna.Study, proposer: TreeSampler) -> _Asked:
     trial = study.ask(proposer.distributions)
     candidate = proposer.space.candidate_of(decode(trial.params, proposer.space.n))
     idea = proposer.drawn.pop(trial.number, Idea(candidate.key))
-    proposer.asked(trial.number, idea)
+    proposer.note_idea(trial.number, idea)
     near = idea.warm_starts
     trial.set_user_attr(KEY, candidate.key)
     trial.set_user_attr(NEAR, near)

@@ -70,11 +70,11 @@ class TreeSampler(BaseSampler):
             trial: the one to propose for.
         """
 
-    def asked(self, number: int, idea: Idea) -> None:
+    def note_idea(self, number: int, idea: Idea) -> None:
         """Take note of what is proposed in a trial."""
         self.trials.ask(number, idea)
 
-    def told(self, number: int, score: Scored) -> None:
+    def note_score(self, number: int, score: Scored) -> None:
         """Take note of what a trial of this sampler led to."""
         self.trials.tell(number, score)
 
