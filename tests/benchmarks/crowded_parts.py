@@ -37,7 +37,7 @@ RADII = range(5)
 """Joints from the path between the two up to which modules belong to the part that is tried."""
 ASPECT = 4.0
 """How much wider than the hinge whose box is halved another one may be."""
-PROVEN, PLACED, MANY = "proven", "can be placed", "open"
+PROVEN, PLACED, OPEN = "proven", "can be placed", "open"
 
 
 def main() -> None:
@@ -64,10 +64,9 @@ def main() -> None:
 
 def task_of(n: int, connector_distance: float) -> ResolvedTask:
     """Return a task of n modules that hovers; only its clearances matter."""
-    stated = {"name": "hover", "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}]}
-    return Task.model_validate(
-        {**stated, "modules": n, "module": {"connector_distance": connector_distance}}
-    ).resolve(n)
+    hover = [{"com": {"force": [0.0, 0.0, 1.0]}}]
+    module = {"connector_distance": connector_distance}
+    return Task.model_validate({"name": "hover", "modules": n, "module": module, "load_cases": hover}).resolve(n)
 
 
 def crowded_part(task: ResolvedTask, topology: Topology, starts: int) -> Topology | None:
@@ -103,13 +102,7 @@ def leaves(graph: nx.Graph[int], nodes: frozenset[int]) -> Iterator[int]:
 
 def part(graph: nx.Graph[int], nodes: frozenset[int]) -> Topology:
     """Return a connected part of a tree as a topology of its own."""
-    number = {i: k for k, i in enumerate(sorted(nodes))}
-    found: nx.Graph[int] = nx.Graph()
-    found.add_nodes_from(number.values())
-    for i, j in graph.subgraph(nodes).edges:
-        ports = graph[i][j]["ports"]
-        found.add_edge(number[i], number[j], ports={number[i]: ports[i], number[j]: ports[j]})
-    return Topology.from_graph(found)
+    return Topology.from_graph(graph.subgraph(nodes))
 
 
 def can_be_placed(topology: Topology, l_c: float, starts: int) -> bool:
@@ -125,7 +118,7 @@ def prove_crowded(task: ResolvedTask, topology: Topology, most: int) -> tuple[in
     lower, upper = whole_box(task, topology.n)
     lower[:3] = upper[:3] = 0.0  # where the root points does not matter
     boxes, placed = exclude(state(task, hung), lower, upper, most)
-    return boxes, PLACED if placed else MANY if boxes > most else PROVEN
+    return boxes, PLACED if placed else OPEN if boxes > most else PROVEN
 
 
 @njit(cache=True)
