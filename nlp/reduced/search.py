@@ -2,8 +2,8 @@
 
 All starts descend at low prices of residuals and of missing clearance, by successive halving: after a few steps the
 better half goes on, after some more the better half of these (Jamieson and Talwalkar, AISTATS 2016). Ends of one
-merit are one; only the best of them descend on at high prices, with multipliers: what they reach is next to a minimum
-of the printed problem.
+merit are one; only the best of them descend on at high prices, with multipliers: what they reach is next to a
+minimum of the printed problem.
 """
 
 from __future__ import annotations
@@ -70,8 +70,12 @@ LEAST_KEPT = 3
 """Fewest distinct ends that go on."""
 RUNGS = (5, 12)
 """Steps after which the worse half of the starts is given up."""
-LEAST_HALVED = 32
-"""Fewest starts that are left."""
+LEAST_HALVED = 64
+"""Fewest starts that are left; so many or fewer all go on.
+
+On push with seven and eight modules 160 draws, halved, reach as many of the best known efforts as 128 that all
+go on, or more, in 0.8 of the CPU time. Halving 128 down to 32 misses 2 of 57 of seven modules, by up to 5 %.
+"""
 
 
 class Descents(NamedTuple):
@@ -92,7 +96,8 @@ class Descents(NamedTuple):
 
     def of(self, places: Indices) -> Descents:
         """Return those at some places."""
-        return Descents(*(part[places] for part in self))
+        x, counting, mu, B, merit, missing = self
+        return Descents(x[places], counting[places], mu[places], B[places], merit[places], missing[places])
 
 
 @dataclass(frozen=True)
@@ -132,7 +137,7 @@ def ends(
 
 
 def _halve(stated: Stated, begun: Descents, phase: Phase) -> tuple[list[End], list[End]]:
-    """Return the distinct ends of the starts that were left after successive halving, and where others were given up."""
+    """Return the distinct ends of the starts that successive halving left, and where the others were given up."""
     left, given_up, steps = np.arange(len(begun.x)), [], 0
     for rung in RUNGS:
         if len(left) <= LEAST_HALVED:
