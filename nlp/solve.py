@@ -26,7 +26,7 @@ from topo_search.protocols import OwnConstraint
 
 UNTANGLED_STARTS = 24
 """Starts a topology when nobody says otherwise, where Ipopt solves the whole problem from each."""
-REDUCED_STARTS = {5: 8, 9: 16, 12: 32, REDUCED_UP_TO: 48}
+REDUCED_STARTS = {5: 8, 9: 20, 12: 40, REDUCED_UP_TO: 48}
 """Those of the reduced search, by the most modules they are for (`tests/benchmarks/reduced.py` compares them)."""
 
 

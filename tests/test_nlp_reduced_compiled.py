@@ -13,7 +13,7 @@ from topo_search.model import Task
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
     """A folder for what is kept, in the place of the installation's."""
-    monkeypatch.setattr(compiled, "descents", SimpleNamespace(stats=SimpleNamespace(cache_path=str(tmp_path))))
+    monkeypatch.setattr(compiled, "descend_all", SimpleNamespace(stats=SimpleNamespace(cache_path=str(tmp_path))))
     return tmp_path
 
 
@@ -27,7 +27,7 @@ def test_it_is_told_once_that_code_is_compiled(kept):
     (kept / "other.function-1.py311.nbc").touch()
     (first,) = told(push(3))
     assert "compiling the solver" in first
-    (kept / "search.descents-1.py311.1.nbc").touch()  # as numba would
+    (kept / "search.descend_all-1.py311.1.nbc").touch()  # as numba would
     assert told(push(3)) == []
     assert (kept / "other.function-1.py311.nbc").exists()
 

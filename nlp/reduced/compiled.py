@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from nlp.reduced.draws import draws
-from nlp.reduced.search import descents, ends, point_of
+from nlp.reduced.search import descend_all, ends, point_of
 from nlp.reduced.stated import state
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.topology import ROOT
@@ -19,8 +19,8 @@ def prepare(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         task: a task that the reduced search expresses.
         tell: is told if it takes a while.
     """
-    folder = Path(str(descents.stats.cache_path))
-    if not any(folder.glob("search.descents*.nbc")):
+    folder = Path(str(descend_all.stats.cache_path))
+    if not any(folder.glob("search.descend_all*.nbc")):
         tell("compiling the solver (once per installation, about a minute)")
     chain = Topology((ROOT, *((i, 0, 2) for i in range(task.n - 1))))
     stated = state(task, chain)

@@ -1,7 +1,9 @@
 """Many cheap starts of one topology, and where they end.
 
-All starts descend at low prices of residuals and of missing clearance. Ends of one merit are one; only the best of
-them descend on at high prices, with multipliers: what they reach is next to a minimum of the printed problem.
+All starts descend at low prices of residuals and of missing clearance, by successive halving: after a few steps the
+better half goes on, after some more the better half of these (Jamieson and Talwalkar, AISTATS 2016). Ends of one
+merit are one; only the best of them descend on at high prices, with multipliers: what they reach is next to a
+minimum of the printed problem.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from nlp.reduced.descent import descend
 from nlp.reduced.inputs import effort
 from nlp.reduced.merit import Evaluated, estimates, evaluate, merit
 from nlp.reduced.platform import motion, platform
-from nlp.reduced.stated import Mask, Stated
+from nlp.reduced.stated import Indices, Mask, Stated
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -66,6 +68,36 @@ Of 24 trees of eight modules on push all 22 designs are within 0.1 % of the best
 """
 LEAST_KEPT = 3
 """Fewest distinct ends that go on."""
+RUNGS = (5, 12)
+"""Steps after which the worse half of the starts is given up."""
+LEAST_HALVED = 64
+"""Fewest starts that are left; so many or fewer all go on.
+
+On push with seven and eight modules 160 draws, halved, reach as many of the best known efforts as 128 that all
+go on, or more, in 0.8 of the CPU time. Halving 128 down to 32 misses 2 of 57 of seven modules, by up to 5 %.
+"""
+
+
+class Descents(NamedTuple):
+    """Where starts are."""
+
+    x: Array
+    """Unknowns, shape (s, N)."""
+    counting: Mask
+    """The load cases that count, shape (s, K)."""
+    mu: Array
+    """Their dual unknowns, shape (s, K, 6)."""
+    B: Array
+    """Curvature of the Lagrangians, shape (s, N, N); zero before the first step."""
+    merit: Array
+    """Shape (s,)."""
+    missing: Array
+    """As of an end, shape (s,)."""
+
+    def of(self, places: Indices) -> Descents:
+        """Return those at some places."""
+        x, counting, mu, B, merit, missing = self
+        return Descents(x[places], counting[places], mu[places], B[places], merit[places], missing[places])
 
 
 @dataclass(frozen=True)
@@ -95,25 +127,39 @@ def ends(
         phases: how they descend.
         least: fewest distinct ends that go on, if there are as many.
     """
-    counting = np.repeat(always(stated)[None], len(starts), axis=0)
-    first = _one_of_each(descents(stated, starts, counting, phases[0]), [(s,) for s in range(len(starts))], SAME)
+    begun = begin(stated, starts, np.repeat(always(stated)[None], len(starts), axis=0))
+    first, given_up = _halve(stated, begun, phases[0])
     count = max(least, math.ceil(KEPT * len(starts)))
     kept = first[:count]
-    counting = np.array([end.counting for end in kept])
-    second = descents(stated, np.array([end.x for end in kept]), counting, phases[1])
-    return _one_of_each(second, [end.starts for end in kept], SAME_AFTER), first[count:]
+    again = begin(stated, np.array([end.x for end in kept]), np.array([end.counting for end in kept]))
+    second = descend_all(stated, again, phases[1])
+    return _one_of_each(second, [end.starts for end in kept], SAME_AFTER), first[count:] + given_up
 
 
-def _one_of_each(found: tuple[Array, Array, Array, Mask], starts: list[tuple[int, ...]], same: float) -> list[End]:
+def _halve(stated: Stated, begun: Descents, phase: Phase) -> tuple[list[End], list[End]]:
+    """Return the distinct ends of the starts that successive halving left, and where the others were given up."""
+    left, given_up, steps = np.arange(len(begun.x)), [], 0
+    for rung in RUNGS:
+        if len(left) <= LEAST_HALVED:
+            break
+        begun = descend_all(stated, begun, phase._replace(steps=rung - steps))
+        order, half, steps = np.argsort(begun.merit, kind="stable"), max(LEAST_HALVED, len(left) // 2), rung
+        given_up += _one_of_each(begun.of(order[half:]), [(s,) for s in left[order[half:]].tolist()], SAME)
+        begun, left = begun.of(order[:half]), left[order[:half]]
+    begun = descend_all(stated, begun, phase._replace(steps=phase.steps - steps))
+    return _one_of_each(begun, [(s,) for s in left.tolist()], SAME), given_up
+
+
+def _one_of_each(found: Descents, starts: list[tuple[int, ...]], same: float) -> list[End]:
     """Return ends by merit, one for all whose merits agree."""
     result: list[End] = []
-    x, merits, missing, counting = found
+    merits = found.merit
     for s in np.argsort(merits, kind="stable").tolist():
         if result and merits[s] - result[-1].merit <= same * abs(merits[s]):
             end = result.pop()
             result.append(replace(end, starts=end.starts + starts[s]))
         else:
-            result.append(End(x[s], float(merits[s]), float(missing[s]), starts[s], counting[s]))
+            result.append(End(found.x[s], float(merits[s]), float(found.missing[s]), starts[s], found.counting[s]))
     return result
 
 
@@ -135,26 +181,31 @@ def point_of(task: ResolvedTask, topology: Topology, stated: Stated, end: End) -
     return Point(task, topology, root, alpha, p_E, u[end.counting].reshape(-1, n, 4) * unit.input)
 
 
-@njit(cache=True)
-def descents(stated: Stated, starts: Array, counting: Mask, phase: Phase) -> tuple[Array, Array, Array, Mask]:
-    """Return where some starts end, with merits, what is missing there and which load cases counted.
+def begin(stated: Stated, starts: Array, counting: Mask) -> Descents:
+    """Return descents that have yet to begin.
 
     Args:
         stated: the task and topology.
         starts: unknowns, shape (s, N).
         counting: the load cases that count from the start of each, shape (s, K).
-        phase: how they descend.
     """
-    count, N = starts.shape
+    (s, N), K = starts.shape, counting.shape[1]
+    return Descents(starts, counting, np.zeros((s, K, 6)), np.zeros((s, N, N)), np.zeros(s), np.zeros(s))
+
+
+@njit(cache=True)
+def descend_all(stated: Stated, begun: Descents, phase: Phase) -> Descents:
+    """Return where descents are when they went on for a phase."""
+    count, N = begun.x.shape
     m, K = len(stated.rows.kind), len(stated.cases.effort)
-    found, merits, missing = np.empty((count, N)), np.empty(count), np.zeros(count)
-    ended = np.empty((count, K), np.bool_)
+    x, mu, curvature = np.empty((count, N)), np.empty((count, K, 6)), begun.B.copy()
+    merits, missing = np.empty(count), np.zeros(count)
+    counting = np.empty((count, K), np.bool_)
     for s in range(count):
-        at = evaluate(stated, starts[s].copy(), np.zeros((K, 6)), counting[s], phase.rho)
-        multipliers, steepest = np.zeros(m), 0.0
-        for l in range(N):
-            steepest = max(steepest, abs(at.dV[l]))
-        B = max(LEAST_CURVATURE, steepest) * np.eye(N)
+        at, B = evaluate(stated, begun.x[s].copy(), begun.mu[s], begun.counting[s], phase.rho), curvature[s]
+        multipliers = np.zeros(m)
+        if B[0, 0] == 0.0:
+            B[:] = max(LEAST_CURVATURE, np.max(np.abs(at.dV))) * np.eye(N)
         for k in range(phase.rounds):
             if k:
                 multipliers = estimates(stated, at, multipliers, phase.sigma)
@@ -169,10 +220,10 @@ def descents(stated: Stated, starts: Array, counting: Mask, phase: Phase) -> tup
                 at = descend(stated, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
         if missing[s] > MISSED:
             _, missing[s] = take_in(stated, at, phase.rho)
-        ended[s] = at.counting
-        found[s], merits[s] = at.x, merit(stated, at, multipliers, phase.sigma)
+        x[s], counting[s], mu[s] = at.x, at.counting, at.mu
+        merits[s] = merit(stated, at, multipliers, phase.sigma)
         missing[s] = max(missing[s], violation(stated, at, phase.rho))
-    return found, merits, missing, ended
+    return Descents(x, counting, mu, curvature, merits, missing)
 
 
 @njit(cache=True)
