@@ -127,11 +127,11 @@ def ends(
         phases: how they descend.
         least: fewest distinct ends that go on, if there are as many.
     """
-    begun = begin(stated, starts, np.repeat(always(stated)[None], len(starts), axis=0))
+    begun = begin(starts, np.repeat(always(stated)[None], len(starts), axis=0))
     first, given_up = _halve(stated, begun, phases[0])
     count = max(least, math.ceil(KEPT * len(starts)))
     kept = first[:count]
-    again = begin(stated, np.array([end.x for end in kept]), np.array([end.counting for end in kept]))
+    again = begin(np.array([end.x for end in kept]), np.array([end.counting for end in kept]))
     second = descend_all(stated, again, phases[1])
     return _one_of_each(second, [end.starts for end in kept], SAME_AFTER), first[count:] + given_up
 
@@ -181,11 +181,10 @@ def point_of(task: ResolvedTask, topology: Topology, stated: Stated, end: End) -
     return Point(task, topology, root, alpha, p_E, u[end.counting].reshape(-1, n, 4) * unit.input)
 
 
-def begin(stated: Stated, starts: Array, counting: Mask) -> Descents:
+def begin(starts: Array, counting: Mask) -> Descents:
     """Return descents that have yet to begin.
 
     Args:
-        stated: the task and topology.
         starts: unknowns, shape (s, N).
         counting: the load cases that count from the start of each, shape (s, K).
     """
@@ -195,7 +194,13 @@ def begin(stated: Stated, starts: Array, counting: Mask) -> Descents:
 
 @njit(cache=True)
 def descend_all(stated: Stated, begun: Descents, phase: Phase) -> Descents:
-    """Return where descents are when they went on for a phase."""
+    """Return where descents are after a phase.
+
+    Args:
+        stated: the task and topology.
+        begun: where they are before; what they have learnt of the curvature is kept.
+        phase: how they descend.
+    """
     count, N = begun.x.shape
     m, K = len(stated.rows.kind), len(stated.cases.effort)
     x, mu, curvature = np.empty((count, N)), np.empty((count, K, 6)), begun.B.copy()

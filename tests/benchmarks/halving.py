@@ -16,14 +16,13 @@ import time
 from typing import NamedTuple
 from unittest.mock import patch
 
+from reduced import mean_and_most, within
+
 import nlp
 from nlp.reduced import search
 from topo_search.model import Design
 from topo_search.model.files import read_task
 from topo_search.topologies import sample
-
-WITHIN = 1e-3
-"""A tree is done within this relative distance of its best known effort."""
 
 
 class Way(NamedTuple):
@@ -65,17 +64,13 @@ def main() -> None:
     for key, J in (one for found in efforts.values() for one in found):
         best[key] = min(J, best.get(key, J))
     print(f"{arguments.example}, n = {arguments.modules}: {len(trees)} trees drawn")
-    print(
-        "| starts, rungs, least | designs | within 0.1 % | mean, most over best known | CPU s |\n"
-        + "|---" * 5
-        + "|"
-    )
+    print("| starts, rungs, least | designs | within 0.1 % | mean, most over best known | CPU s |")
+    print("|" + "---|" * 5)
     for way in ways:
         over = [J / best[key] - 1 for key, J in efforts[way]]
-        more = f"{sum(over) / len(over):.3%}, {max(over):.2%}" if over else "none"
-        counts = (len(over) / arguments.seeds, sum(share <= WITHIN for share in over) / arguments.seeds)
+        counts = (len(over) / arguments.seeds, within(over) / arguments.seeds)
         rungs = ",".join(map(str, way.rungs)) or "-"
-        cells = (f"{way.starts}, {rungs}, {way.least}", *(f"{count:.1f}" for count in counts), more)
+        cells = (f"{way.starts}, {rungs}, {way.least}", *(f"{count:.1f}" for count in counts), mean_and_most(over))
         print(f"| {' | '.join(cells)} | {seconds[way] / arguments.seeds:.2f} |")
 
 

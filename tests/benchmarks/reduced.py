@@ -112,12 +112,19 @@ def _cells(pairs: list[tuple[tuple[float | None, float], tuple[float | None, flo
         best = [min((J for J, _ in pair if J is not None), default=None) for pair in pairs]
         both = zip(efforts, best, strict=True)
         over = [J / least - 1 for J, least in both if J is not None and least is not None]
-        close = sum(share <= WITHIN for share in over)
-        more = f"{sum(over) / len(over):.3%}, {max(over):.3%}" if over else "none"
         seconds.append(sum(pair[side][1] for pair in pairs))
-        found = sum(J is not None for J in efforts)
-        cells.append(f"{found} | {close} | {more} | {seconds[-1]:.1f}")
+        cells.append(f"{len(over)} | {within(over)} | {mean_and_most(over)} | {seconds[-1]:.1f}")
     return cells[0], cells[1], f"{seconds[0] / seconds[1]:.2f}"
+
+
+def within(over: list[float]) -> int:
+    """Return how many relative distances from best known efforts are next to none."""
+    return sum(share <= WITHIN for share in over)
+
+
+def mean_and_most(over: list[float]) -> str:
+    """Return the mean and the largest of relative distances from best known efforts."""
+    return f"{sum(over) / len(over):.3%}, {max(over):.3%}" if over else "none"
 
 
 @contextmanager
