@@ -1,7 +1,7 @@
 """What giving up the worse half of the starts costs and finds, in ways of doing it.
 
     python tests/benchmarks/halving.py EXAMPLE [--modules N] [--trees M] [--seeds R]
-        [--ways STARTS[:RUNG,RUNG...:LEAST] ...]
+        [--ways STARTS[:STEPS:LEAST] ...]
 
 A way is a number of starts per tree, the steps after which half of their draws are given up, and how many draws are
 left at least; starts alone all go on. Uniformly drawn trees without body clearance, each from several seeds; CPU
@@ -12,6 +12,7 @@ least of all that were found.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from typing import NamedTuple
 from unittest.mock import patch
@@ -29,8 +30,8 @@ class Way(NamedTuple):
     """How many starts descend, and which of them go on."""
 
     starts: int
-    rungs: tuple[int, ...] = ()
-    least: int = 0
+    steps: int = 0
+    least: int = sys.maxsize
 
 
 def main() -> None:
@@ -41,7 +42,7 @@ def main() -> None:
     parser.add_argument("--trees", type=int, default=60)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument(
-        "--ways", nargs="+", type=_way, default=[Way(16), Way(20, search.RUNGS, search.LEAST_HALVED)]
+        "--ways", nargs="+", type=_way, default=[Way(16), Way(20, search.HALVED_AFTER, search.LEAST_HALVED)]
     )
     arguments = parser.parse_args()
     ways: list[Way] = arguments.ways
@@ -55,7 +56,7 @@ def main() -> None:
         for tree in trees:
             for way in ways:
                 began = time.process_time()
-                with patch.multiple(search, RUNGS=way.rungs, LEAST_HALVED=way.least):
+                with patch.multiple(search, HALVED_AFTER=way.steps, LEAST_HALVED=way.least):
                     found = nlp.solve(resolved, tree, starts=range(way.starts), seed=seed)
                 seconds[way] += time.process_time() - began
                 if isinstance(found, Design):
@@ -64,23 +65,19 @@ def main() -> None:
     for key, J in (one for found in efforts.values() for one in found):
         best[key] = min(J, best.get(key, J))
     print(f"{arguments.example}, n = {arguments.modules}: {len(trees)} trees drawn")
-    print("| starts, rungs, least | designs | within 0.1 % | mean, most over best known | CPU s |")
+    print("| starts | designs | within 0.1 % | mean, most over best known | CPU s |")
     print("|" + "---|" * 5)
     for way in ways:
         over = [J / best[key] - 1 for key, J in efforts[way]]
         counts = (len(over) / arguments.seeds, within(over) / arguments.seeds)
-        rungs = ",".join(map(str, way.rungs)) or "-"
-        cells = (f"{way.starts}, {rungs}, {way.least}", *(f"{count:.1f}" for count in counts), mean_and_most(over))
+        halved = f"halved after {way.steps} to {way.least}" if way.steps else "all go on"
+        cells = (f"{way.starts}, {halved}", *(f"{count:.1f}" for count in counts), mean_and_most(over))
         print(f"| {' | '.join(cells)} | {seconds[way] / arguments.seeds:.2f} |")
 
 
 def _way(text: str) -> Way:
     """Return the way that an argument names."""
-    starts, *halved = text.split(":")
-    if not halved:
-        return Way(int(starts))
-    rungs, least = halved
-    return Way(int(starts), tuple(int(rung) for rung in rungs.split(",")), int(least))
+    return Way(*(int(part) for part in text.split(":")))
 
 
 if __name__ == "__main__":

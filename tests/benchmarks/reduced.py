@@ -1,13 +1,14 @@
 """What a solve costs and finds beside that of an older revision: by default, one before the reduced search.
 
     python tests/benchmarks/reduced.py REVISION [--examples EXAMPLE ...] [--modules N] [--trees M] [--starts S]
-        [--starts-before S] [--repeat R] [--set FIELD=VALUE ...]
+        [--starts-before S] [--repeat R] [--set FIELD=VALUE ...] [--keep FILE] [--part I/P]
 
 All candidates of a search of the example, or M uniformly drawn ones. The solver of REVISION runs from its own
 source, checked out in a temporary folder, in a process of its own beside another one with the present solver: one
 after the other, tree by tree, so that both meet the same load. CPU seconds of one thread; code is compiled before.
 The best known effort of a tree is the less of the two; shown are the numbers of trees within 0.1 % of it, and how
-far the efforts found are over it in the mean and at most.
+far the efforts found are over it in the mean and at most. What a file keeps is not solved again; parts of the trees
+may be solved side by side and share it. The table is of all that it has.
 """
 
 from __future__ import annotations
@@ -58,6 +59,9 @@ for line in sys.stdin:
     print(json.dumps([J, time.process_time() - began]), flush=True)
 """
 
+Pair = tuple[tuple[float | None, float], tuple[float | None, float]]
+"""Least effort of a tree, if there is a design, and CPU seconds: before and now."""
+
 
 def main() -> None:
     """Measure and print."""
@@ -72,9 +76,12 @@ def main() -> None:
     )
     parser.add_argument("--repeat", type=int, default=1, help="solve every tree so many times")
     parser.add_argument("--set", action="append", default=["search.body_clearance=false"], dest="settings")
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="JSON lines of what was solved, to go on from")
+    parser.add_argument("--part", default="1/1", metavar="I/P", help="solve but every P-th tree, from the I-th on")
     arguments = parser.parse_args()
     n = arguments.modules
     settings = (f"modules={n}", *arguments.settings)
+    first, step = (int(part) for part in arguments.part.split("/"))
     print(f"n = {n}, {' '.join(settings[1:])}")
     of_each = "designs | within 0.1 % | mean, most over best known | CPU s"
     print(
@@ -83,7 +90,6 @@ def main() -> None:
     print("|" + "---|" * 11)
     with source_of(arguments.revision) as old:
         for example in arguments.examples:
-            known = {"EXAMPLE": example, "SETTINGS": settings, "N": n}
             task = read_task(example, settings)
             starts = arguments.starts or default_starts(task)
             resolved = task.resolve(n)
@@ -91,20 +97,40 @@ def main() -> None:
             trees = (
                 sample(n, arguments.trees, 0, symmetry="task", task=resolved) if arguments.trees else list(every)
             )
-            with (
-                _served({**known, "STARTS": arguments.starts_before}, old) as before,
-                _served({**known, "STARTS": starts}, HERE) as now,
-            ):
-                pairs = [
-                    (_asked(before, tree.key), _asked(now, tree.key))
-                    for _ in range(arguments.repeat)
-                    for tree in trees
-                ]
-            cells = _cells(pairs)
-            print(f"| {example} | {len(trees)} | {cells[0]} | {starts}: {cells[1]} | {cells[2]} |", flush=True)
+            known = {"EXAMPLE": example, "SETTINGS": settings, "N": n}
+            was, present = {**known, "STARTS": arguments.starts_before}, {**known, "STARTS": starts}
+            kept = Kept(arguments.keep, [arguments.revision, was, present])
+            with _served(was, old) as before, _served(present, HERE) as now:
+                for turn in range(arguments.repeat):
+                    for tree in trees[first - 1 :: step]:
+                        if (tree.key, turn) not in kept.pairs:
+                            kept.add((tree.key, turn), (_asked(before, tree.key), _asked(now, tree.key)))
+            cells = _cells(list(kept.pairs.values()))
+            print(f"| {example} | {len(kept.pairs)} | {cells[0]} | {starts}: {cells[1]} | {cells[2]} |", flush=True)
 
 
-def _cells(pairs: list[tuple[tuple[float | None, float], tuple[float | None, float]]]) -> tuple[str, str, str]:
+class Kept:
+    """What both solvers said of trees, also in a file of JSON lines that several processes may add to."""
+
+    def __init__(self, file: Path | None, request: list[object]) -> None:
+        """Read what the file, if any, has of this request: revision and what is known to both solvers."""
+        self._file, self._request = file, json.loads(json.dumps(request))
+        self.pairs: dict[tuple[str, int], Pair] = {}
+        """Efforts and CPU seconds of both, by tree and turn."""
+        for line in file.read_text().splitlines() if file and file.exists() else ():
+            request, (key, turn), (before, now) = json.loads(line)
+            if request == self._request:
+                self.pairs[key, turn] = (tuple(before), tuple(now))
+
+    def add(self, tree: tuple[str, int], pair: Pair) -> None:
+        """Keep what both said of a tree at a turn."""
+        self.pairs[tree] = pair
+        if self._file:
+            with self._file.open("a") as file:
+                file.write(json.dumps([self._request, tree, pair]) + "\n")
+
+
+def _cells(pairs: list[Pair]) -> tuple[str, str, str]:
     """Return the cells of a row of the table: before, now and the ratio."""
     cells, seconds = [], []
     for side in (0, 1):
