@@ -128,8 +128,8 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     if position is not None:  # given from the COM, which it moves: p'_E = centroid + (m_t / n m) p_E
         p_E = centroid + (n + m_E) / n * scale(position, unit.length)
     p_COM = (m_E * p_E + n * centroid) / (n + m_E)
-    platform = {axis: [pose.R[:, column] for pose in modules] for column, axis in enumerate("xyz")}
-    platform |= {"p": [pose.p for pose in modules], "p'_E": [p_E], "p_COM": [p_COM]}
+    vectors = {axis: [pose.R[:, column] for pose in modules] for column, axis in enumerate("xyz")}
+    vectors |= {"p": [pose.p for pose in modules], "p'_E": [p_E], "p_COM": [p_COM]}
 
     # (1) objective
     weights = [case.weight for case in task.load_cases]
@@ -148,7 +148,7 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     # (4)-(9) clearances
     for requirement in clearances(task, topology):
         for name, subject, formula in requirement.rows():
-            gap = formula.smooth([seen.at(platform, subject) for seen in formula.sees], beta)
+            gap = formula.smooth([vector.at(vectors, subject) for vector in formula.local_vectors], beta)
             constraints.append(Constraint(name, gap, requirement.margin))
 
     # (10) bounds

@@ -63,7 +63,7 @@ def exact_gaps(task, topology, point):
     found = {}
     for requirement in clearances(task, topology):
         names = [name for name, *_ in requirement.rows()]
-        found |= dict(zip(names, requirement.gaps(point.platform).ravel().tolist(), strict=True))
+        found |= dict(zip(names, requirement.gaps(point.vectors).ravel().tolist(), strict=True))
     return found
 
 

@@ -20,15 +20,17 @@ def test_the_smooth_form_has_the_sign_of_the_exact_value(name):
     rng = np.random.default_rng(0)
     task = push(4, **FEATURES[name])
     topology = random_tree(4, rng, aligned=True)
-    platforms = [random_point(task, topology, rng).platform for _ in range(5)]
+    samples = [random_point(task, topology, rng).vectors for _ in range(5)]
     told = 0
     for requirement in clearances(task, topology):
         for part, formula in enumerate(requirement.formulas):
-            y = [ca.SX.sym("y", 3) for _ in formula.sees]
+            y = [ca.SX.sym("y", 3) for _ in formula.local_vectors]
             smooth = ca.Function("smooth", y, [formula.smooth(y, ca.SX(SHARP))])
-            for platform in platforms:
-                for subject, gaps in zip(requirement.subjects, requirement.gaps(platform), strict=True):
-                    values = smooth.call([np.ravel(seen.at(platform, subject)) for seen in formula.sees])
+            for vectors in samples:
+                for subject, gaps in zip(requirement.subjects, requirement.gaps(vectors), strict=True):
+                    values = smooth.call(
+                        [np.ravel(vector.at(vectors, subject)) for vector in formula.local_vectors]
+                    )
                     if abs(gaps[part]) > 0.01:
                         assert np.sign(np.array(values[0]).min()) == np.sign(gaps[part]), requirement.name(
                             *subject[:2], part
@@ -72,8 +74,8 @@ def test_statements_of_equal_tasks_share_their_derivatives():
 
 def test_a_round_of_ipopt_does_without_far_subjects():
     task, tree = push(6), random_tree(6, np.random.default_rng(4), aligned=True)
-    platform = random_point(task, tree, np.random.default_rng(5)).platform
+    vectors = random_point(task, tree, np.random.default_rng(5)).vectors
     for requirement in clearances(task, tree):
-        kept = requirement.at_hand(platform)
-        gaps = requirement.gaps(platform).min(axis=1)
+        kept = requirement.restrict(vectors)
+        gaps = requirement.gaps(vectors).min(axis=1)
         np.testing.assert_array_equal(kept.subjects, requirement.subjects[gaps < requirement.near])

@@ -2,7 +2,7 @@
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| x, V, dV, y | unknowns, carried vectors, their derivatives, local vectors; see `nlp.assembled.local_vectors` | | |
+| x, V, dV, y | unknowns, vectors, their derivatives, local vectors; see `nlp.assembled.local_vectors` | | |
 | plus, minus | indices in V of a clearance's local vectors, y = V[plus] - V[minus] | (m, s) | |
 """
 

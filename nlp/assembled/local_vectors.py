@@ -1,9 +1,9 @@
-"""The vectors that clearances are functions of: differences of what the platform carries.
+"""The vectors that clearances are functions of: differences of vectors of the platform.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | x | geometric unknowns: theta, then p'_E unless the task fixes it from the COM | (g,) | rad, l_arm |
-| V | carried vectors: p_0..p_{n-1}, p'_E, p_COM, the modules' axes z, x and y, and zero | (4n+3, 3) | l_arm, - |
+| V | platform vectors: p_0..p_{n-1}, p'_E, p_COM, the modules' axes z, x and y, and zero | (4n+3, 3) | l_arm, - |
 | dV | their derivatives by x | (4n+3, g, 3) | |
 | y | local vectors of a clearance, V[plus] - V[minus] each; s of them | (s, 3) | |
 """
@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from nlp.assembled.chain import Links
-from nlp.requirements.statement import Carried, Seen
+from nlp.requirements.statement import LocalVector, PlatformVector
 from topo_search.model.arrays import Array
 
 Indices = NDArray[np.intp]
@@ -27,7 +27,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class VectorLayout:
-    """Where the carried vectors of n modules stand in V."""
+    """Where the platform vectors of n modules stand in V."""
 
     n: int
 
@@ -46,21 +46,21 @@ class VectorLayout:
         """Zero."""
         return 4 * self.n + 2
 
-    def ends(self, seen: Seen, subjects: Indices) -> tuple[Indices | int, Indices | int]:
+    def ends(self, vector: LocalVector, subjects: Indices) -> tuple[Indices | int, Indices | int]:
         """Return where both ends of a local vector stand, of subjects i and j, shape (2, m)."""
-        return self._index(seen.plus, subjects), self._index(seen.minus, subjects)
+        return self._index(vector.plus, subjects), self._index(vector.minus, subjects)
 
-    def _index(self, carried: Carried | None, subjects: Indices) -> Indices | int:
-        if carried is None:
+    def _index(self, vector: PlatformVector | None, subjects: Indices) -> Indices | int:
+        if vector is None:
             return self.nothing
-        if carried.of is None:
-            return {"p'_E": self.tip, "p_COM": self.com}[carried.what]
-        first: int = {"p": 0, "z": self.n + 2, "x": 2 * self.n + 2, "y": 3 * self.n + 2}[carried.what]
-        index: Indices = first + subjects[carried.of]
+        if vector.of is None:
+            return {"p'_E": self.tip, "p_COM": self.com}[vector.name]
+        first: int = {"p": 0, "z": self.n + 2, "x": 2 * self.n + 2, "y": 3 * self.n + 2}[vector.name]
+        index: Indices = first + subjects[vector.of]
         return index
 
     def all_movers(self, moves: Mask, *, free: bool) -> Mask:
-        """Return which of the unknowns move each carried vector, shape (4n+3, g).
+        """Return which of the unknowns move each platform vector, shape (4n+3, g).
 
         Args:
             moves: [j, i]: angle j moves module i.
@@ -90,7 +90,7 @@ class Differences:
         indices = np.stack([column.ravel() for column in columns], axis=-1)
         return Differences(np.ascontiguousarray(indices[:, ::2]), np.ascontiguousarray(indices[:, 1::2]))
 
-    def values(self, at: Placed) -> Array:
+    def values(self, at: PlatformVectors) -> Array:
         """Return y, shape (m, s, 3)."""
         result: Array = _differences(at.V, self.plus, self.minus)
         return result
@@ -104,10 +104,10 @@ class Differences:
 
         No angle does that to p_COM, nor to p'_E where the modules' centroid takes it along.
         """
-        carried = VectorLayout(n)
+        layout = VectorLayout(n)
         as_one = moved.copy()
-        as_one[carried.com] = as_one[carried.tip] = False
-        as_one[carried.nothing] = True
+        as_one[layout.com] = as_one[layout.tip] = False
+        as_one[layout.nothing] = True
         return np.asarray(as_one[self._involved].all(axis=1))
 
     @property
@@ -115,8 +115,8 @@ class Differences:
         return np.concatenate([self.plus, self.minus], axis=1)
 
 
-class Placed:
-    """The platform at some geometric unknowns."""
+class PlatformVectors:
+    """V and dV at some geometric unknowns."""
 
     def __init__(self, links: Links, tip: Array, share: float, *, free: bool) -> None:
         """Place the end-effector.
@@ -125,12 +125,12 @@ class Placed:
             links: where the modules are.
             tip: p'_E; from the modules' centroid unless free.
             share: that of the end-effector in the COM.
-            free: p'_E is an unknown; else the modules carry it along.
+            free: p'_E is an unknown; else the modules' centroid takes it along.
         """
         self.links, self._share, self._free = links, share, free
         self.axes = np.ascontiguousarray(links.R.transpose(2, 0, 1)[[2, 0, 1]].reshape(-1, 3))
         """z, x and y of all modules, shape (3n, 3)."""
-        self.V = _carry(links.p, self.axes, tip, share, free)
+        self.V = _vectors(links.p, self.axes, tip, share, free)
 
     @property
     def p_E(self) -> Array:
@@ -151,7 +151,7 @@ class Placed:
         return _derivatives(links.p, self.axes, links.omega, links.v, links.chain.moves, self._share, self._free)
 
     def push_to_modules(self, gradients: Array) -> Array:
-        """Return the gradient by the modules' positions, p_COM's and a carried p'_E's shares included, (n, 3).
+        """Return the gradient by the modules' positions, with what p_COM and a p'_E that is not free pass on, (n, 3).
 
         Args:
             gradients: by V, shape (4n+3, 3).
@@ -166,8 +166,8 @@ class Placed:
 
 
 @njit(cache=True)
-def _carry(p: Array, axes: Array, tip: Array, share: float, free: bool) -> Array:
-    """Return V; see `Placed`."""
+def _vectors(p: Array, axes: Array, tip: Array, share: float, free: bool) -> Array:
+    """Return V; see `PlatformVectors`."""
     n = len(p)
     V = np.zeros((4 * n + 3, 3))
     V[n + 2 : -1] = axes

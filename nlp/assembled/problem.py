@@ -21,7 +21,7 @@ import numpy as np
 from nlp.assembled.balance import add_bends, balances, by_inputs, by_point, rotors, slopes
 from nlp.assembled.chain import Chain
 from nlp.assembled.chain_rule import add_curvature, add_gradients, chain_rule
-from nlp.assembled.local_vectors import Differences, Indices, Mask, Placed, VectorLayout
+from nlp.assembled.local_vectors import Differences, Indices, Mask, PlatformVectors, VectorLayout
 from nlp.assembled.terms import Term, derived_rows
 from nlp.requirements import Requirement
 from nlp.symbols.wrench import torque_map
@@ -30,12 +30,12 @@ from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
 
-class Clearances:
+class IndexedTerm:
     """A term with the places of its derivatives."""
 
     def __init__(self, term: Term, moved: Mask, n: int) -> None:
         """Find them; `moved`: what `all_movers` returns."""
-        self.derived, self.vectors = term.derived, term.vectors
+        self.derived, self.vectors, self.margin = term.derived, term.vectors, term.margin
         self.plus, self.minus = term.vectors.plus, term.vectors.minus
         self.m = len(self.plus)
         moving = term.vectors.movers(moved)
@@ -75,9 +75,9 @@ class AssembledProblem:
         layout = VectorLayout(self.n)
         moved = layout.all_movers(self._chain.moves.astype(bool), free=self._fixed is None)
         terms = [term for requirement in stated for term in _terms(requirement, layout, beta)]
-        self._clearances = [Clearances(term, moved, self.n) for term in terms]
+        self._clearances = [IndexedTerm(term, moved, self.n) for term in terms]
         self._index()
-        margins = [np.full(placed.m, term.margin) for placed, term in zip(self._clearances, terms, strict=True)]
+        margins = [np.full(term.m, term.margin) for term in self._clearances]
         self.lower = np.concatenate([np.zeros(6 * self.K), *margins])
         self.upper = np.concatenate([np.zeros(6 * self.K), np.full(self.rows - 6 * self.K, math.inf)])
         self._x = np.full(self.g, math.nan)
@@ -87,10 +87,10 @@ class AssembledProblem:
         n, K, g = self.n, self.K, self.g
         rows, columns = (index.ravel() for index in np.indices((6 * K, g)))
         self.rows = 6 * K
-        for placed in self._clearances:
-            rows = np.concatenate([rows, self.rows + placed.rows])
-            columns = np.concatenate([columns, placed.columns])
-            self.rows += placed.m
+        for term in self._clearances:
+            rows = np.concatenate([rows, self.rows + term.rows])
+            columns = np.concatenate([columns, term.columns])
+            self.rows += term.m
         self._by_geometry = np.lexsort((rows, columns))
         by_geometry = _pattern(self.rows, g, rows[self._by_geometry], columns[self._by_geometry])
         balances_by_inputs = ca.diagcat(*[ca.Sparsity.dense(6, 4 * n)] * K)
@@ -107,7 +107,7 @@ class AssembledProblem:
         self.hessian_pattern = ca.horzcat(geometry, ca.vertcat(mixed, inputs))
         self._columns, self._rows = np.tril_indices(g)  # of the upper triangle, column by column
 
-    def _at(self, variables: Array) -> tuple[Placed, Array]:
+    def _at(self, variables: Array) -> tuple[PlatformVectors, Array]:
         """Return the platform and the inputs; the platform is kept until the geometry changes."""
         x = variables[: self.g]
         if not np.array_equal(x, self._x):
@@ -115,7 +115,7 @@ class AssembledProblem:
             angles, tip = self._x[: self.n + 2], self._x[self.n + 2 :]
             links = self._chain.at(angles)
             free = self._fixed is None
-            self._platform = Placed(links, tip if free else self._from_centroid, self._share, free=free)
+            self._platform = PlatformVectors(links, tip if free else self._from_centroid, self._share, free=free)
             self._A = rotors(links.R, links.p, self._torque_map)
         return self._platform, variables[self.g :].reshape(self.K, self.n, 4)
 
@@ -133,7 +133,7 @@ class AssembledProblem:
         """Return (2) to (9)."""
         at, u = self._at(variables)
         balance = balances(self._A, u, at.p_E, at.p_COM, self._f_E, self._f_C, self._tau)
-        values = [placed.derived(0, placed.vectors.values(at))[0] for placed in self._clearances]
+        values = [term.derived(0, term.vectors.values(at))[0] for term in self._clearances]
         return np.concatenate([balance.ravel(), *values])
 
     def jacobian(self, variables: Array) -> Array:
@@ -144,9 +144,9 @@ class AssembledProblem:
             self._A, u, links.omega, links.v, self._chain.parents, self._f_E, self._f_C, dp_E, dp_COM
         )
         entries = [by_geometry.ravel()]
-        for placed in self._clearances:
-            _, gradient = placed.derived(1, placed.vectors.values(at))
-            entries.append(chain_rule(gradient, placed.plus, placed.minus, at.dV, placed.rows, placed.columns))
+        for term in self._clearances:
+            _, gradient = term.derived(1, term.vectors.values(at))
+            entries.append(chain_rule(gradient, term.plus, term.minus, at.dV, term.rows, term.columns))
         return np.concatenate([np.concatenate(entries)[self._by_geometry], *[self._A.ravel()] * self.K])
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
@@ -159,12 +159,12 @@ class AssembledProblem:
         to = np.zeros_like(at.V)
         to[n], to[n + 1] = by_point(mu, self._f_E), by_point(mu, self._f_C)
         row = 6 * K
-        for placed in self._clearances:
-            _, gradient, hessian = placed.derived(2, placed.vectors.values(at))
-            weights = multipliers[row : row + placed.m]
-            row += placed.m
-            add_gradients(weights, gradient, placed.plus, placed.minus, to)
-            add_curvature(weights, hessian, placed.plus, placed.minus, at.dV, placed.starts, placed.moving, H)
+        for term in self._clearances:
+            _, gradient, hessian = term.derived(2, term.vectors.values(at))
+            weights = multipliers[row : row + term.m]
+            row += term.m
+            add_gradients(weights, gradient, term.plus, term.minus, to)
+            add_curvature(weights, hessian, term.plus, term.minus, at.dV, term.starts, term.moving, H)
         g_p, g_axes = at.push_to_modules(to), to[n + 2 : -1]
         add_bends(A, u, mu, omega, v, chain.parents, p, at.axes, g_p, g_axes, H)
         diagonal = 2 * of_objective * self._weights
@@ -178,7 +178,7 @@ def _terms(requirement: Requirement, layout: VectorLayout, beta: float) -> Itera
     if not subjects.size:
         return
     for formula in requirement.formulas:
-        vectors = Differences.of(*(layout.ends(seen, subjects) for seen in formula.sees))
+        vectors = Differences.of(*(layout.ends(vector, subjects) for vector in formula.local_vectors))
         for derived in derived_rows(formula, beta):
             yield Term(derived, vectors, requirement.margin)
 

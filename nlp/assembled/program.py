@@ -104,7 +104,7 @@ class AssembledProgram:
         return self._round(start, POLISH_LIMIT, {**STAY, **WARM, **EXACT})
 
     def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
-        stated = [requirement.at_hand(start.platform) for requirement in self._clearances]
+        stated = [requirement.restrict(start.vectors) for requirement in self._clearances]
         printed: Assembled = AssembledProblem(self._task, self._topology, stated, BETA)
         if self._limits is not None:
             printed = Beside(printed, LimitRows(self._task, self._topology, self._limits))

@@ -190,7 +190,7 @@ def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
     """Return every row of a formula's smooth form with its derivatives."""
     if (by_hand := BY_HAND.get(type(formula))) is not None:
         return by_hand(formula, beta)
-    y = [ca.SX.sym("y", 3) for _ in formula.sees]
+    y = [ca.SX.sym("y", 3) for _ in formula.local_vectors]
     rows = ca.vertsplit(formula.smooth(y, ca.SX(beta)))
     return tuple(_join(Mapped(ca.vertcat(*y), row)) for row in rows)
 

@@ -68,7 +68,7 @@ def _joints(point: Point) -> Iterator[Violation]:
 def _clearances(point: Point) -> Iterator[Violation]:
     l_arm = point.task.module.arm_length
     for requirement in clearances(point.task, point.topology):
-        gaps = requirement.gaps(point.platform).ravel().tolist()
+        gaps = requirement.gaps(point.vectors).ravel().tolist()
         for (name, _, _), gap in zip(requirement.rows(), gaps, strict=True):
             yield Violation(name, -gap * l_arm, "m", -gap)
 

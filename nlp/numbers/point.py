@@ -48,8 +48,8 @@ class Point:
         return envelopes(self.task.module.envelope, R, p)
 
     @cached_property
-    def platform(self) -> dict[str, Array]:
-        """What the platform carries (`nlp.requirements.statement`): p [l_arm] and axes of all modules, (n,3) each.
+    def vectors(self) -> dict[str, Array]:
+        """Vectors of the platform (`nlp.requirements.statement`): p [l_arm] and axes of all modules, (n,3) each.
 
         Besides p'_E and p_COM, (1,3) each [l_arm].
         """

@@ -13,7 +13,7 @@ printed problem (`nlp.problem`), its exact evaluation (`nlp.numbers.evaluate`), 
 of starts, and the rows of the reduced search with the choice of what it expresses all go through these statements;
 none of them has cases of its own.
 
-To add a clearance, write a `Formula` (`statement`): which local vectors it sees, its smooth and exact forms, and
+To add a clearance, write a `Formula` (`statement`): its `local_vectors`, its smooth and exact forms, and
 its rows of the compiled search (`nlp.reduced.kinds`). Then yield a `Requirement` with it.
 `tests/test_nlp_requirements.py` holds its forms together.
 """

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from nlp.reduced.kinds import Kernel
-from nlp.requirements.statement import Seen
+from nlp.requirements.statement import LocalVector
 from topo_search.model.arrays import Array
 
 
@@ -17,7 +17,7 @@ from topo_search.model.arrays import Array
 class Distance:
     """Two points keep a distance."""
 
-    seen: Seen
+    between: LocalVector
     """From one to the other."""
     least: float
     """[l_arm]"""
@@ -26,9 +26,9 @@ class Distance:
     segment = None
 
     @property
-    def sees(self) -> tuple[Seen, ...]:
+    def local_vectors(self) -> tuple[LocalVector, ...]:
         """The vector between them."""
-        return (self.seen,)
+        return (self.between,)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return (||y||^2 - d^2) / (2 d), smooth everywhere and exact to first order at contact.

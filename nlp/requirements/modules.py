@@ -38,7 +38,7 @@ class EnvelopePair:
     """Two airflow envelopes keep apart (paper, Sec. III-A)."""
 
     air: Air
-    sees = (APART, Z_I, Z_J)
+    local_vectors = (APART, Z_I, Z_J)
     segment = None
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
@@ -62,7 +62,7 @@ class PartsBeside:
 
     air: Air
     module: Module
-    sees = (APART, X_I, Y_I, Z_I, Z_J)
+    local_vectors = (APART, X_I, Y_I, Z_I, Z_J)
     segment = None
 
     @cached_property

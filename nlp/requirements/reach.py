@@ -23,7 +23,7 @@ import numpy as np
 from nlp import names
 from nlp.numbers.geometry import PORTS
 from nlp.reduced.kinds import REACH, Kernel
-from nlp.requirements.statement import TIP, Carried, Platform, Requirement, Seen
+from nlp.requirements.statement import TIP, LocalVector, PlatformVector, Requirement, VectorsByName
 from nlp.symbols.smooth import log_sum_exp
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -47,9 +47,10 @@ class WithinReach:
     segment = None
 
     @property
-    def sees(self) -> tuple[Seen, ...]:
+    def local_vectors(self) -> tuple[LocalVector, ...]:
         """The module from the end-effector, and the axis that the port lies on."""
-        return Seen(Carried("p", self.of), TIP), Seen(Carried("xy"[self.port % 2], self.of))
+        place, axis = PlatformVector("p", self.of), PlatformVector("xy"[self.port % 2], self.of)
+        return LocalVector(place, TIP), LocalVector(axis)
 
     @property
     def _along(self) -> float:
@@ -80,18 +81,18 @@ class AnyWithinReach:
     segment = None
 
     @cached_property
-    def sees(self) -> tuple[Seen, ...]:
-        """What each of them sees, in order."""
-        return tuple(seen for one in self.connectors for seen in one.sees)
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """Those of each, in order."""
+        return tuple(vector for one in self.connectors for vector in one.local_vectors)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the log-sum-exp of all, which is at most the largest."""
-        gaps = [one.smooth(seen, beta) for one, seen in zip(self.connectors, _pairs(y), strict=True)]
+        gaps = [one.smooth(of_one, beta) for one, of_one in zip(self.connectors, _pairs(y), strict=True)]
         return -log_sum_exp([-gap for gap in gaps], beta) - math.log(len(gaps)) / beta
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the largest."""
-        gaps = [one.exact(seen) for one, seen in zip(self.connectors, _pairs(y), strict=True)]
+        gaps = [one.exact(of_one) for one, of_one in zip(self.connectors, _pairs(y), strict=True)]
         return np.asarray(np.max(gaps, axis=0))
 
     def kernels(self) -> tuple[Kernel, ...]:
@@ -103,12 +104,13 @@ class AnyWithinReach:
 class Nearest(Requirement):
     """A reach that any free connector may meet: a round of Ipopt asks the nearest one for it."""
 
-    def at_hand(self, platform: Platform) -> Requirement:
+    def restrict(self, vectors: VectorsByName) -> Requirement:
         """Return the nearest connector's alone, or nothing where that is far within reach."""
         (asked,) = self.formulas
         assert isinstance(asked, AnyWithinReach)
         columns = self.subjects.T
-        gaps = [one.exact([seen.at(platform, columns) for seen in one.sees])[0] for one in asked.connectors]
+        y = [[vector.at(vectors, columns) for vector in one.local_vectors] for one in asked.connectors]
+        gaps = [one.exact(of_one)[0] for one, of_one in zip(asked.connectors, y, strict=True)]
         nearest = asked.connectors[int(np.argmax(gaps))]
         subjects = self.subjects[: int(max(gaps) < self.near)]
         return Requirement(self.equation, self.name, subjects, (nearest,), self.margin)
@@ -128,5 +130,5 @@ def within_reach(task: ResolvedTask, topology: Topology) -> Iterator[Requirement
 
 
 def _pairs(y: Sequence[Any]) -> list[Sequence[Any]]:
-    """Return what each connector sees, of what all of them see."""
+    """Return the local vectors of each connector, of those of all."""
     return [y[k : k + 2] for k in range(0, len(y), 2)]

@@ -27,7 +27,7 @@ from nlp.numbers.geometry import Swept, cone_clearance, hull_clearance
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.reduced.kinds import ALONG, BALL, CAPSULE, CONE, CONE_COM, HULL, Kernel
 from nlp.requirements.air import Air
-from nlp.requirements.statement import FROM_COM, FROM_TIP, Z_I, Seen
+from nlp.requirements.statement import FROM_COM, FROM_TIP, Z_I, LocalVector
 from nlp.symbols.envelope import Ball, ConeSphere, clearance
 from nlp.symbols.hull import hull_clearances
 from topo_search.model.arrays import Array
@@ -44,7 +44,7 @@ class OffBall:
 
     air: Air
     radius: float
-    sees = (FROM_TIP, Z_I)
+    local_vectors = (FROM_TIP, Z_I)
     segment = None
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
@@ -71,7 +71,7 @@ class OffCapsule:
     path: Vector
     """From there to the end."""
     segment: int
-    sees = (FROM_TIP, Z_I)
+    local_vectors = (FROM_TIP, Z_I)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the paper's log-sum-exp over nine candidates."""
@@ -94,7 +94,7 @@ class OffCapsuleAlong:
     air: Air
     radius: float
     length: float
-    sees = (FROM_TIP, Z_I, FROM_COM)
+    local_vectors = (FROM_TIP, Z_I, FROM_COM)
     segment = 0
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
@@ -121,7 +121,7 @@ class OffHull:
     air: Air
     corners: tuple[Vector, ...]
     """From p_E."""
-    sees = (FROM_TIP, Z_I)
+    local_vectors = (FROM_TIP, Z_I)
     segment = None
 
     @cached_property
@@ -152,12 +152,12 @@ class InfiniteCone:
     """From p_E."""
 
     @property
-    def sees(self) -> tuple[Seen, ...]:
+    def local_vectors(self) -> tuple[LocalVector, ...]:
         """The COM where the axis points there."""
         return () if self.axis is not None else (FROM_COM,)
 
     def smooth(self, balls: Sequence[Ball], towards: Sequence[ca.SX]) -> ca.SX:
-        """Return s - r of every ball; `towards`: what it `sees`."""
+        """Return s - r of every ball; `towards`: its local vectors."""
         d_con = ca.SX(ca.DM(self.axis)) if self.axis is not None else -towards[0] / ca.norm_2(towards[0])
         gaps = []
         for ball in balls:
@@ -170,7 +170,7 @@ class InfiniteCone:
         return ca.vertcat(*gaps)
 
     def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
-        """Return the lesser s - r of both ends; `towards`: what it `sees`."""
+        """Return the lesser s - r of both ends; `towards`: its local vectors."""
         axis = np.array(self.axis)
         if self.axis is None:
             axis = -towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
@@ -191,9 +191,9 @@ class InCone:
     segment: int | None = None
 
     @property
-    def sees(self) -> tuple[Seen, ...]:
-        """The envelope, and what the cone sees."""
-        return (FROM_TIP, Z_I, *self.cone.sees)
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """Those of the envelope and of the cone."""
+        return (FROM_TIP, Z_I, *self.cone.local_vectors)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return s - r of both end balls."""

@@ -18,7 +18,7 @@ from nlp.numbers.geometry import Swept
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.reduced.kinds import PARTS_ALONG, PARTS_CAPSULE, PARTS_CONE, PARTS_CONE_COM, PARTS_HULL, Kernel
 from nlp.requirements.regions import InfiniteCone
-from nlp.requirements.statement import FROM_COM, FROM_TIP, X_I, Y_I, Z_I, Seen
+from nlp.requirements.statement import FROM_COM, FROM_TIP, X_I, Y_I, Z_I, LocalVector
 from nlp.symbols.envelope import Ball, ConeSphere, clearance_of_all
 from topo_search.model import Module
 from topo_search.model.airflow_room import part_cover
@@ -63,9 +63,9 @@ class PartsInCone:
     segment: int | None = None
 
     @property
-    def sees(self) -> tuple[Seen, ...]:
-        """The module, and what the cone sees."""
-        return (*PARTS, *self.cone.sees)
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """Those of the module and of the cone."""
+        return (*PARTS, *self.cone.local_vectors)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return s - r of every ball."""
@@ -92,7 +92,7 @@ class PartsOffCapsule:
     path: Vector
     """From there to its end; zero: a ball."""
     segment: int | None = None
-    sees = PARTS
+    local_vectors = PARTS
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the log-sum-exp over all balls; for a ball their distances."""
@@ -122,7 +122,7 @@ class PartsOffCapsuleAlong:
     balls: PartBalls
     radius: float
     length: float
-    sees = (*PARTS, FROM_COM)
+    local_vectors = (*PARTS, FROM_COM)
     segment = 0
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
@@ -150,7 +150,7 @@ class PartsOffHull:
     balls: PartBalls
     corners: tuple[Vector, ...]
     """From p_E."""
-    sees = PARTS
+    local_vectors = PARTS
     segment = None
 
     @cached_property

@@ -29,51 +29,51 @@ Subjects = NDArray[np.intp]
 """Modules i and j of some clearances, shape (m, 2); where a clearance concerns one module, or none, j is i.
 
 One that may concern any module has all of them, in order."""
-Platform = Mapping[str, Any]
-"""From `Carried.what` to what is carried: of every module, or the one of the platform alone."""
+VectorsByName = Mapping[str, Any]
+"""From `PlatformVector.name` to those vectors: of every module, or the one of the platform alone."""
 
 
-class Carried(NamedTuple):
-    """A vector that the platform carries."""
+class PlatformVector(NamedTuple):
+    """A place or an axis that moves with the platform."""
 
-    what: str
+    name: str
     """`p`, `x`, `y`, `z`, `p'_E` or `p_COM`."""
     of: int | None = None
     """Of which module: 0 for i, 1 for j, its place among more; None for what the platform has one of."""
 
-    def at(self, platform: Platform, subject: Any) -> Any:
-        """Return it, of a subject (i, j, ...) or, where the platform is arrays, of columns of subjects."""
-        return platform[self.what][0 if self.of is None else subject[self.of]]
+    def at(self, vectors: VectorsByName, subject: Any) -> Any:
+        """Return it, of a subject (i, j, ...) or, where the vectors are arrays, of columns of subjects."""
+        return vectors[self.name][0 if self.of is None else subject[self.of]]
 
 
-class Seen(NamedTuple):
-    """A local vector: the difference of two carried ones, or one as it is."""
+class LocalVector(NamedTuple):
+    """A local vector: the difference of two vectors of the platform, or one of them."""
 
-    plus: Carried
-    minus: Carried | None = None
+    plus: PlatformVector
+    minus: PlatformVector | None = None
 
-    def at(self, platform: Platform, subject: Any) -> Any:
-        """Return it; see `Carried.at`."""
-        plus = self.plus.at(platform, subject)
-        return plus if self.minus is None else plus - self.minus.at(platform, subject)
+    def at(self, vectors: VectorsByName, subject: Any) -> Any:
+        """Return it; see `PlatformVector.at`."""
+        plus = self.plus.at(vectors, subject)
+        return plus if self.minus is None else plus - self.minus.at(vectors, subject)
 
 
-TIP, COM = Carried("p'_E"), Carried("p_COM")
-APART = Seen(Carried("p", 0), Carried("p", 1))
+TIP, COM = PlatformVector("p'_E"), PlatformVector("p_COM")
+APART = LocalVector(PlatformVector("p", 0), PlatformVector("p", 1))
 """p_i - p_j."""
-FROM_TIP = Seen(Carried("p", 0), TIP)
+FROM_TIP = LocalVector(PlatformVector("p", 0), TIP)
 """p_i - p'_E."""
-FROM_COM = Seen(TIP, COM)
+FROM_COM = LocalVector(TIP, COM)
 """p_E."""
-X_I, Y_I, Z_I = (Seen(Carried(axis, 0)) for axis in "xyz")
-Z_J = Seen(Carried("z", 1))
+X_I, Y_I, Z_I = (LocalVector(PlatformVector(axis, 0)) for axis in "xyz")
+Z_J = LocalVector(PlatformVector("z", 1))
 
 
 class Formula(Hashable, Protocol):
     """One clearance as a function of local vectors, its own numbers in l_arm; hashable."""
 
     @property
-    def sees(self) -> tuple[Seen, ...]:
+    def local_vectors(self) -> tuple[LocalVector, ...]:
         """What it is a function of."""
 
     @property
@@ -116,15 +116,15 @@ class Requirement:
             for formula in self.formulas:
                 yield self.name(subject[0], subject[1], formula.segment), subject, formula
 
-    def gaps(self, platform: Platform) -> Array:
+    def gaps(self, vectors: VectorsByName) -> Array:
         """Return the exact clearances of all subjects and formulas, shape (m, len(formulas)) [l_arm]."""
         m, columns = len(self.subjects), self.subjects.T
-        seen = {one: one.at(platform, columns) for formula in self.formulas for one in formula.sees}
-        exact = (formula.exact([seen[one] for one in formula.sees]) for formula in self.formulas)
+        y = {one: one.at(vectors, columns) for formula in self.formulas for one in formula.local_vectors}
+        exact = (formula.exact([y[one] for one in formula.local_vectors]) for formula in self.formulas)
         return np.stack([np.broadcast_to(gaps, m) for gaps in exact], axis=-1)
 
-    def at_hand(self, platform: Platform) -> Requirement:
-        """Return what a round of Ipopt from a platform states of it: the subjects that are near, all as a rule."""
+    def restrict(self, vectors: VectorsByName) -> Requirement:
+        """Return what a round of Ipopt from there states of it: the subjects that are near, all as a rule."""
         if self.near == math.inf:
             return self
-        return replace(self, subjects=self.subjects[(self.gaps(platform) < self.near).any(axis=1)])
+        return replace(self, subjects=self.subjects[(self.gaps(vectors) < self.near).any(axis=1)])
