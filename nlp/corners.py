@@ -13,7 +13,7 @@ import numpy as np
 
 from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
-from nlp.own import OwnConstraints, finish_point, violations_of
+from nlp.own import OwnConstraints, correct_point, violations_of
 from nlp.programs.ipopt import IpoptResult
 from nlp.requirements.balances import WRENCH_TOLERANCE, missed_wrenches
 from nlp.trial import Trial
@@ -52,12 +52,12 @@ def take_in_corners(
     """
     point, iterations, limits = origin, 0, None
     for _ in range(ROUNDS):
-        answer = solve(point, limits)
-        iterations += answer.iterations
-        answer = replace(answer, iterations=iterations)
-        reached = finish_point(answer.point if answer.finite else point, own)
+        result = solve(point, limits)
+        iterations += result.iterations
+        result = replace(result, iterations=iterations)
+        reached = correct_point(result.point if result.finite else point, own)
         whole = with_all(reached, task, own)
-        trial = Trial.at(start, whole, answer, _labels(point.task), own)
+        trial = Trial.at(start, whole, result, _labels(point.task), own)
         if trial.worst.met:
             return trial
         more, near = _most_missed(whole, point.task), limits
@@ -80,12 +80,12 @@ def _near(point: Point) -> Limits:
 
 
 def with_all(point: Point, task: ResolvedTask, own: OwnConstraints = ()) -> Point:
-    """Return a finished point of a task with some corners as one of all, those with inputs of their own."""
+    """Return a corrected point of a task with some corners as one of all, those with inputs of their own."""
     if len(point.task.load_cases) == len(task.load_cases):
         return point
     u = np.zeros((len(task.load_cases), *point.u.shape[1:]))
     u[_places(point.task, task)] = point.u
-    return finish_point(replace(point, task=task, u=u), own)
+    return correct_point(replace(point, task=task, u=u), own)
 
 
 def _most_missed(whole: Point, had: ResolvedTask) -> list[int]:

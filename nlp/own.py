@@ -1,7 +1,7 @@
 """Constraints of a user's own, as rows of the problem and as numbers at a point.
 
-They are no part of the paper's page: the reduced search, lower bounds and proofs do not know them. Ipopt does, and
-so does the evaluation that decides whether a point is a design.
+They are no part of the printed problem: the reduced search, lower bounds and proofs do not know them. Ipopt does,
+and so does the evaluation that decides whether a point is a design.
 
 | symbol | meaning | shape |
 |---|---|---|
@@ -18,8 +18,8 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
+from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import Violation, violations
-from nlp.numbers.finish import finish
 from nlp.numbers.point import Point
 from nlp.symbols.kinematics import Pose, poses
 from nlp.symbols.wrench import scale
@@ -70,9 +70,9 @@ def violations_of(point: Point, own: OwnConstraints) -> list[Violation]:
     return [*violations(point), *rows_of(own, point.task, point.topology).violations(point)]
 
 
-def finish_point(point: Point, own: OwnConstraints) -> Point:
+def correct_point(point: Point, own: OwnConstraints) -> Point:
     """Return a point as a file can hold it; own constraints may bound inputs that cost nothing."""
-    return finish(point, settled=len(point.task.declared.load_cases) if own else 0)
+    return correct(point, settled=len(point.task.declared.load_cases) if own else 0)
 
 
 def rows_of(own: OwnConstraints, task: ResolvedTask, topology: Topology) -> OwnRows:

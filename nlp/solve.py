@@ -93,8 +93,8 @@ def solve(
     best = min(found, key=lambda trial: trial.rank)
     corners = len(task.load_cases) - len(task.declared.load_cases)
     record = SolverRecord(
-        status=best.answer.status,
-        iterations=best.answer.iterations,
+        status=best.result.status,
+        iterations=best.result.iterations,
         seconds=time.perf_counter() - began,
         seed=seed,
         start=best.start,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from nlp.numbers.evaluate import Violation, worst
 from nlp.numbers.point import Point
-from nlp.own import OwnConstraints, finish_point, violations_of
+from nlp.own import OwnConstraints, correct_point, violations_of
 from nlp.programs.ipopt import IpoptResult
 
 
@@ -16,8 +16,8 @@ class Trial:
 
     start: int
     """Its index; -1, -2, ... for the first, second, ... design carried over."""
-    answer: IpoptResult
-    """What Ipopt said."""
+    result: IpoptResult
+    """What Ipopt returned."""
     point: Point
     """What was reached, as a file can hold it."""
     worst: Violation
@@ -29,20 +29,20 @@ class Trial:
         cls,
         start: int,
         point: Point,
-        answer: IpoptResult,
+        result: IpoptResult,
         corners: frozenset[str] = frozenset(),
         own: OwnConstraints = (),
     ) -> Trial:
         """Return the outcome of a start that reached a point, whose program had some corners."""
-        return cls(start, answer, point, worst(violations_of(point, own)), corners)
+        return cls(start, result, point, worst(violations_of(point, own)), corners)
 
     @classmethod
-    def of(cls, start: int, origin: Point, answer: IpoptResult, own: OwnConstraints = ()) -> Trial:
-        """Return the outcome of Ipopt's answer from an origin.
+    def of(cls, start: int, origin: Point, result: IpoptResult, own: OwnConstraints = ()) -> Trial:
+        """Return the outcome of Ipopt from an origin.
 
         An evaluation that failed leaves no numbers behind: then the origin is what was reached.
         """
-        return cls.at(start, finish_point(answer.point if answer.finite else origin, own), answer, own=own)
+        return cls.at(start, correct_point(result.point if result.finite else origin, own), result, own=own)
 
     @property
     def objective(self) -> float:

@@ -1,4 +1,4 @@
-"""`topo-search check`: a task in words, what is odd about it, and its picture."""
+"""`topo-search check`: a task in words, its warnings, and its picture."""
 
 import json
 import math

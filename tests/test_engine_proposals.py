@@ -66,7 +66,7 @@ def scored(key: str, starts: int) -> Scored:
     return Scored(key, starts, "feasible", 10.0 / value + 0.1 / starts, None)
 
 
-class Followed(NamedTuple):
+class Replayed(NamedTuple):
     """What a strategy proposed."""
 
     searched: list[Proposal]
@@ -85,53 +85,53 @@ class Followed(NamedTuple):
         return list(dict.fromkeys(p.candidate.key for p in self.proposals))
 
 
-def follow(strategy: Strategy, objective: Objective = scored) -> Followed:
-    """Follow a strategy to its end."""
-    followed, told = Followed([], [], []), 0
+def replay(strategy: Strategy, objective: Objective = scored) -> Replayed:
+    """Run a strategy to its end."""
+    replayed, told = Replayed([], [], []), 0
     step = next(strategy)
     try:
         while True:
             if isinstance(step, Results):
-                asked = followed.proposals[told : told + step.number]
+                asked = replayed.proposals[told : told + step.number]
                 assert len(asked) == step.number
                 told += step.number
                 step = strategy.send([objective(p.candidate.key, p.starts) for p in asked])
                 continue
             if isinstance(step, Stage):
                 if step.again:
-                    followed.stages.append([])
-            elif followed.stages:
-                followed.stages[-1].append(step)
+                    replayed.stages.append([])
+            elif replayed.stages:
+                replayed.stages[-1].append(step)
             else:
-                followed.searched.append(step)
-                followed.known.append(told)
+                replayed.searched.append(step)
+                replayed.known.append(told)
             step = next(strategy)
     except StopIteration:
-        assert told == len(followed.proposals)
-        return followed
+        assert told == len(replayed.proposals)
+        return replayed
 
 
-def near_ahead(followed: Followed) -> list[list[Proposal]]:
+def near_ahead(replayed: Replayed) -> list[list[Proposal]]:
     """Return for each proposal those before it whose results were not told."""
-    return [followed.searched[known:place] for place, known in enumerate(followed.known)]
+    return [replayed.searched[known:place] for place, known in enumerate(replayed.known)]
 
 
 @pytest.mark.parametrize("connectors", ["aligned", "any"])
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors: str) -> None:
-    def proposed() -> Followed:
-        return follow(study_of(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=3))
+    def proposed() -> Replayed:
+        return replay(study_of(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=3))
 
-    followed = proposed()
-    keys = [p.candidate.key for p in followed.searched if p.starts == FIRST[sampler]]
+    replayed = proposed()
+    keys = [p.candidate.key for p in replayed.searched if p.starts == FIRST[sampler]]
     assert len(keys) == len(set(keys)) == 52
-    met = [(p.candidate.key, p.starts) for p in followed.proposals]
+    met = [(p.candidate.key, p.starts) for p in replayed.proposals]
     assert len(met) == len(set(met))
     listed = {candidate.key: candidate for candidate in space(6, connectors).candidates()}
-    assert all(listed[p.candidate.key] == p.candidate for p in followed.proposals)
-    assert proposed() == followed
+    assert all(listed[p.candidate.key] == p.candidate for p in replayed.proposals)
+    assert proposed() == replayed
     other = study_of(space(6, connectors), sampler=sampler, trials=52, starts=STARTS, seed=4)
-    assert follow(other).new != keys
+    assert replay(other).new != keys
 
 
 @pytest.mark.parametrize("round_size", [1, 3, ROUND, 20])
@@ -139,22 +139,22 @@ def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors:
 def test_no_more_than_a_round_is_unknown_and_few_results_are_learnt_at_a_time(
     sampler: str, round_size: int
 ) -> None:
-    followed = follow(study_of(space(6), round_size=round_size, sampler=sampler, trials=50, starts=STARTS, seed=0))
-    ahead = [len(unknown) + 1 for unknown in near_ahead(followed)]
+    replayed = replay(study_of(space(6), round_size=round_size, sampler=sampler, trials=50, starts=STARTS, seed=0))
+    ahead = [len(unknown) + 1 for unknown in near_ahead(replayed)]
     assert max(ahead) == round_size
-    last = max(place for place, p in enumerate(followed.searched) if p.starts == FIRST[sampler])
+    last = max(place for place, p in enumerate(replayed.searched) if p.starts == FIRST[sampler])
     full = slice(round_size, last)  # after it what is told is fewer and fewer
-    learnt = {later - earlier for earlier, later in pairwise(followed.known[full])}
+    learnt = {later - earlier for earlier, later in pairwise(replayed.known[full])}
     assert learnt == {0, LEARNT} or round_size < LEARNT
     assert min(ahead[full]) > round_size - LEARNT
-    assert len(followed.new) == 50
+    assert len(replayed.new) == 50
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_a_tree_is_not_proposed_again_before_its_result_is_told(sampler: str) -> None:
-    followed = follow(study_of(space(7), round_size=40, sampler=sampler, trials=200, starts=STARTS, seed=1))
+    replayed = replay(study_of(space(7), round_size=40, sampler=sampler, trials=200, starts=STARTS, seed=1))
     again = 0
-    for proposal, unknown in zip(followed.searched, near_ahead(followed), strict=True):
+    for proposal, unknown in zip(replayed.searched, near_ahead(replayed), strict=True):
         assert proposal.candidate.key not in {one.candidate.key for one in unknown}
         again += proposal.starts > FIRST[sampler]
     assert again > 10
@@ -162,11 +162,11 @@ def test_a_tree_is_not_proposed_again_before_its_result_is_told(sampler: str) ->
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
-    followed = follow(study_of(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
-    reached = {p.candidate.key: p.starts for p in followed.searched}
+    replayed = replay(study_of(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
+    reached = {p.candidate.key: p.starts for p in replayed.searched}
     assert sorted(reached) == [candidate.key for candidate in space(5).candidates()]
     assert sum(starts > FEW for starts in reached.values()) < len(reached) / 2
-    (stage,) = followed.stages
+    (stage,) = replayed.stages
     last = [scored(p.candidate.key, reached[p.candidate.key]) for p in stage]
     assert [s.objective or math.inf for s in last] == sorted(s.objective or math.inf for s in last)
     reached |= {p.candidate.key: p.starts for p in stage}
@@ -177,23 +177,23 @@ def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
 def test_under_a_time_limit_all_get_the_starts_that_are_left_in_parts() -> None:
     for timed, stops in ((False, [STARTS]), (True, [2, 4, 8, STARTS])):
         strategy = study_of(space(6), sampler="moves", trials=1000, starts=STARTS, seed=0, timed=timed)
-        followed = follow(strategy)
-        assert [{p.starts for p in part} for part in followed.stages] == [{stop} for stop in stops]
-        met = [(p.candidate.key, p.starts) for p in followed.proposals]
+        replayed = replay(strategy)
+        assert [{p.starts for p in part} for part in replayed.stages] == [{stop} for stop in stops]
+        met = [(p.candidate.key, p.starts) for p in replayed.proposals]
         assert len(met) == len(set(met))
 
 
 @pytest.mark.parametrize("n", [1, 2])
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_the_smallest_spaces(sampler: str, n: int) -> None:
-    followed = follow(study_of(space(n), sampler=sampler, trials=5, starts=1, seed=0))
-    assert followed.new == [candidate.key for candidate in space(n).candidates()]
+    replayed = replay(study_of(space(n), sampler=sampler, trials=5, starts=1, seed=0))
+    assert replayed.new == [candidate.key for candidate in space(n).candidates()]
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_more_trials_go_on_with_the_same_ones(sampler: str) -> None:
     few, more, many = (
-        follow(study_of(space(7), sampler=sampler, trials=trials, starts=4, seed=1)).new for trials in (37, 40, 64)
+        replay(study_of(space(7), sampler=sampler, trials=trials, starts=4, seed=1)).new for trials in (37, 40, 64)
     )
     assert (len(few), many[:37]) == (37, few)
     assert many[:40] == more
@@ -201,8 +201,8 @@ def test_more_trials_go_on_with_the_same_ones(sampler: str) -> None:
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
-    followed = follow(study_of(space(7), sampler=sampler, trials=160, starts=24, seed=2))
-    reached = {p.candidate.key: p.starts for p in followed.proposals}
+    replayed = replay(study_of(space(7), sampler=sampler, trials=160, starts=24, seed=2))
+    reached = {p.candidate.key: p.starts for p in replayed.proposals}
     scores = [scored(key, starts) for key, starts in reached.items()]
     feasible = sorted((s for s in scores if s.objective), key=lambda s: s.objective or 0.0)
     assert [s.starts for s in feasible[:CERTAIN]] == [24] * CERTAIN
@@ -227,11 +227,11 @@ def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_plac
     new_ones = repeats = 0
     for n, seed, objective in ((7, 2, scored), (6, 0, missing), (6, 4, missing)):
         strategy = study_of(space(n), round_size=round_size, sampler="moves", trials=100, starts=STARTS, seed=seed)
-        followed = follow(strategy, objective)
+        replayed = replay(strategy, objective)
         had, lent = Counter[str](), defaultdict[str, set[str]](set)
-        for place, (proposal, unknown) in enumerate(zip(followed.searched, near_ahead(followed), strict=True)):
+        for place, (proposal, unknown) in enumerate(zip(replayed.searched, near_ahead(replayed), strict=True)):
             key, near = proposal.candidate.key, proposal.near
-            told = {one.candidate.key for one in followed.searched[: place - len(unknown)]}
+            told = {one.candidate.key for one in replayed.searched[: place - len(unknown)]}
             assert told.issuperset(near)
             for one in unknown:
                 assert one.candidate.key not in {key, *near}
@@ -281,7 +281,7 @@ def test_what_is_kept_of_trials_is_what_the_study_says(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(moves.Moves, "ideas", watched)
     strategy = study_of(searched, round_size=round_size, sampler="moves", trials=300, starts=STARTS, seed=0)
-    follow(strategy, objective)
+    replay(strategy, objective)
     for number, least in zip(compared[-1], (4, 2, 1), strict=True):
         assert number >= least
 
@@ -295,11 +295,11 @@ def twin_of(key: str) -> str:
 
 
 def test_of_twins_the_other_one_follows_where_the_first_is_good() -> None:
-    keys = follow(study_of(space(8), sampler="moves", trials=160, starts=4, seed=0)).new
+    keys = replay(study_of(space(8), sampler="moves", trials=160, starts=4, seed=0)).new
     ranking = sorted(keys, key=lambda key: scored(key, 4).objective or math.inf)
     assert twin_of(ranking[0]) in keys
-    followed = [twin_of(key) in keys and twin_of(key) != key for key in ranking]
-    assert sum(followed[80:]) < 0.2 * sum(followed[:80])  # a half where nothing is known of twins
+    replayed = [twin_of(key) in keys and twin_of(key) != key for key in ranking]
+    assert sum(replayed[80:]) < 0.2 * sum(replayed[:80])  # a half where nothing is known of twins
 
 
 def test_a_tree_whose_starts_miss_is_found_by_its_twin() -> None:
@@ -320,8 +320,8 @@ def test_a_tree_whose_starts_miss_is_found_by_its_twin() -> None:
                     return Scored(key, starts, "feasible", 10.0, None)
             return scored(key, starts)
 
-        followed = follow(study_of(space(8), sampler="moves", trials=64, starts=4, seed=seed), objective)
-        return {first, second} <= set(followed.new)
+        replayed = replay(study_of(space(8), sampler="moves", trials=64, starts=4, seed=seed), objective)
+        return {first, second} <= set(replayed.new)
 
     assert sum(map(found, range(3))) >= 2
 
@@ -339,8 +339,8 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
         return scored(key, starts)
 
     def found(sampler: str, seed: int) -> bool:
-        followed = follow(study_of(space(8), sampler=sampler, trials=trials, starts=10, seed=seed), objective)
-        return any(p.candidate.key in hidden and p.starts > FEW for p in followed.proposals)
+        replayed = replay(study_of(space(8), sampler=sampler, trials=trials, starts=10, seed=seed), objective)
+        return any(p.candidate.key in hidden and p.starts > FEW for p in replayed.proposals)
 
     assert sum(found("moves", seed) for seed in range(3)) >= 2
     assert not any(found("random", seed) for seed in range(3))
@@ -349,11 +349,11 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
 def test_more_starts_that_fail_are_not_asked_for_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing but the first starts of a tree leads anywhere."""
     monkeypatch.setattr(moves, "REPEATS", 1)
-    followed = follow(
+    replayed = replay(
         study_of(space(7), sampler="moves", trials=100, starts=STARTS, seed=0),
         lambda key, starts: replace(scored(key, 1), starts=starts),
     )
-    times = Counter(p.candidate.key for p in followed.searched)
+    times = Counter(p.candidate.key for p in replayed.searched)
     assert len(times) == 100
     assert 100 < sum(times.values()) < 200
 
@@ -365,9 +365,9 @@ def test_what_is_known_from_more_starts_than_asked_for_is_not_asked_for_again(sa
     def known(key: str, starts: int) -> Scored:
         return scored(key, max(starts, 4))
 
-    followed = follow(study_of(space(7), sampler=sampler, trials=100, starts=STARTS, seed=0), known)
+    replayed = replay(study_of(space(7), sampler=sampler, trials=100, starts=STARTS, seed=0), known)
     reached = Counter[str]()
-    for proposal in followed.proposals:
+    for proposal in replayed.proposals:
         assert proposal.starts > reached[proposal.candidate.key]
         reached[proposal.candidate.key] = max(proposal.starts, 4)
     assert max(reached.values()) > 4
@@ -402,14 +402,14 @@ def test_a_population_that_finds_nothing_better_is_given_up(
     monkeypatch.setattr(moves, "draw_move", counted)
     monkeypatch.setattr(moves.Moves, "sample_relative", watched)
     trials = given_up + 24
-    follow(study_of(space(8), round_size=round_size, sampler="moves", trials=trials, starts=1, seed=0), objective)
+    replay(study_of(space(8), round_size=round_size, sampler="moves", trials=trials, starts=1, seed=0), objective)
     since = given_up - round_size - 1
     assert moved[: given_up + 16] == [False] * (round_size + 1) + [True] * since + [not anew] * 8 + [True] * 8
 
 
 def test_moves_find_better_trees_than_uniform_draws() -> None:
     def best(sampler: str, seed: int) -> float:
-        keys = follow(study_of(space(10), sampler=sampler, trials=96, starts=4, seed=seed)).new
+        keys = replay(study_of(space(10), sampler=sampler, trials=96, starts=4, seed=seed)).new
         return min(scored(key, 4).objective or math.inf for key in keys)
 
     assert max(best("moves", seed) for seed in range(3)) < min(best("random", seed) for seed in range(3))
@@ -419,22 +419,22 @@ def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> No
     journal = tmp_path / "study.journal"
     journal.write_text("torn by a kill")
     (tmp_path / "study.journal.lock").symlink_to(journal)
-    followed = follow(study_of(space(6), sampler="moves", trials=3 * ROUND, starts=4, seed=0, journal=journal))
+    replayed = replay(study_of(space(6), sampler="moves", trials=3 * ROUND, starts=4, seed=0, journal=journal))
     storage = JournalStorage(JournalFileBackend(str(journal)))
     study = optuna.load_study(study_name=None, storage=storage)
-    assert list(dict.fromkeys(trial.user_attrs["key"] for trial in study.trials)) == followed.new
+    assert list(dict.fromkeys(trial.user_attrs["key"] for trial in study.trials)) == replayed.new
     for trial in study.trials:
         score = scored(trial.user_attrs["key"], trial.user_attrs["starts"])
         assert trial.user_attrs["status"] == score.status
         assert trial.value == (None if score.status == "failed" else score.objective or float("inf"))
-    told = [scored(p.candidate.key, p.starts) for p in followed.proposals]
+    told = [scored(p.candidate.key, p.starts) for p in replayed.proposals]
     assert study.best_value == min(score.objective or math.inf for score in told)
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_any_seed_will_do(sampler: str) -> None:
     for seed in (2**32, 2**70 + 1):
-        assert len(follow(study_of(space(4), sampler=sampler, trials=9, starts=1, seed=seed)).new) == 9
+        assert len(replay(study_of(space(4), sampler=sampler, trials=9, starts=1, seed=seed)).new) == 9
 
 
 def test_an_unknown_sampler_is_refused() -> None:

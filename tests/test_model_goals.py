@@ -21,7 +21,7 @@ def test_levels_are_all_combinations_the_loosest_first():
     assert list(goals.levels) == [Level(*each) for each in expected]
 
 
-def test_a_neighbour_is_one_level_looser_in_one_goal():
+def test_a_level_before_is_looser_in_one_goal():
     goals = Goals(clearance=(1e-4, 1e-3, 1e-2), stand_off=(0.2, 0.3), peak_input=(1.0, 0.9, 0.8, 0.7))
     levels = goals.levels
     assert goals.previous(0) is None

@@ -1,4 +1,4 @@
-"""What is odd about a task, and what is not."""
+"""Which tasks are warned about, and which are not."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ PUSH_WHILE_HOVERING = {"end_effector": {"force": [0.2, 0.0, 0.0]}, **HOVER}
 
 
 def found(**fields: Any) -> dict[str, str]:
-    """The warnings of a task in which nothing else is odd, by field."""
+    """The warnings of a task with no other reason for warnings, by field."""
     task = {"name": "odd", "modules": 3, "load_cases": [PUSH_WHILE_HOVERING, HOVER], **fields}
     return {one.path: one.words for one in task_warnings(Task.model_validate(task))}
 
@@ -25,12 +25,12 @@ def test_nothing_is_odd_about_a_plain_task() -> None:
 
 def test_the_shipped_tasks_are_odd_only_where_the_paper_pushes_with_half_the_weight() -> None:
     for name in examples():
-        odd = {one.path for one in task_warnings(read_task(name))}
-        assert odd == ({"load_cases[0]", "load_cases[1]"} if name.startswith("push") else set()), name
+        warnings = {one.path for one in task_warnings(read_task(name))}
+        assert warnings == ({"load_cases[0]", "load_cases[1]"} if name.startswith("push") else set()), name
 
 
 @pytest.mark.parametrize(
-    ("case", "odd"),
+    ("case", "warned"),
     [
         ({"end_effector": {"force": [0.5, 0.0, 0.5]}}, True),
         ({"end_effector": {"force": [0.5, 0.0, 1.0]}}, False),
@@ -45,9 +45,9 @@ def test_the_shipped_tasks_are_odd_only_where_the_paper_pushes_with_half_the_wei
         ({"carries_weight": True, "com": {"force": [0.0, 0.0, -0.1]}}, True),
     ],
 )
-def test_a_load_case_that_does_not_carry_the_weight(case: dict[str, Any], odd: bool) -> None:
+def test_a_load_case_that_does_not_carry_the_weight(case: dict[str, Any], warned: bool) -> None:
     words = found(load_cases=[HOVER, case]).get("load_cases[1]", "")
-    assert says(words, "less than the weight, 7.534 N of 3 modules", "gravity", "carries_weight = true") is odd
+    assert says(words, "less than the weight, 7.534 N of 3 modules", "gravity", "carries_weight = true") is warned
 
 
 def test_with_a_range_of_sizes_the_largest_platform_counts() -> None:
@@ -110,8 +110,8 @@ def test_a_task_in_which_nothing_hovers() -> None:
     ],
 )
 def test_values_that_are_seldom_meant(fields: dict[str, Any], path: str, said: str) -> None:
-    odd = found(**fields)
-    assert said in odd[path]
+    warnings = found(**fields)
+    assert said in warnings[path]
 
 
 @pytest.mark.parametrize(
@@ -131,7 +131,7 @@ def test_values_that_are_seldom_meant(fields: dict[str, Any], path: str, said: s
     ],
 )
 def test_centimetres_are_told_whatever_the_number_of_modules(fields: dict[str, Any], path: str) -> None:
-    """What is a hundred times as long as was meant; what was meant is not odd."""
+    """What is a hundred times as long as was meant; nobody is warned about what was meant."""
     for n in (1, 3, 100):
         assert "lengths are in metres" in found(**fields, modules=n)[path]
 
@@ -151,10 +151,10 @@ def test_lengths_of_the_platforms_size_are_not_odd(n: int) -> None:
     assert found(exposure=exposure, end_effector={"stand_off": 1.0}, modules=n) == {}
 
 
-@pytest.mark.parametrize(("edge", "odd"), [(0.3, False), (0.314, False), (0.316, True), (0.42, True)])
-def test_frames_that_reach_past_their_connectors(edge: float, odd: bool) -> None:
+@pytest.mark.parametrize(("edge", "warned"), [(0.3, False), (0.314, False), (0.316, True), (0.42, True)])
+def test_frames_that_reach_past_their_connectors(edge: float, warned: bool) -> None:
     """The audit lets them touch up to 7.5 mm past."""
     start = f"hub and arms reach {edge / 2:.3g} m out, past the connector at 0.15 m"
     for hub in ([edge, 0.02, 0.02], [0.02, edge, 0.02]):
         given = {"name": "odd", "modules": 3, "load_cases": [HOVER], "module": {"body": {"hub": hub}}}
-        assert any(one.words.startswith(start) for one in task_warnings(Task.model_validate(given))) is odd
+        assert any(one.words.startswith(start) for one in task_warnings(Task.model_validate(given))) is warned

@@ -9,8 +9,8 @@ from nlp_cases import FEATURES, push, random_point, random_tree
 
 from nlp.assembled import AssembledProgram
 from nlp.assembled.problem import AssembledProblem
+from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations, worst
-from nlp.numbers.finish import finish
 from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.programs.ipopt import BETA, OPTIONS
@@ -39,58 +39,59 @@ def test_values_and_derivatives_are_those_of_the_page(name):
     fields, key = CASES[name]
     topology = Topology.from_key(key)
     task = push(topology.n, **fields)
-    page = problem(task, topology)
-    assembly = AssembledProblem(task, topology, clearances(task, topology), BETA)
+    printed = problem(task, topology)
+    assembled = AssembledProblem(task, topology, clearances(task, topology), BETA)
     rng = np.random.default_rng(5)
-    variables = page.variables.vector()
-    rows = ca.vertcat(*(constraint.expression for constraint in page.constraints))
+    variables = printed.variables.vector()
+    rows = ca.vertcat(*(constraint.expression for constraint in printed.constraints))
     multipliers = ca.SX.sym("multipliers", rows.numel())
-    hessian, _ = ca.hessian(2.5 * page.objective + ca.dot(multipliers, rows), variables)
+    hessian, _ = ca.hessian(2.5 * printed.objective + ca.dot(multipliers, rows), variables)
     jacobian = ca.jacobian(rows, variables)
-    results = [page.objective, ca.gradient(page.objective, variables), rows, jacobian, hessian]
-    derived = ca.Function("page", [variables, page.beta, multipliers], results)
+    results = [printed.objective, ca.gradient(printed.objective, variables), rows, jacobian, hessian]
+    derived = ca.Function("printed", [variables, printed.beta, multipliers], results)
     for _ in range(3):
         x = random_point(task, topology, rng).pack()
         weight = rng.normal(size=rows.numel())
         f, df, g, dg, _ = (np.array(value) for value in derived(x, BETA, weight))
-        own = assembly.constraints(x)
+        own = assembled.constraints(x)
         order, own_order = np.argsort(g.ravel()), np.argsort(own)  # the rows are the same, their order is not
         scale = max(1.0, np.abs(dg).max())
-        assert assembly.objective(x) == pytest.approx(f.item(), rel=1e-12)
-        np.testing.assert_allclose(assembly.gradient(x), df.ravel(), atol=1e-12)
+        assert assembled.objective(x) == pytest.approx(f.item(), rel=1e-12)
+        np.testing.assert_allclose(assembled.gradient(x), df.ravel(), atol=1e-12)
         np.testing.assert_allclose(own[own_order], g.ravel()[order], atol=1e-10)
-        own_jacobian = dense(assembly.jacobian_pattern, assembly.jacobian(x))
+        own_jacobian = dense(assembled.jacobian_pattern, assembled.jacobian(x))
         np.testing.assert_allclose(own_jacobian[own_order], dg[order], atol=1e-10 * scale)
         page_weight = np.empty_like(weight)
         page_weight[order] = weight[own_order]
         H = np.array(derived(x, BETA, page_weight)[4])
-        own_hessian = dense(assembly.hessian_pattern, assembly.hessian(x, 2.5, weight))
+        own_hessian = dense(assembled.hessian_pattern, assembled.hessian(x, 2.5, weight))
         np.testing.assert_allclose(own_hessian, np.triu(H), atol=1e-9 * max(1.0, np.abs(H).max()))
 
 
-def on_the_page(start):
+def solve_printed(start):
     """Where Ipopt ends from a start on the printed problem, as one CasADi graph."""
-    page = problem(start.task, start.topology)
+    printed = problem(start.task, start.topology)
     nlp = {
-        "x": page.variables.vector(),
-        "p": page.beta,
-        "f": page.objective,
-        "g": ca.vertcat(*(row.expression for row in page.constraints)),
+        "x": printed.variables.vector(),
+        "p": printed.beta,
+        "f": printed.objective,
+        "g": ca.vertcat(*(row.expression for row in printed.constraints)),
     }
     lower, upper = (
         np.repeat(
-            [getattr(row, side) for row in page.constraints], [row.expression.numel() for row in page.constraints]
+            [getattr(row, side) for row in printed.constraints],
+            [row.expression.numel() for row in printed.constraints],
         )
         for side in ("lower", "upper")
     )
     least, most = variable_bounds(start.task, start.topology, start.alpha)
-    solver = ca.nlpsol("page", "ipopt", nlp, OPTIONS)
+    solver = ca.nlpsol("printed", "ipopt", nlp, OPTIONS)
     x = solver(x0=start.pack(), p=BETA, lbx=least, ubx=most, lbg=lower, ubg=upper)["x"]
     return Point.unpack(start.task, start.topology, np.asarray(x, dtype=float).ravel())
 
 
 @pytest.mark.parametrize("name", ["push", "60 degree cone", "two paths", "paper root", "no body clearance"])
-def test_ipopt_reaches_what_it_reaches_on_the_page(name, monkeypatch):
+def test_ipopt_reaches_what_it_reaches_on_the_printed_problem(name, monkeypatch):
     """With every row, one round without move limits and the same options, it takes the same steps on both."""
     for room, value in {"NEAR": np.inf, "BESIDE": np.inf}.items():
         monkeypatch.setattr(f"nlp.requirements.modules.{room}", value)
@@ -101,7 +102,7 @@ def test_ipopt_reaches_what_it_reaches_on_the_page(name, monkeypatch):
     assembled, efforts = AssembledProgram(task, topology), []
     for start in range(6):
         point = draw(task, topology, generator(task, topology, start, 0))
-        ends = [finish(on_the_page(point)), finish(assembled.solve(point).point)]
+        ends = [correct(solve_printed(point)), correct(assembled.solve(point).point)]
         met = [worst(violations(end)).met for end in ends]
         efforts += [[np.sum(end.u**2) for end in ends]] if all(met) else []
     assert efforts
@@ -139,20 +140,20 @@ def test_a_random_tree_of_thirty_modules_has_exact_derivatives():
     topology = random_tree(30, rng)
     task = push(30, exposure=FEATURES["several requirements"]["exposure"], search={"connectors": "any"})
     some = [replace(asked, subjects=asked.subjects[::7]) for asked in clearances(task, topology)]
-    assembly = AssembledProblem(task, topology, some, BETA)
+    assembled = AssembledProblem(task, topology, some, BETA)
     x = draw(task, topology, rng).pack()
-    weight = rng.normal(size=assembly.rows)
-    jacobian = ca.DM(assembly.jacobian_pattern, assembly.jacobian(x))
-    upper = ca.DM(assembly.hessian_pattern, assembly.hessian(x, 1.0, weight))
+    weight = rng.normal(size=assembled.rows)
+    jacobian = ca.DM(assembled.jacobian_pattern, assembled.jacobian(x))
+    upper = ca.DM(assembled.hessian_pattern, assembled.hessian(x, 1.0, weight))
     hessian = upper + upper.T - ca.diag(ca.diag(upper))
 
     def slope(y):
-        by_rows = ca.DM(assembly.jacobian_pattern, assembly.jacobian(y)).T @ weight
-        return assembly.gradient(y) + np.array(by_rows).ravel()
+        by_rows = ca.DM(assembled.jacobian_pattern, assembled.jacobian(y)).T @ weight
+        return assembled.gradient(y) + np.array(by_rows).ravel()
 
     for _ in range(3):
         d = rng.normal(size=x.shape) * 1e-7  # clearances bend so sharply that ten times the step would show
-        change = (assembly.constraints(x + d) - assembly.constraints(x - d)) / 2
+        change = (assembled.constraints(x + d) - assembled.constraints(x - d)) / 2
         np.testing.assert_allclose(np.array(jacobian @ d).ravel(), change, atol=1e-10)
         bend = (slope(x + d) - slope(x - d)) / 2
         scale = np.abs(bend).max()

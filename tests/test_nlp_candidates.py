@@ -13,7 +13,7 @@ A = 2.3
 M = 400
 
 
-def page():
+def printed_form():
     c = ca.SX.sym("c", 3)
     psi = log_sum_exp(quadratic_candidates(A, A, c[0], c[1], c[2], 0.0), BETA)
     hessian, gradient = ca.hessian(psi, c)
@@ -27,10 +27,10 @@ def coefficients(det, rng):
 
 
 @pytest.mark.parametrize(("det", "rounding"), [(0.5, 1e-11), (0.1, 1e-10), (1e-2, 1e-6)])
-def test_values_and_derivatives_are_those_of_the_page(det, rounding):
+def test_values_and_derivatives_are_those_of_the_printed_problem(det, rounding):
     c = coefficients(det, np.random.default_rng(3))
     psi, gradient, hessian = smooth_least(c, A, BETA, 2)
-    derived = page()
+    derived = printed_form()
     for r in range(M):
         value, slope, bend = (np.array(result) for result in derived(c[r]))
         assert psi[r] == pytest.approx(value.item(), rel=1e-12, abs=1e-12)

@@ -10,7 +10,7 @@ from verify_cases import changed
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.corners import take_in_corners, with_all, without_corners
-from nlp.numbers.finish import finish
+from nlp.numbers.correction import correct
 from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, missed_wrenches, wrench_matrix
 from nlp.running import running_rotors
@@ -77,7 +77,7 @@ def test_judged_corners_are_those_that_linear_programs_can_produce() -> None:
         task = whole(asked(cases=GENTLE_PUSH, rotor_out="hover", rotor_out_torque=0.05))
         root, alpha = np.array(design.root_orientation_rad), np.array(design.hinge_angles_rad)
         plain = without_corners(task)
-        point = finish(Point(plain, TREE, root, alpha, np.array(design.end_effector_m), design.inputs))
+        point = correct(Point(plain, TREE, root, alpha, np.array(design.end_effector_m), design.inputs))
         every = with_all(point, task)
         units = np.repeat([task.force_unit(3), task.torque_unit(3)], 3)
         A, b = wrench_matrix(every) * task.max_input / units[:, None], asked_wrenches(every) / units

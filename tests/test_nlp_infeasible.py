@@ -396,8 +396,8 @@ def test_a_failure_word_alone_is_not_believed(monkeypatch):
     polish = AssembledProgram.polish
 
     def pessimist(self, start):
-        answer = polish(self, start)
-        return IpoptResult(answer.point, "Maximum_Iterations_Exceeded", answer.iterations)
+        result = polish(self, start)
+        return IpoptResult(result.point, "Maximum_Iterations_Exceeded", result.iterations)
 
     monkeypatch.setattr(AssembledProgram, "polish", pessimist)
     result = solve(hover(1), Topology.from_key("a0"), starts=range(4), seed=0)

@@ -1,4 +1,4 @@
-"""Rotors that never stop: the least input in page, assembled program, reduced search, bound, audit and flight."""
+"""Rotors that never stop: the least input in every form of the problem, bound, audit and flight."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from scipy.optimize import linprog, lsq_linear
 
 from nlp import lower_bound, solve
 from nlp.assembled import AssembledProgram
+from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations, worst
-from nlp.numbers.finish import finish
 from nlp.reduced.trials import trials
 from nlp.requirements.balances import wrench_matrix
 from nlp.starts.random_starts import draw, generator
@@ -45,7 +45,7 @@ def test_the_reduced_search_and_the_assembled_program_keep_to_it():
     task = idle()
     best = placed(task, TREE, 4).objective
     ends = [end.point for end in trials(task, TREE, starts=range(4), seed=0, near=()) if end.worst.met]
-    rounds = finish(AssembledProgram(task, TREE).solve(draw(task, TREE, generator(task, TREE, 0, seed=0))).point)
+    rounds = correct(AssembledProgram(task, TREE).solve(draw(task, TREE, generator(task, TREE, 0, seed=0))).point)
     assert worst(violations(rounds)).met
     for point in (*ends, rounds):
         assert point.u.min() >= task.min_input

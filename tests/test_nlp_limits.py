@@ -91,15 +91,15 @@ def test_exclusion_is_a_stand_off_of_the_connector_distance(seed):
     tree = random_tree(5, rng)
     one, other = push(5), push(5, end_effector={"exclusion": False, "stand_off": 0.15})
     point = random_point(one, tree, rng)
-    page, assembled = [], []
+    printed, assembled = [], []
     for task in (one, other):
         stated = problem(task, tree)
         everything = ca.vertcat(*(constraint.expression for constraint in stated.constraints))
         f = ca.Function("g", [stated.variables.vector(), stated.beta], [everything])
-        page.append(np.array(f(point.pack(), BETA)))
+        printed.append(np.array(f(point.pack(), BETA)))
         numbers = AssembledProblem(task, tree, clearances(task, tree), BETA)
         assembled.append(numbers.constraints(point.pack()))
-    np.testing.assert_array_equal(*page)
+    np.testing.assert_array_equal(*printed)
     np.testing.assert_array_equal(*assembled)
 
 

@@ -20,12 +20,12 @@ def break_polishes(monkeypatch, count):
     polish, calls = AssembledProgram.polish, []
 
     def polish_badly(self, start):
-        answer = polish(self, start)
-        calls.append(answer)
+        result = polish(self, start)
+        calls.append(result)
         if len(calls) > count:
-            return answer
-        point = dataclasses.replace(answer.point, u=np.full_like(answer.point.u, math.nan))
-        return IpoptResult(point, "Solve_Succeeded", answer.iterations)
+            return result
+        point = dataclasses.replace(result.point, u=np.full_like(result.point.u, math.nan))
+        return IpoptResult(point, "Solve_Succeeded", result.iterations)
 
     monkeypatch.setattr(AssembledProgram, "polish", polish_badly)
 

@@ -38,12 +38,12 @@ def evaluated(task, topology, x, rho=RHO):
     return evaluate(stated, x, np.zeros((len(task.load_cases), 6)), always(stated), rho)
 
 
-def page_gaps(task, topology, x):
+def printed_gaps(task, topology, x):
     """Values of the printed problem's clearances by name, dimensionless, at nearly infinite sharpness."""
-    page = problem(task, topology)
+    printed = problem(task, topology)
     u = np.zeros(4 * topology.n * len(task.load_cases))
-    stated = [c for c in page.constraints if "load case" not in c.name]
-    rows_of = ca.Function("rows", [page.variables.vector(), page.beta], [c.expression for c in stated])
+    stated = [c for c in printed.constraints if "load case" not in c.name]
+    rows_of = ca.Function("rows", [printed.variables.vector(), printed.beta], [c.expression for c in stated])
     values = rows_of.call([np.concatenate([x, u]), SHARP])
     return {c.name: np.asarray(value).ravel() for c, value in zip(stated, values, strict=True)}
 
@@ -85,7 +85,7 @@ def awkward_points(task, topology, rng):
 
 
 @pytest.mark.parametrize("name", FEATURES)
-def test_clearances_are_those_of_the_page(name):
+def test_clearances_are_those_of_the_printed_problem(name):
     rng = np.random.default_rng(1)
     task = push(4, **FEATURES[name])
     for _ in range(3):
@@ -94,10 +94,10 @@ def test_clearances_are_those_of_the_page(name):
         for point in awkward_points(task, topology, rng):
             x = unknowns(task, topology, point)
             found = evaluated(task, topology, x).g
-            page, exact = page_gaps(task, topology, x), exact_gaps(task, topology, point)
-            assert {row.name for row in listed} == set(page)
+            printed, exact = printed_gaps(task, topology, x), exact_gaps(task, topology, point)
+            assert {row.name for row in listed} == set(printed)
             for row, g in zip(listed, found, strict=True):
-                values = page[row.name]
+                values = printed[row.name]
                 if s.PARTS_CONE <= row.kind <= s.PARTS_HULL:
                     assert g == pytest.approx(exact[row.name], abs=1e-6)
                     assert (min(values) > 0) == (g > 0) or abs(g) < 0.05
@@ -235,7 +235,7 @@ def test_an_envelope_and_a_hull_are_as_far_apart_as_their_nearest_points(region)
 
 @pytest.mark.parametrize("region", [BOX, WEDGE], ids=["box", "wedge"])
 def test_an_axis_in_a_hull_leaves_it_by_the_row_that_it_has(region):
-    """Deep inside, where the page has no slope that leads out: going uphill ends outside."""
+    """Deep inside, where the printed problem has no slope that leads out: going uphill ends outside."""
     task, topology = push(1, exposure=[region]), Topology.from_key("a0")
     stated = state(task, topology)
     place = next(r for r, kind in enumerate(stated.rows.kind) if kind == s.HULL)

@@ -183,7 +183,7 @@ def test_many_modules_stay_where_nothing_overlaps_and_are_disentangled_where_som
         assert stays == (source is straight)
 
 
-def test_a_neighbour_is_one_more_start_before_the_others():
+def test_a_design_of_another_tree_is_one_more_start_before_the_others():
     task, tree = push(), Topology.from_key("a11410")
     source = solved(solve(task, Topology.from_key("a11210"), starts=range(6), seed=0))
     alone = solve(task, tree, starts=range(0), seed=1, near=[source])
@@ -210,7 +210,7 @@ def test_a_design_carried_to_its_own_tree_leads_back_to_itself():
     assert source.objective <= wider.objective <= 1.01 * source.objective
 
 
-def test_neither_starts_nor_neighbours_are_refused():
+def test_neither_starts_nor_designs_to_start_from_are_refused():
     with pytest.raises(ValueError, match="starts"):
         solve(push(), Topology.from_key("a11410"), starts=range(0), seed=0)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from topo_search.model import Design, Topology
-from topo_search.simulation.authority import hardest_rotor, hover_shortfall, weakest_force
+from topo_search.simulation.authority import hardest_rotor, hover_residual, weakest_force
 from topo_search.simulation.controller import EFFORT, TORQUE_FIRST, Allocator, Bandwidths, Controller, Reference
 from topo_search.simulation.plant import Errors, Plant, Wall, nominal
 from verify.kinematics import platform
@@ -115,7 +115,7 @@ def test_thrusts_are_the_least_squares_within_limits(wall_press: Design) -> None
         upper = np.ones(20)
         if k % 2:
             dead = int(rng.integers(20))
-            allocator.bury(dead)
+            allocator.stop_rotor(dead)
             upper[dead] = 1e-12
         T, missing = allocator.thrusts(wrench)
         best = lsq_linear(A, np.append(scale * wrench, np.zeros(20)), (0, upper), method="bvls")
@@ -150,7 +150,7 @@ def test_authority_in_hover_tells_a_weak_design_from_a_strong_one(solved_push: D
         missing = np.abs(allocator.thrusts(wrench)[1]).max() / strong.weight
         assert (missing < 1e-3) == possible
     assert hardest_rotor(strong)[1] == 20
-    assert hover_shortfall(strong)[0] < 1e-4
+    assert hover_residual(strong)[0] < 1e-4
 
 
 def test_rotors_that_never_stop_do_not_stop_unless_they_are_dead(wall_press: Design) -> None:
@@ -159,7 +159,7 @@ def test_rotors_that_never_stop_do_not_stop_unless_they_are_dead(wall_press: Des
     known = nominal(design)
     assert known.least_share == pytest.approx(0.35, rel=1e-12)
     allocator = Allocator(known)
-    allocator.bury(7)
+    allocator.stop_rotor(7)
     hover = np.array([0, 0, known.weight, 0, 0, 0.0])
     T, _ = allocator.thrusts(hover)
     freely, _ = Allocator(nominal(wall_press)).thrusts(hover)

@@ -32,18 +32,18 @@ def halving(space, told):
         proposals = [Proposal(proposals[i].candidate, starts) for i in order[: len(order) // 2]]
 
 
-def follow(path, *, until=math.inf, strategy=halving):
+def run_strategy(path, *, until=math.inf, strategy=halving):
     """Follow a strategy in a run's folder; return whether it ended and what it was told."""
     request, told = Request(toy_task(4), "c2", 9, 0), []
     with RunFolder.open(path, request) as folder:
         context = request.contexts(4)[0]
         folder.ledger.begin(context, toy_problem.BOUND, None)
         replay = Replay(folder.ledger, context, toy_problem.BOUND, toy_problem.solve, InProcess(1), Silent())
-        return replay.follow(strategy(request.space(4), told), until), told
+        return replay.run(strategy(request.space(4), told), until), told
 
 
 def test_a_strategy_is_told_the_value_of_every_proposal(tmp_path, log):
-    ended, told = follow(tmp_path / "run")
+    ended, told = run_strategy(tmp_path / "run")
     assert ended
     assert [len(scores) for scores in told] == [14, 7, 3]
     for starts, scores in zip((1, 2, 4), told, strict=True):
@@ -55,33 +55,33 @@ def test_a_strategy_is_told_the_value_of_every_proposal(tmp_path, log):
 
 
 def test_a_stopped_search_is_told_the_same_when_it_is_replayed_and_solves_nothing_twice(tmp_path, monkeypatch, log):
-    whole = follow(tmp_path / "whole")
+    whole = run_strategy(tmp_path / "whole")
     solves = solved_keys(log)
     log.write_text("")
     ticks = itertools.count()
     monkeypatch.setattr(time, "monotonic", lambda: float(next(ticks)))
     ended, stops = False, 0
     while not ended:  # a few solves at a time
-        ended, told = follow(tmp_path / "run", until=next(ticks) + 5)
+        ended, told = run_strategy(tmp_path / "run", until=next(ticks) + 5)
         assert told == whole[1][: len(told)]
         stops += not ended
     assert stops > 4
     assert (ended, told) == whole
     assert solved_keys(log) == solves
-    assert follow(tmp_path / "run") == whole
+    assert run_strategy(tmp_path / "run") == whole
     assert solved_keys(log) == solves
 
 
 def test_what_has_no_design_comes_with_its_violation(tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
-    _, told = follow(tmp_path / "run")
+    _, told = run_strategy(tmp_path / "run")
     unit = toy_task(4).resolve(4).torque_unit(4)
     for scored in told[0]:
         assert scored.objective is None
         assert scored.violation == pytest.approx(toy_problem.value(scored.key, 0, 0, 1e-4) / unit)
 
 
-def neighbours(space, told):
+def warm_starting(space, told):
     first, second, third = itertools.islice(space.candidates(), 3)
     told.append((yield from scores_of(Proposal(first, 1))))
     told.append((yield from scores_of(Proposal(second, 3, near=(first.key,)), Proposal(third, 1))))
@@ -89,7 +89,7 @@ def neighbours(space, told):
 
 
 def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
-    follow(tmp_path / "run", strategy=neighbours)
+    run_strategy(tmp_path / "run", strategy=warm_starting)
     first, second, third = (c.key for c in itertools.islice(Space(toy_task(4).resolve(4), "c2").candidates(), 3))
     carried = [(line.split()[0], line.split()[3:]) for line in log.read_text().splitlines()]
     assert carried == [(first, []), (second, [first]), (third, []), (first, []), (third, [second])]
@@ -107,7 +107,7 @@ def test_designs_may_stand_for_all_of_the_first_starts(tmp_path, log):
         told.append((yield from scores_of(Proposal(third, 2, near=(first.key, second.key)))))
         told.append((yield from scores_of(Proposal(third, 4))))
 
-    ended, told = follow(tmp_path / "run", strategy=carried_over_alone)
+    ended, told = run_strategy(tmp_path / "run", strategy=carried_over_alone)
     lines = [line.split() for line in log.read_text().splitlines()]
     assert ended
     assert [line[3:] for line in lines] == [[], [], [told[0][0].key, told[0][1].key], []]
@@ -116,10 +116,10 @@ def test_designs_may_stand_for_all_of_the_first_starts(tmp_path, log):
     assert [scores[0].objective for scores in told[1:]] == [min(values[:2]), min(values)]
 
 
-def test_a_neighbour_without_a_design_carries_nothing_over(tmp_path, monkeypatch, log):
+def test_a_tree_without_a_design_is_no_warm_start(tmp_path, monkeypatch, log):
     first = next(Space(toy_task(4).resolve(4), "c2").candidates()).key
     monkeypatch.setenv("TOY_NONE", first)
-    _, told = follow(tmp_path / "run", strategy=neighbours)
+    _, told = run_strategy(tmp_path / "run", strategy=warm_starting)
     assert [scored.starts for scored in told[1]] == [3, 1]
     assert [len(line.split()) for line in log.read_text().splitlines()] == [3, 3, 3, 3, 4]
 

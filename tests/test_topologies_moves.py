@@ -29,7 +29,7 @@ def trees(draw: st.DrawFn, connectors: Connectors) -> Topology:
 
 
 @given(trees("aligned"), st.randoms(use_true_random=False))
-def test_a_neighbour_of_an_aligned_tree_is_an_aligned_tree_of_the_same_size(tree: Topology, random: Random) -> None:
+def test_a_move_of_an_aligned_tree_is_an_aligned_tree_of_the_same_size(tree: Topology, random: Random) -> None:
     other = graft(tree, *draw_move(tree, random, "aligned"))
     assert other.aligned
     assert other.n == tree.n

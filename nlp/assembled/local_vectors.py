@@ -151,7 +151,7 @@ class PlatformVectors:
         return _derivatives(links.p, self.axes, links.omega, links.v, links.chain.moves, self._share, self._free)
 
     def push_to_modules(self, gradients: Array) -> Array:
-        """Return the gradient by the modules' positions, with what p_COM and a p'_E that is not free pass on, (n, 3).
+        """Return the gradient by the modules' positions, with what p_COM and a p'_E that is not free add, (n, 3).
 
         Args:
             gradients: by V, shape (4n+3, 3).

@@ -13,8 +13,8 @@ from nlp.assembled.problem import AssembledProblem
 from nlp.joints import LimitRows, Limits
 from nlp.numbers.evaluate import worst
 from nlp.numbers.point import Point
-from nlp.own import Assembled, Beside, OwnConstraints, finish_point, rows_of, violations_of
-from nlp.programs.ipopt import BETA, OPTIONS, IpoptResult, answer_of
+from nlp.own import Assembled, Beside, OwnConstraints, correct_point, rows_of, violations_of
+from nlp.programs.ipopt import BETA, OPTIONS, IpoptResult, result_of
 from nlp.programs.memory import ipopt
 from nlp.requirements import clearances, variable_bounds
 from topo_search.model import ResolvedTask, Topology
@@ -38,7 +38,7 @@ ROUNDS = 14
 """Most rounds; the evaluation judges what is reached by then."""
 GAIN = 1e-4
 """Relative decrease of the effort without which there is no further round."""
-HOPE = 0.1
+LEAST_DECREASE = 0.1
 """Relative decrease of the worst violation without which a start is given up."""
 MUMPS: Options = {"ipopt.mumps_permuting_scaling": 0, "ipopt.mumps_pivot_order": 0}
 """Approximate minimum degree without prior permutation: half the time of MUMPS's own choice at 40 modules."""
@@ -47,7 +47,7 @@ STAY: Options = {"ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6, "ipopt.max_
 WARM: Options = {"ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-5}
 """From a design on."""
 EXACT: Options = {"ipopt.tol": 1e-8}
-"""Of a polish, whose answer is final."""
+"""Of a polish, whose result is final."""
 
 
 class AssembledProgram:
@@ -67,33 +67,33 @@ class AssembledProgram:
         where no step leads back from. So a round turns no hinge by more than a limit, and the next one goes on
         from its end with the pairs that are near then. As in a trust region, the limit grows as long as rounds end
         in designs, and a round that loses the design is taken back and repeated with a smaller one. So is a bold
-        first one that finds none. Pairs that are not in the last round are judged with all others when the answer
+        first one that finds none. Pairs that are not in the last round are judged with all others when the result
         is.
         """
         limit = BOLD_LIMIT if self._topology.n <= BOLD_UP_TO else MOVE_LIMIT
         point, merit, iterations, patience = start, self._merit(start), 0, 1
         status = "no round ended"
         for _ in range(ROUNDS):
-            answer = self._round(point, limit, {**STAY, **WARM} if merit.met else STAY)
-            status, iterations = answer.status, iterations + answer.iterations
-            if not answer.finite:  # what was reached before stands
+            result = self._round(point, limit, {**STAY, **WARM} if merit.met else STAY)
+            status, iterations = result.status, iterations + result.iterations
+            if not result.finite:  # what was reached before stands
                 break
-            reached = self._merit(answer.point)
+            reached = self._merit(result.point)
             if not reached.met and (merit.met or limit > MOVE_LIMIT):
                 limit = limit / GROWTH**2 if merit.met else MOVE_LIMIT
                 if limit < LEAST_MOVE_LIMIT:
                     break
                 continue
-            turned = np.max(np.abs(answer.point.alpha - point.alpha), initial=0.0)
+            turned = np.max(np.abs(result.point.alpha - point.alpha), initial=0.0)
             found = reached.met and not merit.met
             gain = 1.0 - reached.amount / merit.amount if merit.amount > 0.0 else 0.0
             if found or gain > 0.0:
-                point, merit = answer.point, reached
+                point, merit = result.point, reached
             if merit.met:
                 if turned < 0.98 * limit or (not found and gain < GAIN):
                     break  # a minimum inside the limit, or next to none
                 limit *= GROWTH
-            elif gain < HOPE:
+            elif gain < LEAST_DECREASE:
                 if not patience:
                     break
                 patience, limit = patience - 1, limit / GROWTH
@@ -114,7 +114,7 @@ class AssembledProgram:
         hinges = slice(3, 3 + len(start.alpha))
         lower[hinges] = np.maximum(lower[hinges], start.alpha - limit)
         upper[hinges] = np.minimum(upper[hinges], start.alpha + limit)
-        result = solver(
+        solution = solver(
             x0=ca.DM(start.pack()),
             lbx=ca.DM(lower),
             ubx=ca.DM(upper),
@@ -124,10 +124,10 @@ class AssembledProgram:
         for function in functions:
             if function.error is not None:
                 raise function.error
-        return answer_of(solver, result, self._task, self._topology)
+        return result_of(solver, solution, self._task, self._topology)
 
     def _merit(self, point: Point) -> _Merit:
-        reason = worst(violations_of(finish_point(point, self._own), self._own))
+        reason = worst(violations_of(correct_point(point, self._own), self._own))
         return _Merit(reason.met, point.objective if reason.met else reason.rank)
 
 

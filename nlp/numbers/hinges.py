@@ -35,7 +35,7 @@ def within(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
 def ranges(task: ResolvedTask, topology: Topology, alpha: Array | None = None) -> tuple[list[float], list[float]]:
     """Return the least and the largest angle of every hinge, of the clear folds nearest to alpha or of all [rad].
 
-    Where there is no clear fold both are 0; the check of the answer then finds that.
+    Where there is no clear fold both are 0; the check of the result then finds that.
     """
     sign, folds = signs(topology), task.folds(task.search.margin) or ((0.0, 0.0),)
     low, high = np.full_like(sign, folds[0][0]), np.full_like(sign, folds[-1][1])

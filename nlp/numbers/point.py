@@ -1,4 +1,4 @@
-"""A point of the problem as numbers in SI: what Ipopt starts from and what it answers."""
+"""A point of the problem as numbers in SI: where Ipopt starts and where it ends."""
 
 from __future__ import annotations
 

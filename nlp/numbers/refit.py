@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from nlp.numbers.finish import finish
+from nlp.numbers.correction import correct
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, wrench_matrix
 from topo_search.model import Design
@@ -46,7 +46,7 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
     units = np.repeat([task.force_unit(topology.n), task.torque_unit(topology.n)], 3)
     A = wrench_matrix(point) * task.max_input / units[:, None]
     u = task.max_input * _least(A, asked_wrenches(point) / units, task.min_input / task.max_input)
-    found = finish(Point(task, topology, root, alpha, p_E, u.reshape(point.u.shape)))
+    found = correct(Point(task, topology, root, alpha, p_E, u.reshape(point.u.shape)))
     off = np.abs(found.u.reshape(len(u), -1) / task.max_input @ A.T - asked_wrenches(point) / units).max(axis=1)
     if off.max() > WRENCH_TOLERANCE:
         raise NotPossible(f"load case {int(np.argmax(off))} cannot be produced by the rotors")
@@ -70,8 +70,8 @@ def _least(A: Array, b: Array, lowest: float) -> Array:
     solve = ca.conic("least", "daqp", {"h": ca.Sparsity.diag(N), "a": ca.Sparsity.dense(6, N)}, options)
     found = []
     for k, b_k in enumerate(b):
-        answer = solve(h=ca.DM.eye(N), g=0, a=A, lba=b_k, uba=b_k, lbx=lowest, ubx=1)
+        solution = solve(h=ca.DM.eye(N), g=0, a=A, lba=b_k, uba=b_k, lbx=lowest, ubx=1)
         if not solve.stats()["success"]:
             raise NotPossible(f"load case {k} cannot be produced by the rotors")
-        found.append(np.asarray(answer["x"]).ravel())
+        found.append(np.asarray(solution["x"]).ravel())
     return np.array(found)

@@ -1,1 +1,1 @@
-"""Ipopt: its options, what it answers, and the room that it needs."""
+"""Ipopt: its options, what it returns, and the room that it needs."""

@@ -1,4 +1,4 @@
-"""How Ipopt is called, and what it says."""
+"""How Ipopt is called, and what it returns."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OPTIONS: dict[str, int | float | str | bool] = {
     "print_time": False,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
-    "ipopt.max_iter": 300,  # a limit in iterations, not in time: the answer must not depend on the machine's speed
+    "ipopt.max_iter": 300,  # a limit in iterations, not in time: the result must not depend on the machine's speed
     "ipopt.mu_strategy": "adaptive",
     "ipopt.bound_relax_factor": 0.0,  # inputs and angles end inside their bounds, not 1e-8 outside
 }
@@ -28,7 +28,7 @@ OPTIONS: dict[str, int | float | str | bool] = {
 
 @dataclass(frozen=True)
 class IpoptResult:
-    """What Ipopt says after one start."""
+    """What Ipopt returns after one start."""
 
     point: Point
     status: str
@@ -40,9 +40,11 @@ class IpoptResult:
         return bool(np.all(np.isfinite(self.point.pack())))
 
 
-def answer_of(solver: ca.Function, result: dict[str, ca.DM], task: ResolvedTask, topology: Topology) -> IpoptResult:
-    """Return what a solver says after a solve."""
+def result_of(
+    solver: ca.Function, solution: dict[str, ca.DM], task: ResolvedTask, topology: Topology
+) -> IpoptResult:
+    """Return what a solver returns."""
     stats = solver.stats()
-    x = np.asarray(result["x"], dtype=float).ravel()
+    x = np.asarray(solution["x"], dtype=float).ravel()
     iterations = max(0, int(stats["iter_count"]))  # -1 where Ipopt does not begin, for there are too few unknowns
     return IpoptResult(Point.unpack(task, topology, x), str(stats["return_status"]), iterations)

@@ -18,7 +18,7 @@ from nlp.assembled import AssembledProgram
 from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.joints import Limits
 from nlp.numbers.point import Point
-from nlp.own import OwnConstraints, finish_point
+from nlp.own import OwnConstraints, correct_point
 from nlp.programs.ipopt import IpoptResult
 from nlp.reduced.draws import draws
 from nlp.reduced.search import FIRST, LEAST_KEPT, SAME_AFTER, SECOND, STIFF, End, Phase, ends, point_of
@@ -144,7 +144,7 @@ class _Search:
 
     def without_polish(self, start: int, place: _Place) -> Trial:
         """Return the trial of a start where its end left it."""
-        point = with_all(finish_point(self._origin(place), self._own), self._task, self._own)
+        point = with_all(correct_point(self._origin(place), self._own), self._task, self._own)
         return Trial.at(start, point, IpoptResult(point, NOT_POLISHED, 0), own=self._own)
 
     def _origin(self, place: _Place) -> Point:

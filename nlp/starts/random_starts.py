@@ -52,7 +52,7 @@ def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> 
 def entropy(task: ResolvedTask, topology: Topology, seed: str) -> int:
     """Return the number that seeds the draws of a task and topology.
 
-    A point without a rod, and how far a rod reaches, draw nothing: what does not bind leaves the answer as it is.
+    A point without a rod, and how far a rod reaches, draw nothing: what does not bind leaves the result as it is.
     """
     nothing = {"largest_reach", "rod"} if task.end_effector.rod == "none" else {"largest_reach"}
     asked = task.declared.model_dump_json(exclude={"end_effector": nothing})

@@ -11,8 +11,8 @@ from direct import Direct, random_start
 from stopwatch import Stopwatch
 
 from nlp.assembled import AssembledProgram
+from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations, worst
-from nlp.numbers.finish import finish
 from nlp.numbers.point import Point
 from nlp.starts.random_starts import draw, generator
 from topo_search.engine.usage import Clock
@@ -67,7 +67,7 @@ def attempts(method: Method, kind: Method, stated: Stated, keys: list[str], star
             start = _start(kind, task, topology, index)
             drawn = clock.lap()
             point, iterations = ready[key](start)
-            point = finish(point)
+            point = correct(point)
             reason = worst(violations(point))
             solved = clock.lap()
             row: Row = {"key": key, "start": index, "build": build, "draw": drawn, "solve": solved}

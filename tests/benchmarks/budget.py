@@ -26,8 +26,8 @@ from random import Random
 
 import nlp
 from nlp.assembled import AssembledProgram
+from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations, worst
-from nlp.numbers.finish import finish
 from nlp.starts.random_starts import draw, generator
 from topo_search.engine import Space
 from topo_search.model import ResolvedTask, Topology
@@ -64,8 +64,8 @@ def solve(task: ResolvedTask, topology: Topology, starts: int) -> Solved:
     seconds, efforts = [], []
     for index in range(starts):
         began = time.process_time()
-        answer = ready.solve(draw(task, topology, generator(task, topology, index, 0)))
-        point = finish(answer.point)
+        result = ready.solve(draw(task, topology, generator(task, topology, index, 0)))
+        point = correct(result.point)
         met = worst(violations(point)).met
         seconds.append(time.process_time() - began)
         weighted = zip(task.load_cases, point.u, strict=True)

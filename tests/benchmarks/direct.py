@@ -1,8 +1,8 @@
 """The baseline: the paper's formulation written directly, as one would who has only the paper and CasADi.
 
 One SX graph with all pairs, built anew for every topology; exact derivatives by CasADi; Ipopt with MUMPS; uniformly
-random starts. It reads the same page as the solver does (`nlp.problem`): the same variables in the same units, the
-same constraints with the same margin and sharpness. Ipopt has the options with which it did best
+random starts. It reads the same printed problem as the solver does (`nlp.problem`): the same variables in the same
+units, the same constraints with the same margin and sharpness. Ipopt has the options with which it did best
 (`OPTIONS`), so that nothing is won by a weak opponent.
 """
 
@@ -34,17 +34,17 @@ class Direct:
     def __init__(self, task: ResolvedTask, topology: Topology) -> None:
         """Build the graph and its derivatives."""
         self._task, self._topology = task, topology
-        page = problem(task, topology)
-        rows = [(row.expression, row.lower, row.upper) for row in page.constraints]
+        printed = problem(task, topology)
+        rows = [(row.expression, row.lower, row.upper) for row in printed.constraints]
         self._bounds = {
-            "lbx": page.lower,
-            "ubx": page.upper,
+            "lbx": printed.lower,
+            "ubx": printed.upper,
             "lbg": np.concatenate([np.full(g.numel(), lower) for g, lower, _ in rows]),
             "ubg": np.concatenate([np.full(g.numel(), upper) for g, _, upper in rows]),
             "p": BETA,
         }
         g = ca.vertcat(*(ca.vec(expression) for expression, _, _ in rows))
-        nlp = {"x": page.variables.vector(), "p": page.beta, "f": page.objective, "g": g}
+        nlp = {"x": printed.variables.vector(), "p": printed.beta, "f": printed.objective, "g": g}
         self._solver = ca.nlpsol("direct", "ipopt", nlp, OPTIONS)
 
     def solve(self, start: Point) -> tuple[Point, int]:

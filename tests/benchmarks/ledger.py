@@ -76,7 +76,7 @@ def resume(path: Path, request: Request, n: int) -> None:
         replay = Replay(folder.ledger, context, BOUND, solve, Stopping(), Silent())
         laps.append(("reading what is known", time.process_time()))
         try:
-            replay.follow(exhaustive(space, starts=1, timed=False))
+            replay.run(exhaustive(space, starts=1, timed=False))
         except FirstJob:
             laps.append(("enumerating and answering all that is known", time.process_time()))
         else:

@@ -21,8 +21,8 @@ import numpy as np
 
 from nlp.assembled import AssembledProgram
 from nlp.bounds import prove_impossible
+from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations, worst
-from nlp.numbers.finish import finish
 from nlp.numbers.hinges import within
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.starts.random_starts import UNTANGLED_FROM, draw, generator, with_inputs
@@ -117,7 +117,7 @@ def displaced(point: Point, by: float, rng: np.random.Generator) -> Point:
 def reached(ready: AssembledProgram, start: Point) -> End:
     """Return where a start leads."""
     began = time.process_time()
-    point = finish(ready.solve(start).point)
+    point = correct(ready.solve(start).point)
     reason = worst(violations(point))
     weights = np.array([case.weight for case in point.task.load_cases])
     J = float(weights @ np.einsum("kiq,kiq->k", point.u, point.u))

@@ -20,7 +20,7 @@ import numpy as np
 from nlp_cases import as_design
 
 from nlp.assembled import AssembledProgram
-from nlp.numbers.finish import finish
+from nlp.numbers.correction import correct
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import examples, read_task
@@ -51,9 +51,9 @@ def designs(sizes: Sequence[int], margin: float, starts: int) -> Iterator[Design
             for task in tasks(n, margin):
                 ready = AssembledProgram(task, topology)
                 for start in range(starts):
-                    answer = ready.solve(draw(task, topology, generator(task, topology, start, 0)))
-                    if answer.status in SOLVED:
-                        yield as_design(finish(answer.point))
+                    result = ready.solve(draw(task, topology, generator(task, topology, start, 0)))
+                    if result.status in SOLVED:
+                        yield as_design(correct(result.point))
 
 
 def main() -> None:

@@ -17,8 +17,8 @@ from direct import random_start
 
 from nlp.assembled import AssembledProgram
 from nlp.bounds import lower_bound
+from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations, worst
-from nlp.numbers.finish import finish
 from nlp.numbers.point import Point
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import ResolvedTask, Topology
@@ -42,11 +42,11 @@ class Tally:
     def add(self, program: AssembledProgram, task: ResolvedTask, start: Point, key: str) -> None:
         """Solve from a start and count what came of it."""
         began = time.perf_counter()
-        answer = program.solve(start)
+        result = program.solve(start)
         self.seconds += time.perf_counter() - began
         self.solves += 1
-        self.iterations += answer.iterations
-        point = finish(answer.point)
+        self.iterations += result.iterations
+        point = correct(result.point)
         if worst(violations(point)).met:
             self.feasible += 1
             weights = np.array([case.weight for case in task.load_cases])

@@ -1,4 +1,4 @@
-"""What a solved neighbour is worth as a start: a design carried over by a tree move, against random starts.
+"""What a warm start from a tree one move apart is worth against random starts.
 
     python tests/benchmarks/warm_starts.py [EXAMPLE] [--modules N] [--parents M] [--starts S] [--set FIELD=VALUE]...
 
@@ -21,8 +21,8 @@ import numpy as np
 
 import nlp
 from nlp.assembled import AssembledProgram
+from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations, worst
-from nlp.numbers.finish import finish
 from nlp.numbers.point import Point
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start
@@ -122,7 +122,7 @@ def measured(task: ResolvedTask, topology: Topology, parent: Design, starts: int
 def reached(ready: AssembledProgram, start: Callable[[], Point]) -> Reached:
     """Return what a start leads to."""
     began = time.process_time()
-    point = finish(ready.solve(start()).point)
+    point = correct(ready.solve(start()).point)
     met = worst(violations(point)).met
     weights = np.array([case.weight for case in point.task.load_cases])
     J = float(weights @ np.einsum("kiq,kiq->k", point.u, point.u)) if met else np.inf
@@ -130,13 +130,13 @@ def reached(ready: AssembledProgram, start: Callable[[], Point]) -> Reached:
 
 
 def lines(trees: list[tuple[Reached, list[Reached]]], counts: list[int]) -> Iterator[str]:
-    """Yield one line for the neighbour and one for every number of random starts."""
+    """Yield one line for the warm start and one for every number of random starts."""
     best = np.array([min(warm.J, *(cold.J for cold in colds)) for warm, colds in trees])
     feasible = np.isfinite(best)
-    kinds = {"neighbour": [[warm] for warm, _ in trees]}
+    kinds = {"warm start": [[warm] for warm, _ in trees]}
     kinds |= {f"best of {count}": [colds[:count] for _, colds in trees] for count in counts}
     kinds |= {
-        f"neighbour, or best of {count}": [[warm, *colds[:count]] for warm, colds in trees] for count in counts
+        f"warm start, or best of {count}": [[warm, *colds[:count]] for warm, colds in trees] for count in counts
     }
     for name, groups in kinds.items():
         J = np.array([min(one.J for one in group) for group in groups])[feasible]

@@ -1,4 +1,4 @@
-"""`topo-search check`: what a task asks for, in words, and what is odd about it."""
+"""`topo-search check`: what a task asks for, in words, and its warnings."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def check(
     picture: Path | None,
     as_json: bool,
 ) -> None:
-    """Explain a task in words, and warn about odd values.
+    """Explain a task in words, and warn about suspicious values.
 
     TASK is a file, or the name of a shipped example.
 
@@ -54,16 +54,16 @@ def check(
         if picture is not None:
             _draw(asked, picture)
         sizes = [_size(asked, n) for n in asked.sizes]
-        odd = task_warnings(asked)
+        warnings = task_warnings(asked)
         if as_json:
             first = asked.resolve(asked.sizes[0]).model_dump(mode="json")
-            options.echo_json({"task": first, "sizes": sizes, "warnings": [asdict(one) for one in odd]})
+            options.echo_json({"task": first, "sizes": sizes, "warnings": [asdict(one) for one in warnings]})
             return
         _explain(asked)
         for size in sizes:
             _group(f"search of {quantity(size['modules'], 'module')}", _expectations(size))
-        if odd:
-            _group("warnings", [(one.path, one.words) for one in odd])
+        if warnings:
+            _group("warnings", [(one.path, one.words) for one in warnings])
         if picture is not None:
             click.echo(f"\nthe picture is in {picture}")
 

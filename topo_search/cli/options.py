@@ -158,7 +158,7 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
 
 
 def warn(task: Task) -> tuple[TaskWarning, ...]:
-    """Print what is odd about a task, as `check` does, on stderr; and return it."""
+    """Print the warnings about a task, as `check` does, on stderr; and return them."""
     from topo_search.model.task_warnings import task_warnings
 
     found = task_warnings(task)

@@ -126,8 +126,8 @@ def run(
     with explain_errors(resumes=True):
         from topo_search.cli.progress import shown_progress
 
-        odd: list[TaskWarning] = []
-        with _print_if_lost(odd, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
+        warnings: list[TaskWarning] = []
+        with _print_if_lost(warnings, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
             from topo_search.compose import DEFAULT_TRIALS, search
             from topo_search.study import DEFAULT_ROUND
 
@@ -136,7 +136,7 @@ def run(
             )
             listed = None if topologies is None else own.read_topologies(topologies, asked)
             designs = own.read_near(near)
-            odd += options.warn(asked)
+            warnings += options.warn(asked)
             answer = search(
                 asked,
                 out=out,
@@ -158,7 +158,7 @@ def run(
                 observer=observer,
             )
         if as_json:
-            options.echo_json(answer_as_json(answer, odd))
+            options.echo_json(answer_as_json(answer, warnings))
         else:
             from topo_search.cli.tables import print_answer
 
@@ -168,7 +168,7 @@ def run(
 
 
 @contextmanager
-def _print_if_lost(odd: Sequence[TaskWarning], *, as_json: bool) -> Iterator[None]:
+def _print_if_lost(warnings: Sequence[TaskWarning], *, as_json: bool) -> Iterator[None]:
     """Print the best design and what else was found if the run's folder is gone, so that it is not lost."""
     from topo_search.study import LedgerLost
 
@@ -178,7 +178,7 @@ def _print_if_lost(odd: Sequence[TaskWarning], *, as_json: bool) -> Iterator[Non
         if lost.answer is not None:
             if as_json:
                 design = None if lost.design is None else json.loads(lost.design)
-                told = answer_as_json(lost.answer, odd)
+                told = answer_as_json(lost.answer, warnings)
                 options.echo_json({**told, "exit_status": INPUT_OUTPUT, "design": design})
             else:
                 from topo_search.cli.tables import print_found
@@ -189,8 +189,8 @@ def _print_if_lost(odd: Sequence[TaskWarning], *, as_json: bool) -> Iterator[Non
         raise
 
 
-def answer_as_json(answer: Answer, odd: Sequence[TaskWarning]) -> dict[str, Any]:
-    """Return an answer, and what is odd about its task, as a JSON value."""
+def answer_as_json(answer: Answer, warnings: Sequence[TaskWarning]) -> dict[str, Any]:
+    """Return an answer, and the warnings about its task, as a JSON value."""
     told = {
         "folder": str(answer.folder),
         "exit_status": answer.exit_status,
@@ -198,7 +198,7 @@ def answer_as_json(answer: Answer, odd: Sequence[TaskWarning]) -> dict[str, Any]
         "note": answer.note,
         "weakest_point": answer.weakest_point,
         "sizes": [_size_as_json(size) for size in answer.sizes],
-        "warnings": [asdict(one) for one in odd],
+        "warnings": [asdict(one) for one in warnings],
     }
     if not answer.levels:
         return told

@@ -142,7 +142,7 @@ class Scene:
         )
         self.axes.set_box_aspect(tuple(half))
         corners = middle + half * np.array(list(itertools.product((-1, 1), repeat=3)))
-        zoom = (self.size - MARGIN) * 72 / np.ptp(self._on_page(corners), axis=0)
+        zoom = (self.size - MARGIN) * 72 / np.ptp(self._on_paper(corners), axis=0)
         self.axes.set_box_aspect(tuple(half), zoom=float(zoom.min()))
         for name, share in zip("xyz", half / half.max(), strict=True):
             axis = getattr(self.axes, f"{name}axis")
@@ -160,13 +160,13 @@ class Scene:
         size = float(np.clip(40 / len(anchors), 5, 8))
         along = np.linspace(0.0, 1.6, 5)[:, None, None] * self.design.task.module.arm_length * self.at.z
         marks = np.stack([self.at.p_com, self.at.end_effector])
-        taken = list(self._on_page(np.concatenate([(self.at.p + along).reshape(-1, 3), marks])))
-        for i, (on_axes, on_page) in enumerate(zip(self._project(anchors), self._on_page(anchors), strict=True)):
+        taken = list(self._on_paper(np.concatenate([(self.at.p + along).reshape(-1, 3), marks])))
+        for i, (on_axes, on_paper) in enumerate(zip(self._project(anchors), self._on_paper(anchors), strict=True)):
             aside = next(
-                (step * size for step in ASIDE if not _overlap(on_page + step * size, taken, size)),
+                (step * size for step in ASIDE if not _overlap(on_paper + step * size, taken, size)),
                 size * ASIDE[-1],
             )
-            taken.append(on_page + aside)
+            taken.append(on_paper + aside)
             self.axes.annotate(
                 str(i),
                 on_axes,
@@ -191,8 +191,8 @@ class Scene:
         x, y, _ = proj3d.proj_transform(*points.T, self.axes.get_proj())
         return np.stack([x, y], axis=1)
 
-    def _on_page(self, points: Array) -> Array:
-        """Return where points lie on the page, (m, 2) [pt]."""
+    def _on_paper(self, points: Array) -> Array:
+        """Return where points lie on paper, (m, 2) [pt]."""
         pixels = self.axes.transData.transform(self._project(points))
         return np.asarray(pixels * 72 / self.axes.figure.dpi)
 
@@ -250,6 +250,6 @@ def wrenches(design: Design, at: Poses) -> list[tuple[int, bool, Array, Array]]:
 
 
 def _overlap(at: Array, taken: list[Array], size: float) -> bool:
-    """Whether a number of a font size [pt] at a place on the page would touch one of those there already."""
+    """Whether a number of a font size [pt] at a place on paper would touch one of those there already."""
     gaps = np.abs(np.array(taken) - at)
     return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))

@@ -40,7 +40,7 @@ class TaskWarning:
     path: str
     """The field, e.g. `load_cases[2]`."""
     words: str
-    """What is odd about it, and what may have been meant."""
+    """What is suspicious about it, and what may have been meant."""
 
     def __str__(self) -> str:
         """Return `path: words`."""
@@ -48,7 +48,7 @@ class TaskWarning:
 
 
 def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
-    """Return what is odd about a task, in the order of its file."""
+    """Return the warnings about a task, in the order of its file."""
     n = task.sizes[-1]
     return (
         *_gravity(task),

@@ -50,7 +50,7 @@ def title(name: str, n: int) -> str:
 
 
 def task_part(task: ResolvedTask, stated: Task) -> TaskPart:
-    """Return the task as it was understood, and what is odd about it as it was stated."""
+    """Return the task as it was understood, with the warnings about it as it was stated."""
     columns = ("load case", "the rotors together produce", "weight λ")
     warnings = tuple(map(str, task_warnings(stated)))
     return TaskPart(facts(task), Table(columns, load_cases(task), frozenset({0, 2})), warnings)

@@ -87,7 +87,7 @@ class TaskPart:
     facts: tuple[Facts, ...]
     load_cases: Table
     warnings: tuple[str, ...]
-    """What is odd about it, a sentence each."""
+    """Warnings about it, a sentence each."""
 
 
 @dataclass(frozen=True)

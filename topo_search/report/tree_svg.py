@@ -59,9 +59,9 @@ def tree_svg(design: Design, assembly: Assembly | None = None) -> str:
         if turns is None:
             continue
         for port in range(4):
-            place_of_port = centre + SIDE / 2 * _on_page(port + turns[i])
+            place_of_port = centre + SIDE / 2 * _drawn_direction(port + turns[i])
             _square(svg, place_of_port, PORT, colours[i, port], palette.MODULE, 0.012)
-        x, y = centre + 0.32 * SIDE * _on_page(turns[i])
+        x, y = centre + 0.32 * SIDE * _drawn_direction(turns[i])
         _add(svg, "circle", cx=x, cy=y, r=0.03, fill=palette.THRUST_AXIS)
     return ElementTree.tostring(svg, encoding="unicode")
 
@@ -80,8 +80,8 @@ def _port_colours(design: Design, assembly: Assembly | None) -> dict[tuple[int, 
     return colours
 
 
-def _on_page(port: int) -> Array:
-    """Return the direction of a port on the page."""
+def _drawn_direction(port: int) -> Array:
+    """Return the direction of a port in the drawing."""
     return np.asarray(PORTS[port % 4, :2] * np.array([1, -1]))
 
 

@@ -46,11 +46,11 @@ def load_factor(nominal: Nominal, wrench: Array) -> float:
     return float(answer.x[-1]) / size + 0.0 if answer.status == 0 else 0.0  # never -0.0
 
 
-def hover_shortfall(nominal: Nominal, dead: int | None = None) -> tuple[float, float]:
+def hover_residual(nominal: Nominal, dead: int | None = None) -> tuple[float, float]:
     """Return what is missing of hover, in weights and arm lengths times weights, and the largest thrust's share."""
     allocator = Allocator(nominal)
     if dead is not None:
-        allocator.bury(dead)
+        allocator.stop_rotor(dead)
     T, missing = allocator.thrusts(np.array([0.0, 0.0, nominal.weight, 0.0, 0.0, 0.0]))
     short = np.abs(missing) / nominal.weight / np.repeat([1.0, nominal.arm], 3)
     return float(short.max()), float(T.max()) / nominal.largest_thrust
@@ -58,7 +58,7 @@ def hover_shortfall(nominal: Nominal, dead: int | None = None) -> tuple[float, f
 
 def hardest_rotor(nominal: Nominal) -> tuple[int, int]:
     """Return the rotor whose death leaves least, and how many single rotors may be dead in hover."""
-    found = [hover_shortfall(nominal, rotor) for rotor in range(nominal.B.shape[1])]
+    found = [hover_residual(nominal, rotor) for rotor in range(nominal.B.shape[1])]
     survived = sum(short <= MET for short, _ in found)
     worst = max(range(len(found)), key=lambda rotor: (max(found[rotor][0], MET), found[rotor][1]))
     return worst, survived

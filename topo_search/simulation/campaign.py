@@ -9,7 +9,7 @@ from importlib.metadata import version
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.load_case import labels
-from topo_search.simulation.authority import MET, hardest_rotor, hover_shortfall, load_factor, weakest_force
+from topo_search.simulation.authority import MET, hardest_rotor, hover_residual, load_factor, weakest_force
 from topo_search.simulation.fly import Options, Track, Watch, fly, judge
 from topo_search.simulation.plant import Nominal, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
@@ -153,7 +153,7 @@ def _as_hover(name: str) -> ScenarioResult:
 
 
 def _require_hover(design: Design, known: Nominal) -> None:
-    short, _ = hover_shortfall(known)
+    short, _ = hover_residual(known)
     if short > MET:
         rule = (
             f"cannot hover in the attitude of its task: rotors within their limits leave {100 * short:.3g} % of "

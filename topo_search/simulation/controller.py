@@ -114,7 +114,7 @@ class Allocator:
         self.least, self.largest = np.full(N, nominal.least_share), np.ones(N)
         """Shares between which every rotor runs."""
 
-    def bury(self, rotor: int) -> None:
+    def stop_rotor(self, rotor: int) -> None:
         """Take a rotor for dead from now on."""
         self.least[rotor] = self.largest[rotor] = 0.0
 

@@ -87,7 +87,7 @@ def fly(
         reference = _reference(scenario, home, t, nominal)
         dead = scenario.dead if scenario.dead is not None and t >= scenario.dead_at else None
         if dead is not None and t >= scenario.dead_at + TOLD:
-            allocator.bury(dead)
+            allocator.stop_rotor(dead)
         seen = _noisy(plant.state, options.errors.noise, rng)
         asked = controller.wrench(seen, reference)
         T, missing = allocator.thrusts(asked)
@@ -95,7 +95,7 @@ def fly(
         controller.learn(seen, reference, bool(np.abs(scaled).max() <= MISSED))
         share = T / nominal.largest_thrust
         if dead is not None:
-            plant.bury(dead)
+            plant.stop_rotor(dead)
             T[dead] = 0.0
         load, wind = _environment(scenario, t), np.zeros(6)
         if scenario.gust is not None and scenario.gust[0] <= t < scenario.gust[1]:

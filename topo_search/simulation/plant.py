@@ -135,7 +135,7 @@ class Plant:
         """Let the rotors pull so much from now on, (N,) [N]."""
         self.data.act[:] = thrusts
 
-    def bury(self, rotor: int) -> None:
+    def stop_rotor(self, rotor: int) -> None:
         """Let a rotor die: it has no least thrust any more."""
         self.model.actuator_ctrlrange[rotor] = 0.0
 

@@ -182,8 +182,8 @@ class RunFolder:
         writer = csv.writer(table, lineterminator="\n")
         writer.writerow(COLUMNS)
         for n in self.request.task.sizes:
-            for row, stands in self.proof_states(n):
-                writer.writerow([escape_formula(cell) for cell in cells(row, stands)])
+            for row, state in self.proof_states(n):
+                writer.writerow([escape_formula(cell) for cell in cells(row, state)])
         self.keep("candidates.csv", table.getvalue())
         self._write_best()
         for part in PARTS:

@@ -26,10 +26,10 @@ def candidates(path: Path) -> pd.DataFrame:
     """
     with RunFolder.load(path) as folder:
         rows = [
-            [*cells(row, stands), number]
+            [*cells(row, state), number]
             for number, level in enumerate(folder.levels())
             for n in level.request.task.sizes
-            for row, stands in level.proof_states(n)
+            for row, state in level.proof_states(n)
         ]
         goals = folder.request.task.goals.names
     numbers = dict.fromkeys(

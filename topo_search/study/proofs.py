@@ -51,9 +51,9 @@ def proof_state(row: Row, proof: Proof | None, best: float | None) -> ProofState
     return ProofState(bound, gap, proof.problem, word)
 
 
-def cells(row: Row, stands: ProofState) -> list[object]:
+def cells(row: Row, state: ProofState) -> list[object]:
     """Return a candidate's row of `candidates.csv`."""
-    proven = stands._asdict()
+    proven = state._asdict()
     return [proven[name] if name in proven else getattr(row, name) for name in COLUMNS]
 
 
@@ -73,7 +73,7 @@ def bounded_alike(task: ResolvedTask, other: ResolvedTask) -> bool:
     return task.model_copy(update={"name": other.name, "exposure": other.exposure}) == other
 
 
-class Together(NamedTuple):
+class ProofSummary(NamedTuple):
     """What the proofs of one size come to together."""
 
     sentence: str | None
@@ -82,14 +82,14 @@ class Together(NamedTuple):
     """How much less than the best a design of this size can cost at most, as a share; None while trees are open."""
 
 
-def together(
+def summarize(
     rows: Sequence[Row],
     proofs: Mapping[str, Proof],
     best: Row | None,
     task: ResolvedTask,
     candidates: int,
     whom: str,
-) -> Together:
+) -> ProofSummary:
     """Say what the proofs of one size come to together.
 
     Args:
@@ -101,9 +101,9 @@ def together(
         whom: of which trees a complete proof speaks, as `subject_of` has it.
     """
     if best is None or best.objective is None or not proofs:
-        return Together(None, None)
-    stands = [proof_state(row, proofs.get(row.key), best.objective) for row in rows]
-    counts = Counter(one.proof or "not examined" for one in stands)
+        return ProofSummary(None, None)
+    states = [proof_state(row, proofs.get(row.key), best.objective) for row in rows]
+    counts = Counter(one.proof or "not examined" for one in states)
     words = {
         EXCLUDED: "cannot beat the best",
         WITHIN: "proven to within the gap asked for",
@@ -115,8 +115,8 @@ def together(
     left = counts[OPEN] + counts["not examined"] + candidates - len(rows)
     if left:
         sentence = f"branch and bound, {candidates} candidates: {told}; nothing new is proven while some are open"
-        return Together(sentence, None)
-    least = min([one.proven_bound for one in stands if one.proven_bound is not None], default=best.objective)
+        return ProofSummary(sentence, None)
+    least = min([one.proven_bound for one in states if one.proven_bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
     limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
     about = weakest([proof.problem for row in rows if (proof := proofs.get(row.key)) is not None])
@@ -124,7 +124,7 @@ def together(
         f"proven by branch and bound: {whom} is {limit}better "
         f"({candidates} candidates: {told}); {problem(task, about)}"
     )
-    return Together(sentence, gap)
+    return ProofSummary(sentence, gap)
 
 
 def subject_of(request: Request, n: int) -> str:

@@ -54,7 +54,7 @@ class Replay:
         for scored in ledger.scores(context):
             self._add(scored)
 
-    def follow(self, strategy: Strategy, until: float = math.inf) -> bool:
+    def run(self, strategy: Strategy, until: float = math.inf) -> bool:
         """Carry out what a strategy proposes, and return whether it came to its end.
 
         Args:

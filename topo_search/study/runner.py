@@ -28,7 +28,7 @@ from topo_search.study.lost import KEPT, LedgerLost
 from topo_search.study.observer import Observer
 from topo_search.study.phases import WRITING, proof_phase
 from topo_search.study.planning import remaining_plan
-from topo_search.study.proofs import subject_of, together
+from topo_search.study.proofs import subject_of, summarize
 from topo_search.study.pruning import record_pruned, rests_on_an_audited_design
 from topo_search.study.replay import Replay
 from topo_search.study.row import row_of
@@ -183,19 +183,19 @@ def _search_size(
         return
     previous = None if request.previous is None else request.previous.contexts(n)[0]
     replay = Replay(ledger, context, lower_bound, backends.solve, engine, observer, previous, request.near)
-    ended = _follow(replay, folder, n, until, lower_bound if request.prune else None)
+    ended = _run_strategy(replay, folder, n, until, lower_bound if request.prune else None)
     audit()
     if ended and request.prune:
         if rests_on_an_audited_design(ledger, n, lower_bound):
             record_pruned(ledger, context, request.space(n), lower_bound)
         else:
-            ended = _follow(replay, folder, n, until, None)
+            ended = _run_strategy(replay, folder, n, until, None)
             audit()
     if ended:
         ledger.end(context, request.starts, request.trials)
 
 
-def _follow(replay: Replay, folder: RunFolder, n: int, until: float, bound: float | None) -> bool:
+def _run_strategy(replay: Replay, folder: RunFolder, n: int, until: float, bound: float | None) -> bool:
     """Follow the strategy that was asked for, and return whether it came to its end.
 
     Args:
@@ -210,9 +210,9 @@ def _follow(replay: Replay, folder: RunFolder, n: int, until: float, bound: floa
     timed = math.isfinite(until)
     if bound is not None:
         pruned = exhaustive(space, starts=request.starts, timed=timed, bound=lambda _: bound)
-        return replay.follow(pruned, until)
+        return replay.run(pruned, until)
     if request.strategy == "exhaustive":
-        return replay.follow(exhaustive(space, starts=request.starts, timed=timed), until)
+        return replay.run(exhaustive(space, starts=request.starts, timed=timed), until)
 
     from topo_search.engine.proposals import optuna_study  # loads Optuna
 
@@ -226,7 +226,7 @@ def _follow(replay: Replay, folder: RunFolder, n: int, until: float, bound: floa
         journal=folder.journal(f"study-n{n}.journal"),
         timed=timed,
     )
-    return replay.follow(strategy, until)
+    return replay.run(strategy, until)
 
 
 def _record_proof(
@@ -287,7 +287,7 @@ def _add_proof(folder: RunFolder, answer: SizeAnswer) -> SizeAnswer:
         return answer
     task, rows = folder.request.contexts(answer.modules)[0].task, list(folder.ledger.ranking(answer.modules))
     whom = subject_of(folder.request, answer.modules)
-    found = together(rows, proofs, answer.best, task, answer.candidates, whom)
+    found = summarize(rows, proofs, answer.best, task, answer.candidates, whom)
     told = answer.statement
     if found.gap is not None:
         told = proven_statement(answer.candidates, found.gap)

@@ -34,7 +34,7 @@ two on the child's: towards the upper side of either module."""
 def sheet(
     design: Design, joints: Sequence[Part], mount: Part | None, rows: Sequence[Row], notes: Sequence[str]
 ) -> str:
-    """Return the page.
+    """Return the sheet.
 
     Args:
         design: what is built.

@@ -23,7 +23,7 @@ STIFFNESS = 1e10
 """Price of a squared residual where least inputs are sought, in squared inputs; what is missed is corrected."""
 
 
-def finish(point: Point, *, settled: int = 0) -> Point:
+def correct(point: Point, *, settled: int = 0) -> Point:
     """Return the point with its root angles in range and its inputs on the wrench balance.
 
     Every load case's inputs are moved by the least-norm correction over the rotors that are not at a bound, then

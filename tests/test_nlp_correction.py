@@ -8,8 +8,8 @@ from nlp_cases import hover, push, random_point, random_tree, solved
 
 from nlp import lower_bound, solve
 from nlp.assembled import AssembledProgram
+from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations
-from nlp.numbers.finish import finish
 from nlp.numbers.geometry import root_angles, root_rotation, rotation
 from nlp.requirements.balances import WRENCH_TOLERANCE
 from nlp.starts.random_starts import draw, generator
@@ -28,7 +28,7 @@ def residual(point):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_finishing_costs_nothing(name):
+def test_a_correction_costs_nothing(name):
     """Parallel axes make sideways force all but impossible: a rounding error there must not move the inputs."""
     task, key = CASES[name]
     topology = Topology.from_key(key)
@@ -36,35 +36,35 @@ def test_finishing_costs_nothing(name):
     solved_exactly = 0
     for s in range(6):
         reached = program.solve(draw(task, topology, generator(task, topology, s, seed=0)))
-        answer = program.polish(reached.point)
-        if answer.status != "Solve_Succeeded":
+        result = program.polish(reached.point)
+        if result.status != "Solve_Succeeded":
             continue
         solved_exactly += 1
-        done = finish(answer.point)
-        assert residual(done) <= max(residual(answer.point) + 1e-13, 1e-12)  # rounding
-        assert np.sum(done.u**2) == pytest.approx(np.sum(answer.point.u**2), rel=1e-8)
-        np.testing.assert_allclose(done.u, answer.point.u, rtol=0, atol=1e-6 * answer.point.u.max())
+        done = correct(result.point)
+        assert residual(done) <= max(residual(result.point) + 1e-13, 1e-12)  # rounding
+        assert np.sum(done.u**2) == pytest.approx(np.sum(result.point.u**2), rel=1e-8)
+        np.testing.assert_allclose(done.u, result.point.u, rtol=0, atol=1e-6 * result.point.u.max())
     assert solved_exactly
 
 
-def test_finished_inputs_are_on_the_balance_and_inside_their_bounds():
+def test_corrected_inputs_are_on_the_balance_and_inside_their_bounds():
     task, topology = push(5), Topology.from_key("a11210")
     point = AssembledProgram(task, topology).solve(draw(task, topology, generator(task, topology, 0, seed=0))).point
     u_max = task.module.max_input(task.gravity)
     rough = type(point)(task, topology, point.root, point.alpha, point.p_E, point.u * (1 + 1e-6))
-    done = finish(rough)
+    done = correct(rough)
     assert residual(rough) > 1e-7
     assert residual(done) < WRENCH_TOLERANCE
     assert done.u.min() >= 0.0
     assert done.u.max() <= u_max
 
 
-def test_finished_root_angles_are_in_their_ranges_and_turn_nothing():
+def test_corrected_root_angles_are_in_their_ranges_and_turn_nothing():
     rng = np.random.default_rng(0)
     topology = random_tree(4, rng, aligned=True)
     point = random_point(push(4), topology, rng)
     wound = type(point)(point.task, topology, np.array([9.0, 2.5, -8.0]), point.alpha, point.p_E, point.u)
-    done = finish(wound)
+    done = correct(wound)
     assert np.all(np.abs(done.root) <= [math.pi, math.pi / 2, math.pi])
     np.testing.assert_allclose(done.poses[0], wound.poses[0], rtol=0, atol=1e-14)
 
