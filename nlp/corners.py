@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints, correct_point, violations_of
-from nlp.programs.ipopt import IpoptResult
 from nlp.requirements.balances import WRENCH_TOLERANCE, missed_wrenches
 from nlp.trial import Trial
 from topo_search.model import ResolvedTask

@@ -11,11 +11,11 @@ import numpy as np
 
 from nlp.bounds import bound_of, prove_impossible
 from nlp.corners import take_in_corners, without_corners
+from nlp.ipopt import IpoptResult
 from nlp.joints import Limits
 from nlp.numbers.evaluate import Violation
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints
-from nlp.programs.ipopt import IpoptResult
 from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from nlp.ipopt import IpoptResult
 from nlp.numbers.evaluate import Violation, worst
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints, correct_point, violations_of
-from nlp.programs.ipopt import IpoptResult
 
 
 @dataclass(frozen=True)

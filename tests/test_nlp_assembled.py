@@ -9,11 +9,11 @@ from nlp_cases import FEATURES, push, random_point, random_tree
 
 from nlp.assembled import AssembledProgram
 from nlp.assembled.problem import AssembledProblem
+from nlp.ipopt import BETA, OPTIONS
 from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations, worst
 from nlp.numbers.point import Point
 from nlp.problem import problem
-from nlp.programs.ipopt import BETA, OPTIONS
 from nlp.requirements import clearances, variable_bounds
 from nlp.solve import solve
 from nlp.starts.random_starts import draw, generator

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from nlp.assembled.kkt_candidates import smooth_least
-from nlp.programs.ipopt import BETA
+from nlp.ipopt import BETA
 from nlp.symbols.envelope import quadratic_candidates
 from nlp.symbols.smooth import log_sum_exp
 

@@ -21,9 +21,9 @@ import numpy as np
 import pytest
 from verify_cases import FAMILIES, at_clearance, random_pair
 
+from nlp.ipopt import BETA
 from nlp.numbers.geometry import Swept, cone_clearance
 from nlp.numbers.geometry import clearance as solvers_clearance
-from nlp.programs.ipopt import BETA
 from nlp.symbols.envelope import Ball, ConeSphere, clearance
 from nlp.symbols.smooth import EPSILON
 from topo_search.model import Module

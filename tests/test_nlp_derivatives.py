@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from nlp_cases import CONE, FEATURES, HALF_SPACE, LOCAL, TWO_PATHS, push, random_point
 
+from nlp.ipopt import BETA
 from nlp.problem import problem
-from nlp.programs.ipopt import BETA
 from nlp.starts.random_starts import draw
 from topo_search.model import Topology
 

@@ -13,7 +13,7 @@ from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.numbers.correction import correct
 from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, missed_wrenches, wrench_matrix
-from nlp.running import running_rotors
+from nlp.requirements.bounds import running_rotors
 from topo_search.model import BadInput, Design, Status, Task, Topology
 from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.files import validate

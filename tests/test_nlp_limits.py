@@ -10,9 +10,9 @@ from nlp_cases import HOVER, as_design, hover, push, random_point, random_tree, 
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.assembled.problem import AssembledProblem
+from nlp.ipopt import BETA
 from nlp.numbers.evaluate import violations
 from nlp.problem import problem
-from nlp.programs.ipopt import BETA
 from nlp.requirements import clearances
 from topo_search.model import Design, Infeasible, ResolvedTask, Topology
 from topo_search.model.files import to_json

@@ -9,7 +9,7 @@ from nlp_cases import push
 
 from nlp import solve
 from nlp.assembled import AssembledProgram
-from nlp.programs.ipopt import IpoptResult
+from nlp.ipopt import IpoptResult
 from topo_search.model import Design, Infeasible, Topology
 
 FIVE = Topology.from_key("a11210")

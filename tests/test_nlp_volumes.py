@@ -6,8 +6,8 @@ import pytest
 from nlp_cases import BOX, WEDGE, push, solved
 
 from nlp import solve
+from nlp.ipopt import BETA
 from nlp.numbers.geometry import Swept, hull_clearance
-from nlp.programs.ipopt import BETA
 from nlp.symbols.envelope import ConeSphere
 from nlp.symbols.hull import hull_clearances
 from topo_search.model import Local, Status, Topology

@@ -10,12 +10,11 @@ import numpy as np
 
 from nlp.assembled.callbacks import Evaluated, Function
 from nlp.assembled.problem import AssembledProblem
+from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
 from nlp.joints import LimitRows, Limits
 from nlp.numbers.evaluate import worst
 from nlp.numbers.point import Point
 from nlp.own import Assembled, Beside, OwnConstraints, correct_point, rows_of, violations_of
-from nlp.programs.ipopt import BETA, OPTIONS, IpoptResult, result_of
-from nlp.programs.memory import ipopt
 from nlp.requirements import clearances, variable_bounds
 from topo_search.model import ResolvedTask, Topology
 

@@ -29,7 +29,7 @@ import casadi as ca
 import numpy as np
 
 from nlp.bounds.sphere import around, directions, greatest
-from nlp.programs.memory import ipopt
+from nlp.ipopt import ipopt
 from topo_search.model.arrays import Array
 
 OPTIONS: dict[str, int | float | str | bool] = {

@@ -12,7 +12,7 @@ import numpy as np
 from nlp.numbers.geometry import root_angles, root_rotation
 from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, wrench_matrix
-from nlp.running import running_rotors
+from nlp.requirements.bounds import running_rotors
 from topo_search.model.arrays import Array
 
 PASSES = 3

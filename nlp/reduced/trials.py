@@ -16,10 +16,10 @@ import numpy as np
 
 from nlp.assembled import AssembledProgram
 from nlp.corners import take_in_corners, with_all, without_corners
+from nlp.ipopt import IpoptResult
 from nlp.joints import Limits
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints, correct_point
-from nlp.programs.ipopt import IpoptResult
 from nlp.reduced.draws import draws
 from nlp.reduced.search import FIRST, LEAST_KEPT, SAME_AFTER, SECOND, STIFF, End, Phase, ends, point_of
 from nlp.reduced.stated import Stated, state

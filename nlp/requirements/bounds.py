@@ -11,7 +11,6 @@ import numpy as np
 from nlp import names
 from nlp.numbers import hinges
 from nlp.numbers.point import Point
-from nlp.running import running_rotors
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
@@ -75,3 +74,15 @@ def bounds(point: Point) -> Iterator[Bound]:
     yield Bound(names.REACH, too_far, "m", l_arm)
     if position is not None:
         yield Bound(names.POSITION, float(np.linalg.norm(offset - position)), "m", l_arm, PLACE_TOLERANCE)
+
+
+def running_rotors(task: ResolvedTask) -> Array:
+    """Return 1 for each rotor that runs in a load case and 0 for one that is dead, shape (K, 4n).
+
+    Limits of inputs times it are those of each rotor: a dead one is exempt from the least input.
+    """
+    alive = np.ones((len(task.load_cases), 4 * task.n))
+    for k, dead in enumerate(task.dead_rotors):
+        if dead is not None:
+            alive[k, dead] = 0.0
+    return alive

@@ -21,7 +21,7 @@ from nlp.numbers.geometry import cone_reach, poses, root_angles, rotation
 from nlp.numbers.hinges import largest_turn, signs, within
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
-from nlp.running import running_rotors
+from nlp.requirements.bounds import running_rotors
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Cone

@@ -23,8 +23,8 @@ import numpy as np
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.bounds.effort import closed_form
+from nlp.ipopt import BETA, OPTIONS
 from nlp.problem import Constraint, problem
-from nlp.programs.ipopt import BETA, OPTIONS
 from nlp.starts.random_starts import draw, generator
 from nlp.units import Units
 from topo_search.model import Design, ResolvedTask, Task, Topology

@@ -11,10 +11,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from nlp.ipopt import BETA
 from nlp.numbers.geometry import poses, root_rotation
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.problem import problem
-from nlp.programs.ipopt import BETA
 from topo_search.model import ResolvedTask, Topology
 
 OPTIONS: dict[str, int | float | str | bool] = {

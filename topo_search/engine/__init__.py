@@ -4,13 +4,12 @@ from topo_search.engine.backends import AuditDesign, Backends, Failed, Outcome, 
 from topo_search.engine.dask_guard import computing_versions
 from topo_search.engine.dask_tls import Certificates
 from topo_search.engine.dask_workers import DaskWorkers
-from topo_search.engine.engine import Engine, WorkersLost
 from topo_search.engine.exhaustive import exhaustive, may_beat
-from topo_search.engine.job import Job, solve_jobs
+from topo_search.engine.jobs import Engine, Job, WorkersLost, audit_deadline, solve_deadline, solve_jobs
 from topo_search.engine.space import Listed, Space
 from topo_search.engine.starts import merge, record_of, rounds, scaled_violation
 from topo_search.engine.strategy import Proposal, Results, Scored, Stage, Step, Strategy
-from topo_search.engine.workers import Workers, audit_deadline, solve_deadline
+from topo_search.engine.workers import Workers
 
 __all__ = [
     "AuditDesign",

@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from topo_search.engine.dask_tls import Certificates, security_of
-from topo_search.engine.engine import WorkersLost
+from topo_search.engine.jobs import WorkersLost
 from topo_search.model import BadInput, Fault
 
 if TYPE_CHECKING:

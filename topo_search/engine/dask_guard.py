@@ -17,7 +17,7 @@ from importlib import metadata
 from multiprocessing import current_process
 
 from topo_search.engine.backends import Failed
-from topo_search.engine.engine import WorkersLost
+from topo_search.engine.jobs import WorkersLost
 from topo_search.engine.workers import Workers
 
 BATCH = 2.0

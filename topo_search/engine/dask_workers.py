@@ -15,7 +15,7 @@ from topo_search.engine.backends import Failed
 from topo_search.engine.dask_connection import Connection
 from topo_search.engine.dask_guard import BATCH, Batch, Ended, find_fault, run_guarded
 from topo_search.engine.dask_tls import Certificates
-from topo_search.engine.engine import Engine, J, R, WorkersLost
+from topo_search.engine.jobs import Engine, J, R, WorkersLost
 
 RETURN = 600.0
 """How long Dask workers are waited for when all have left: a scheduler that was restarted may get none [s]."""

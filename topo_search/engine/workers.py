@@ -24,7 +24,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from topo_search.child import ONE_THREAD, call_pickled, die_with_parent
 from topo_search.engine.backends import Failed
-from topo_search.engine.engine import Engine, J, R, WorkersLost
+from topo_search.engine.jobs import Engine, J, R, WorkersLost
 from topo_search.limits import WORKERS
 from topo_search.supervisor import STOPS, out_of_memory
 
@@ -32,16 +32,6 @@ ATTEMPTS = 2
 """How often a job that crashes or hangs is tried."""
 LOOK = 1.0
 """How often the pool itself is looked at while jobs run [s]."""
-
-
-def solve_deadline(n: int, starts: int) -> float:
-    """Return the time after which a solve counts as hung [s]: far above what one takes (n = 5: 1 s a start)."""
-    return 120.0 + starts * max(20.0, 0.2 * n**2)
-
-
-def audit_deadline(n: int) -> float:
-    """Return the time after which an audit counts as hung [s]: far above what one takes (n = 100: seconds)."""
-    return 300.0 + 0.2 * n**2
 
 
 class _KeepingLocks(SpawnContext):

@@ -1,10 +1,13 @@
-"""From the outcome of a job to its row in the ledger."""
+"""Rows in the ledger: of the outcome of a job, and of candidates that a bound rules out.
+
+The latter are skipped and counted, unless the design that ruled them out fails its audit.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from topo_search.engine import Failed, Job, Outcome, merge
+from topo_search.engine import Failed, Job, Outcome, Space, may_beat, merge
 from topo_search.model import Design, Infeasible
 from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
@@ -32,6 +35,23 @@ def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lowe
         row = replace(row, **{name: getattr(before, name) for name in kept})
     ledger.record(context, [(row, result)])
     return row
+
+
+def rests_on_an_audited_design(ledger: Ledger, n: int, lower_bound: float) -> bool:
+    """Return whether the best design whose audit is clear meets the bound, so that no other can be better."""
+    best = ledger.best_clear(n)
+    return best is not None and best.objective is not None and not may_beat(best.objective, lower_bound)
+
+
+def record_pruned(ledger: Ledger, context: Context, space: Space, lower_bound: float) -> None:
+    """Write a row for every candidate that was not solved."""
+    known = {row.key for row in ledger.ranking(space.n)}
+    rows = [
+        Row(candidate.key, space.n, candidate.orbit, status="pruned", asked=0, lower_bound=lower_bound)
+        for candidate in space.candidates()
+        if candidate.key not in known
+    ]
+    ledger.record(context, [(row, None) for row in rows])
 
 
 def _same_platform(earlier: Design | Infeasible | None, later: Design | Infeasible | None) -> bool:

@@ -29,7 +29,7 @@ from topo_search.study.observer import Observer
 from topo_search.study.phases import WRITING, proof_phase
 from topo_search.study.planning import remaining_plan
 from topo_search.study.proofs import subject_of, summarize
-from topo_search.study.pruning import record_pruned, rests_on_an_audited_design
+from topo_search.study.recording import record_pruned, rests_on_an_audited_design
 from topo_search.study.replay import Replay
 from topo_search.study.row import row_of
 from topo_search.study.statements import proven_statement

@@ -1,8 +1,14 @@
-"""How Ipopt is called, and what it returns."""
+"""How Ipopt is called, and what it returns.
+
+It is not called without room for its BLAS, which waits without end for memory that it cannot have.
+"""
 
 from __future__ import annotations
 
+import mmap
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -10,6 +16,12 @@ import numpy as np
 from nlp.numbers.point import Point
 from topo_search.model import ResolvedTask, Topology
 
+MEMORY = 256 * 2**20
+"""Address space that a process needs before its first call of Ipopt [bytes]: the plugin, and buffers of its BLAS.
+
+Measured with `ulimit -v`: with 40 to 128 MB more than after loading CasADi a first solve never returns, with 192 MB
+it ends with an error, with 256 MB it solves.
+"""
 BETA = 200.0
 """Sharpness of the log-sum-exp: it asks for log(9)/200 = 0.011 l_arm^2 more than the exact minimum at most.
 
@@ -38,6 +50,20 @@ class IpoptResult:
     def finite(self) -> bool:
         """Whether all values are numbers; an evaluation that failed leaves none behind."""
         return bool(np.all(np.isfinite(self.point.pack())))
+
+
+def ipopt(name: str, problem: Any, options: dict[str, Any]) -> ca.Function:
+    """Return Ipopt for a problem; MemoryError if it would not get the memory that it begins with."""
+    _require_memory()
+    return ca.nlpsol(name, "ipopt", problem, options)
+
+
+@cache  # once it was called it has its buffers
+def _require_memory() -> None:
+    try:
+        mmap.mmap(-1, MEMORY).close()  # no page of it is touched
+    except OSError as error:
+        raise MemoryError(f"Ipopt needs {MEMORY // 2**20} MB of address space") from error
 
 
 def result_of(

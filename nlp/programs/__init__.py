@@ -1,1 +1,0 @@
-"""Ipopt: its options, what it returns, and the room that it needs."""
