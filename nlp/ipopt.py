@@ -25,8 +25,8 @@ it ends with an error, with 256 MB it solves.
 BETA = 200.0
 """Sharpness of the log-sum-exp: it asks for log(9)/200 = 0.011 l_arm^2 more than the exact minimum at most.
 
-Where the end of an axis is nearest, three candidates coincide, which asks for log(3)/200 too much: 0.07 mm between
-envelopes of the default module. So far above the margin designs end.
+Where the end of an axis is nearest, three KKT candidates coincide, which asks for log(3)/200 too much: 0.07 mm
+between envelopes of the default module. So far above the margin designs end.
 """
 OPTIONS: dict[str, int | float | str | bool] = {
     "print_time": False,

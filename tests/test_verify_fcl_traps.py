@@ -15,7 +15,7 @@ from verify import audit
 from verify.bodies import ConeSphere, ball
 from verify.certificate import Solid, certify_pairs
 from verify.fcl_queries import Shape
-from verify.meshes import Polytope, inner_mesh, outer_mesh
+from verify.meshes import ConvexMesh, inner_mesh, outer_mesh
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -123,7 +123,7 @@ def test_coordinates_that_give_nonsense_are_refused(bad):
     vertices = mesh.vertices.copy()
     vertices[3, 1] = bad
     with pytest.raises(ValueError, match="finite and within"):
-        Shape(Polytope(vertices, mesh.triangles))
+        Shape(ConvexMesh(vertices, mesh.triangles))
 
 
 def test_faces_are_packed_with_their_counts(monkeypatch):

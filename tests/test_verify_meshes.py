@@ -8,15 +8,15 @@ from verify_cases import FAMILIES, random_pair, unit
 
 from verify.bodies import ConeSphere, ball
 from verify.cone_certificate import lathe
-from verify.meshes import Polytope, box_below, encloses, icosphere, inner_mesh, lies_within, outer_mesh
+from verify.meshes import ConvexMesh, box_below, encloses, icosphere, inner_mesh, lies_within, outer_mesh
 
 
-def volume(mesh: Polytope) -> float:
+def volume(mesh: ConvexMesh) -> float:
     a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
     return float(np.einsum("fx,fx->", a, np.cross(b, c)) / 6)
 
 
-def directed_edges(mesh: Polytope) -> list[tuple[int, int]]:
+def directed_edges(mesh: ConvexMesh) -> list[tuple[int, int]]:
     return [(t[k], t[(k + 1) % 3]) for t in mesh.triangles.tolist() for k in range(3)]
 
 
@@ -92,8 +92,8 @@ def test_the_check_finds_a_dent_and_a_bump():
     for mesh, by in ((dented, -0.05), (bumped, 1e-6)):
         tip = np.argmax(mesh[:, 1])  # a corner on the far ball, beyond all of the rest
         mesh[tip] += by * (mesh[tip] - body.o)
-    assert not encloses(Polytope(dented, outer.triangles), body)
-    assert not lies_within(Polytope(bumped, inner.triangles), body)
+    assert not encloses(ConvexMesh(dented, outer.triangles), body)
+    assert not lies_within(ConvexMesh(bumped, inner.triangles), body)
 
 
 def test_a_nearly_vanishing_capsule_still_has_a_mesh():

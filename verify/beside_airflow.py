@@ -37,7 +37,7 @@ from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.fcl_queries import Shape
 from verify.gjk import Cores, cores, nearest
-from verify.meshes import Indices, Polytope, encloses, inner_mesh, lies_within, outer_mesh
+from verify.meshes import ConvexMesh, Indices, encloses, inner_mesh, lies_within, outer_mesh
 from verify.parts import RigidParts
 
 BISECTIONS = 52
@@ -193,8 +193,8 @@ def _fcl_overlap(asked: BesideAirflow, at: _Found, n: Array, x: Array, level: in
     return lies_within(mesh, body) and Shape(mesh).overlaps(Shape(_move(part.inner(x), -x)))
 
 
-def _move(mesh: Polytope, shift: Array) -> Polytope:
-    return Polytope(mesh.vertices + shift, mesh.triangles)
+def _move(mesh: ConvexMesh, shift: Array) -> ConvexMesh:
+    return ConvexMesh(mesh.vertices + shift, mesh.triangles)
 
 
 def _find(parts: RigidParts, pairs: Sequence[BesideAirflow]) -> list[_Found]:

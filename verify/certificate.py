@@ -28,7 +28,7 @@ from topo_search.model import Status
 from verify.bodies import Array, ConeSphere, Rows
 from verify.clearance import clearances
 from verify.fcl_queries import FARTHEST, Shape
-from verify.meshes import Polytope, encloses, inner_mesh, lies_within, outer_mesh
+from verify.meshes import ConvexMesh, encloses, inner_mesh, lies_within, outer_mesh
 
 FLOOR = 1e-7
 """Clearances of a smaller size may stay undecided [l_arm]: FCL's tolerance at its scale."""
@@ -63,7 +63,7 @@ class Solid:
     def __init__(self, body: ConeSphere) -> None:
         self.body = body
         self._copied: tuple[Solid, Array, Array] | None = None
-        self._made: dict[Callable[[ConeSphere, int], Polytope], tuple[Polytope, Shape]] = {}
+        self._made: dict[Callable[[ConeSphere, int], ConvexMesh], tuple[ConvexMesh, Shape]] = {}
 
     def place(self, R: Array, p: Array) -> Solid:
         """Return a copy turned by R, shape (3, 3), then moved by p, shape (3,)."""
@@ -72,7 +72,7 @@ class Solid:
         return elsewhere
 
     @functools.cached_property
-    def outer(self) -> tuple[Polytope, Shape] | None:
+    def outer(self) -> tuple[ConvexMesh, Shape] | None:
         """The common outer mesh; None if it fails its own check."""
         mesh, shape = self._common_part(outer_mesh)
         return (mesh, shape) if encloses(mesh, self.body) else None
@@ -83,7 +83,7 @@ class Solid:
         mesh, shape = self._common_part(inner_mesh)
         return shape if lies_within(mesh, self.body) else None
 
-    def _common_part(self, make: Callable[[ConeSphere, int], Polytope]) -> tuple[Polytope, Shape]:
+    def _common_part(self, make: Callable[[ConeSphere, int], ConvexMesh]) -> tuple[ConvexMesh, Shape]:
         if make not in self._made:
             if self._copied is None:
                 mesh = make(self.body, COMMON_LEVEL)
@@ -91,7 +91,7 @@ class Solid:
             else:
                 solid, R, p = self._copied
                 mesh, shape = solid._common_part(make)
-                self._made[make] = Polytope(mesh.vertices @ R.T + p, mesh.triangles), shape.place(R, p)
+                self._made[make] = ConvexMesh(mesh.vertices @ R.T + p, mesh.triangles), shape.place(R, p)
         return self._made[make]
 
     @functools.cached_property
@@ -193,14 +193,14 @@ def _common_point(A: Solid, B: Solid, at: Witness, level: int) -> float | None:
     return -float(body_A.support(at.n) + body_B.support(-at.n))
 
 
-def plane_gap(mesh_A: Polytope, mesh_B: Polytope, n: Array) -> float:
+def plane_gap(mesh_A: ConvexMesh, mesh_B: ConvexMesh, n: Array) -> float:
     """Return how far the vertices of two meshes are apart along n."""
     return float((mesh_B.vertices @ n).min() - (mesh_A.vertices @ n).max())
 
 
 def outer_meshes(
     A: Solid, B: Solid, at: Witness, level: int
-) -> tuple[tuple[Polytope, Shape], tuple[Polytope, Shape]] | None:
+) -> tuple[tuple[ConvexMesh, Shape], tuple[ConvexMesh, Shape]] | None:
     """Return the outer meshes of a level, 0 the common ones; None if one fails its own check."""
     if level == 0:
         return None if A.outer is None or B.outer is None else (A.outer, B.outer)

@@ -23,7 +23,7 @@ import numpy as np
 
 from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis
 from verify.fcl_queries import Shape
-from verify.meshes import ROUNDING, Indices, Polytope, inner_mesh, outer_mesh
+from verify.meshes import ROUNDING, ConvexMesh, Indices, inner_mesh, outer_mesh
 
 SIDES = 16
 """Sides of the prisms inside and around a cylinder: turned towards what matters, they lose nothing there."""
@@ -91,11 +91,11 @@ class Convex(ABC):
         """Return the radius of a ball around x, shape (3,), that the solid holds; negative outside."""
 
     @abstractmethod
-    def outer(self, n: Array) -> Polytope:
+    def outer(self, n: Array) -> ConvexMesh:
         """Return a polytope around the solid that has its support along n."""
 
     @abstractmethod
-    def inner(self, x: Array) -> Polytope:
+    def inner(self, x: Array) -> ConvexMesh:
         """Return a polytope inside the solid that holds its point x."""
 
     @abstractmethod
@@ -134,13 +134,13 @@ class Polyhedron(Convex):
         normals, offsets = self.faces
         return float((offsets - normals @ x).min()) if len(offsets) else -math.inf
 
-    def outer(self, n: Array) -> Polytope:
+    def outer(self, n: Array) -> ConvexMesh:
         """Return the polyhedron itself, larger by the allowance for rounding."""
-        return Polytope(self.centre + (1 + ROUNDING) * (self.vertices - self.centre), self.triangles)
+        return ConvexMesh(self.centre + (1 + ROUNDING) * (self.vertices - self.centre), self.triangles)
 
-    def inner(self, x: Array) -> Polytope:
+    def inner(self, x: Array) -> ConvexMesh:
         """Return the polyhedron itself."""
-        return Polytope(self.vertices, self.triangles)
+        return ConvexMesh(self.vertices, self.triangles)
 
     def place(self, R: Array, p: Array) -> Polyhedron:
         """Return the solid turned by R, then moved by p."""
@@ -183,16 +183,16 @@ class Cylinder(Convex):
         along = float(q @ self.axis)
         return min(self.disc - math.hypot(*(q - along * self.axis)), self.half - abs(along))
 
-    def outer(self, n: Array) -> Polytope:
+    def outer(self, n: Array) -> ConvexMesh:
         """Return a prism around the cylinder, with a flat side towards n."""
         radius = self.disc / math.cos(math.pi / SIDES)
         return self._prism(n, (1 + ROUNDING) * radius, 0.5, 1 + ROUNDING)
 
-    def inner(self, x: Array) -> Polytope:
+    def inner(self, x: Array) -> ConvexMesh:
         """Return a prism inside the cylinder, with an edge on the side of x."""
         return self._prism(x - self.centre, (1 - ROUNDING) * self.disc, 0.0, 1.0)
 
-    def _prism(self, towards: Array, radius: float, phase: float, stretch: float) -> Polytope:
+    def _prism(self, towards: Array, radius: float, phase: float, stretch: float) -> ConvexMesh:
         across = towards - (towards @ self.axis) * self.axis
         length = np.linalg.norm(across)
         e_1 = across / length if length > ROUNDING else basis_across(self.axis)[0]
@@ -208,7 +208,7 @@ class Cylinder(Convex):
             fan[:, ::-1],
             fan + SIDES,
         ]
-        return Polytope(np.concatenate([low + radius * ring, high + radius * ring]), np.concatenate(triangles))
+        return ConvexMesh(np.concatenate([low + radius * ring, high + radius * ring]), np.concatenate(triangles))
 
     def place(self, R: Array, p: Array) -> Cylinder:
         """Return the solid turned by R, then moved by p."""
@@ -239,11 +239,11 @@ class Capsule(Convex):
         """Return how far inside the nearest ball x lies."""
         return float(self.body.depth(x))
 
-    def outer(self, n: Array) -> Polytope:
+    def outer(self, n: Array) -> ConvexMesh:
         """Return a polytope around the capsule, with a face towards n."""
         return outer_mesh(self.body, CAPSULE_LEVEL, n)
 
-    def inner(self, x: Array) -> Polytope:
+    def inner(self, x: Array) -> ConvexMesh:
         """Return a polytope inside the capsule, with vertices from its axis towards x."""
         body = self.body
         away = x - body.centre(float(nearest_on_axis(body.o - x, body.d, body.dr)))

@@ -18,7 +18,7 @@ import fcl
 import numpy as np
 
 from verify.bodies import Array
-from verify.meshes import Polytope
+from verify.meshes import ConvexMesh
 
 SCALE = 1e3
 """FCL's length of one arm."""
@@ -29,7 +29,7 @@ FARTHEST = 1e6
 class Shape:
     """A convex polytope, in arm lengths, as FCL holds it."""
 
-    def __init__(self, mesh: Polytope) -> None:
+    def __init__(self, mesh: ConvexMesh) -> None:
         if not np.all(np.abs(mesh.vertices) <= FARTHEST):
             raise ValueError(f"coordinates must be finite and within {FARTHEST:g} arm lengths")
         faces = np.concatenate([np.full((len(mesh.triangles), 1), 3, dtype=np.int64), mesh.triangles], axis=1)

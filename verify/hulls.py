@@ -25,7 +25,7 @@ from scipy.spatial import ConvexHull
 
 from verify.bodies import Array, ConeSphere
 from verify.clearance import clearances
-from verify.meshes import Indices, Polytope
+from verify.meshes import ConvexMesh, Indices
 
 PLANARITY = 1e-11
 """How far corners may be off their faces' planes, to the size of the scene: less than proofs allow for rounding."""
@@ -35,7 +35,7 @@ PLANARITY = 1e-11
 class Hull:
     """A convex polytope with its faces."""
 
-    mesh: Polytope
+    mesh: ConvexMesh
     normals: Array
     """n_f of the triangles, shape (f, 3)."""
     offsets: Array
@@ -86,7 +86,7 @@ class Hull:
 
     def move(self, shift: Array) -> Hull:
         """Return the same region elsewhere."""
-        mesh = Polytope(self.mesh.vertices + shift, self.mesh.triangles)
+        mesh = ConvexMesh(self.mesh.vertices + shift, self.mesh.triangles)
         return Hull(mesh, self.normals, self.offsets + self.normals @ shift)
 
 
@@ -111,7 +111,7 @@ def hull(points: Array) -> Hull:
         raise ValueError("a target region's corners are too close to one another for a hull with exact faces")
     # FCL walks from vertex to vertex along faces, and would be lost on one that no face has.
     used, compact = np.unique(triangles, return_inverse=True)
-    return Hull(Polytope(points[used], compact.reshape(-1, 3)), normals, offsets)
+    return Hull(ConvexMesh(points[used], compact.reshape(-1, 3)), normals, offsets)
 
 
 class Approach(NamedTuple):

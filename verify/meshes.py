@@ -32,7 +32,7 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Polytope:
+class ConvexMesh:
     """A closed convex surface of triangles that turn counter-clockwise seen from outside."""
 
     vertices: Array
@@ -75,7 +75,7 @@ def icosphere(level: int) -> Icosphere:
     return Icosphere(vertices, triangles, normals, offsets, edges)
 
 
-def inner_mesh(body: ConeSphere, level: int, n: Array | None = None) -> Polytope:
+def inner_mesh(body: ConeSphere, level: int, n: Array | None = None) -> ConvexMesh:
     """Return a polytope inside the body, with a vertex in direction `n` if one is given."""
     sphere = icosphere(level)
     turn = np.eye(3) if n is None else _turn(sphere.vertices[0], n)
@@ -83,33 +83,33 @@ def inner_mesh(body: ConeSphere, level: int, n: Array | None = None) -> Polytope
     return _hull(body, sphere, turn, 1.0, -min(slack, 0.5 * body.r))
 
 
-def outer_mesh(body: ConeSphere, level: int, n: Array | None = None) -> Polytope:
+def outer_mesh(body: ConeSphere, level: int, n: Array | None = None) -> ConvexMesh:
     """Return a polytope around the body, with a face that touches it in direction `n` if one is given."""
     sphere = icosphere(level)
     turn = np.eye(3) if n is None else _turn(sphere.normals[np.argmin(sphere.offsets)], n)
     return _hull(body, sphere, turn, 1.0 / sphere.inradius, ROUNDING * body.extent)
 
 
-def box_below(x: Array, m: Array, size: float) -> Polytope:
+def box_below(x: Array, m: Array, size: float) -> ConvexMesh:
     """Return a box that fills the half-space m.y <= m.x around the point x: `size` deep and twice as wide."""
     e_1, e_2 = basis_across(m)
     # Corner 4 i + 2 j + k has the signs i, j, k along m, e_1, e_2.
     signs = np.array([(i, j, k) for i in (-1, 0) for j in (-1, 1) for k in (-1, 1)])
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [half for a, b, c, d in faces for half in ((a, b, c), (a, c, d))]
-    return Polytope(x + size * signs @ np.stack([m, e_1, e_2]), np.array(triangles, dtype=np.intp))
+    return ConvexMesh(x + size * signs @ np.stack([m, e_1, e_2]), np.array(triangles, dtype=np.intp))
 
 
-def _hull(body: ConeSphere, sphere: Icosphere, turn: Array, scale: float, slack: float) -> Polytope:
+def _hull(body: ConeSphere, sphere: Icosphere, turn: Array, scale: float, slack: float) -> ConvexMesh:
     """Return the hull of the turned icosphere at both ends, with radii scale (r + slack)."""
     unit = sphere.vertices @ turn.T
     first = body.o + scale * (body.r + slack) * unit
     last = body.o + body.d + scale * (body.r + body.dr + slack) * unit
     beyond = sphere.normals @ (turn.T @ body.d) + scale * body.dr * sphere.offsets > 0
     if beyond.all():
-        return Polytope(last, sphere.triangles)
+        return ConvexMesh(last, sphere.triangles)
     if not beyond.any():
-        return Polytope(first, sphere.triangles)
+        return ConvexMesh(first, sphere.triangles)
     v = len(unit)
     start, end, left, _ = sphere.edges[beyond[sphere.edges[:, 2]] != beyond[sphere.edges[:, 3]]].T
     # Let every bridged edge run as in the face that belongs to the first end.
@@ -124,7 +124,7 @@ def _hull(body: ConeSphere, sphere: Icosphere, turn: Array, scale: float, slack:
     )
     # FCL walks from vertex to vertex along faces, and would be lost on one that no face has.
     used, compact = np.unique(triangles, return_inverse=True)
-    return Polytope(np.concatenate([first, last])[used], compact.reshape(-1, 3))
+    return ConvexMesh(np.concatenate([first, last])[used], compact.reshape(-1, 3))
 
 
 def _turn(a: Array, b: Array) -> Array:
@@ -139,7 +139,7 @@ def _turn(a: Array, b: Array) -> Array:
     return np.asarray(np.eye(3) + K + K @ K / (1.0 + a @ b))
 
 
-def encloses(mesh: Polytope, body: ConeSphere) -> bool:
+def encloses(mesh: ConvexMesh, body: ConeSphere) -> bool:
     """Whether every face of an outer mesh lies beyond the body: the mesh's check of itself.
 
     A bridge between two nearly equal ends is a sliver whose normal has few digits left; each face is allowed
@@ -155,6 +155,6 @@ def encloses(mesh: Polytope, body: ConeSphere) -> bool:
     return bool(np.all(beyond >= -allowed))
 
 
-def lies_within(mesh: Polytope, body: ConeSphere) -> bool:
+def lies_within(mesh: ConvexMesh, body: ConeSphere) -> bool:
     """Whether every vertex of an inner mesh lies in the body: the mesh's check of itself."""
     return bool(np.all(body.depth(mesh.vertices) >= 0))

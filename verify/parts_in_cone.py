@@ -8,7 +8,7 @@
 | upper | s at a point proven in a part |
 
 A concave function is least at corners, and on a cylinder on the circles around its ends: there points side by side
-are looked at, then points between the neighbours of the least. Around those circles the polytopes have as many
+are looked at, then points on both sides of the least. Around those circles the polytopes have as many
 sides as it takes; at 90 degrees, where the cone is a half-space, one corner where the support is.
 
 `clear` when every corner has s > 0, `violated` when the point has s < 0. FCL is shown what lies beyond the
@@ -37,7 +37,7 @@ SIDES = (64, 1024, 16384, 262144)
 POINTS = 720
 """Places on a circle that are looked at side by side."""
 ZOOMS = 5
-"""How often those between the neighbours of the least are."""
+"""How often those on both sides of the least are."""
 
 
 def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:

@@ -105,13 +105,13 @@ def clearance(one: Swept, other: Swept) -> Array:
     D = 2 * _dot(one.d, w) - 2 * r * one.dr
     E = -2 * _dot(other.d, w) - 2 * r * other.dr
     det = 4 * A * B - C**2
-    candidates: list[tuple[Array | float, Array | float]]
-    candidates = [(_ratio(C * E - 2 * B * D, det), _ratio(C * D - 2 * A * E, det))]
-    candidates += [(_ratio(-(C * gamma + D), 2 * A), gamma) for gamma in (0.0, 1.0)]
-    candidates += [(eta, _ratio(-(C * eta + E), 2 * B)) for eta in (0.0, 1.0)]
-    candidates += [(eta, gamma) for eta in (0.0, 1.0) for gamma in (0.0, 1.0)]
+    places: list[tuple[Array | float, Array | float]]
+    places = [(_ratio(C * E - 2 * B * D, det), _ratio(C * D - 2 * A * E, det))]
+    places += [(_ratio(-(C * gamma + D), 2 * A), gamma) for gamma in (0.0, 1.0)]
+    places += [(eta, _ratio(-(C * eta + E), 2 * B)) for eta in (0.0, 1.0)]
+    places += [(eta, gamma) for eta in (0.0, 1.0) for gamma in (0.0, 1.0)]
     least, reach = np.full(w.shape[:-1], np.inf), np.zeros(w.shape[:-1])
-    for eta, gamma in candidates:
+    for eta, gamma in places:
         f = (A * eta + C * gamma + D) * eta + (B * gamma + E) * gamma
         less = f < least
         least = np.where(less, f, least)

@@ -42,7 +42,7 @@ class EnvelopePair:
     segment = None
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the paper's log-sum-exp over nine candidates."""
+        """Return the paper's log-sum-exp over nine KKT candidates."""
         w, z_i, z_j = y
         return clearance(self.air.symbol(w, z_i), self.air.symbol(ca.SX.zeros(3), z_j), beta)
 
@@ -72,7 +72,7 @@ class PartsBeside:
         return cover.centres / unit, (cover.radii / unit).tolist()
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the log-sum-exp over all balls and candidates."""
+        """Return the log-sum-exp over all balls and KKT candidates."""
         w, *axes, z_j = y
         R = ca.horzcat(*axes)
         parts = [Ball(w + R @ ca.DM(place), radius) for place, radius in zip(*self._balls, strict=True)]

@@ -48,7 +48,7 @@ class OffBall:
     segment = None
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the paper's log-sum-exp over three candidates."""
+        """Return the paper's log-sum-exp over three KKT candidates."""
         return clearance(self.air.symbol(*y), Ball(ca.SX.zeros(3), self.radius), beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
@@ -74,7 +74,7 @@ class OffCapsule:
     local_vectors = (FROM_TIP, Z_I)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the paper's log-sum-exp over nine candidates."""
+        """Return the paper's log-sum-exp over nine KKT candidates."""
         capsule = ConeSphere(ca.SX(ca.DM(self.start)), ca.SX(ca.DM(self.path)), self.radius)
         return clearance(self.air.symbol(*y), capsule, beta)
 
@@ -98,7 +98,7 @@ class OffCapsuleAlong:
     segment = 0
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the paper's log-sum-exp over nine candidates."""
+        """Return the paper's log-sum-exp over nine KKT candidates."""
         q, z, p_E = y
         capsule = ConeSphere(ca.SX.zeros(3), self.length * p_E / ca.norm_2(p_E), self.radius)
         return clearance(self.air.symbol(q, z), capsule, beta)

@@ -29,7 +29,7 @@ from topo_search.model.shape import Cone
 LARGEST_SPLAY = 0.8
 """Largest hinge angle of a start [rad]."""
 UNTANGLED_FROM = 8
-"""Fewest modules for which hinges are placed free of overlaps first; with fewer, Ipopt sorts them out as well."""
+"""Fewest modules that are untangled first; with fewer, Ipopt sorts them out as well."""
 LIFTED_FROM = 30
 """Fewest modules for which they are also turned so that thrusts do not point apart."""
 LEVEL = 1e-9

@@ -46,8 +46,8 @@ def clearance(one: ConeSphere, other: ConeSphere | Ball, beta: ca.SX) -> ca.SX:
     The log-sum-exp of f over the KKT candidates is an area; divided by twice the sum of the end radii it is a
     length, above the true clearance c > 0 by c^2 / (2 sum) at most and equal to it at contact.
     """
-    candidates = _against_ball(one, other) if isinstance(other, Ball) else _against_segment(one, other)
-    return log_sum_exp(candidates, beta) / (2 * (one.end_radius + other.end_radius))
+    f = _against_ball(one, other) if isinstance(other, Ball) else _against_segment(one, other)
+    return log_sum_exp(f, beta) / (2 * (one.end_radius + other.end_radius))
 
 
 def clearance_of_all(one: ConeSphere, balls: Sequence[Ball], beta: ca.SX) -> ca.SX:
@@ -56,14 +56,12 @@ def clearance_of_all(one: ConeSphere, balls: Sequence[Ball], beta: ca.SX) -> ca.
     Every ball's f counts as the length that it is near contact, times twice the sum of the first one's radii.
     """
     scale = one.end_radius + balls[0].end_radius
-    candidates = [
-        scale / (one.end_radius + ball.end_radius) * f for ball in balls for f in _against_ball(one, ball)
-    ]
-    return log_sum_exp(candidates, beta) / (2 * scale)
+    scaled = [scale / (one.end_radius + ball.end_radius) * f for ball in balls for f in _against_ball(one, ball)]
+    return log_sum_exp(scaled, beta) / (2 * scale)
 
 
 def _against_ball(one: ConeSphere, ball: Ball) -> list[ca.SX]:
-    """Return f at its three candidates: the stationary point and both ends."""
+    """Return f at its three KKT candidates: the stationary point and both ends."""
     w_0, r_0 = one.o - ball.o, one.r_0 + ball.end_radius
     A = ca.dot(one.d, one.d) - one.dr**2
     D = 2 * ca.dot(one.d, w_0) - 2 * r_0 * one.dr
@@ -73,7 +71,7 @@ def _against_ball(one: ConeSphere, ball: Ball) -> list[ca.SX]:
 
 
 def _against_segment(one: ConeSphere, other: ConeSphere) -> list[ca.SX]:
-    """Return f at its nine candidates, from the coefficients of the paper's Eq. (f_air)."""
+    """Return f at its nine KKT candidates, from the coefficients of the paper's Eq. (f_air)."""
     d_i, d_j = one.d, other.d
     w_0, r_0 = one.o - other.o, one.r_0 + other.r_0
     A = ca.dot(d_i, d_i) - one.dr**2

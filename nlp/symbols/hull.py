@@ -8,11 +8,11 @@ r"""Smooth clearance of an airflow envelope and a convex polytope.
 | n_f, b_f | outward unit normal and offset of a face of Q | -, l_arm |
 
 The paper names boxes and other shapes as local envelopes and spells out the ball. Here its way goes on: the least f
-is sought among closed-form candidates, and every candidate is the f of some eta and some y of Q, so that none is
-less than the least. The nearest point of Q lies
+is sought among KKT candidates in closed form, each the f of some eta and some y of Q, so that none is less than the
+least. The nearest point of Q lies
 
-- on an edge, with eta and the place on the edge stationary, or one of them at an end: the paper's candidates for a
-  capsule without radius; what belongs to a corner is counted once;
+- on an edge, with eta and the place on the edge stationary, or one of them at an end: the paper's KKT candidates
+  for a capsule without radius; what belongs to a corner is counted once;
 - inside a face, and then eta is at an end of the axis, because the distance from a plane is linear: each triangle
   gives the foot of either end, pulled into the triangle;
 - where the axis pierces a face: each triangle gives the crossing, pulled into the axis and into the triangle.
@@ -43,14 +43,14 @@ def hull_clearances(envelope: ConeSphere, origin: ca.SX, hull: Hull, beta: ca.SX
         beta: sharpness of the log-sum-exp.
     """
     seen = ConeSphere(envelope.o - origin, envelope.d, envelope.r_0, envelope.dr)
-    candidates = [_at_corner(seen, corner) for corner in hull.corners]
+    f = [_at_corner(seen, corner) for corner in hull.corners]
     for start, end in hull.corners[hull.edges]:
-        candidates += _along_edge(seen, start, end)
+        f += _along_edge(seen, start, end)
     for triangle, normal, offset in zip(hull.corners[hull.triangles], hull.normals, hull.offsets, strict=True):
-        candidates += _at_face(seen, triangle, normal, float(offset))
+        f += _at_face(seen, triangle, normal, float(offset))
     outside = [ca.dot(ca.DM(normal), seen.o) - offset for *normal, offset in hull.planes.tolist()]
     return ca.vertcat(
-        log_sum_exp(candidates, beta) / (2 * envelope.end_radius),
+        log_sum_exp(f, beta) / (2 * envelope.end_radius),
         -log_sum_exp([-height for height in outside], beta),
     )
 

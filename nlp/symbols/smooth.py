@@ -1,4 +1,4 @@
-"""Smooth stand-ins for min, max and the minimum over a few candidates (paper, Sec. III-A)."""
+"""Smooth stand-ins for min, max and the minimum over a few values (paper, Sec. III-A)."""
 
 from __future__ import annotations
 

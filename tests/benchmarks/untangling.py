@@ -44,7 +44,7 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=5, help="at most, of each tree")
     parser.add_argument("--body-clearance", action="store_true")
     arguments = parser.parse_args()
-    print(f"{'n':>4}{'l_c [m]':>9}{'trees placed':>14}{'by first start':>16}{'left over':>11}{'CPU s a start':>15}")
+    print(f"{'n':>4}{'l_c [m]':>9}{'untangled':>14}{'by first start':>16}{'left over':>11}{'CPU s a start':>15}")
     for n in arguments.sizes:
         for l_c in arguments.connector_distances:
             stated = {

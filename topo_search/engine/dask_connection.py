@@ -78,12 +78,12 @@ class Connection:
 
     def threads(self) -> dict[str, int]:
         """Return how many jobs each Dask worker runs at a time."""
-        return self._answer(self.client().nthreads)
+        return self._reply(self.client().nthreads)
 
     def run(self, function: Callable[[], T], workers: Iterable[str]) -> dict[str, T]:
         """Return what a function returns in each of some Dask workers; those that are just leaving are left out."""
         client, asked = self.client(), list(workers)
-        return self._answer(lambda: client.run(function, workers=asked, on_error="ignore")) if asked else {}
+        return self._reply(lambda: client.run(function, workers=asked, on_error="ignore")) if asked else {}
 
     def submit(self, function: Callable[[Any], T], argument: Any) -> Future[T]:
         """Hand a call to the scheduler."""
@@ -100,7 +100,7 @@ class Connection:
         """Return the error that says that there is no scheduler any more."""
         return WorkersLost(f"the Dask scheduler at {self.address} is gone")
 
-    def _answer(self, ask: Callable[[], T]) -> T:
+    def _reply(self, ask: Callable[[], T]) -> T:
         """Return what the scheduler answers."""
         try:
             return _within(CONNECT, ask)

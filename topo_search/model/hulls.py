@@ -62,7 +62,7 @@ def convex_hull(points: Array, *, most_corners: int | None = None) -> Hull:
     first, second, third = corners[triangles].transpose(1, 0, 2)
     inwards = np.sum(np.cross(second - first, third - first) * normals, axis=1) < 0
     triangles[inwards] = triangles[inwards][:, ::-1]
-    f, across = np.nonzero(found.neighbors > np.arange(len(triangles))[:, None])  # every pair of neighbours once
+    f, across = np.nonzero(found.neighbors > np.arange(len(triangles))[:, None])  # all pairs of adjacent faces
     folded = np.linalg.norm(normals[f] - normals[found.neighbors[f, across]], axis=1) > FLAT
     sides = zip(found.simplices[f], found.simplices[found.neighbors[f, across]], strict=True)
     shared = [np.intersect1d(one, other) for one, other in sides]

@@ -88,7 +88,7 @@ def _module(module: Module, u_max: float) -> Iterator[TaskWarning]:
             f"k_tau / k_f = {drag:.3g} m is more than the arm, {module.arm_length:g} m: is it in N m s^2/rad^2?",
         )
     if 2 * body.rotor_radius > math.sqrt(2) * module.arm_length:
-        yield TaskWarning("module.body.rotor_radius", "neighbouring rotors of a module overlap")
+        yield TaskWarning("module.body.rotor_radius", "adjacent rotors of a module overlap")
     least = module.arm_length / math.sqrt(2) + body.rotor_radius
     if module.connector_distance < least:
         yield TaskWarning(

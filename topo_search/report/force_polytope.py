@@ -32,7 +32,7 @@ FLAT = 1e-6
 """Least thickness of a polytope that is drawn, over its size; also by how much a vertex lies beyond a facet."""
 
 
-class Polytope(NamedTuple):
+class ForcePolytope(NamedTuple):
     """A convex polytope around the origin or beside it."""
 
     vertices: Array
@@ -52,7 +52,7 @@ def unit_wrenches(design: Design, at: Poses) -> tuple[Array, Array]:
     return k_f * z.reshape(-1, 3).T, torques.reshape(-1, 3).T
 
 
-def force_polytope(design: Design, at: Poses) -> Polytope | None:
+def force_polytope(design: Design, at: Poses) -> ForcePolytope | None:
     """Return the polytope; None where the platform cannot hover, or where all forces lie in a plane."""
     u_max = design.task.module.max_input(design.task.gravity)
     F, T = (u_max * part for part in unit_wrenches(design, at))
@@ -73,7 +73,7 @@ def force_polytope(design: Design, at: Poses) -> Polytope | None:
     return _hull(farthest)
 
 
-def _hull(farthest: Callable[[Array], Array | None]) -> Polytope | None:
+def _hull(farthest: Callable[[Array], Array | None]) -> ForcePolytope | None:
     """Return the hull of the vertices that linear programs find, facet by facet."""
     first = [farthest(sign * axis) for axis in np.eye(3) for sign in (1.0, -1.0)]
     points = [point for point in first if point is not None]
@@ -96,5 +96,5 @@ def _hull(farthest: Callable[[Array], Array | None]) -> Polytope | None:
             if point is not None and point @ normal + offset > FLAT * size:
                 new.append(point)
         if not new:
-            return Polytope(hull.points, hull.simplices)
+            return ForcePolytope(hull.points, hull.simplices)
         points = [*hull.points[hull.vertices], *new]

@@ -40,10 +40,10 @@ def load_factor(nominal: Nominal, wrench: Array) -> float:
     scale = np.repeat([1.0, nominal.arm], 3) * W
     size = float(np.linalg.norm(wrench / scale))
     A = np.column_stack([nominal.B * nominal.largest_thrust / scale[:, None], -wrench / scale / size])
-    answer = linprog(
+    solution = linprog(
         np.append(np.zeros(N), -1.0), A_eq=A, b_eq=hover, bounds=[(nominal.least_share, 1)] * N + [(0, None)]
     )
-    return float(answer.x[-1]) / size + 0.0 if answer.status == 0 else 0.0  # never -0.0
+    return float(solution.x[-1]) / size + 0.0 if solution.status == 0 else 0.0  # never -0.0
 
 
 def hover_residual(nominal: Nominal, dead: int | None = None) -> tuple[float, float]:

@@ -16,7 +16,7 @@ r"""A pose controller for a platform that is fully actuated, and the thrusts tha
 | s | thrusts over the largest; least squares with limits find them | (N,) | |
 
 The least squares weigh forces by the weight m g and torques by l_arm m g, torques ten times as much, for a platform
-that turns away loses its forces as well; a little effort is weighed so that the answer is unique:
+that turns away loses its forces as well; a little effort is weighed so that the solution is unique:
 
 .. math:: \min_{s_{min} \le s \le 1} \| Q (B T_{max} s - w) \|^2 + \epsilon \|s\|^2
 """
@@ -121,6 +121,6 @@ class Allocator:
     def thrusts(self, wrench: Array) -> tuple[Array, Array]:
         """Return the thrusts (N,) [N], and what is missing of the wrench (6,)."""
         g = -self._scaled.T @ (self._scale * wrench)
-        answer = self._solve(h=self._hessian, g=g, lbx=self.least, ubx=self.largest)
-        T = self.nominal.largest_thrust * np.clip(np.asarray(answer["x"]).ravel(), self.least, self.largest)
+        solution = self._solve(h=self._hessian, g=g, lbx=self.least, ubx=self.largest)
+        T = self.nominal.largest_thrust * np.clip(np.asarray(solution["x"]).ravel(), self.least, self.largest)
         return T, wrench - self.nominal.B @ T

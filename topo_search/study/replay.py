@@ -81,7 +81,7 @@ class Replay:
                 if isinstance(step, Results):
                     results = list[Scored]()
                     for proposal in [waiting.popleft() for _ in range(step.number)]:
-                        while (result := self._answer(proposal)) is None:
+                        while (result := self._known(proposal)) is None:
                             yield None
                         results.append(result)
                     step = strategy.send(results)
@@ -90,14 +90,14 @@ class Replay:
                     self._announce(step)
                 else:
                     waiting.append(step)
-                    if self._answer(step) is None:
+                    if self._known(step) is None:
                         yield self._job(step)
                     else:
                         self._settle(step.candidate.key, known=True)
                 step = next(strategy)
         except StopIteration:
             while waiting:
-                if self._answer(waiting[0]) is None:
+                if self._known(waiting[0]) is None:
                     yield None
                 else:
                     waiting.popleft()
@@ -141,7 +141,7 @@ class Replay:
     def _add(self, scored: Scored) -> None:
         self._scores.setdefault(scored.key, []).append(scored)
 
-    def _answer(self, proposal: Proposal) -> Scored | None:
+    def _known(self, proposal: Proposal) -> Scored | None:
         """Return what is known of a candidate after as many starts as proposed, or the next known number."""
         known = self._scores.get(proposal.candidate.key, [])
         place = bisect_left(known, proposal.starts, key=lambda scored: scored.starts)

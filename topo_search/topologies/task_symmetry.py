@@ -246,8 +246,8 @@ def _images(features: list[_Feature], feature: _Feature, slot: int) -> Iterator[
     length = np.linalg.norm(feature.vectors[slot])
     for other in features:
         if other.kind == feature.kind:
-            candidates = other.vectors if feature.kind == REGION else other.vectors[slot : slot + 1]
-            for vector in candidates:
+            vectors = other.vectors if feature.kind == REGION else other.vectors[slot : slot + 1]
+            for vector in vectors:
                 if abs(np.linalg.norm(vector) - length) <= 4 * TOLERANCE * length:
                     yield sign * _unit(vector)
 

@@ -1,4 +1,4 @@
-"""Linear programs whose answers are proven: a primal and a dual point in hand for each.
+"""Linear programs whose solutions are proven: a primal and a dual point in hand for each.
 
     maximise c . v  such that  M v = m,  low <= v <= high
 
@@ -89,10 +89,12 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
         return judged
     v, y = found.v.copy(), found.y.copy()
     for row in loose:
-        answer = linprog(-c[row], A_eq=M, b_eq=m[row], bounds=np.stack([bounds.low[row], bounds.high[row]], axis=1))
-        if answer.status == 0:
-            v[row] = np.clip(answer.x, bounds.low[row], bounds.high[row])
-            y[row] = -answer.eqlin.marginals
+        solution = linprog(
+            -c[row], A_eq=M, b_eq=m[row], bounds=np.stack([bounds.low[row], bounds.high[row]], axis=1)
+        )
+        if solution.status == 0:
+            v[row] = np.clip(solution.x, bounds.low[row], bounds.high[row])
+            y[row] = -solution.eqlin.marginals
     again = _bracket(c, M, m, bounds, v, y, found.bases)
     better = again.attained > judged.attained
     return Greatest(
@@ -128,7 +130,7 @@ class Solvable:
 def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -> Solvable:
     """Return for each m, shape (B, k), whether M v = m has a solution within bounds, each equation to TOLERANCE."""
     bounds = box.rows(len(m))
-    # any costs would do; different ones make the answer one vertex
+    # any costs would do; different ones make the solution one vertex
     c = np.broadcast_to(-1.0 - np.arange(M.shape[1]) / M.shape[1], (len(m), M.shape[1]))
     found = solve(c, M, m, bounds.low, bounds.high, bases)
     v = found.v
@@ -158,8 +160,8 @@ def _nearest(M: Array, m: Array, low: Array, high: Array) -> tuple[Array, Array]
     k, N = M.shape
     A = np.block([[M, -np.ones((k, 1))], [-M, -np.ones((k, 1))]])
     bounds = [*zip(low.tolist(), high.tolist(), strict=True), (0.0, None)]
-    answer = linprog(np.append(np.zeros(N), 1.0), A_ub=A, b_ub=np.concatenate([m, -m]), bounds=bounds)
-    if answer.status != 0:
+    solution = linprog(np.append(np.zeros(N), 1.0), A_ub=A, b_ub=np.concatenate([m, -m]), bounds=bounds)
+    if solution.status != 0:
         return low, np.zeros(k)
-    over, under = answer.ineqlin.marginals[:k], answer.ineqlin.marginals[k:]
-    return np.clip(answer.x[:N], low, high), np.asarray(over - under)
+    over, under = solution.ineqlin.marginals[:k], solution.ineqlin.marginals[k:]
+    return np.clip(solution.x[:N], low, high), np.asarray(over - under)

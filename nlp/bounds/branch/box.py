@@ -37,7 +37,7 @@ that times the path's length, and t by under 100 (A + 1) eps (|nu| + |mu| L), L 
 sums of 4 n K + n + 6 K terms are off by that many eps of the sum of their sizes, none of which is above
 U (|nu| + |mu| L) or the sizes of b . y. For A <= 20 and n K <= 1000 that is under 1e-12 of these in all; `Slack`
 takes ROUNDING = 1e-11 of them, beside the audit's tolerance, which is 1e-6 of the same and alone a hundred
-thousand times as large. Ends of boxes are floats, and neighbours share them, so boxes leave no gap. What the
+thousand times as large. Ends of boxes are floats, and adjacent boxes share them, so boxes leave no gap. What the
 condition on mu misses costs |sum_k g_k x mu_k| |p'_E|, and |p'_E| is bounded by what an audit lets pass.
 """
 
