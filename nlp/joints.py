@@ -143,7 +143,7 @@ def _vectors(
     inertia = ca.diag(ca.DM(module.inertia)) / (module.mass * unit.length**2)
     turning = [pose.R @ inertia @ pose.R.T for pose in placed]
     whole = sum((_spread(at) for at in o), start=m_E * _spread(q)) + sum(turning[1:], start=turning[0])
-    own, beyond = torque_map(module), _beyond(topology)
+    own, beyond = torque_map(module), _outward_modules(topology)
     joints = {i: o[h] + l_c * placed[h].R @ ca.DM(PORTS[a]) for h, i, a, _ in topology.edges()}
     vectors = []
     for load in listed:
@@ -175,7 +175,7 @@ def _spread(at: ca.SX) -> ca.SX:
     return ca.dot(at, at) * ca.DM.eye(3) - at @ at.T
 
 
-def _beyond(topology: Topology) -> list[set[int]]:
+def _outward_modules(topology: Topology) -> list[set[int]]:
     """Return which modules hang at each one, itself included."""
     beyond = [{i} for i in range(topology.n)]
     for h, i, _, _ in reversed(list(topology.edges())):

@@ -144,9 +144,9 @@ class OwnRows:
             for off in [max(np.max(one.lower / scale - part), np.max(part - one.upper / scale))]
         ]
 
-    def beside(self, program: Assembled) -> Assembled:
+    def append_to(self, program: Assembled) -> Assembled:
         """Return a program with these rows after its own."""
-        return Beside(program, self) if self else program
+        return JoinedProgram(program, self) if self else program
 
 
 @lru_cache(maxsize=32)
@@ -170,7 +170,7 @@ class Rows(Protocol):
         """Least and largest value of each."""
 
 
-class Beside:
+class JoinedProgram:
     """A program in numbers with other rows below its own; their derivatives are CasADi's."""
 
     def __init__(self, program: Assembled, own: Rows) -> None:

@@ -102,13 +102,13 @@ def test_a_job_that_does_not_fit_in_a_worker_fails_alone(engine):
 
 
 def test_a_single_job_that_hangs_is_stopped_too(engine):
-    assert engine.one(misbehave, ("hang", 0), deadline=1.0).kind == "timeout"
-    assert engine.one(misbehave, ("fine", 7), deadline=LONG) == 7
+    assert engine.run_one(misbehave, ("hang", 0), deadline=1.0).kind == "timeout"
+    assert engine.run_one(misbehave, ("fine", 7), deadline=LONG) == 7
 
 
 def test_a_crash_is_tried_twice_and_no_more(engine, tmp_path):
-    assert engine.one(crash_once, tmp_path / "mark", deadline=LONG) == "survived"
-    assert isinstance(engine.one(count_attempts, tmp_path / "attempts", deadline=LONG), Failed)
+    assert engine.run_one(crash_once, tmp_path / "mark", deadline=LONG) == "survived"
+    assert isinstance(engine.run_one(count_attempts, tmp_path / "attempts", deadline=LONG), Failed)
     assert (tmp_path / "attempts").read_text() == "xx"
 
 
@@ -117,8 +117,8 @@ def test_the_time_limit_drops_what_runs(engine, tmp_path):
     outcomes = engine.run(report_pid, jobs, deadline=lambda _: 2 * 3600.0, until=time.monotonic() + 4)
     assert len(list(outcomes)) <= 2
     eventually(lambda: all(gone(int(path.name)) for path in tmp_path.iterdir()))
-    assert engine.one(square, 3, deadline=LONG) == 9
+    assert engine.run_one(square, 3, deadline=LONG) == 9
 
 
 def test_libraries_use_one_thread(engine):
-    assert engine.one(environment, tuple(ONE_THREAD), deadline=LONG) == ONE_THREAD
+    assert engine.run_one(environment, tuple(ONE_THREAD), deadline=LONG) == ONE_THREAD

@@ -51,7 +51,7 @@ def test_quick_jobs_do_not_make_one_worker_take_all_the_slow_ones(cluster, tmp_p
 def test_a_child_keeps_memory_for_its_next_job(cluster):
     assert TRIM in distributed.config["distributed"]["nanny"]["pre-spawn-environ"]
     with DaskWorkers(cluster.address, {}) as workers:
-        assert workers.one(environment, (TRIM,), deadline=LONG) == {TRIM: None}
+        assert workers.run_one(environment, (TRIM,), deadline=LONG) == {TRIM: None}
 
 
 def test_a_worker_that_joins_late_is_waited_for(tmp_path):
@@ -59,7 +59,7 @@ def test_a_worker_that_joins_late_is_waited_for(tmp_path):
     with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}, note=noted.append) as workers:
         joins = threading.Timer(0.1, lambda: (eventually(lambda: noted), cluster.add_worker()))
         joins.start()
-        assert workers.one(square, 3, deadline=LONG) == 9
+        assert workers.run_one(square, 3, deadline=LONG) == 9
         joins.join()
     assert len(noted) == 1
     assert f"{cluster.address} has no workers; waiting" in noted[0]
@@ -81,7 +81,7 @@ def test_no_scheduler_at_an_address(monkeypatch):
     with DaskWorkers(address, {}) as workers:
         assert list(workers.run(square, [], deadline=lambda _: LONG)) == []  # nothing to do, nobody to ask
         with pytest.raises(WorkersLost, match=f"no Dask scheduler answers at {address}"):
-            workers.one(square, 3, deadline=LONG)
+            workers.run_one(square, 3, deadline=LONG)
 
 
 @pytest.mark.parametrize("address", ["", "cluster", "127.0.0.1:8786", "http://127.0.0.1:80", "tcp://node"])
@@ -93,7 +93,7 @@ def test_what_is_no_address(address):
 def test_other_versions_are_refused(cluster):
     differ = r"the Dask worker tcp://\S+ has numpy [0-9.]+, where this process has 0\.1: results could differ"
     with DaskWorkers(cluster.address, {"numpy": "0.1"}) as workers, pytest.raises(WorkersLost, match=differ):
-        workers.one(square, 3, deadline=LONG)
+        workers.run_one(square, 3, deadline=LONG)
 
 
 def test_dask_workers_that_may_have_no_child_are_refused_with_what_to_set(tmp_path):
@@ -103,7 +103,7 @@ def test_dask_workers_that_may_have_no_child_are_refused_with_what_to_set(tmp_pa
             DaskWorkers(cluster.address, {}) as workers,
             pytest.raises(WorkersLost, match="set DASK_DISTRIBUTED__WORKER__DAEMON=False in"),
         ):
-            workers.one(square, 3, deadline=LONG)
+            workers.run_one(square, 3, deadline=LONG)
 
 
 def test_dask_workers_without_this_package_are_refused(tmp_path):
@@ -113,7 +113,7 @@ def test_dask_workers_without_this_package_are_refused(tmp_path):
         lacks = r"the Dask worker tcp://\S+ lacks topo-search-by-another-name: .* 0\.1"
         versions = {"topo-search-by-another-name": "0.1"}  # the metadata of topo-search itself is still to be seen
         with DaskWorkers(cluster.address, versions) as workers, pytest.raises(WorkersLost, match=lacks):
-            workers.one(square, 3, deadline=LONG)
+            workers.run_one(square, 3, deadline=LONG)
 
 
 def test_a_function_that_dask_workers_lack_ends_the_run_and_fails_no_job(cluster, tmp_path, monkeypatch):
@@ -122,7 +122,7 @@ def test_a_function_that_dask_workers_lack_ends_the_run_and_fails_no_job(cluster
     double = importlib.import_module("only_here").double
     lacking = "Dask workers cannot import what they must run: No module named 'only_here'"
     with DaskWorkers(cluster.address, {}) as workers, pytest.raises(WorkersLost, match=lacking):
-        workers.one(double, 3, deadline=LONG)
+        workers.run_one(double, 3, deadline=LONG)
 
 
 def test_a_job_that_ends_its_dask_worker_takes_no_other_with_it(tmp_path):

@@ -68,7 +68,7 @@ def test_certificates_of_dasks_own_configuration_are_used(encrypted, certificate
         dask.config.set({f"distributed.comm.tls.{name}": str(path) for name, path in files.items()}),
         DaskWorkers(encrypted.address, {}) as workers,
     ):
-        assert workers.one(square, 3, deadline=LONG) == 9
+        assert workers.run_one(square, 3, deadline=LONG) == 9
 
 
 def test_another_authority_is_not_trusted(encrypted, others, monkeypatch):
@@ -77,7 +77,7 @@ def test_another_authority_is_not_trusted(encrypted, others, monkeypatch):
         DaskWorkers(encrypted.address, {}, certificates=others) as workers,
         pytest.raises(WorkersLost, match=f"no Dask scheduler answers at {encrypted.address}: "),
     ):
-        workers.one(square, 3, deadline=LONG)
+        workers.run_one(square, 3, deadline=LONG)
 
 
 @pytest.fixture
@@ -100,7 +100,7 @@ def test_a_scheduler_without_tls_gets_no_job(cluster, certificates, monkeypatch)
         DaskWorkers(address, {}, certificates=certificates) as workers,
         pytest.raises(WorkersLost, match=f"no Dask scheduler answers at {address}: "),
     ):
-        workers.one(square, 3, deadline=LONG)
+        workers.run_one(square, 3, deadline=LONG)
 
 
 def test_certificates_are_asked_for_with_tls_and_only_with_tls(certificates):

@@ -1,7 +1,7 @@
 import pytest
 from toy_problem import toy_task
 
-from topo_search.engine import Results, Scored, Space, Stage, exhaustive
+from topo_search.engine import Results, Scored, Space, Stage, exhaustive_search
 from topo_search.engine.exhaustive import PRUNED_AFTER
 from topo_search.model.proven import SOLVER_PRECISION
 
@@ -11,7 +11,7 @@ KEYS = [candidate.key for candidate in SPACE.candidates()]
 
 def search(value, *, starts=24, timed=False, status="infeasible", bound=None):
     """Follow the search; `value(key, start)` is what a start finds, None if it finds no design."""
-    strategy = exhaustive(
+    strategy = exhaustive_search(
         SPACE, starts=starts, timed=timed, bound=bound and (lambda candidate: bound(candidate.key))
     )
     stages, waiting, reached = [], [], {}

@@ -32,10 +32,10 @@ def test_killing_a_worker_from_outside_costs_one_retry(tmp_path):
 
 def test_killing_idle_workers_is_repaired(tmp_path):
     with Workers(2) as workers:
-        first = workers.one(report_pid, (tmp_path, 0.0), deadline=LONG)
+        first = workers.run_one(report_pid, (tmp_path, 0.0), deadline=LONG)
         os.kill(first, signal.SIGKILL)
         eventually(lambda: gone(first))
-        assert workers.one(square, 3, deadline=LONG) == 9
+        assert workers.run_one(square, 3, deadline=LONG) == 9
 
 
 def test_no_worker_is_left_behind_after_an_error_of_the_caller(tmp_path):
@@ -52,7 +52,7 @@ def test_no_worker_is_left_behind_after_an_error_of_the_caller(tmp_path):
 def test_threads_are_as_many_as_before_outside_of_workers():
     before = dict(os.environ)
     with Workers(1) as workers:
-        assert workers.one(environment, tuple(ONE_THREAD), deadline=LONG) == ONE_THREAD
+        assert workers.run_one(environment, tuple(ONE_THREAD), deadline=LONG) == ONE_THREAD
     assert dict(os.environ) == before
 
 
@@ -60,7 +60,7 @@ def test_workers_that_cannot_start_end_the_run(monkeypatch):
     with Workers(1) as workers:
         monkeypatch.setattr("topo_search.engine.workers.os.getpid", lambda: -1)  # no parent has this id
         with pytest.raises(WorkersLost, match="3 times in a row"):
-            workers.one(square, 3, deadline=LONG)
+            workers.run_one(square, 3, deadline=LONG)
 
 
 def test_a_clock_that_jumps_ends_no_job(tmp_path, monkeypatch):
@@ -93,7 +93,7 @@ def test_a_stop_between_the_start_of_a_process_and_what_it_is_told_waits(monkeyp
     before = signal.signal(number, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt), Workers(2) as workers:
-            workers.one(square, 3, deadline=LONG)
+            workers.run_one(square, 3, deadline=LONG)
         assert signal.getsignal(number) is signal.default_int_handler
     finally:
         signal.signal(number, before)

@@ -10,7 +10,7 @@ from verify_cases import design
 from wording import says
 
 from nlp import prove_impossible, solve
-from nlp.numbers.hinges import FOLD, beyond_folds
+from nlp.numbers.hinges import FOLD, fold_excess
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.untangling import untangle
 from topo_search.model import Module, Status, Topology
@@ -123,14 +123,14 @@ def test_hinges_keep_to_the_side_that_they_start_on():
     task = hover(2, module=module(0.05, {"rotor_height": 0.1} | frame(np.random.default_rng(0), 0.02)))
     for number in range(4):
         start = draw(task, PAIR, generator(task, PAIR, number, 0))
-        assert np.all(beyond_folds(task, PAIR, start.alpha) <= 0)
+        assert np.all(fold_excess(task, PAIR, start.alpha) <= 0)
     found = solved(solve(task, PAIR, starts=range(4), seed=0))
     assert abs(found.hinge_angles_rad[0]) > 0.12
-    assert np.all(beyond_folds(task, PAIR, as_point(found).alpha) <= 1e-9)
+    assert np.all(fold_excess(task, PAIR, as_point(found).alpha) <= 1e-9)
     assert audit(found).verdict == Status.CLEAR
 
 
 def test_hinges_are_placed_at_clear_folds():
     task, tree = hover(9, module=FOLDED), random_tree(9, np.random.default_rng(2))
     alpha = untangle(task, tree, np.full(8, 0.3), np.random.default_rng(0))
-    assert np.all(beyond_folds(task, tree, alpha) <= 0)
+    assert np.all(fold_excess(task, tree, alpha) <= 0)

@@ -24,10 +24,10 @@ def test_levels_are_all_combinations_the_loosest_first():
 def test_a_level_before_is_looser_in_one_goal():
     goals = Goals(clearance=(1e-4, 1e-3, 1e-2), stand_off=(0.2, 0.3), peak_input=(1.0, 0.9, 0.8, 0.7))
     levels = goals.levels
-    assert goals.previous(0) is None
+    assert goals.level_before(0) is None
     axes = [sorted(goals.clearance), sorted(goals.stand_off), sorted(goals.peak_input, reverse=True)]
     for number in range(1, len(levels)):
-        before = goals.previous(number)
+        before = goals.level_before(number)
         assert before < number
         steps = [
             axis.index(x) - axis.index(y)

@@ -12,7 +12,7 @@ from nlp import solve
 from nlp.assembled.problem import AssembledProblem
 from nlp.joints import LimitRows, Limits, holder, limit_of, limited_loads, loads
 from nlp.numbers.point import Point
-from nlp.own import Beside
+from nlp.own import JoinedProgram
 from nlp.requirements import clearances
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
 from topo_search.model import BadInput, Infeasible, Status, Task, Topology
@@ -59,7 +59,7 @@ def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both() -> None:
     base = AssembledProblem(task, topology, clearances(task, topology), 50.0)
     listed = limited_loads(task, topology)[::3]
     rows = LimitRows(task, topology, Limits(holder(point), listed))
-    both, x = Beside(base, rows), point.pack()
+    both, x = JoinedProgram(base, rows), point.pack()
     unit = task.module.arm_length * task.module.mass * task.gravity
     at = dict(zip(limited_loads(task, topology), loads(point), strict=True))
     L = np.array([limit_of(task, load) for load in listed]) / unit

@@ -13,8 +13,8 @@ from scipy.optimize import lsq_linear, minimize_scalar, nnls
 from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.reduced import kinds as s
-from nlp.reduced.corners import always
-from nlp.reduced.gaps import off_hull
+from nlp.reduced.corners import initial_cases
+from nlp.reduced.gaps import hull_gap
 from nlp.reduced.merit import evaluate
 from nlp.reduced.stated import rows, state
 from nlp.requirements import clearances, exposure
@@ -35,7 +35,7 @@ def unknowns(task, topology, point):
 
 def evaluated(task, topology, x, rho=RHO):
     stated = state(task, topology)
-    return evaluate(stated, x, np.zeros((len(task.load_cases), 6)), always(stated), rho)
+    return evaluate(stated, x, np.zeros((len(task.load_cases), 6)), initial_cases(stated), rho)
 
 
 def printed_gaps(task, topology, x):
@@ -207,7 +207,7 @@ def test_an_envelope_and_a_hull_are_as_far_apart_as_their_nearest_points(region)
     for _ in range(40):
         turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
         w, axis = rng.normal(size=3) * 3, turn @ d
-        g, _, *slope = off_hull(tuple(w), tuple(axis), r_0, dr, hull.planes, np.column_stack([a, b - a]))
+        g, _, *slope = hull_gap(tuple(w), tuple(axis), r_0, dr, hull.planes, np.column_stack([a, b - a]))
 
         def f(at, w=w, axis=axis):
             return outside(w + at * axis, hull.corners) ** 2 - (r_0 + at * dr) ** 2
@@ -223,7 +223,7 @@ def test_an_envelope_and_a_hull_are_as_far_apart_as_their_nearest_points(region)
         if min(apart) > 1e-3:
             assert g == pytest.approx(math.sqrt(least + R * R) - R, abs=1e-6)
             step = 1e-6 * rng.normal(size=3)
-            moved, *_ = off_hull(tuple(w + step), tuple(axis), r_0, dr, hull.planes, np.column_stack([a, b - a]))
+            moved, *_ = hull_gap(tuple(w + step), tuple(axis), r_0, dr, hull.planes, np.column_stack([a, b - a]))
             assert moved - g == pytest.approx(slope @ step, abs=1e-10)
             compared += 1
         elif min(apart) < 1e-6:

@@ -122,7 +122,7 @@ def test_two_modules_are_too_near_at_every_point_of_a_box_that_is_said_to_be_so(
         lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
         corners, _ = framed(stated, lower, upper)
         _, at = framed_middle(stated, (lower + upper) / 2)
-        if nearness.too_near(stated, corners, at, np.zeros(2, np.int64)):
+        if nearness.are_too_near(stated, corners, at, np.zeros(2, np.int64)):
             found += 1
             assert all(clearance_missed(task, tree, rng.uniform(lower, upper)) for _ in range(10))
     assert found > 0
@@ -185,7 +185,7 @@ def crowded_at(task, tree, theta, problem):
     _, middle, axes, vertices, rho = seen(other, theta, theta)
     return (
         crowding(other, middle, axes, vertices, rho, np.zeros(len(theta))) == ALL_OVER,
-        bool(nearness.too_near(stated, corners, at, np.zeros(2, np.int64))),
+        bool(nearness.are_too_near(stated, corners, at, np.zeros(2, np.int64))),
     )
 
 

@@ -195,7 +195,7 @@ def _run(command: Callable[[], object], parent: int, stop: Stop) -> NoReturn:
         stop.ends(end.code if isinstance(end.code, int) else int(end.code is not None))
         raise
     except BaseException as error:
-        if not stop.asked and not out_of_memory(error):
+        if not stop.asked and not is_out_of_memory(error):
             stop.ends(1)
             raise
         text, status = ("stopped", INTERRUPTED) if stop.asked else ("out of memory", OUT_OF_MEMORY)
@@ -211,13 +211,13 @@ def _silence(stop: Stop) -> None:
     unraisable, of_thread = sys.unraisablehook, threading.excepthook
 
     def ignore(told: sys.UnraisableHookArgs) -> None:
-        if not stop.asked and not (told.exc_value and out_of_memory(told.exc_value)):
+        if not stop.asked and not (told.exc_value and is_out_of_memory(told.exc_value)):
             unraisable(told)
 
     def end(told: threading.ExceptHookArgs) -> None:
         if stop.asked:
             return
-        if told.exc_value and out_of_memory(told.exc_value):
+        if told.exc_value and is_out_of_memory(told.exc_value):
             tell("out of memory")
             stop.ends(OUT_OF_MEMORY)
             os._exit(OUT_OF_MEMORY)
@@ -238,7 +238,7 @@ OUT_OF_MEMORY_WORDS = (
 """What libraries say that cannot be mapped, threads that cannot be started, and C++."""
 
 
-def out_of_memory(error: BaseException) -> bool:
+def is_out_of_memory(error: BaseException) -> bool:
     """Whether an error says that there is no more memory, or what it came from does."""
     seen: BaseException | None = error
     known: set[int] = set()

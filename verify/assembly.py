@@ -46,7 +46,7 @@ def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:
     connectors = free_connectors(design, parts)
     mount = design.mount or best_available(connectors, Scene(design, found), parts)
     rod = _rod(design, parts, mount) if mount is not None and parts.in_range else None
-    of_rod = () if rod is None else (_long(design, rod), _heavy(design, rod, found))
+    of_rod = () if rod is None else (_remark_length(design, rod), _remark_mass(design, rod, found))
     notes = (_note(parts, mount, connectors), *of_rod)
     sheet = EndEffectorSheet(
         position_m=design.end_effector_m,
@@ -157,7 +157,7 @@ def _note(parts: RigidParts, mount: Mount | None, connectors: tuple[FreeConnecto
     return through if clear else f"{through}: {IN_AIRFLOW}"
 
 
-def _long(design: Design, rod: Rod) -> str | None:
+def _remark_length(design: Design, rod: Rod) -> str | None:
     """Say so if a rod is far longer than the platform that carries it is wide."""
     n = design.topology.n
     width = packed_width(design.task.module, n)
@@ -167,7 +167,7 @@ def _long(design: Design, rod: Rod) -> str | None:
     return f"the rod is {rod.length_m:.3g} m long, {times}"
 
 
-def _heavy(design: Design, rod: Rod, found: Platform) -> str | None:
+def _remark_mass(design: Design, rod: Rod, found: Platform) -> str | None:
     """Say what a heavy rod changes: masses of the model are those of the modules and of the end-effector."""
     task = design.task
     share = rod.mass_kg / task.total_mass(task.n)

@@ -161,7 +161,7 @@ class Cone:
         across = q - along[..., None] * self.axis
         return np.asarray(along * sin - np.linalg.norm(across, axis=-1) * cos)
 
-    def across(self, x: Array) -> Array:
+    def direction_across(self, x: Array) -> Array:
         """Return the unit vector from the axis towards a point, at right angles to the axis, shape (3,)."""
         q = x - self.apex
         across = q - (q @ self.axis) * self.axis
@@ -174,7 +174,7 @@ class Cone:
     def inward_normal(self, x: Array) -> Array:
         """Return the unit normal m of the supporting half-space m.(y - apex) >= 0 nearest to x, shape (3,)."""
         sin, cos = self.sin_cos
-        return self.axis * sin - self.across(x) * cos
+        return self.axis * sin - self.direction_across(x) * cos
 
 
 def basis_across(axis: Array) -> tuple[Array, Array]:

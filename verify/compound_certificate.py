@@ -75,7 +75,7 @@ def _certify(A: Compound, B: Compound, found: Proximity) -> Certificate:
     if found.d > 0:
         upper, closest = math.dist(found.x_A, found.x_B), np.stack([found.x_A, found.x_B])
         proven = min(part_A.depth(found.x_A), part_B.depth(found.x_B)) > -ROUNDING
-        proof = functools.partial(_apart, A, B, found)
+        proof = functools.partial(_least_gap, A, B, found)
     else:
         x = _common_point(part_A, part_B, (found.x_A + found.x_B) / 2)
         depths = part_A.depth(x), part_B.depth(x)
@@ -85,7 +85,7 @@ def _certify(A: Compound, B: Compound, found: Proximity) -> Certificate:
     return judge(found.d, upper if proven else None, closest, proof, LEVELS)
 
 
-def _apart(A: Compound, B: Compound, found: Proximity, level: int) -> float | None:
+def _least_gap(A: Compound, B: Compound, found: Proximity, level: int) -> float | None:
     """Return the least gap across the planes between parts, if FCL sees the bodies apart too."""
     if found.lower <= ROUNDING:
         return None
@@ -93,13 +93,13 @@ def _apart(A: Compound, B: Compound, found: Proximity, level: int) -> float | No
         apart = bool(found.relevant.all()) and not A.bounds.shape.overlaps(B.bounds.shape)
     else:
         apart = all(
-            _keep_off(A.parts[i], B.parts[j], found.normals[i, j], _between(A, B, found, i, j))
+            _keep_off(A.parts[i], B.parts[j], found.normals[i, j], _point_between(A, B, found, i, j))
             for i, j in np.argwhere(found.relevant).tolist()
         )
     return found.lower if apart else None
 
 
-def _between(A: Compound, B: Compound, found: Proximity, i: int, j: int) -> Array:
+def _point_between(A: Compound, B: Compound, found: Proximity, i: int, j: int) -> Array:
     """Return a point between two parts: of the nearest two it is where they are nearest."""
     if (i, j) == (found.a, found.b):
         return (found.x_A + found.x_B) / 2

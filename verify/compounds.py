@@ -185,7 +185,7 @@ class _Batch:
         along = _unit(self.centre[index[:, 1]] - self.centre[index[:, 0]])
         guess = np.where(relevant, self.gaps(A, B, along), np.inf).reshape(len(index), -1).argmin(axis=1)
         a, b = np.divmod(guess, k.size)
-        best = self.apart(A[rows, a], B[rows, b], along)
+        best = self.distances(A[rows, a], B[rows, b], along)
         # What that plane says of all parts, then what one across their own centre line says; last, a search.
         g = np.where(relevant, self.gaps(A, B, best.n), np.inf)
         n = np.broadcast_to(best.n[:, None, None], (*g.shape, 3)).copy()
@@ -199,7 +199,7 @@ class _Batch:
         p, i, j = p[better], i[better], j[better]
         g[p, i, j], n[p, i, j] = own_g[better], own[better]
         p, i, j = np.nonzero(open_ & (g < best.d[:, None, None]))
-        more = self.apart(A[p, i], B[p, j], n[p, i, j])
+        more = self.distances(A[p, i], B[p, j], n[p, i, j])
         d[p, i, j], g[p, i, j], n[p, i, j], x_A[p, i, j], x_B[p, i, j] = more
         a, b = np.divmod(d.reshape(len(index), -1).argmin(axis=1), k.size)
         least, lower = d[rows, a, b].tolist(), g.min(axis=(1, 2)).tolist()
@@ -218,7 +218,7 @@ class _Batch:
         """Return g(n) of N pairs of parts, shape (N,)."""
         return self.gaps(A[:, None], B[:, None], n)[:, 0, 0]
 
-    def apart(self, A: Indices, B: Indices, n: Array) -> _Apart:
+    def distances(self, A: Indices, B: Indices, n: Array) -> _Apart:
         """Return how near N pairs of parts are; `n` stands in where nearest points have no direction."""
         found = nearest(self.cores.take(A), self.cores.take(B), n)
         size = np.linalg.norm(found.v, axis=1)

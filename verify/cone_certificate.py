@@ -47,17 +47,21 @@ def certify_inside(solid: Solid, cone: Cone) -> Certificate:
     x = body.centre(worst) - body.radius(worst) * m
     upper = float(cone.s(x))
     proven = body.depth(x) > -ROUNDING and (d > 0 or upper < -ROUNDING)
-    proof = functools.partial(_inside, solid, cone) if d > 0 else functools.partial(_outside, body, cone, worst)
+    proof = (
+        functools.partial(_depth_inside, solid, cone)
+        if d > 0
+        else functools.partial(_reach_outside, body, cone, worst)
+    )
     return judge(d, upper if proven else None, np.stack([x, x - upper * m]), proof, levels=len(SIDES))
 
 
-def _inside(solid: Solid, cone: Cone, level: int) -> float | None:
+def _depth_inside(solid: Solid, cone: Cone, level: int) -> float | None:
     """Return the least s over a mesh of a level, if it is positive and FCL sees the body inside too."""
     least = least_s(solid.body, cone, SIDES[level])
     return least if least > ROUNDING and all(keeps_off(solid, cone, eta) for eta in (0.0, 1.0)) else None
 
 
-def _outside(body: ConeSphere, cone: Cone, worst: float, level: int) -> float | None:
+def _reach_outside(body: ConeSphere, cone: Cone, worst: float, level: int) -> float | None:
     """Return the least s over a mesh of a level, if FCL sees the body reach beyond the cone at its worst end."""
     return least_s(body, cone, SIDES[level]) if reaches_beyond(body, cone, worst) else None
 
@@ -69,7 +73,7 @@ def least_s(body: ConeSphere, cone: Cone, sides: int) -> float:
     least = math.inf
     for eta in (0.0, 1.0):
         centre = body.centre(eta)
-        e_1 = cone.across(centre)
+        e_1 = cone.direction_across(centre)
         e_2 = np.cross(cone.axis, e_1)
         unit = np.outer(radial * np.cos(azimuth), e_1) + np.outer(radial * np.sin(azimuth), e_2)
         unit += np.outer(axial, cone.axis)

@@ -67,7 +67,7 @@ def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterat
         return
     rod = straight_rod(design, parts, mount)
     for a, module in enumerate(modules):
-        beside = rod.beside(a)
+        beside = rod.body_beside(a)
         if beside is not None:
             yield RigidRequirement("rod", a, -1, module, beside, needs_rod)
 

@@ -66,22 +66,22 @@ def _audit(design: Design, started: float) -> Audit:
     found = platform(design)
     rows = (*residuals(design, found), *corner_residuals(design, found))
     scene = Scene(design, found)
-    requirements = _within_most(scene.requirements(), 0)
+    requirements = _require_few(scene.requirements(), 0)
     parts = rigid_parts(design, found)
     counts = design.task.body_clearance is not None
-    beside = _within_most(beside_airflow(parts, scene.envelopes, counts=counts), len(requirements))
+    beside = _require_few(beside_airflow(parts, scene.envelopes, counts=counts), len(requirements))
     sheet = assembly(design, found, parts)
     rows = (*rows, *rod_residuals(design, parts, sheet))
-    rigid = _within_most(keep_apart(design, parts, sheet.mount), len(requirements) + len(beside))
+    rigid = _require_few(keep_apart(design, parts, sheet.mount), len(requirements) + len(beside))
     others = len(requirements) + len(rigid) + len(beside)
-    rods = _within_most(scene.rod(parts, sheet.mount), others)
+    rods = _require_few(scene.rod(parts, sheet.mount), others)
     brackets = bracket_hulls(design, parts)
     others += len(rods)
-    bracketed = _within_most(beside_brackets(brackets, scene.envelopes), others)
-    turning = _within_most(rotors_beside_brackets(brackets, parts), others + len(bracketed))
+    bracketed = _require_few(beside_brackets(brackets, scene.envelopes), others)
+    turning = _require_few(rotors_beside_brackets(brackets, parts), others + len(bracketed))
     others += len(bracketed) + len(turning)
-    solid = _within_most(parts_beside_regions(scene, parts), others)
-    rod_solid = _within_most(rod_beside_regions(scene, parts, sheet.mount), others + len(solid))
+    solid = _require_few(parts_beside_regions(scene, parts), others)
+    rod_solid = _require_few(rod_beside_regions(scene, parts, sheet.mount), others + len(solid))
     asked: list[Asked] = [*requirements, *rigid, *beside, *rods, *bracketed, *turning, *solid, *rod_solid]
     certificates = [
         *_certificates(requirements),
@@ -119,7 +119,7 @@ def _audit(design: Design, started: float) -> Audit:
     )
 
 
-def _within_most(rows: Iterable[Row], others: int) -> list[Row]:
+def _require_few(rows: Iterable[Row], others: int) -> list[Row]:
     """Return the rows of one kind, besides so many others; a ValueError if they are too many together."""
     found = list(itertools.islice(rows, MOST_CLEARANCES - others + 1))
     if others + len(found) > MOST_CLEARANCES:

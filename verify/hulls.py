@@ -140,13 +140,13 @@ def approach(body: ConeSphere, region: Hull) -> Approach:
         # The foot lies in the face, or the nearest point is on an edge, or x is inside.
         if heights[face] > 0 and gap < best.d and region.depth(foot) > -1e-12 * (1.0 + region.size):
             best = Approach(gap, float(at), foot)
-    entered = _inside(ends, region)
+    entered = _largest_eta_inside(ends, region)
     if entered is not None and -body.radius(entered) < best.d:
         best = Approach(-body.radius(entered), entered, body.centre(entered))
     return best
 
 
-def _inside(ends: Array, region: Hull) -> float | None:
+def _largest_eta_inside(ends: Array, region: Hull) -> float | None:
     """Return the largest eta of the axis inside the region; None if all of it is outside."""
     first, last = region.normals @ ends[0] - region.offsets, region.normals @ ends[1] - region.offsets
     slope = last - first

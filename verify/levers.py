@@ -50,7 +50,7 @@ class Motion:
     C: Array
     """Shape (N, 2)."""
 
-    def along(self, delta: float) -> Array:
+    def bound_along(self, delta: float) -> Array:
         """Return the bound, shape (N, 2)."""
         return np.asarray(np.minimum(delta * self.L, delta * self.S + delta * delta * self.C))
 

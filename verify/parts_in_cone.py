@@ -50,8 +50,8 @@ def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:
     d, x = heights[k], lowest[k]
     within = module.parts[k].depth(x) > -ROUNDING and (d > 0 or d < -ROUNDING)
     inwards, beyond = (
-        functools.partial(_inside, module, cone, lowest),
-        functools.partial(_outside, module, cone, x, k),
+        functools.partial(_depth_inside, module, cone, lowest),
+        functools.partial(_reach_outside, module, cone, x, k),
     )
     closest = np.stack([x, x - d * cone.inward_normal(x)])
     return judge(d, d if within else None, closest, inwards if d > 0 else beyond, levels=len(SIDES))
@@ -112,14 +112,14 @@ def _least_corner(parts: list[Convex], cone: Cone, sides: int) -> float:
     return least
 
 
-def _inside(module: Compound, cone: Cone, lowest: list[Array], level: int) -> float | None:
+def _depth_inside(module: Compound, cone: Cone, lowest: list[Array], level: int) -> float | None:
     """Return the least s over the corners of a level, if it is positive and FCL sees all parts inside too."""
     least = _least_corner(list(module.parts), cone, SIDES[level])
     apart = (_keeps_off(part, cone, x) for part, x in zip(module.parts, lowest, strict=True))
     return least if least > ROUNDING and all(apart) else None
 
 
-def _outside(module: Compound, cone: Cone, x: Array, k: int, level: int) -> float | None:
+def _reach_outside(module: Compound, cone: Cone, x: Array, k: int, level: int) -> float | None:
     """Return the least s over the corners of a level, if FCL sees the deepest part reach beyond the cone."""
     return (
         _least_corner(list(module.parts), cone, SIDES[level]) if _reaches_beyond(module.parts[k], cone, x) else None
@@ -127,16 +127,16 @@ def _outside(module: Compound, cone: Cone, x: Array, k: int, level: int) -> floa
 
 
 def _keeps_off(part: Convex, cone: Cone, x: Array) -> bool:
-    m, beyond = _beyond(part, cone, x)
+    m, beyond = _half_space_beyond(part, cone, x)
     return not Shape(part.place(np.eye(3), -x).outer(-m)).overlaps(beyond)
 
 
 def _reaches_beyond(part: Convex, cone: Cone, x: Array) -> bool:
-    _, beyond = _beyond(part, cone, x)
+    _, beyond = _half_space_beyond(part, cone, x)
     return Shape(part.place(np.eye(3), -x).inner(np.zeros(3))).overlaps(beyond)
 
 
-def _beyond(part: Convex, cone: Cone, x: Array) -> tuple[Array, Shape]:
+def _half_space_beyond(part: Convex, cone: Cone, x: Array) -> tuple[Array, Shape]:
     """Return the normal of the supporting half-space nearest to a point of a part, and a box of what lies beyond.
 
     The box has the point as origin, and is so large that the part cannot pass it by or through.

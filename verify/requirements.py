@@ -103,7 +103,7 @@ class Scene:
             for points in requirement.polylines:
                 at = np.array(points) / self.l_arm
                 paths += [(at[k], at[k + 1] - at[k]) for k in range(len(at) - 1)]
-        elif requirement.length is not None and (outwards := self._outwards()) is not None:
+        elif requirement.length is not None and (outwards := self._outward_direction()) is not None:
             paths = [(here, requirement.length / self.l_arm * outwards)]
         return [Solid(ConeSphere(self.p_E + start, path, r, 0.0)) for start, path in paths]
 
@@ -116,7 +116,7 @@ class Scene:
     def _cones(self, requirement: Exterior) -> list[Cone]:
         """Return the cone, unless it has no axis."""
         if requirement.axis == "com":
-            outwards = self._outwards()
+            outwards = self._outward_direction()
             axis = None if outwards is None else -outwards
         else:
             axis = _unit(np.array(requirement.axis))
@@ -132,7 +132,7 @@ class Scene:
         for b, envelope in enumerate(self.envelopes):
             yield Requirement("rod-airflow", mount.module, b, body, envelope, counts=counts)
 
-    def _outwards(self) -> Array | None:
+    def _outward_direction(self) -> Array | None:
         """Return p_E / ||p_E||; None where it has no direction, which the residuals report as a violation."""
         return _unit(self.offset) if np.abs(self.offset).max() > 1e-12 else None
 

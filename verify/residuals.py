@@ -93,16 +93,16 @@ def _inputs(design: Design) -> Iterator[Residual]:
 
 
 def _angles(design: Design) -> Iterator[Residual]:
-    def beyond(angle: float, limit: float) -> float:
+    def excess(angle: float, limit: float) -> float:
         return max(0.0, abs(angle) - limit)
 
     for i, alpha in enumerate(design.hinge_angles_rad, start=1):
-        yield _row(f"hinge angle of module {i}", beyond(alpha, math.pi / 2), "rad", 1.0, stated=alpha)
+        yield _row(f"hinge angle of module {i}", excess(alpha, math.pi / 2), "rad", 1.0, stated=alpha)
     if design.task.search.root == "paper":
         for name, angle, limit in zip(
             ("psi", "alpha_0", "alpha_1"), design.root_orientation_rad, (0.0, math.pi / 2, math.pi / 2), strict=True
         ):
-            yield _row(f"root orientation, {name}", beyond(angle, limit), "rad", 1.0, stated=angle)
+            yield _row(f"root orientation, {name}", excess(angle, limit), "rad", 1.0, stated=angle)
 
 
 def _end_effector(design: Design, platform: Platform) -> Iterator[Residual]:

@@ -48,7 +48,7 @@ class StraightRod:
         """Of its axis."""
         return float(np.linalg.norm(self.path))
 
-    def beside(self, module: int) -> Compound | None:
+    def body_beside(self, module: int) -> Compound | None:
         """Return what must not touch a module: all of it, or what is beyond the fitting; None if nothing is."""
         fitting = FITTING * self.radius if module == self.mount.module else 0.0
         if self.length < fitting or fitting == self.length > 0:
@@ -76,7 +76,9 @@ def free_connectors(design: Design, parts: RigidParts) -> tuple[FreeConnector, .
         return ()
     mounts = [Mount(module=i, port=port) for i, port in design.topology.free_connectors]
     rods = sorted((straight_rod(design, parts, mount) for mount in mounts), key=lambda rod: round(rod.length, TIES))
-    near = [(rod, i, beside) for rod in rods for i in _near(rod, parts) if (beside := rod.beside(i)) is not None]
+    near = [
+        (rod, i, beside) for rod in rods for i in _near(rod, parts) if (beside := rod.body_beside(i)) is not None
+    ]
     pairs = [(parts.modules[i], beside) for _, i, beside in near]
     blocked: dict[Mount, list[Obstacle]] = {}
     for (rod, i, _), found in zip(near, proximities(pairs, [False] * len(pairs), measured=False), strict=True):

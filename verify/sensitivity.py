@@ -128,7 +128,7 @@ class _Search:
         least = self._violating_factor(first, errors, proven, largest)
         tried = {id(first.requirement)}
         reach = min(LEAP * LEAP * proven, largest) if least is None else least
-        for other in self._tolerance.not_above(errors.times(reach), 0.0):
+        for other in self._tolerance.pairs_up_to(errors.times(reach), 0.0):
             if id(other.requirement) in tried:
                 continue
             if least is None:

@@ -107,7 +107,7 @@ class _Group:
 
     def bounds(self, errors: Errors, kappa: float) -> Array:
         """Return the least gaps with errors, shape (N, 2, 2)."""
-        lost = self.of_A.along(errors.delta) + 2 * errors.delta_p
+        lost = self.of_A.bound_along(errors.delta) + 2 * errors.delta_p
         if self.bend is not None:
             u = errors.delta * self.of_A.L + 2 * errors.delta_p
             lost = np.minimum(u, lost + self.bend * u * u) + kappa * np.where(self.swing > 0, self.swing + u, 0.0)
@@ -115,7 +115,7 @@ class _Group:
         else:
             gaps = self.gaps - lost[:, :, None] - kappa * self.swing[:, None, :]
             if self.of_B is not None:
-                gaps -= self.of_B.along(errors.delta)[:, None, :]
+                gaps -= self.of_B.bound_along(errors.delta)[:, None, :]
         return np.asarray(gaps - self.envelopes * errors.delta_e)
 
 
@@ -144,9 +144,9 @@ class Tolerance:
         self._offset = float(np.linalg.norm(scene.offset))
 
     def _group(self, group: list[Requirement]) -> _Group:
-        return self._inside(group) if isinstance(group[0].against, Cone) else self._apart(group)
+        return self._of_regions(group) if isinstance(group[0].against, Cone) else self._of_pairs(group)
 
-    def _apart(self, group: list[Requirement]) -> _Group:
+    def _of_pairs(self, group: list[Requirement]) -> _Group:
         """Return requirements of pairs of bodies."""
         kind, a = group[0].kind, np.array([r.a for r in group])
         of_solids = witnesses([(r.body, r.against) for r in group if isinstance(r.against, Solid)])
@@ -174,7 +174,7 @@ class Tolerance:
             swing,
         )
 
-    def _inside(self, group: list[Requirement]) -> _Group:
+    def _of_regions(self, group: list[Requirement]) -> _Group:
         """Return requirements of allowed cones and half-spaces."""
         a = np.array([r.a for r in group])
         inside = [(r.body.body, r.against) for r in group if isinstance(r.against, Cone)]
@@ -219,7 +219,7 @@ class Tolerance:
         bound, number, row = min(least)
         return self._example(self._groups[number], row, bound)
 
-    def not_above(self, errors: Errors, bound: float) -> list[Weakest]:
+    def pairs_up_to(self, errors: Errors, bound: float) -> list[Weakest]:
         """Return all pairs whose bound is no more than that, the weakest first."""
         kappa, found = self._kappa(errors), []
         for number, group in enumerate(self._groups):

@@ -14,7 +14,7 @@ from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
 from nlp.joints import LimitRows, Limits
 from nlp.numbers.evaluate import worst
 from nlp.numbers.point import Point
-from nlp.own import Assembled, Beside, OwnConstraints, correct_point, rows_of, violations_of
+from nlp.own import Assembled, JoinedProgram, OwnConstraints, correct_point, rows_of, violations_of
 from nlp.requirements import clearances, variable_bounds
 from topo_search.model import ResolvedTask, Topology
 
@@ -106,8 +106,8 @@ class AssembledProgram:
         stated = [requirement.restrict(start.vectors) for requirement in self._clearances]
         printed: Assembled = AssembledProblem(self._task, self._topology, stated, BETA)
         if self._limits is not None:
-            printed = Beside(printed, LimitRows(self._task, self._topology, self._limits))
-        assembled = rows_of(self._own, self._task, self._topology).beside(printed)
+            printed = JoinedProgram(printed, LimitRows(self._task, self._topology, self._limits))
+        assembled = rows_of(self._own, self._task, self._topology).append_to(printed)
         solver, functions = _ipopt(assembled, options)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
         hinges = slice(3, 3 + len(start.alpha))

@@ -28,7 +28,7 @@ import math
 import casadi as ca
 import numpy as np
 
-from nlp.bounds.sphere import around, directions, greatest
+from nlp.bounds.sphere import directions, greatest, ring_around
 from nlp.ipopt import ipopt
 from topo_search.model.arrays import Array
 
@@ -65,7 +65,7 @@ def multipliers(f: Array, weights: Array, T: float, *, largest: float, known: fl
     """
     z, best, lower = directions(SPLITS), np.zeros_like(f), -math.inf
     for step in range(ROUNDS):
-        nu = _over(z, f, weights, T, largest)
+        nu = _best_multipliers(z, f, weights, T, largest)
         peaks = _peaks(nu, weights, T)
         of_z, of_peaks = (np.sum(_phi(axes @ nu.T, weights, T), axis=-1) for axes in (z, peaks))
         upper, value = np.sum(nu * f) - of_z.max(), np.sum(nu * f) - max(of_z.max(), of_peaks.max())
@@ -73,11 +73,11 @@ def multipliers(f: Array, weights: Array, T: float, *, largest: float, known: fl
             best, lower = nu, value
         if upper - max(lower, known) <= GOOD_ENOUGH * upper:
             break
-        z = np.concatenate([z, around(peaks[of_peaks > of_z.max()], RING / 3**step)])
+        z = np.concatenate([z, ring_around(peaks[of_peaks > of_z.max()], RING / 3**step)])
     return best
 
 
-def _over(z: Array, f: Array, weights: Array, T: float, largest: float) -> Array:
+def _best_multipliers(z: Array, f: Array, weights: Array, T: float, largest: float) -> Array:
     """Return the best multipliers when only the axes z, shape (m, 3), exist."""
     nu, greatest_phi = ca.MX.sym("nu", len(f), 3), ca.MX.sym("greatest_phi")
     t = ca.mtimes(ca.DM(z), nu.T)

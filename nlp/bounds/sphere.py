@@ -51,7 +51,7 @@ def directions(splits: int) -> Array:
     return np.unique(np.round(triangles.reshape(-1, 3), 12), axis=0)
 
 
-def around(axes: Array, angle: float) -> Array:
+def ring_around(axes: Array, angle: float) -> Array:
     """Return unit axes (m, 3) and six directions at an angle [rad] around each, shape (7 m, 3)."""
     across = _unit(np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)]))
     turns = np.arange(6) * np.pi / 3

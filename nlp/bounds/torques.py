@@ -51,7 +51,7 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Refuta
     asked = [_least_torque(task, case) for case in task.load_cases]
     k = int(np.argmax(asked))
     share = 1 + unseen_thrust(task) / largest_thrust(task)
-    if asked[k] * (1 - ROUNDING) - _unseen(task, task.load_cases[k]) <= most * share:
+    if asked[k] * (1 - ROUNDING) - _torque_tolerance(task, task.load_cases[k]) <= most * share:
         return None
     case = task.case_labels[k]
     return Refutation(
@@ -63,7 +63,7 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Refuta
     )
 
 
-def _unseen(task: ResolvedTask, case: LoadCase) -> float:
+def _torque_tolerance(task: ResolvedTask, case: LoadCase) -> float:
     """Return by how much the torque about c may miss what is asked without the audit's saying so [N m]."""
     n, own = task.n, task.n * task.module.mass
     unseen = TOLERANCE * task.torque_unit(n) * (1 + 2 * task.end_effector.mass / own)

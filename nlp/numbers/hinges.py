@@ -26,7 +26,7 @@ def signs(topology: Topology) -> Array:
     return result
 
 
-def within(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
+def nearest_angles(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
     """Return the nearest angles that the search turns hinges to; 0 where there are none."""
     sign = signs(topology)
     return sign * nearest_fold(task.folds(task.search.margin), sign * alpha)
@@ -40,7 +40,7 @@ def ranges(task: ResolvedTask, topology: Topology, alpha: Array | None = None) -
     sign, folds = signs(topology), task.folds(task.search.margin) or ((0.0, 0.0),)
     low, high = np.full_like(sign, folds[0][0]), np.full_like(sign, folds[-1][1])
     if alpha is not None:
-        phi = sign * within(task, topology, alpha)
+        phi = sign * nearest_angles(task, topology, alpha)
         for least, largest in folds:
             inside = (least <= phi) & (phi <= largest)
             low[inside], high[inside] = least, largest
@@ -52,7 +52,7 @@ def largest_turn(task: ResolvedTask) -> float:
     return max((max(-low, high) for low, high in task.folds(task.search.margin)), default=0.0)
 
 
-def beyond_folds(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
+def fold_excess(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
     """Return how far every hinge is beyond its clear folds, without any margin: negative inside them [rad]."""
     phi, folds = signs(topology) * alpha, task.folds()
     if not folds:

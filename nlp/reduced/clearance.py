@@ -20,7 +20,7 @@ import math
 
 from numba import njit
 
-from nlp.reduced.gaps import FAR, LEAST_DISTANCE, Vector, beyond_a_face, off_hull, swept_gap
+from nlp.reduced.gaps import FAR, LEAST_DISTANCE, Vector, face_excess, hull_gap, swept_gap
 from nlp.reduced.kinds import (
     AIR,
     ALONG,
@@ -113,7 +113,7 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
                 q0, q1, q2 = w[0] + c0, w[1] + c1, w[2] + c2
                 u0, u1, u2 = 0.0, 0.0, 0.0  # what moves by the turn of axis or path
                 if kind == PARTS_HULL:
-                    gap, x, y, zz = beyond_a_face((q0, q1, q2), stated.hulls.planes[int(a0) : int(a1)])
+                    gap, x, y, zz = face_excess((q0, q1, q2), stated.hulls.planes[int(a0) : int(a1)])
                     gap -= parts[b, 3]
                 elif kind in (PARTS_CAPSULE, PARTS_ALONG):
                     ball = (q0, q1, q2)
@@ -146,7 +146,7 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
                 continue
             d_j = (-length * z[j, 0], -length * z[j, 1], -length * z[j, 2])
             if kind == AIR:
-                if _far(w, d_i, d_j, length + 2 * (r_air + dr)):
+                if _are_far(w, d_i, d_j, length + 2 * (r_air + dr)):
                     g[r] = math.inf
                     continue
                 g[r], eta, gamma, x, y, zz = swept_gap(w, d_i, r_air, dr, d_j, r_air, dr)
@@ -156,7 +156,7 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
                 _to(by, r, Z_J, length * gamma, x, y, zz)
                 continue
             g[r], still = math.inf, (0.0, 0.0, 0.0)
-            if _far(w, still, d_j, length / 2 + r_air + dr + reach):
+            if _are_far(w, still, d_j, length / 2 + r_air + dr + reach):
                 continue
             for b in range(len(parts)):
                 x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
@@ -176,7 +176,7 @@ def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
         if kind == HULL:
             planes = stated.hulls.planes[int(data[r, 0]) : int(data[r, 1])]
             edges = stated.hulls.edges[int(data[r, 2]) : int(data[r, 3])]
-            g[r], eta, x, y, zz = off_hull(w, d_i, r_air, dr, planes, edges)
+            g[r], eta, x, y, zz = hull_gap(w, d_i, r_air, dr, planes, edges)
             _to(by, r, P_I, 1.0, x, y, zz)
             _to(by, r, Z_I, -length * eta, x, y, zz)
             _to(by, r, TIP, -1.0, x, y, zz)
@@ -233,7 +233,7 @@ def _distance(x: float, y: float, z: float, by: Array, r: int, plus: int, minus:
 
 
 @njit(cache=True, forceinline=True)
-def _far(w: Vector, d_i: Vector, d_j: Vector, reach: float) -> bool:
+def _are_far(w: Vector, d_i: Vector, d_j: Vector, reach: float) -> bool:
     """Whether the middles of two axes are so far apart that the envelopes must be FAR apart."""
     x, y, z = w[0] + (d_i[0] - d_j[0]) / 2, w[1] + (d_i[1] - d_j[1]) / 2, w[2] + (d_i[2] - d_j[2]) / 2
     return x * x + y * y + z * z >= (reach + FAR) ** 2

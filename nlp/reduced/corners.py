@@ -21,7 +21,7 @@ TAKEN = 8
 
 
 @njit(cache=True)
-def always(stated: Stated) -> Mask:
+def initial_cases(stated: Stated) -> Mask:
     """Return which load cases count from the start, shape (K,)."""
     counting: Mask = stated.cases.group < 0
     return counting

@@ -89,7 +89,7 @@ def _start(stated: Stated, drawn: Drawing, uniform: Array, direction: Array, dis
     lift, force = np.zeros(3), drawn.force
     for i in range(n):
         lift += at.z[i]
-    R = _turn(force, 0.0 if drawn.paper else 2 * math.pi * uniform[0] - math.pi) @ _towards(lift, force)
+    R = _turn(force, 0.0 if drawn.paper else 2 * math.pi * uniform[0] - math.pi) @ _rotation_between(lift, force)
     x[0] = math.atan2(-R[0, 1], R[1, 1])
     x[1] = math.atan2(R[2, 1], math.hypot(R[0, 1], R[1, 1]))
     c, s = math.cos(x[0]), math.sin(x[0])
@@ -119,7 +119,7 @@ def _turn(axis: Array, angle: float) -> Array:
 
 
 @njit(cache=True)
-def _towards(a: Array, b: Array) -> Array:
+def _rotation_between(a: Array, b: Array) -> Array:
     """Return the least rotation that turns the direction of a into that of the unit vector b."""
     length = math.sqrt(np.sum(a * a))
     if length < 1e-9:

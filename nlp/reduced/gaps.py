@@ -90,7 +90,7 @@ def swept_gap(
 
 
 @njit(cache=True)
-def off_hull(
+def hull_gap(
     w: Vector, d: Vector, r_0: float, dr: float, planes: Array, edges: Array
 ) -> tuple[float, float, float, float, float]:
     """Return g and eta of a swept ball and a hull, and the gradient of g by P (x, y, z).
@@ -156,7 +156,7 @@ def off_hull(
 
 
 @njit(cache=True)
-def beyond_a_face(q: Vector, planes: Array) -> tuple[float, float, float, float]:
+def face_excess(q: Vector, planes: Array) -> tuple[float, float, float, float]:
     """Return how far a point is beyond the face of a hull that it is beyond most, and that face's normal."""
     most, found = -math.inf, 0
     for f in range(len(planes)):

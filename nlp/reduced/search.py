@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.reduced.corners import MISSED, always, take_in
+from nlp.reduced.corners import MISSED, initial_cases, take_in
 from nlp.reduced.descent import descend
 from nlp.reduced.inputs import effort
 from nlp.reduced.merit import Evaluated, estimates, evaluate, merit
@@ -126,7 +126,7 @@ def ends(
         phases: how they descend.
         least: fewest distinct ends that go on, if there are as many.
     """
-    begun = begin(starts, np.repeat(always(stated)[None], len(starts), axis=0))
+    begun = begin(starts, np.repeat(initial_cases(stated)[None], len(starts), axis=0))
     first, given_up = _halve(stated, begun, phases[0])
     count = max(least, math.ceil(KEPT * len(starts)))
     kept = first[:count]

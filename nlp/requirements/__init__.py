@@ -24,10 +24,10 @@ from functools import lru_cache
 
 from nlp.requirements.balances import Balance, balances
 from nlp.requirements.bounds import Bound, bounds, variable_bounds
-from nlp.requirements.end_effector import around_end_effector
+from nlp.requirements.end_effector import end_effector_clearances
 from nlp.requirements.exposure import exposure
-from nlp.requirements.modules import between_modules
-from nlp.requirements.reach import within_reach
+from nlp.requirements.modules import module_clearances
+from nlp.requirements.reach import reach_clearances
 from nlp.requirements.statement import Formula, Requirement
 from topo_search.model import ResolvedTask, Topology
 
@@ -47,5 +47,5 @@ __all__ = [
 @lru_cache(maxsize=16)
 def clearances(task: ResolvedTask, topology: Topology) -> tuple[Requirement, ...]:
     """Return (4) to (9) of the printed problem, in its order."""
-    reach = within_reach(task, topology)
-    return (*between_modules(task, topology), *around_end_effector(task), *reach, *exposure(task))
+    reach = reach_clearances(task, topology)
+    return (*module_clearances(task, topology), *end_effector_clearances(task), *reach, *exposure(task))

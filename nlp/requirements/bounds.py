@@ -64,7 +64,7 @@ def bounds(point: Point) -> Iterator[Bound]:
     for label, over, under in zip(task.case_labels, above, below, strict=True):
         yield Bound(names.largest_input(label), over, "rad^2/s^2", task.max_input)
         yield Bound(names.smallest_input(label), under, "rad^2/s^2", task.max_input)
-    for i, excess in enumerate(hinges.beyond_folds(task, point.topology, point.alpha).tolist(), start=1):
+    for i, excess in enumerate(hinges.fold_excess(task, point.topology, point.alpha).tolist(), start=1):
         yield Bound(names.hinge_angle(i), excess, "rad", 1.0)
     if task.search.root == "paper":
         for (name, limit), angle in zip(PAPER_ROOT.items(), point.root.tolist(), strict=True):

@@ -16,14 +16,14 @@ from nlp.units import Units
 from topo_search.model import ResolvedTask
 
 
-def everyone(n: int) -> Subjects:
+def all_modules(n: int) -> Subjects:
     """Return all modules, each by itself."""
     return np.repeat(np.arange(n)[:, None], 2, axis=1)
 
 
-def around_end_effector(task: ResolvedTask) -> Iterator[Requirement]:
+def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     """Yield (7) and (8)."""
-    unit, subjects = Units.of(task).length, everyone(task.n)
+    unit, subjects = Units.of(task).length, all_modules(task.n)
     margin = task.search.margin / unit
     if task.exclusion_radius is not None:
         off = Distance(FROM_TIP, task.exclusion_radius / unit, EXCLUSION)

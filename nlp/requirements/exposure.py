@@ -12,7 +12,7 @@ from nlp import names
 from nlp.reduced.kinds import OFFSET
 from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
-from nlp.requirements.end_effector import everyone
+from nlp.requirements.end_effector import all_modules
 from nlp.requirements.regions import InCone, InfiniteCone, OffBall, OffCapsule, OffCapsuleAlong, OffHull
 from nlp.requirements.solid import PartBalls, PartsInCone, PartsOffCapsule, PartsOffCapsuleAlong, PartsOffHull
 from nlp.requirements.statement import FROM_COM, Formula, Requirement
@@ -25,7 +25,7 @@ from topo_search.model.value import Vector
 
 def exposure(task: ResolvedTask) -> Iterator[Requirement]:
     """Yield (9), and the least length of p_E where some direction is that of p_E."""
-    unit, subjects = Units.of(task).length, everyone(task.n)
+    unit, subjects = Units.of(task).length, all_modules(task.n)
     margin = task.search.margin / unit
     for number, asked in enumerate(task.exposure):
         formulas = tuple(

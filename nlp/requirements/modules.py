@@ -92,7 +92,7 @@ class PartsBeside:
         return (Kernel(PARTS),)
 
 
-def between_modules(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
+def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
     """Yield (4), (5) and (6); in the ablation (5) alone, of all pairs."""
     unit, air = Units.of(task).length, Air.of(task)
     margin, pairs = task.search.margin / unit, list(combinations(range(topology.n), 2))

@@ -116,7 +116,7 @@ class Nearest(Requirement):
         return Requirement(self.equation, self.name, subjects, (nearest,), self.margin)
 
 
-def within_reach(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
+def reach_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
     """Yield the reach of the rod where it is limited."""
     largest, unit = task.largest_reach(topology.n), Units.of(task).length
     if largest is None:

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from nlp.numbers.geometry import cone_reach, poses, root_angles, rotation
-from nlp.numbers.hinges import largest_turn, signs, within
+from nlp.numbers.hinges import largest_turn, nearest_angles, signs
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from nlp.requirements.bounds import running_rotors
@@ -76,7 +76,7 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
             alpha = shorten_lever(task, topology, alpha, half_angle, rng)
 
     R, _ = poses(topology, np.eye(3), alpha, task.module.connector_distance)
-    upright, turn = _towards(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0
+    upright, turn = _rotation_between(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0
     if task.search.root == "free":
         turn = rng.uniform(-np.pi, np.pi)
     nowhere, nothing = np.zeros(3), np.empty((len(task.load_cases), topology.n, 4))
@@ -97,7 +97,7 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
 def splay(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
     """Return random hinge angles at which airflows of neighbours lean away from each other, shape (n-1,)."""
     phi = rng.uniform(0.0, min(LARGEST_SPLAY, largest_turn(task)), topology.n - 1)
-    return within(task, topology, signs(topology) * phi)
+    return nearest_angles(task, topology, signs(topology) * phi)
 
 
 def root_of(task: ResolvedTask, R: Array) -> Array:
@@ -190,7 +190,7 @@ def mean_force(task: ResolvedTask) -> Array:
     return result
 
 
-def _towards(a: Array, b: Array) -> Array:
+def _rotation_between(a: Array, b: Array) -> Array:
     """Return the least rotation that turns the direction of a into that of b."""
     a, b = _unit(a), _unit(b)
     axis = np.cross(a, b)

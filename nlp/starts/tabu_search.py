@@ -140,7 +140,7 @@ def _deficits(tree: Tree, at: Poses, rules: Rules) -> Array:
     deficit = np.zeros((n, n))
     for i in range(n):
         for j in range(i):
-            deficit[i, j] = deficit[j, i] = short_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
+            deficit[i, j] = deficit[j, i] = deficit_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
     return deficit
 
 
@@ -222,7 +222,7 @@ def _best_turn(
             continue
         _rotate(at, hinge, end, angle - alpha, at.p, at.z, p, z)
         for i, j in pairs:
-            short = short_of(rules, tree, p, z, i, at.p, at.z, j)
+            short = deficit_of(rules, tree, p, z, i, at.p, at.z, j)
             if short > 0.0:
                 change += weight[i, j] * (OVERLAP + short)
                 if change >= least:
@@ -287,7 +287,7 @@ def _turn(tree: Tree, at: Poses, alpha: Array, rules: Rules, deficit: Array, hin
     for i in range(hinge, end):
         for j in range(n):
             if not hinge <= j < end:
-                deficit[i, j] = deficit[j, i] = short_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
+                deficit[i, j] = deficit[j, i] = deficit_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
 
 
 @njit(cache=True)
@@ -320,7 +320,7 @@ def _rotate(
 
 
 @njit(cache=True)
-def short_of(rules: Rules, tree: Tree, p_i: Array, z_i: Array, i: int, p_j: Array, z_j: Array, j: int) -> float:
+def deficit_of(rules: Rules, tree: Tree, p_i: Array, z_i: Array, i: int, p_j: Array, z_j: Array, j: int) -> float:
     """Return by how much the clearance of a pair falls short of enough; module i of p_i, z_i, j of p_j, z_j."""
     x, y, z = p_i[i, 0] - p_j[j, 0], p_i[i, 1] - p_j[j, 1], p_i[i, 2] - p_j[j, 2]
     least = rules.enough

@@ -22,10 +22,10 @@ import math
 import numpy as np
 
 from nlp.numbers.geometry import PORTS, cone_reach, envelopes, poses
-from nlp.numbers.hinges import largest_turn, signs, within
+from nlp.numbers.hinges import largest_turn, nearest_angles, signs
 from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
-from nlp.requirements.modules import EnvelopePair, between_modules
+from nlp.requirements.modules import EnvelopePair, module_clearances
 from nlp.starts.tabu_search import Poses, Rules, Tree, straighten, tabu_search
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -95,7 +95,7 @@ def shorten_lever(
             break
         kicked = best.copy()
         kicked[rng.integers(topology.n - 1)] = rng.uniform(-rules.turn, rules.turn)
-        kicked = within(task, topology, kicked)
+        kicked = nearest_angles(task, topology, kicked)
         if least == 0.0 and lever(task, topology, kicked, half_angle) >= shortest:
             continue
         overlap, kicked = repair(kicked)
@@ -162,7 +162,7 @@ def _rules(task: ResolvedTask, topology: Topology, enough: float) -> Rules:
 
     Parts beside airflow are left to Ipopt: few platforms that are clear of all else have any in there.
     """
-    stated = [formula for asked in between_modules(task, topology) for formula in asked.formulas]
+    stated = [formula for asked in module_clearances(task, topology) for formula in asked.formulas]
     air, apart = None, -math.inf
     for formula in stated:
         if isinstance(formula, EnvelopePair):

@@ -28,7 +28,7 @@ import numpy as np
 
 from nlp.numbers.evaluate import violations, worst
 from nlp.numbers.geometry import poses, root_rotation, rotation
-from nlp.numbers.hinges import within
+from nlp.numbers.hinges import nearest_angles
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.starts.random_starts import UNTANGLED_FROM, root_of, splay, with_inputs
 from topo_search.model import Design, ResolvedTask, Topology
@@ -72,7 +72,7 @@ def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.r
             H = Q[h].T @ Q[i] @ rotation([0, 0, 1], -kappa * np.pi / 2)
             sine = H[0, 2] if a % 2 == 0 else H[2, 1]
             alpha[i - 1] = np.arctan2(sine, H[2, 2])
-    alpha = within(task, topology, alpha)
+    alpha = nearest_angles(task, topology, alpha)
     if len(parts[0]) < topology.n >= UNTANGLED_FROM:
         from nlp.starts.untangling import untangle  # compiled code, which small platforms need not load
 

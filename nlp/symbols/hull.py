@@ -88,10 +88,10 @@ def _at_face(one: ConeSphere, triangle: Array, normal: Array, offset: float) -> 
     n = ca.DM(normal)
     height, slope = ca.dot(n, one.o) - offset, ca.dot(n, one.d)
     crossing = smooth_clamp(-height * slope / (slope**2 + EPSILON))
-    return [_f(one, eta, _within(one.o + eta * one.d, triangle)) for eta in (0.0, 1.0, crossing)]
+    return [_f(one, eta, _foot(one.o + eta * one.d, triangle)) for eta in (0.0, 1.0, crossing)]
 
 
-def _within(x: ca.SX, triangle: Array) -> ca.SX:
+def _foot(x: ca.SX, triangle: Array) -> ca.SX:
     """Return a point of a triangle: the foot of x where that lies inside."""
     a, u, v = triangle[0], triangle[1] - triangle[0], triangle[2] - triangle[0]
     uu, uv, vv = float(u @ u), float(u @ v), float(v @ v)

@@ -21,7 +21,7 @@ from typing import Any
 
 from toy_problem import BOUND, solve, toy_task
 
-from topo_search.engine import Engine, exhaustive
+from topo_search.engine import Engine, exhaustive_search
 from topo_search.model import Design
 from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.own_files import digest_of
@@ -76,7 +76,7 @@ def resume(path: Path, request: Request, n: int) -> None:
         replay = Replay(folder.ledger, context, BOUND, solve, Stopping(), Silent())
         laps.append(("reading what is known", time.process_time()))
         try:
-            replay.run(exhaustive(space, starts=1, timed=False))
+            replay.run(exhaustive_search(space, starts=1, timed=False))
         except FirstJob:
             laps.append(("enumerating and answering all that is known", time.process_time()))
         else:

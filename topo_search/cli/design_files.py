@@ -79,10 +79,10 @@ def design_files(words: Sequence[str]) -> list[DesignFile]:
 
     Links to folders are followed when they are given, not when they are met.
     """
-    return [file for word in words for file in (_below(word) if Path(word).is_dir() else [DesignFile(word)])]
+    return [file for word in words for file in (_find_files(word) if Path(word).is_dir() else [DesignFile(word)])]
 
 
-def _below(folder: str) -> Iterator[DesignFile]:
+def _find_files(folder: str) -> Iterator[DesignFile]:
     unread: list[OSError] = []
     empty = True
     for place, folders, files in os.walk(folder, onerror=unread.append):

@@ -12,7 +12,7 @@ from typing import NoReturn
 
 import click
 
-from topo_search.supervisor import INTERRUPTED, OUT_OF_MEMORY, SOFTWARE, Stop, out_of_memory
+from topo_search.supervisor import INTERRUPTED, OUT_OF_MEMORY, SOFTWARE, Stop, is_out_of_memory
 
 BAD_INPUT = 2
 OPEN = 4
@@ -72,7 +72,7 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
             _end(str(error), BAD_INPUT)
         if isinstance(error, WorkersLost):
             _end(f"{error}{kept}", SOFTWARE)
-        if out_of_memory(error):
+        if is_out_of_memory(error):
             _end(f"out of memory{kept}", OUT_OF_MEMORY)
         if isinstance(error, sqlite3.OperationalError):
             text = f"cannot write the ledger: {error}; its contents are safe; run the same command to continue"

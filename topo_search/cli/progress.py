@@ -27,7 +27,7 @@ WIDTH = 24
 """Of the bar [characters]."""
 
 
-def _nothing(incumbent: Row | None) -> str:
+def _ignore(incumbent: Row | None) -> str:
     """Say nothing: the designs are not of one task."""
     return ""
 
@@ -39,7 +39,7 @@ def shown_progress(*, incumbent: bool = True) -> Iterator[Observer]:
     Args:
         incumbent: whether there is a best design to speak of.
     """
-    words = None if incumbent else _nothing
+    words = None if incumbent else _ignore
     if sys.stderr.isatty():
         with Bar.show(Console(stderr=True), words) as bar:
             yield bar

@@ -4,7 +4,7 @@ from topo_search.engine.backends import AuditDesign, Backends, Failed, Outcome, 
 from topo_search.engine.dask_guard import computing_versions
 from topo_search.engine.dask_tls import Certificates
 from topo_search.engine.dask_workers import DaskWorkers
-from topo_search.engine.exhaustive import exhaustive, may_beat
+from topo_search.engine.exhaustive import exhaustive_search, may_beat
 from topo_search.engine.jobs import Engine, Job, WorkersLost, audit_deadline, solve_deadline, solve_jobs
 from topo_search.engine.space import Listed, Space
 from topo_search.engine.starts import merge, record_of, rounds, scaled_violation
@@ -33,7 +33,7 @@ __all__ = [
     "WorkersLost",
     "audit_deadline",
     "computing_versions",
-    "exhaustive",
+    "exhaustive_search",
     "may_beat",
     "merge",
     "record_of",

@@ -69,7 +69,7 @@ class Connection:
             return Client(self.address, timeout=CONNECT, set_as_default=False, security=self._security)
 
         try:
-            return _within(CONNECT, connect)
+            return _call_within(CONNECT, connect)
         except TimeoutError as error:
             why = str(error) or f"no answer within {CONNECT:.0f} s"
         except (OSError, ValueError) as error:  # ValueError: words arrived before the handshake of TLS
@@ -103,7 +103,7 @@ class Connection:
     def _reply(self, ask: Callable[[], T]) -> T:
         """Return what the scheduler answers."""
         try:
-            return _within(CONNECT, ask)
+            return _call_within(CONNECT, ask)
         except TimeoutError:
             text = f"the Dask scheduler at {self.address} has not answered for {CONNECT:.0f} s"
             raise WorkersLost(text) from None
@@ -111,7 +111,7 @@ class Connection:
             raise self.loss() from None
 
 
-def _within(seconds: float, call: Callable[[], T]) -> T:
+def _call_within(seconds: float, call: Callable[[], T]) -> T:
     """Return what a call returns, which runs in a thread that is left to itself after a time.
 
     Raises:

@@ -24,7 +24,7 @@ Bound = Callable[[Candidate], float]
 """What no objective of a candidate can go below."""
 
 
-def exhaustive(space: Space, *, starts: int, timed: bool, bound: Bound | None = None) -> Strategy:
+def exhaustive_search(space: Space, *, starts: int, timed: bool, bound: Bound | None = None) -> Strategy:
     """Propose every candidate.
 
     Args:

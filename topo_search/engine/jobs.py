@@ -45,7 +45,9 @@ class Engine(Protocol):
         """
         ...
 
-    def one(self, function: Callable[[J], R], job: J, *, deadline: float, until: float = math.inf) -> R | Failed:
+    def run_one(
+        self, function: Callable[[J], R], job: J, *, deadline: float, until: float = math.inf
+    ) -> R | Failed:
         """Return the result of a single job."""
         for _, result in self.run(function, [job], deadline=lambda _: deadline, until=until):
             return result

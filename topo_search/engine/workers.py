@@ -26,7 +26,7 @@ from topo_search.child import ONE_THREAD, call_pickled, die_with_parent
 from topo_search.engine.backends import Failed
 from topo_search.engine.jobs import Engine, J, R, WorkersLost
 from topo_search.limits import WORKERS
-from topo_search.supervisor import STOPS, out_of_memory
+from topo_search.supervisor import STOPS, is_out_of_memory
 
 ATTEMPTS = 2
 """How often a job that crashes or hangs is tried."""
@@ -225,6 +225,6 @@ def _failure(error: BaseException, deadline: float) -> Failed:
         return Failed("crash", f"the worker process was ended by {signal.Signals(-code).name}")
     if isinstance(error, TimeoutError):
         return Failed("timeout", f"still running at its deadline of {deadline:.0f} s")
-    if out_of_memory(error):
+    if is_out_of_memory(error):
         return Failed("memory", "out of memory")
     return Failed("error", " ".join(f"{type(error).__name__}: {error}".split()))

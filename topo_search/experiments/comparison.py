@@ -137,17 +137,17 @@ def _cost(row: dict[Hashable, Any], reference: dict[Hashable, Any]) -> str:
     if not row["trees_compared"]:
         return f"{solved}."
     both = (
-        f"{solved}; where both have one, {name} takes {_above(row['effort_ratio_median'])} effort in the median "
-        f"({_above(row['effort_ratio_max'])} at most)"
+        f"{solved}; where both have one, {name} takes {_percent(row['effort_ratio_median'])} effort in the median "
+        f"({_percent(row['effort_ratio_max'])} at most)"
     )
     which = "gap_median" if pd.isna(row["best_ratio"]) else "best_gap"
     mine, others = (gap_percent(of[which], decimals=1) for of in (row, reference))
     if which == "gap_median":
         return f"{both}; median gap {mine}, {other}: {others}."
-    return f"{both}; its best design takes {_above(row['best_ratio'])}, gap {mine} instead of {others}."
+    return f"{both}; its best design takes {_percent(row['best_ratio'])}, gap {mine} instead of {others}."
 
 
-def _above(ratio: float) -> str:
+def _percent(ratio: float) -> str:
     """Return by how many percent a ratio is above one."""
     return f"{round(ratio - 1, 3) + 0.0:+.1%}"  # adding zero turns -0.0 into 0.0
 

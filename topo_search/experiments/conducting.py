@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from topo_search.compose import BACKENDS, available_cores
 from topo_search.engine import Backends, Failed, Workers, audit_deadline, solve_deadline
 from topo_search.experiments.cell import Cell
-from topo_search.experiments.folder import RESULTS, Results, about
+from topo_search.experiments.folder import RESULTS, Results, identify
 from topo_search.experiments.measured import failure_row, measure
 from topo_search.experiments.settings import Settings
 from topo_search.limits import RESULT_BYTES
@@ -85,7 +85,7 @@ def conduct(
     for cell in {(cell.task, cell.variant, cell.distance_m): cell for cell in cells}.values():
         cell.resolve()  # what does not fit together is refused before any work is done
     command = f"topo-search experiment {asked.name} {settings.as_options()}"
-    fixed = about(asked.name, settings.as_json(), command)
+    fixed = identify(asked.name, settings.as_json(), command)
     with Results.open(folder, fixed) as rows, Workers(workers or available_cores()) as pool:
         for n, size in groupby(cells, key=lambda cell: cell.n):
             todo = [cell for cell in size if not rows.has(cell)]

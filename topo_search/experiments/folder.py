@@ -143,7 +143,7 @@ class Results:
         return len(self._done)
 
 
-def about(name: str, settings: dict[str, Any], command: str) -> dict[str, Any]:
+def identify(name: str, settings: dict[str, Any], command: str) -> dict[str, Any]:
     """Return what fixes the rows of an experiment, and the command that asks for them."""
     return {
         "format": FORMAT,

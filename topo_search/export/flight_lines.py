@@ -23,8 +23,8 @@ def flight_lines(found: Flight) -> Iterator[str]:
     if factors:
         factor, name = min(factors)
         yield f"load factor until a rotor saturates: {at_least(factor, 4):g}, in {name}"
-    yield f"hover with one rotor dead: {_out(found.rotors_out_hover)}"
-    yield f"hover and all load cases with one rotor dead: {_out(found.rotors_out_all)}"
+    yield f"hover with one rotor dead: {_rotors_out(found.rotors_out_hover)}"
+    yield f"hover and all load cases with one rotor dead: {_rotors_out(found.rotors_out_all)}"
     stated = [load for load in found.joints if load.case != hover.name]
     if stated:
         worst = max(stated, key=lambda load: load.moment_Nm)
@@ -38,7 +38,7 @@ def flight_lines(found: Flight) -> Iterator[str]:
     yield f"the platform spans {found.span_m:.3g} m"
 
 
-def _out(out: RotorsOut) -> str:
+def _rotors_out(out: RotorsOut) -> str:
     told = f"survives {out.survive} of {out.of}"
     if 0 < len(out.lost) <= NAMED:
         told += f", not {_rotors(out.lost)}"

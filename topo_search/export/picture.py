@@ -75,7 +75,7 @@ def figure_of(design: Design) -> Figure:
     for x, y, text in (
         (0.29, 0.915, "airflow"),
         (0.79, 0.915, "platform and load cases"),
-        (0.79, 0.43, _short(design)),
+        (0.79, 0.43, _shorten(design)),
     ):
         figure.text(x, y, text, fontsize=9, ha="center")
     figure.suptitle(title(design), y=0.98, fontsize=11)
@@ -96,7 +96,7 @@ def title(design: Design) -> str:
     return "   ".join(parts)
 
 
-def _short(design: Design) -> str:
+def _shorten(design: Design) -> str:
     key = design.topology.key
     return f"topology {key}" if len(key) <= 44 else f"topology {key[:40]}..."
 

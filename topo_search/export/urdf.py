@@ -55,7 +55,7 @@ def urdf(design: Design) -> str:
         for q, angle in enumerate(ROTOR_ANGLES, start=1):
             rotor = f"module_{i}_rotor_{q}"
             _point(robot, rotor, 0.0)
-            _joint(robot, f"module_{i}", rotor, R @ _along(angle, module.arm_length), R)
+            _joint(robot, f"module_{i}", rotor, R @ _point_towards(angle, module.arm_length), R)
     for h, i, _, _ in design.topology.edges():
         _joint(robot, f"module_{h}", f"module_{i}", F[h].T @ (at.p[i] - at.p[h]), F[h].T @ F[i])
     _point(robot, "centre_of_mass", 0.0)
@@ -87,8 +87,8 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
     rotor = "cylinder", {"radius": numbers(body.rotor_radius), "length": numbers(body.rotor_height)}
     _shape(link, ("box", {"size": numbers(*body.hub)}), np.zeros(3), R, "module")
     for angle in ROTOR_ANGLES:
-        _shape(link, arm, R @ _along(angle, l_arm / 2), R @ rotation(2, angle), "arm")
-        _shape(link, rotor, R @ _along(angle, l_arm), R, "rotor")
+        _shape(link, arm, R @ _point_towards(angle, l_arm / 2), R @ rotation(2, angle), "arm")
+        _shape(link, rotor, R @ _point_towards(angle, l_arm), R, "rotor")
 
 
 def _point(robot: Element, name: str, mass: float) -> Element:
@@ -98,7 +98,7 @@ def _point(robot: Element, name: str, mass: float) -> Element:
     return link
 
 
-def _along(angle: float, length: float) -> Array:
+def _point_towards(angle: float, length: float) -> Array:
     """Return the point at a distance from the module's centre towards a rotor."""
     return length * np.array([math.cos(angle), math.sin(angle), 0.0])
 

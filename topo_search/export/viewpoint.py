@@ -32,7 +32,7 @@ def poses_to_draw(design: Design) -> Poses:
 def azimuth_deg(at: Poses) -> float:
     """Return the azimuth [deg] that looks across the line from the centre of mass to p_E, and along no axis."""
     x, y, _ = at.p_E
-    return max(AZIMUTHS_DEG, key=lambda azimuth: abs(_across(x, y, math.radians(azimuth))))
+    return max(AZIMUTHS_DEG, key=lambda azimuth: abs(_part_across(x, y, math.radians(azimuth))))
 
 
 def towards_viewer(azimuth_deg: float) -> Array:
@@ -42,6 +42,6 @@ def towards_viewer(azimuth_deg: float) -> Array:
     return np.array([across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)])
 
 
-def _across(x: float, y: float, azimuth: float) -> float:
+def _part_across(x: float, y: float, azimuth: float) -> float:
     """Return the part of a horizontal vector that a viewer at an azimuth sees across the picture."""
     return y * math.cos(azimuth) - x * math.sin(azimuth)

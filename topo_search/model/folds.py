@@ -129,7 +129,7 @@ def _search(module: Module, margin: float) -> Folds:
         for A, B in pairs:
             room = min(A.rho, B.rho) * h + ROUNDING * (A.rho + B.rho)
             left = slack > -1.0
-            slack[left] = np.minimum(slack[left], (_apart(A, B, phi[left], margin + room) - margin) / room)
+            slack[left] = np.minimum(slack[left], (_distance(A, B, phi[left], margin + room) - margin) / room)
         clear += [(middle - h, middle + h) for middle in phi[slack >= 1.0].tolist()]
         open_ = phi[np.abs(slack) < 1.0]
         h /= 2
@@ -173,7 +173,7 @@ def _pairs(module: Module) -> list[tuple[_Part, _Part]]:
     return [(rotor, part) for rotor in rotors for part in across]
 
 
-def _apart(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
+def _distance(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
     """Return how far two parts are apart at least at fold angles (m,); no more than `enough` need be proven [m]."""
     (a, r_a), (b, r_b) = A.ball, B.ball
     middle_a, middle_b = (_turn(np.broadcast_to(c, (len(phi), 3)), t) for c, t in ((a, phi / 2), (b, -phi / 2)))

@@ -127,7 +127,7 @@ class Goals(Value):
         """Every combination, the loosest first; the last of the goals changes fastest."""
         return tuple(Level(*each) for each in product(*self._axes))
 
-    def previous(self, number: int) -> int | None:
+    def level_before(self, number: int) -> int | None:
         """Return the level before one of them along a single goal; None of the first."""
         step = 1
         for axis in reversed(self._axes):

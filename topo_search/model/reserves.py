@@ -148,12 +148,12 @@ def broken_reserves(asked: AskedFlight, cases: int, n: int, force_unit: float, t
         factor, of = (unit, " weights") if asked.units == "weight" else (1.0, "")
         if r is not None and not r * factor <= MOST:
             yield ("flight", field), f"must be at most {MOST:g} N and N m, but got {r:g}{of}"
-    around = len(_around(disc=asked.directions == "horizontal")) * (asked.force_reserve > 0)
-    around += len(_around(disc=False)) * (asked.torque_reserve > 0)
+    around = len(_circumscribe(disc=asked.directions == "horizontal")) * (asked.force_reserve > 0)
+    around += len(_circumscribe(disc=False)) * (asked.torque_reserve > 0)
     if around and (number := cases + around * (1 + cases * (asked.around == "all"))) > LOAD_CASES:
         text = f"must ask for at most {LOAD_CASES} wrenches with all load cases, but got up to {number:,}"
         yield ("flight",), text
-    failures = 4 * n * len(_around(disc=False)) * (1 + cases * (asked.rotor_out == "all"))
+    failures = 4 * n * len(_circumscribe(disc=False)) * (1 + cases * (asked.rotor_out == "all"))
     if asked.rotor_out != "none" and failures > FAILURES:
         text = f"must ask for at most {FAILURES:,} wrenches with a rotor dead, but got up to {failures:,}"
         yield ("flight", "rotor_out"), text
@@ -168,7 +168,7 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
             ("force", asked.force_reserve, task.force_unit(task.n), level),
             ("torque", asked.torque_reserve, task.torque_unit(task.n), False),
         ):
-            around = _around(disc=disc)
+            around = _circumscribe(disc=disc)
             if inner:
                 r, around = max(0.0, r - UNSEEN * unit), around / np.linalg.norm(around, axis=1, keepdims=True)
             if r > 0:
@@ -181,7 +181,7 @@ def failure_corners(task: ResolvedTask) -> list[list[Corner]]:
     asked, found = task.flight, list[list[Corner]]()
     if asked.rotor_out == "none":
         return found
-    around = (asked.rotor_out_torque or 0.0) * _around(disc=False)
+    around = (asked.rotor_out_torque or 0.0) * _circumscribe(disc=False)
     for _, label, case in centres_of(task, asked.rotor_out):
         for rotor in range(4 * task.n):
             words = f"{label}, {rotor_name(rotor)} dead"
@@ -207,7 +207,7 @@ def _corners(words: str, case: LoadCase, field: str, around: Array) -> list[Corn
     return corners
 
 
-def _around(*, disc: bool) -> Array:
+def _circumscribe(*, disc: bool) -> Array:
     """Return the corners of a polytope around the unit ball, or of a polygon around the unit disc, shape (c, 3)."""
     if disc:
         angles, out = 2 * np.pi / SIDES * np.arange(SIDES), 1 / math.cos(math.pi / SIDES)

@@ -50,11 +50,11 @@ def _case(case: CaseFlight) -> list[str]:
         case.name,
         {True: "yes", False: "no", None: "undecided"}[case.possible],
         _size(case.force_reserve_N, " N"),
-        _towards(case.force_weakest),
+        _direction(case.force_weakest),
         _size(case.horizontal_reserve_N, " N"),
-        _towards(case.horizontal_weakest),
+        _direction(case.horizontal_weakest),
         _size(case.torque_reserve_Nm, " N m"),
-        _towards(case.torque_weakest),
+        _direction(case.torque_weakest),
         _size(case.load_factor, "", 4),
         inputs,
         "" if case.inputs_at_limit is None else str(case.inputs_at_limit),
@@ -88,5 +88,5 @@ def _size(value: float | None, unit: str, digits: int = 3) -> str:
     return "" if value is None else f"{figures(at_least(value, digits), digits)}{unit}"
 
 
-def _towards(v: Vector | None) -> str:
+def _direction(v: Vector | None) -> str:
     return "" if v is None else direction(v)

@@ -133,7 +133,7 @@ def requirement(asked: AnyExposure) -> str:
         case Local():
             return _region(asked)
         case Directional():
-            return f"capsules of radius {length(asked.radius)} along {_along(asked)}"
+            return f"capsules of radius {length(asked.radius)} along {_path(asked)}"
         case Exterior():
             axis = "towards the centre of mass" if asked.axis == "com" else f"along {vector(asked.axis)}"
             return (
@@ -145,7 +145,7 @@ def requirement(asked: AnyExposure) -> str:
             return f"everything but where {sides}, with x from the end-effector"
 
 
-def _along(asked: Directional) -> str:
+def _path(asked: Directional) -> str:
     if asked.segments is not None:
         ends = ", ".join(vector(end) for end in asked.segments)
         return f"{quantity(len(asked.segments), 'path')} from the end-effector to {ends} m"

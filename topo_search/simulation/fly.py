@@ -88,7 +88,7 @@ def fly(
         dead = scenario.dead if scenario.dead is not None and t >= scenario.dead_at else None
         if dead is not None and t >= scenario.dead_at + TOLD:
             allocator.stop_rotor(dead)
-        seen = _noisy(plant.state, options.errors.noise, rng)
+        seen = _add_noise(plant.state, options.errors.noise, rng)
         asked = controller.wrench(seen, reference)
         T, missing = allocator.thrusts(asked)
         scaled = missing / nominal.weight / np.repeat([1.0, nominal.arm], 3)
@@ -208,7 +208,7 @@ def _net_force(plant: Plant) -> Array:
     return np.asarray(F + plant.model.body_mass.sum() * plant.model.opt.gravity)
 
 
-def _noisy(
+def _add_noise(
     state: tuple[Array, Array, Array, Array], factor: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
     """Return a state as sensors tell it."""

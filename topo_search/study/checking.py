@@ -17,7 +17,7 @@ from topo_search.model.proof import Problem, chunk_count
 from topo_search.model.proven import gap_percent
 from topo_search.study.folder import PROOFS, RunFolder
 from topo_search.study.observer import Observer
-from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, subject_of, weakest
+from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, subject_of, weakest_problem
 from topo_search.study.row import Row
 
 CheckChunk = Callable[[ResolvedTask, Topology, int, float, Chunk, Problem], CheckedChunk]
@@ -218,7 +218,7 @@ def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine
         return f"the design cannot be read: {faults_of(error, Design)[0]}"
     if design.topology.key != best.key or design.objective != best.objective:
         return f"the ledger says J = {best.objective}, its design {design.objective} of {design.topology.key}"
-    found = engine.one(audit, design, deadline=audit_deadline(design.topology.n))
+    found = engine.run_one(audit, design, deadline=audit_deadline(design.topology.n))
     if isinstance(found, Failed):
         return f"the audit of the best design failed: {found.reason}"
     return None if found.verdict == "clear" else f"the audit of the best design is {found.verdict}"
@@ -259,5 +259,5 @@ def _sentence(trees: list[CheckedTree], best: Row, task: ResolvedTask, candidate
     limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
     return (
         f"checked: {whom} is {limit}better than {best.key} ({len(done)} of {candidates} trees"
-        f"{beside}); {problem(task, weakest([tree.problem for tree in done]))}"
+        f"{beside}); {problem(task, weakest_problem([tree.problem for tree in done]))}"
     )

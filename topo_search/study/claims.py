@@ -85,7 +85,7 @@ def require_same(path: Path, request: Request, ledger: Ledger) -> None:
     held = ledger.identity()
     for name, value in request.identity:
         if (other := getattr(held, name)) != value:
-            raise refusal(path, f"holds {_another(name, other, value)}")
+            raise refusal(path, f"holds {_describe_other(name, other, value)}")
 
 
 def require_versions(path: Path, ledger: Ledger) -> None:
@@ -118,7 +118,7 @@ def _read_task(path: Path, place: Place) -> Task:
     return validate(Task, data, name)
 
 
-def _another(name: str, held: Any, asked: Any) -> str:
+def _describe_other(name: str, held: Any, asked: Any) -> str:
     """Say what a folder holds in place of what was asked."""
     if name == "task":
         return "another task"

@@ -200,7 +200,7 @@ class RunFolder:
 
         files.keep(self._place, contents(texts()), lasting=False)
         for part in PARTS:
-            files.remove(self._place, [name for name in files.within(self._level + part) if name not in valid])
+            files.remove(self._place, [name for name in files.names_in(self._level + part) if name not in valid])
 
     def proof_states(self, n: int) -> Iterator[tuple[Row, ProofState]]:
         """Yield every ranked candidate of n modules with what is proven of it."""
@@ -248,7 +248,7 @@ class RunFolder:
             BadInput: one of them is damaged.
         """
         found = dict[str, Model]()
-        for path in self.ledger.files.within(f"{self._level}{part}"):
+        for path in self.ledger.files.names_in(f"{self._level}{part}"):
             if (content := self._place.read(path)) is None:
                 continue
             try:
@@ -259,7 +259,7 @@ class RunFolder:
 
     def drop_within(self, part: str) -> None:
         """Remove what the run wrote into one of its folders."""
-        self.ledger.files.remove(self._place, self.ledger.files.within(f"{self._level}{part}"))
+        self.ledger.files.remove(self._place, self.ledger.files.names_in(f"{self._level}{part}"))
 
     def _write_best(self) -> None:
         """Write `best.json`, and `best-nN.json` of every size where there are several."""

@@ -185,7 +185,7 @@ class Request:
         if not goals.names:
             return (self,)
         for number, level in enumerate(goals.levels):
-            before = goals.previous(number)
+            before = goals.level_before(number)
             previous = None if before is None else requests[before]
             requests.append(replace(self, task=self.task.at(level), level=level, previous=previous))
         return tuple(requests)

@@ -158,7 +158,7 @@ def _damage_named(path: Path) -> Iterator[None]:
         no_text = isinstance(error, sqlite3.OperationalError) and not hasattr(error, "sqlite_errorcode")
         if type(error) is not sqlite3.DatabaseError and not no_text:
             raise
-        raise _bad(path, f"is damaged or not a ledger ({error}); {ADVICE}") from None
+        raise _fault(path, f"is damaged or not a ledger ({error}); {ADVICE}") from None
 
 
 def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str:
@@ -168,7 +168,7 @@ def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str
         BadInput: it is not the one that was written, or is gone.
     """
     if text is None or zlib.crc32(text) != checksum:
-        raise _bad(path, f"is damaged (its entry {key} has changed since it was written); {ADVICE}")
+        raise _fault(path, f"is damaged (its entry {key} has changed since it was written); {ADVICE}")
     return text.decode()
 
 
@@ -240,8 +240,8 @@ def damage(path: Path, what: str) -> BadInput:
 
 def refusal(path: Path, what: str) -> BadInput:
     """Return the error that says why a file is not used."""
-    return _bad(path, f"{what}; it is left unchanged: {ADVICE}")
+    return _fault(path, f"{what}; it is left unchanged: {ADVICE}")
 
 
-def _bad(path: Path, text: str) -> BadInput:
+def _fault(path: Path, text: str) -> BadInput:
     return BadInput(str(path), [Fault("", text)])

@@ -68,10 +68,10 @@ def raise_margins(tasks: Sequence[ResolvedTask], names: Iterable[str], judge: Ju
         for name, audit in failing:
             raised = due[name][1] + 1
             if raised <= LARGER_MARGINS:
-                due[name] = _next(tasks, step, audit), raised
+                due[name] = _next_step(tasks, step, audit), raised
 
 
-def _next(tasks: Sequence[ResolvedTask], step: int, audit: Audit) -> int:
+def _next_step(tasks: Sequence[ResolvedTask], step: int, audit: Audit) -> int:
     """Return the step after one whose audit is not clear; beyond the last: no margin is large enough."""
     worst = None if audit.sensitivity is None else audit.sensitivity.tolerances
     if not tasks[step].flight.tolerances or worst is None:

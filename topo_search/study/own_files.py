@@ -19,7 +19,7 @@ from itertools import islice
 from pathlib import Path
 
 from topo_search.model import BadInput, Fault
-from topo_search.study.place import Place, within_folder
+from topo_search.study.place import Place, is_within_folder
 from topo_search.study.seals import checksum
 
 BATCH = 1000
@@ -113,11 +113,11 @@ class OwnFiles:
         if foreign:
             raise self.refusal(place, foreign)
 
-    def within(self, folder: str) -> list[str]:
+    def names_in(self, folder: str) -> list[str]:
         """Return the names of the files that the run wrote into one of its folders, `designs` for instance."""
         query = "SELECT name FROM files WHERE name >= ? AND name < ?"
         names = [name for (name,) in self._database.execute(query, (f"{folder}/", f"{folder}0"))]  # 0 follows /
-        if odd := next((name for name in names if not within_folder(name)), None):
+        if odd := next((name for name in names if not is_within_folder(name)), None):
             raise self._damage(odd)
         return names
 

@@ -17,7 +17,7 @@ PARTIAL = ".topo-search-partial"
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
 
 
-def within_folder(name: str) -> bool:
+def is_within_folder(name: str) -> bool:
     """Return whether a relative name leads nowhere else."""
     return all(part not in ("", "..") for part in name.split("/"))
 
@@ -51,7 +51,7 @@ class Place:
                 than `most_bytes`.
         """
         try:
-            with self._within(name) as (folder, last):
+            with self._open_parent(name) as (folder, last):
                 handle = os.open(last, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
         except FileNotFoundError:
             return None
@@ -79,7 +79,7 @@ class Place:
             OSError: it cannot be written; names it.
         """
         try:
-            with self._within(name, make=True) as (folder, last):
+            with self._open_parent(name, make=True) as (folder, last):
                 self.tidy()
                 handle = os.open(
                     PARTIAL, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644, dir_fd=self._handle
@@ -107,7 +107,7 @@ class Place:
     def remove(self, name: str) -> None:
         """Remove a file, if it is there."""
         try:
-            with self._within(name) as (folder, last):
+            with self._open_parent(name) as (folder, last):
                 os.unlink(last, dir_fd=folder)
         except FileNotFoundError:
             return
@@ -117,7 +117,7 @@ class Place:
     def make(self, name: str) -> None:
         """Make a folder, if it is not there."""
         try:
-            with self._within(f"{name}/.", make=True):
+            with self._open_parent(f"{name}/.", make=True):
                 return
         except NotADirectoryError as error:
             raise self._refusal(name, error) from None
@@ -128,10 +128,10 @@ class Place:
             os.unlink(PARTIAL, dir_fd=self._handle)
 
     @contextmanager
-    def _within(self, name: str, *, make: bool = False) -> Iterator[tuple[int, str]]:
+    def _open_parent(self, name: str, *, make: bool = False) -> Iterator[tuple[int, str]]:
         """Return the descriptor of the folder that a file is in, and its name there."""
         *folders, last = name.split("/")
-        if not within_folder(name):
+        if not is_within_folder(name):
             raise ValueError(f"a file's name must be within the folder, but got {name!r}")
         handle = os.dup(self._handle)
         try:

@@ -119,7 +119,7 @@ def summarize(
     least = min([one.proven_bound for one in states if one.proven_bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
     limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
-    about = weakest([proof.problem for row in rows if (proof := proofs.get(row.key)) is not None])
+    about = weakest_problem([proof.problem for row in rows if (proof := proofs.get(row.key)) is not None])
     sentence = (
         f"proven by branch and bound: {whom} is {limit}better "
         f"({candidates} candidates: {told}); {problem(task, about)}"
@@ -134,7 +134,7 @@ def subject_of(request: Request, n: int) -> str:
     return f"none of the {n}-module candidates"
 
 
-def weakest(problems: Sequence[Problem]) -> Problem:
+def weakest_problem(problems: Sequence[Problem]) -> Problem:
     """Return which designs several proofs together are about: those that all of them are about."""
     return "solver" if "solver" in problems else "task"
 

@@ -82,9 +82,11 @@ class _Work:
             self.observer.note(f"{key}: {_words(proof, self.floor)}, {proof.boxes:,} boxes")
         elif result.outcome != "closed" and proof.cut > self.floor:
             self.proofs[key] = _lower(proof, self.floor)
-            self.observer.note(f"{key}: {_why(result)}; is held to {gap_percent(proof.gap)} under the best instead")
+            self.observer.note(
+                f"{key}: {_cause(result)}; is held to {gap_percent(proof.gap)} under the best instead"
+            )
         elif result.outcome != "closed":
-            self.observer.note(f"{key}: open, for {_why(result)}")
+            self.observer.note(f"{key}: open, for {_cause(result)}")
 
     def keep(self) -> None:
         """Write what is not written yet."""
@@ -257,7 +259,7 @@ def _words(proof: Proof, floor: float) -> str:
     return f"proven, cannot beat {whose} best by more than {gap_percent(proof.gap)}"
 
 
-def _why(chunk: Chunk) -> str:
+def _cause(chunk: Chunk) -> str:
     """Say why a chunk is open."""
     if chunk.outcome == "many":
         return f"chunk {chunk.number} needs more than {chunk.boxes:,} boxes"

@@ -66,7 +66,7 @@ class Replay:
         for job, outcome in solve_jobs(jobs, solve=self._solve, engine=self._engine, until=until):
             row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
             self._add(score(row, self._context.task))
-            self._incumbent = _better(self._incumbent, row)
+            self._incumbent = _better_of(self._incumbent, row)
             self._settle(row.key)
         strategy.close()
         return self._ended
@@ -81,7 +81,7 @@ class Replay:
                 if isinstance(step, Results):
                     results = list[Scored]()
                     for proposal in [waiting.popleft() for _ in range(step.number)]:
-                        while (result := self._known(proposal)) is None:
+                        while (result := self._look_up(proposal)) is None:
                             yield None
                         results.append(result)
                     step = strategy.send(results)
@@ -90,14 +90,14 @@ class Replay:
                     self._announce(step)
                 else:
                     waiting.append(step)
-                    if self._known(step) is None:
+                    if self._look_up(step) is None:
                         yield self._job(step)
                     else:
                         self._settle(step.candidate.key, known=True)
                 step = next(strategy)
         except StopIteration:
             while waiting:
-                if self._known(waiting[0]) is None:
+                if self._look_up(waiting[0]) is None:
                     yield None
                 else:
                     waiting.popleft()
@@ -141,14 +141,14 @@ class Replay:
     def _add(self, scored: Scored) -> None:
         self._scores.setdefault(scored.key, []).append(scored)
 
-    def _known(self, proposal: Proposal) -> Scored | None:
+    def _look_up(self, proposal: Proposal) -> Scored | None:
         """Return what is known of a candidate after as many starts as proposed, or the next known number."""
         known = self._scores.get(proposal.candidate.key, [])
         place = bisect_left(known, proposal.starts, key=lambda scored: scored.starts)
         return known[place] if place < len(known) else None
 
 
-def _better(incumbent: Row | None, row: Row) -> Row | None:
+def _better_of(incumbent: Row | None, row: Row) -> Row | None:
     """Return the better of two rows, the first in a tie; one without a design is none."""
     if row.objective is None:
         return incumbent

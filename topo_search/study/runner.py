@@ -12,7 +12,7 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from topo_search.engine import Backends, Engine, WorkersLost, exhaustive
+from topo_search.engine import Backends, Engine, WorkersLost, exhaustive_search
 from topo_search.model import BadInput, Infeasible
 from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, quotient_remark, size_answer
 from topo_search.study.audits import audit_best, audits_left
@@ -69,7 +69,7 @@ def run(
     """
     until = time.monotonic() + time_limit
     try:
-        with RunFolder.open(path, request) as folder, _not_lost(folder):
+        with RunFolder.open(path, request) as folder, _refuse_lost(folder):
             try:
                 observer.plan(remaining_plan(folder, workers, time_limit))
                 for number, level in enumerate(folder.levels()):
@@ -96,7 +96,7 @@ def run(
 
 
 @contextmanager
-def _not_lost(folder: RunFolder) -> Iterator[None]:
+def _refuse_lost(folder: RunFolder) -> Iterator[None]:
     """Say that folder or ledger are gone, if that is what ended the run, and what can still be read of them."""
     try:
         yield
@@ -209,10 +209,10 @@ def _run_strategy(replay: Replay, folder: RunFolder, n: int, until: float, bound
     space = request.space(n)
     timed = math.isfinite(until)
     if bound is not None:
-        pruned = exhaustive(space, starts=request.starts, timed=timed, bound=lambda _: bound)
+        pruned = exhaustive_search(space, starts=request.starts, timed=timed, bound=lambda _: bound)
         return replay.run(pruned, until)
     if request.strategy == "exhaustive":
-        return replay.run(exhaustive(space, starts=request.starts, timed=timed), until)
+        return replay.run(exhaustive_search(space, starts=request.starts, timed=timed), until)
 
     from topo_search.engine.proposals import optuna_study  # loads Optuna
 

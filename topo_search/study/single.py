@@ -140,7 +140,7 @@ def solve_single(
                 if step == 0:
                     ends.append((explain(outcome) if isinstance(outcome, Infeasible) else outcome, None))
                 return []
-            audit = worker.one(backends.audit, outcome, deadline=audit_deadline(topology.n))
+            audit = worker.run_one(backends.audit, outcome, deadline=audit_deadline(topology.n))
             ends.append((outcome, audit))
             if isinstance(audit, Failed):
                 notes.append(f"the audit failed: {audit.reason}")

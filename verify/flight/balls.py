@@ -118,7 +118,7 @@ class _Polytope:
             return _first(self.D)
         if self.upper <= ACCURACY or not len(self.points):
             return np.empty((0, self.D))
-        thin = self._thin()
+        thin = self._flat_direction()
         if thin is not None:
             return self._new_directions(np.stack([thin, -thin]))
         try:
@@ -132,7 +132,7 @@ class _Polytope:
         near = np.flatnonzero(offsets < self.upper - ACCURACY)
         return self._new_directions(normals[near[np.argsort(offsets[near], kind="stable")]])[:ASKED]
 
-    def _thin(self) -> Array | None:
+    def _flat_direction(self) -> Array | None:
         """Return a direction across which no points lie, if there is one."""
         _, sizes, axes = np.linalg.svd(np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))]))
         return None if sizes[-1] > ACCURACY / 10 else np.asarray(axes[-1])

@@ -42,7 +42,7 @@ def joint_loads(
     """
     borne = _Borne(design, found, case, u)
     topology, l_c = design.topology, design.task.module.connector_distance
-    beyond = _beyond(design)
+    beyond = _outward_modules(design)
     for h, i, a, _ in topology.edges():
         R_h = found.poses.R[h]
         c = found.o[h] + l_c * R_h @ PORT_DIRECTIONS[a]
@@ -62,7 +62,7 @@ def joint_loads(
         )
 
 
-def _beyond(design: Design) -> Array:
+def _outward_modules(design: Design) -> Array:
     """Return which modules, columns, hang at each module, rows, itself included, shape (n, n)."""
     beyond = np.eye(design.topology.n, dtype=bool)
     for h, i, _, _ in reversed(list(design.topology.edges())):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from verify.bodies import Array
 from verify.proof import arcs, ascent, dual
 from verify.proof.arcs import Frames
-from verify.proof.nearness import too_near
+from verify.proof.nearness import are_too_near
 from verify.proof.platform import Numbers
 
 BOUND, NEAR, HALVED = 0, 1, 2
@@ -160,9 +160,9 @@ def _settle(numbers: Numbers, what: int, lower: Array, upper: Array, rho: Array,
         room.points[a, 0, 0], room.points[a, 0, 1] = math.cos(middle), math.sin(middle)
     arcs.fill_frames(numbers, room.points, 1, room.at_middle)
     if what == NEAR:
-        if too_near(numbers, room.corners, room.at_middle, room.pair):
+        if are_too_near(numbers, room.corners, room.at_middle, room.pair):
             return -1
-        return _between(numbers, rho, room.pair[0], room.pair[1])
+        return _hinge_between(numbers, rho, room.pair[0], room.pair[1])
     arcs.fill_frames(numbers, room.corners, 3, room.frames)
     ascent.look(numbers, room.points, room.at_middle, rho, room.middle)
     if not ascent.value(numbers, room.middle, room.z, room.y, room.still, cut) > ascent.value(
@@ -190,7 +190,7 @@ def _settle(numbers: Numbers, what: int, lower: Array, upper: Array, rho: Array,
 
 
 @njit(cache=True)
-def _between(numbers: Numbers, rho: Array, i: int, j: int) -> int:
+def _hinge_between(numbers: Numbers, rho: Array, i: int, j: int) -> int:
     """Return the widest hinge between two modules."""
     axis = max(i, j) + 2
     while i != j:

@@ -55,9 +55,9 @@ def crowding(stated: Stated, middle: Frames, axes: Axes, vertices: Frames, rho: 
                 eta, gamma = _nearest(stated, middle, i, j)
                 radii = 2 * room.start_radius + (eta + gamma) * room.growth
                 radii = math.sqrt(radii * (radii + 2 * room.margin))
-                found = max(found, _too_close(stated, middle, axes, vertices, rho, i, j, eta, gamma, radii, gain))
+                found = max(found, _closeness(stated, middle, axes, vertices, rho, i, j, eta, gamma, radii, gain))
             if found < ALL_OVER and room.apart > 0.0 and not (room.airflow and tree.bolted[i, j]):
-                apart = _too_close(stated, middle, axes, vertices, rho, i, j, 0.0, 0.0, room.apart, gain)
+                apart = _closeness(stated, middle, axes, vertices, rho, i, j, 0.0, 0.0, room.apart, gain)
                 found = max(found, apart)
             if found == ALL_OVER:
                 return ALL_OVER
@@ -92,7 +92,7 @@ def _nearest(stated: Stated, at: Frames, i: int, j: int) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def _too_close(
+def _closeness(
     stated: Stated,
     middle: Frames,
     axes: Axes,

@@ -110,14 +110,14 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
         frames.at_middle(stated.tree, stated.l_c, at, middle, axes)
         frames.at_vertices(stated.tree, stated.l_c, lo[left], hi[left], vertices)
         boxes += 1
-        axis = _wide(rho)
+        axis = _widest_angle(rho)
         if moved[left]:
             where = crowding(stated, middle, axes, vertices, rho, gain)
             if where == ALL_OVER:
                 record[boxes - 1] = CROWDED
                 continue
             if where == AT_MIDDLE and rho[0] == whole_rho:
-                axis = max(axis, _between(rho, gain))
+                axis = max(axis, _hinge_between(rho, gain))
         bound_due = axis < 0
         if bound_due:
             y[:] = guesses[left]
@@ -178,7 +178,7 @@ def _is_excluded(
 
 
 @njit(cache=True)
-def _wide(rho: Array) -> int:
+def _widest_angle(rho: Array) -> int:
     """Return the angle to halve in a box that is too wide for a bound, hinges first, or -1."""
     axis = 3
     for a in range(3, len(rho)):
@@ -194,7 +194,7 @@ def _wide(rho: Array) -> int:
 
 
 @njit(cache=True)
-def _between(rho: Array, gain: Array) -> int:
+def _hinge_between(rho: Array, gain: Array) -> int:
     """Return the hinge that keeps two modules from being too close all over a box, or -1 if all are narrow."""
     axis, most = -1, -1.0
     for a in range(3, len(rho)):

@@ -10,7 +10,7 @@ from typing import Literal
 from topo_search.export.allocation import Allocation, allocation
 from topo_search.export.kit.brackets import Part, brackets, mount
 from topo_search.export.kit.parts_list import parts_csv, parts_list
-from topo_search.export.kit.px4 import px4_parameters, too_many
+from topo_search.export.kit.px4 import px4_parameters, reason_against
 from topo_search.export.kit.sheet import sheet
 from topo_search.export.mjcf import mjcf
 from topo_search.export.physics import AS_SEARCHED, Physics
@@ -50,7 +50,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
     """
     require_kit_folder(folder)
     acts = allocation(design)
-    left_out = too_many(acts)
+    left_out = reason_against(acts)
     own = () if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
     contents = dict(_contents(design, acts, (*notes, *own), physics))
     for old in (*(folder / name for name in FILES), *(folder / BRACKETS).glob("*.stl")):
@@ -129,7 +129,7 @@ def _contents(
     yield ALLOCATION, to_json(acts)
     yield "allocation.csv", acts.csv()
     yield "rotors.csv", acts.rotor_csv()
-    if too_many(acts) is None:
+    if reason_against(acts) is None:
         yield PARAMETERS, px4_parameters(acts)
     joints, held = brackets(design), mount(design)
     for part in (*joints, *([] if held is None else [held])):

@@ -33,7 +33,7 @@ ALTERNATIVE = "use allocation.json in your own controller, or one autopilot per 
 FLOAT32_DIGITS = 9
 
 
-def too_many(acts: Allocation) -> str | None:
+def reason_against(acts: Allocation) -> str | None:
     """Return why PX4 cannot have a platform; None if it can."""
     count = len(acts.rotors)
     if count > MOST_ROTORS:
@@ -47,7 +47,7 @@ def px4_parameters(acts: Allocation) -> str:
     Raises:
         BadInput: there are too many rotors, or a number is beyond the range of its parameter.
     """
-    if (rule := too_many(acts)) is not None:
+    if (rule := reason_against(acts)) is not None:
         raise BadInput("--format px4", [Fault("", rule)])
     lines = [
         "# Control allocation of a platform with fixed rotors in any direction",
