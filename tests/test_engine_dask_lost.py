@@ -33,17 +33,17 @@ def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(mute, monkeypatch
         DaskWorkers(mute, {}) as workers,
         pytest.raises(WorkersLost, match=f"no Dask scheduler answers at {mute}: "),
     ):
-        workers.one(square, 3, deadline=LONG)
+        workers.run_one(square, 3, deadline=LONG)
 
 
 def test_a_scheduler_that_falls_silent_is_given_up(tmp_path, monkeypatch):
     with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}) as workers:
         cluster.add_worker()
-        assert workers.one(square, 3, deadline=LONG) == 9
+        assert workers.run_one(square, 3, deadline=LONG) == 9
         monkeypatch.setattr(dask_connection, "CONNECT", 1.0)
         os.kill(cluster.scheduler.pid, signal.SIGSTOP)
         with pytest.raises(WorkersLost, match="has not answered for 1 s"):
-            workers.one(square, 3, deadline=LONG)
+            workers.run_one(square, 3, deadline=LONG)
         os.kill(cluster.scheduler.pid, signal.SIGCONT)
 
 
@@ -64,14 +64,14 @@ def test_a_scheduler_that_is_restarted_without_workers_ends_the_run(tmp_path, mo
     monkeypatch.setattr(dask_workers, "RETURN", 1.0)
     with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}) as workers:
         worker = cluster.add_worker()
-        assert workers.one(square, 3, deadline=LONG) == 9
+        assert workers.run_one(square, 3, deadline=LONG) == 9
         os.killpg(worker.pid, signal.SIGKILL)
         os.kill(cluster.scheduler.pid, signal.SIGKILL)
         cluster.scheduler.wait()
         cluster.start_scheduler()
         eventually(lambda: workers._connection.stands, 60)
         with pytest.raises(WorkersLost, match=r"is gone|no worker has returned"):
-            workers.one(square, 3, deadline=LONG)
+            workers.run_one(square, 3, deadline=LONG)
 
 
 def run_command(folder, *words):
@@ -128,7 +128,7 @@ def test_another_version_of_anything_that_computes_is_refused(cluster, name):
         DaskWorkers(cluster.address, {**versions, name: "0.1"}) as workers,
         pytest.raises(WorkersLost, match=differ),
     ):
-        workers.one(square, 3, deadline=LONG)
+        workers.run_one(square, 3, deadline=LONG)
 
 
 def test_whatever_a_worker_loads_to_solve_and_audit_must_be_the_same():

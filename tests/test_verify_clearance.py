@@ -81,7 +81,7 @@ def test_s_is_the_distance_to_the_surface_inside(half_angle_deg):
     theta = math.radians(half_angle_deg)
     for _ in range(100):
         x = cone.apex + 3 * unit(rng)
-        e = cone.across(x)
+        e = cone.direction_across(x)
         generator = math.cos(theta) * cone.axis + math.sin(theta) * e
         q = x - cone.apex
         distance = float(np.linalg.norm(q - max(0.0, q @ generator) * generator))

@@ -157,7 +157,7 @@ def test_a_rod_of_two_radii_is_all_fitting():
         given = design(ONE, {}, hinges=(), end_effector=(0.15 + length, 0.0, 0.0))
         parts = rigid_parts(given, platform(given))
         rod = straight_rod(given, parts, Mount(module=0, port=0))
-        assert (rod.beside(0) is not None) == bool(rows)
+        assert (rod.body_beside(0) is not None) == bool(rows)
 
 
 @pytest.mark.parametrize("mount", [{"module": 0, "port": 0}, {"module": 3, "port": 0}, {"module": 1, "port": 4}])

@@ -23,7 +23,7 @@ from nlp.assembled import AssembledProgram
 from nlp.bounds import prove_impossible
 from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations, worst
-from nlp.numbers.hinges import within
+from nlp.numbers.hinges import nearest_angles
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.starts.random_starts import UNTANGLED_FROM, draw, generator, with_inputs
 from nlp.starts.untangling import untangle
@@ -103,7 +103,7 @@ def displaced(point: Point, by: float, rng: np.random.Generator) -> Point:
     task, topology = point.task, point.topology
     right = np.pi / 2
     root = point.root + by * rng.normal(size=3)
-    alpha = within(task, topology, point.alpha + by * rng.normal(size=topology.n - 1))
+    alpha = nearest_angles(task, topology, point.alpha + by * rng.normal(size=topology.n - 1))
     if topology.n >= UNTANGLED_FROM:
         alpha = untangle(task, topology, alpha, rng)
     p_E = point.p_E + by * task.module.connector_distance * rng.normal(size=3)
