@@ -16,7 +16,7 @@ from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints, correct_point, violations_of
 from nlp.requirements.balances import WRENCH_TOLERANCE, missed_wrenches
-from nlp.trial import Trial
+from nlp.start_result import StartResult
 from topo_search.model import ResolvedTask
 from topo_search.model.corners import CorneredTask
 
@@ -40,15 +40,15 @@ def take_in_corners(
     origin: Point,
     solve: SolveFrom,
     own: OwnConstraints = (),
-) -> Trial:
-    """Return the trial of a start whose program takes in corners, and loads in joints, until none is missed.
+) -> StartResult:
+    """Return the result of a start whose program takes in corners, and loads in joints, until none is missed.
 
     Args:
         task: the task with all corners.
         start: index of the start.
         origin: of a task with some of them.
         solve: solves the program of a point's own task from there, with limits of what joints bear if it has any.
-        own: own constraints, to which the trial is held as well.
+        own: own constraints, to which the point is held as well.
     """
     point, iterations, limits = origin, 0, None
     for _ in range(ROUNDS):
@@ -57,18 +57,18 @@ def take_in_corners(
         result = replace(result, iterations=iterations)
         reached = correct_point(result.point if result.finite else point, own)
         whole = with_all(reached, task, own)
-        trial = Trial.at(start, whole, result, _labels(point.task), own)
-        if trial.worst.met:
-            return trial
+        outcome = StartResult.at(start, whole, result, _labels(point.task), own)
+        if outcome.worst.met:
+            return outcome
         more, near = _most_missed(whole, point.task), limits
         lacking = {check.name for check in violations_of(reached, own) if not check.met}
         overloaded = lacking & {name_of(task, load) for load in limited_loads(task, origin.topology)}
         if overloaded and limits is None:
             near, lacking = _near(reached), lacking - overloaded
         if lacking or (not more and near is limits):
-            return trial
+            return outcome
         point, limits = _with_more(whole, point.task, more) if more else reached, near
-    return trial
+    return outcome
 
 
 def _near(point: Point) -> Limits:

@@ -17,9 +17,9 @@ from nlp.numbers.evaluate import Violation
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints
 from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
+from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start
-from nlp.trial import Trial
 from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Task, Topology
 from topo_search.model.corners import to_corners
 from topo_search.protocols import OwnConstraint
@@ -88,9 +88,9 @@ def solve(
     if proof := prove_impossible(task, topology):
         return proof
     task, began = to_corners(task), time.perf_counter()
-    trials = _whole_problem if reason_against(task) else _reduced_search
-    found = trials(task, topology, starts=starts, seed=seed, near=near, own=tuple(constraints))
-    best = min(found, key=lambda trial: trial.rank)
+    solve_starts = _whole_problem if reason_against(task) else _reduced_search
+    found = solve_starts(task, topology, starts=starts, seed=seed, near=near, own=tuple(constraints))
+    best = min(found, key=lambda one: one.rank)
     corners = len(task.load_cases) - len(task.declared.load_cases)
     record = SolverRecord(
         status=best.result.status,
@@ -99,10 +99,10 @@ def solve(
         seed=seed,
         start=best.start,
         starts=len(found),
-        starts_feasible=sum(trial.worst.met for trial in found),
-        objectives=tuple(trial.objective for trial in found if trial.worst.met),
+        starts_feasible=sum(one.worst.met for one in found),
+        objectives=tuple(one.objective for one in found if one.worst.met),
         corners=corners or None,
-        corners_active=len(frozenset[str]().union(*(trial.corners for trial in found))) if corners else None,
+        corners_active=len(frozenset[str]().union(*(one.corners for one in found))) if corners else None,
         versions=_versions(),
     )
     return _design(best, record, constraints) if best.worst.met else _infeasible(found, best, record)
@@ -116,11 +116,11 @@ def _reduced_search(
     seed: int,
     near: Sequence[Design],
     own: OwnConstraints,
-) -> list[Trial]:
-    """Return the trials of the reduced search."""
-    from nlp.reduced.trials import trials  # compiled code, which other commands need not load
+) -> list[StartResult]:
+    """Return the results of the reduced search."""
+    from nlp.reduced.starts import solve_starts  # compiled code, which other commands need not load
 
-    return trials(task, topology, starts=starts, seed=seed, near=near, own=own)
+    return solve_starts(task, topology, starts=starts, seed=seed, near=near, own=own)
 
 
 def _whole_problem(
@@ -131,8 +131,8 @@ def _whole_problem(
     seed: int,
     near: Sequence[Design],
     own: OwnConstraints,
-) -> list[Trial]:
-    """Return the trials of Ipopt on the whole problem, from untangled starts."""
+) -> list[StartResult]:
+    """Return the results of Ipopt on the whole problem, from untangled starts."""
     from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
 
     plain, found = without_corners(task), []
@@ -149,7 +149,7 @@ def _whole_problem(
     return found
 
 
-def _design(best: Trial, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:
+def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:
     point, J = best.point, best.objective
     bound = bound_of(point.task, J)
     task = point.task.declared
@@ -170,7 +170,7 @@ def _design(best: Trial, record: SolverRecord, constraints: Sequence[OwnConstrai
     )
 
 
-def _infeasible(found: list[Trial], best: Trial, record: SolverRecord) -> Infeasible:
+def _infeasible(found: list[StartResult], best: StartResult, record: SolverRecord) -> Infeasible:
     closest = Infeasible(
         topology=best.point.topology,
         topology_key=best.point.topology.key,
@@ -180,7 +180,7 @@ def _infeasible(found: list[Trial], best: Trial, record: SolverRecord) -> Infeas
         unit=best.worst.unit,
         message="",
     )
-    return closest.with_starts((_shortfall(trial.worst) for trial in found), record)
+    return closest.with_starts((_shortfall(one.worst) for one in found), record)
 
 
 def _shortfall(worst: Violation) -> Shortfall:

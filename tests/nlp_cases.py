@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from nlp.assembled import AssembledProgram
 from nlp.numbers.point import Point, fixed_end_effector
+from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
-from nlp.trial import Trial
 from topo_search.model import Design, Infeasible, ResolvedTask, Task, Topology
 
 Array = NDArray[np.float64]
@@ -174,9 +174,9 @@ def solved(result: Design | Infeasible) -> Design:
     return result
 
 
-def placed(task: ResolvedTask, topology: Topology, starts: int) -> Trial:
+def placed(task: ResolvedTask, topology: Topology, starts: int) -> StartResult:
     """The best of some starts from which Ipopt solves the whole problem, without the reduced search."""
     ready = AssembledProgram(task, topology)
     origins = [draw(task, topology, generator(task, topology, s, 0)) for s in range(starts)]
-    found = [Trial.of(s, origin, ready.solve(origin)) for s, origin in enumerate(origins)]
-    return min(found, key=lambda trial: trial.rank)
+    found = [StartResult.of(s, origin, ready.solve(origin)) for s, origin in enumerate(origins)]
+    return min(found, key=lambda outcome: outcome.rank)

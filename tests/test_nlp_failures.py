@@ -203,11 +203,11 @@ def test_a_program_that_takes_in_corners_ends_where_one_with_all_of_them_does() 
         best = []
         for s in range(6):
             origin = draw(begun, TREE, generator(begun, TREE, s, 0))
-            trial = take_in_corners(
+            outcome = take_in_corners(
                 task, s, origin, lambda point, _: AssembledProgram(point.task, TREE).solve(point)
             )
-            best.append(trial)
-        found.append(min(best, key=lambda trial: trial.rank))
+            best.append(outcome)
+        found.append(min(best, key=lambda outcome: outcome.rank))
     assert found[0].worst.met
     assert found[1].worst.met
     assert found[0].objective == pytest.approx(found[1].objective, rel=1e-5)

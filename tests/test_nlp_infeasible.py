@@ -15,7 +15,7 @@ from nlp.numbers.evaluate import violations
 from nlp.numbers.geometry import Swept, clearance, poses
 from nlp.numbers.hinges import SPLAY
 from nlp.numbers.point import Point
-from nlp.reduced.trials import trials
+from nlp.reduced.starts import solve_starts
 from nlp.requirements.balances import wrench_matrix
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.files import to_json
@@ -51,8 +51,8 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
         f"the closest of 3 starts misses `{result.worst_constraint}` by {result.violation:.3g} {result.unit}; "
     )
     reasons = [
-        max(violations(trial.point), key=lambda check: check.scaled - check.tolerance)
-        for trial in trials(task, FIVE, starts=range(3), seed=0, near=())
+        max(violations(outcome.point), key=lambda check: check.scaled - check.tolerance)
+        for outcome in solve_starts(task, FIVE, starts=range(3), seed=0, near=())
     ]
     closest = min(reasons, key=lambda check: check.scaled)
     assert (result.worst_constraint, result.unit) == (closest.name, closest.unit)
@@ -412,8 +412,8 @@ def test_the_audit_finds_the_violation_that_was_reported():
     task = hover(1, end_effector={"position": "com"})
     alone = Topology.from_key("a0")
     result = failed(task, alone, starts=1)
-    (trial,) = trials(task, alone, starts=range(1), seed=0, near=())
-    design = as_design(trial.point)
+    (outcome,) = solve_starts(task, alone, starts=range(1), seed=0, near=())
+    design = as_design(outcome.point)
     (pair,) = [pair for pair in audit(design).pairs if pair.kind == "exclusion"]
     assert pair.analytic_m == pytest.approx(-result.violation)
     np.testing.assert_allclose(as_point(design).p_COM, as_point(design).poses[1][0], atol=1e-12)

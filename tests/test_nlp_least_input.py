@@ -11,7 +11,7 @@ from nlp import lower_bound, solve
 from nlp.assembled import AssembledProgram
 from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import violations, worst
-from nlp.reduced.trials import trials
+from nlp.reduced.starts import solve_starts
 from nlp.requirements.balances import wrench_matrix
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, ResolvedTask, Topology
@@ -44,7 +44,7 @@ def test_a_design_keeps_to_it_and_the_audit_holds_it_to_that():
 def test_the_reduced_search_and_the_assembled_program_keep_to_it():
     task = idle()
     best = placed(task, TREE, 4).objective
-    ends = [end.point for end in trials(task, TREE, starts=range(4), seed=0, near=()) if end.worst.met]
+    ends = [end.point for end in solve_starts(task, TREE, starts=range(4), seed=0, near=()) if end.worst.met]
     rounds = correct(AssembledProgram(task, TREE).solve(draw(task, TREE, generator(task, TREE, 0, seed=0))).point)
     assert worst(violations(rounds)).met
     for point in (*ends, rounds):

@@ -8,13 +8,13 @@ from nlp_cases import GENTLE_PUSH, HOVER, placed, push
 
 from nlp import solve
 from nlp.numbers.evaluate import violations, worst
-from nlp.reduced import trials as reduced_trials
+from nlp.reduced import starts as reduced_starts
 from nlp.reduced.draws import draws
 from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.reduced.search import ends, point_of
+from nlp.reduced.starts import DEEP, DEEP_BATCH, solve_starts
 from nlp.reduced.stated import state
-from nlp.reduced.trials import DEEP, DEEP_BATCH, trials
-from nlp.trial import Trial
+from nlp.start_result import StartResult
 from topo_search.model import Design, Topology
 from topo_search.study import phases
 
@@ -22,11 +22,11 @@ TREE = Topology.from_key("a3010")
 """Four modules."""
 
 
-def searched(task, starts, *, seed=0, tree=TREE, near=()) -> list[Trial]:
-    return trials(task, tree, starts=starts, seed=seed, near=near)
+def searched(task, starts, *, seed=0, tree=TREE, near=()) -> list[StartResult]:
+    return solve_starts(task, tree, starts=starts, seed=seed, near=near)
 
 
-def best(found: list[Trial]) -> Trial:
+def best(found: list[StartResult]) -> StartResult:
     return min(found, key=lambda one: one.rank)
 
 
@@ -64,15 +64,15 @@ def test_every_start_has_an_outcome_and_the_best_of_parts_is_that_of_all() -> No
     task = push(4, load_cases=GENTLE_PUSH)
     whole = searched(task, range(6), seed=1)
     parts = [searched(task, part, seed=1) for part in (range(3), range(3, 6))]
-    assert [trial.start for trial in whole] == list(range(6))
+    assert [outcome.start for outcome in whole] == list(range(6))
     least = min(best(part).objective for part in parts)
     assert best(whole).objective == pytest.approx(least, rel=1e-7)
 
 
 def test_starts_that_end_at_one_place_share_their_design() -> None:
     found = searched(push(5), range(8), tree=Topology.from_key("a70010"))
-    met = [trial for trial in found if trial.worst.met]
-    assert len({id(trial.point) for trial in met}) < len(met)
+    met = [outcome for outcome in found if outcome.worst.met]
+    assert len({id(outcome.point) for outcome in met}) < len(met)
 
 
 def test_a_design_that_is_carried_over_is_one_more_start() -> None:
@@ -100,12 +100,12 @@ def test_a_deep_search_is_made_once_and_counts_as_its_start(monkeypatch) -> None
         drawn.append((seed, anyhow))
         return draws(task, topology, stated, starts, seed, anyhow=anyhow)
 
-    monkeypatch.setattr(reduced_trials, "draws", watched)
+    monkeypatch.setattr(reduced_starts, "draws", watched)
     task, tree = push(2), Topology.from_key("a10")
     assert len(searched(task, range(3), tree=tree)) == 3
     assert drawn == [("0", False)]
     found = searched(task, range(3, 5), tree=tree)
-    assert [trial.start for trial in found] == [3, 4]
+    assert [outcome.start for outcome in found] == [3, 4]
     assert drawn[1] == ("0", False)
     assert set(drawn[2:]) == {("0 deep", True)}
     assert 1 < len(drawn[2:]) <= DEEP / DEEP_BATCH

@@ -10,7 +10,7 @@ from scipy.optimize import lsq_linear
 from nlp import lower_bound, solve
 from nlp.bounds.duality import dual_value
 from nlp.bounds.effort import closed_form
-from nlp.reduced.trials import trials
+from nlp.reduced.starts import solve_starts
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.topologies.task_symmetry import improper_isometry
@@ -53,7 +53,7 @@ def test_a_design_produces_them_with_the_least_inputs_and_pays_nothing_for_them(
 def test_the_reduced_search_states_the_same_problem():
     """What its ends become meets every constraint, and costs no more than the best of a few starts of Ipopt."""
     task = with_sides()
-    ends = trials(task, TREE, starts=range(5), seed=0, near=())
+    ends = solve_starts(task, TREE, starts=range(5), seed=0, near=())
     best = min(end.objective for end in ends if end.worst.met)
     other = placed(task, TREE, 6)
     assert other.worst.met

@@ -23,9 +23,9 @@ from nlp.own import OwnConstraints, correct_point
 from nlp.reduced.draws import draws
 from nlp.reduced.search import FIRST, LEAST_KEPT, SAME_AFTER, SECOND, STIFF, End, Phase, ends, point_of
 from nlp.reduced.stated import Stated, state
+from nlp.start_result import StartResult
 from nlp.starts.random_starts import generator
 from nlp.starts.warm_start import warm_start
-from nlp.trial import Trial
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.corners import CorneredTask
 
@@ -129,8 +129,8 @@ class _Search:
         best, others = ends(self._stated, drawn, phases, least=least)
         return _Ends(*([_Place(end, _starts(end, starts)) for end in side] for side in (best, others)))
 
-    def polish(self, places: list[_Place]) -> Iterator[Trial]:
-        """Yield the trials of the best distinct places, one for each of their starts."""
+    def polish(self, places: list[_Place]) -> Iterator[StartResult]:
+        """Yield the results of the best distinct places, one for each of their starts."""
         tried, met = 0, False
         enough, most = (POLISHED_OWN, HOPED_OWN) if self._own else (POLISHED, HOPED)
         for place in _one_of_each(places)[:most]:
@@ -138,14 +138,14 @@ class _Search:
                 return
             if tried and place.end.missing > HOPELESS:
                 continue
-            trial = take_in_corners(self._task, place.starts[0], self._origin(place), self._polish, self._own)
-            tried, met = tried + 1, met or trial.worst.met
-            yield from (replace(trial, start=start) for start in place.starts)
+            outcome = take_in_corners(self._task, place.starts[0], self._origin(place), self._polish, self._own)
+            tried, met = tried + 1, met or outcome.worst.met
+            yield from (replace(outcome, start=start) for start in place.starts)
 
-    def without_polish(self, start: int, place: _Place) -> Trial:
-        """Return the trial of a start where its end left it."""
+    def without_polish(self, start: int, place: _Place) -> StartResult:
+        """Return the result of a start where its end left it."""
         point = with_all(correct_point(self._origin(place), self._own), self._task, self._own)
-        return Trial.at(start, point, IpoptResult(point, NOT_POLISHED, 0), own=self._own)
+        return StartResult.at(start, point, IpoptResult(point, NOT_POLISHED, 0), own=self._own)
 
     def _origin(self, place: _Place) -> Point:
         """Return an end as a point of the task with the corners that counted there."""
@@ -161,7 +161,7 @@ class _Search:
         return program.polish(origin)
 
 
-def trials(
+def solve_starts(
     task: ResolvedTask,
     topology: Topology,
     *,
@@ -169,7 +169,7 @@ def trials(
     seed: int,
     near: Sequence[Design],
     own: OwnConstraints = (),
-) -> list[Trial]:
+) -> list[StartResult]:
     """Return the outcome of each start, and of each design carried over.
 
     Args:
@@ -187,11 +187,11 @@ def trials(
         reached = search.of_starts(starts)
         best, others = best + reached.best, reached.others
     found = list(search.polish(best))
-    if DEEP_AT in starts and not any(trial.worst.met for trial in found):
-        found += [replace(trial, start=DEEP_AT) for trial in search.polish(search.deep_places())]
-    outcomes: dict[int, Trial] = {}
-    for trial in sorted(found, key=lambda trial: trial.rank):
-        outcomes.setdefault(trial.start, trial)
+    if DEEP_AT in starts and not any(outcome.worst.met for outcome in found):
+        found += [replace(outcome, start=DEEP_AT) for outcome in search.polish(search.deep_places())]
+    outcomes: dict[int, StartResult] = {}
+    for outcome in sorted(found, key=lambda outcome: outcome.rank):
+        outcomes.setdefault(outcome.start, outcome)
     for place in sorted(best, key=lambda place: place.rank) + others:
         for start in place.starts:
             if start not in outcomes:

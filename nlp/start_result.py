@@ -11,7 +11,7 @@ from nlp.own import OwnConstraints, correct_point, violations_of
 
 
 @dataclass(frozen=True)
-class Trial:
+class StartResult:
     """One start's outcome."""
 
     start: int
@@ -32,12 +32,12 @@ class Trial:
         result: IpoptResult,
         corners: frozenset[str] = frozenset(),
         own: OwnConstraints = (),
-    ) -> Trial:
+    ) -> StartResult:
         """Return the outcome of a start that reached a point, whose program had some corners."""
         return cls(start, result, point, worst(violations_of(point, own)), corners)
 
     @classmethod
-    def of(cls, start: int, origin: Point, result: IpoptResult, own: OwnConstraints = ()) -> Trial:
+    def of(cls, start: int, origin: Point, result: IpoptResult, own: OwnConstraints = ()) -> StartResult:
         """Return the outcome of Ipopt from an origin.
 
         An evaluation that failed leaves no numbers behind: then the origin is what was reached.
