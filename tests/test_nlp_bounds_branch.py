@@ -123,9 +123,9 @@ def test_a_bound_ends_early_under_a_cut_alone(seed):
 
 
 def looked_at(stated, theta, y, flat):
-    """D at a point, with room for the multipliers' search there, and the slopes' parts."""
+    """D at a point, with arrays for the multipliers' search there, and the slopes' parts."""
     roots, middle, axes, _, _ = seen(stated, theta, theta)
-    work = multipliers.room(stated)
+    work = multipliers.workspace(stated)
     work.ridge[:] = 0.0
     multipliers.wrenches(stated, roots[0], middle, work)
     slopes.fill(stated, roots[0], middle, axes, work, flat)
@@ -168,7 +168,7 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
         stated = state(task, hang(tree, centre(task, tree)))
         lower = rng.uniform(least, most - 0.4)
         roots, middle, axes, _, rho = seen(stated, lower, lower + 0.4)
-        work, flat = multipliers.room(stated), slopes.blank(4, len(rho))
+        work, flat = multipliers.workspace(stated), slopes.blank(4, len(rho))
         multipliers.wrenches(stated, roots[0], middle, work)
         work.ridge[:] = search.RIDGE * 4 / 24 * (rho**2).sum()
         y = np.zeros((3, 6))
@@ -297,7 +297,7 @@ def test_brute_force_finds_nothing_under_what_is_proven(best):
     task, tree, design = best
     tree = hang(tree, centre(task, tree))
     stated, unit, (least, most) = state(task, tree), effort_unit(task), whole_box(task, tree.n)
-    work, A = multipliers.room(stated), len(least)
+    work, A = multipliers.workspace(stated), len(least)
     work.ridge[:] = 1e-9
 
     def effort(theta):

@@ -28,7 +28,7 @@ PAIR = Topology(((-1, -1, -1), (0, 0, 2)))
 
 def framed(stated, lower, upper):
     """Corners of a box, and frames of all modules for each choice of them."""
-    corners, frames = np.zeros((len(lower), 3, 2)), arcs.room(stated, 3)
+    corners, frames = np.zeros((len(lower), 3, 2)), arcs.frame_arrays(stated, 3)
     arcs.fill_corners(lower, upper, 0, corners)
     arcs.fill_frames(stated, corners, 3, frames)
     return corners, frames
@@ -36,7 +36,7 @@ def framed(stated, lower, upper):
 
 def framed_middle(stated, theta):
     points = np.stack([np.cos(theta), np.sin(theta)], axis=-1)[:, None]
-    frames = arcs.room(stated, 1)
+    frames = arcs.frame_arrays(stated, 1)
     arcs.fill_frames(stated, points, 1, frames)
     return points, frames
 
@@ -208,7 +208,7 @@ def test_wrenches_change_with_every_angle_as_is_said(seed):
 
     def wrenches(theta):
         points, frames = framed_middle(stated, theta)
-        at = ascent.room(stated)
+        at = ascent.workspace(stated)
         ascent.look(stated, points, frames, np.zeros(len(theta)), at)
         return at
 
@@ -231,7 +231,7 @@ def test_the_dual_function_has_the_slopes_that_multipliers_are_improved_by(seed)
     rng = np.random.default_rng([49, seed])
     task, tree = any_tree(rng)
     stated, theta = numbers(task, tree), rng.uniform(-1.5, 1.5, size=tree.n + 2)
-    at, z = ascent.room(stated), 0.1 * rng.normal(size=stated.free.shape[1])
+    at, z = ascent.workspace(stated), 0.1 * rng.normal(size=stated.free.shape[1])
     A, still, y = len(theta), np.zeros(len(theta)), np.zeros((len(stated.f), 6))
 
     def looked_at(theta, z):

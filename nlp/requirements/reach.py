@@ -101,7 +101,7 @@ class AnyWithinReach:
 
 
 @dataclass(frozen=True, eq=False)
-class Nearest(Requirement):
+class NearestConnector(Requirement):
     """A reach that any free connector may meet: a round of Ipopt asks the nearest one for it."""
 
     def restrict(self, vectors: VectorsByName) -> Requirement:
@@ -126,7 +126,7 @@ def reach_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Require
         tuple(WithinReach(port, l_c, largest / unit, i) for i, port in topology.free_connectors)
     )
     subjects = np.arange(max(n, 2))[None]  # never fewer than i and j
-    yield Nearest(7, lambda *_: names.ROD, subjects, (formula,), task.search.margin / unit, near=NEAR)
+    yield NearestConnector(7, lambda *_: names.ROD, subjects, (formula,), task.search.margin / unit, near=NEAR)
 
 
 def _pairs(y: Sequence[Any]) -> list[Sequence[Any]]:

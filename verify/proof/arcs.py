@@ -47,8 +47,8 @@ class Frames(NamedTuple):
 
 
 @njit(cache=True)
-def room(numbers: Numbers, each: int) -> Frames:
-    """Return room for frames, with so many points to choose from for every angle."""
+def frame_arrays(numbers: Numbers, each: int) -> Frames:
+    """Return arrays for frames, with so many points to choose from for every angle."""
     n = len(numbers.parent)
     first = np.zeros(n + 1, np.int64)
     for i in range(n):

@@ -71,8 +71,8 @@ class Middle(NamedTuple):
 
 
 @njit(cache=True)
-def room(numbers: Numbers) -> Middle:
-    """Return room for one box."""
+def workspace(numbers: Numbers) -> Middle:
+    """Return arrays for one box."""
     n, K = len(numbers.parent), len(numbers.f)
     return Middle(
         np.zeros((4 * n, 6)),

@@ -46,7 +46,7 @@ STEEP = 1e300
 
 
 class Sums(NamedTuple):
-    """Room for the bound of one box."""
+    """Arrays for the bound of one box."""
 
     R: Array
     """The root for each choice of its corners, shape (27, 3, 3)."""
@@ -60,7 +60,7 @@ class Sums(NamedTuple):
 
 @njit(cache=True)
 def sums(numbers: Numbers, frames: int) -> Sums:
-    """Return room for boxes of so many frames."""
+    """Return arrays for boxes of so many frames."""
     K = len(numbers.f)
     return Sums(
         np.zeros((CHOICES, 3, 3)),
@@ -79,7 +79,7 @@ def bound(numbers: Numbers, y: Array, corners: Array, frames: Frames, work: Sums
         y: any multipliers, shape (K, 6).
         corners: of the angles, shape (A, 3, 2).
         frames: of all modules for each choice of the hinges' corners.
-        work: room.
+        work: arrays.
     """
     n, K = len(numbers.parent), len(y)
     s = lever_force(numbers, y)

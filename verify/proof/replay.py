@@ -44,8 +44,8 @@ class Replayed(NamedTuple):
     upper: Array
 
 
-class Room(NamedTuple):
-    """Room for one box."""
+class Workspace(NamedTuple):
+    """Arrays for one box."""
 
     corners: Array
     points: Array
@@ -76,7 +76,7 @@ def replay(numbers: Numbers, lower: Array, upper: Array, cut: float, record: NDA
         record: a byte a box, depth first, the lower half before the upper one.
     """
     A = len(lower)
-    room, rho = _room(numbers), np.zeros(A)
+    work, rho = _workspace(numbers), np.zeros(A)
     lo, hi = np.empty((DEEPEST * A + 2, A)), np.empty((DEEPEST * A + 2, A))
     lo[0], hi[0] = lower, upper
     waiting, extra = 1, 0
@@ -99,7 +99,7 @@ def replay(numbers: Numbers, lower: Array, upper: Array, cut: float, record: NDA
         while waiting > base:
             waiting -= 1
             rho[:] = (hi[waiting] - lo[waiting]) / 2
-            a = _settle(numbers, what, lo[waiting], hi[waiting], rho, cut, room)
+            a = _settle(numbers, what, lo[waiting], hi[waiting], rho, cut, work)
             if a < 0:
                 continue
             used += 1
@@ -115,19 +115,19 @@ def replay(numbers: Numbers, lower: Array, upper: Array, cut: float, record: NDA
 
 
 @njit(cache=True)
-def _room(numbers: Numbers) -> Room:
+def _workspace(numbers: Numbers) -> Workspace:
     A, K = len(numbers.parent) + 2, len(numbers.f)
-    frames, at_middle = arcs.room(numbers, 3), arcs.room(numbers, 1)
+    frames, at_middle = arcs.frame_arrays(numbers, 3), arcs.frame_arrays(numbers, 1)
     y = np.zeros(6 * K)
     for k in range(K):  # n modules, four rotors each, all in parallel with the force: t = 2 lambda u
         y[6 * k : 6 * k + 3] = 2 * numbers.weight[k] * numbers.f[k] / (4 * len(numbers.parent))
     start = numbers.free.T @ y
-    return Room(
+    return Workspace(
         np.zeros((A, 3, 2)),
         np.zeros((A, 1, 2)),
         frames,
         at_middle,
-        ascent.room(numbers),
+        ascent.workspace(numbers),
         dual.sums(numbers, len(frames.p)),
         np.zeros((K, 6)),
         start.copy(),
@@ -146,7 +146,9 @@ def _halve(lo: Array, hi: Array, at: int, a: int) -> None:
 
 
 @njit(cache=True)
-def _settle(numbers: Numbers, what: int, lower: Array, upper: Array, rho: Array, cut: float, room: Room) -> int:
+def _settle(
+    numbers: Numbers, what: int, lower: Array, upper: Array, rho: Array, cut: float, work: Workspace
+) -> int:
     """Return -1 if a box can be dropped for the reason that is given for it, else the angle to halve it along."""
     widest, first = -1, 0 if what == BOUND else 3
     for a in range(first, len(rho)):
@@ -154,39 +156,39 @@ def _settle(numbers: Numbers, what: int, lower: Array, upper: Array, rho: Array,
             widest = a
     if widest >= 0:
         return widest
-    arcs.fill_corners(lower, upper, first, room.corners)
+    arcs.fill_corners(lower, upper, first, work.corners)
     for a in range(len(rho)):
         middle = (lower[a] + upper[a]) / 2
-        room.points[a, 0, 0], room.points[a, 0, 1] = math.cos(middle), math.sin(middle)
-    arcs.fill_frames(numbers, room.points, 1, room.at_middle)
+        work.points[a, 0, 0], work.points[a, 0, 1] = math.cos(middle), math.sin(middle)
+    arcs.fill_frames(numbers, work.points, 1, work.at_middle)
     if what == NEAR:
-        if are_too_near(numbers, room.corners, room.at_middle, room.pair):
+        if are_too_near(numbers, work.corners, work.at_middle, work.pair):
             return -1
-        return _hinge_between(numbers, rho, room.pair[0], room.pair[1])
-    arcs.fill_frames(numbers, room.corners, 3, room.frames)
-    ascent.look(numbers, room.points, room.at_middle, rho, room.middle)
-    if not ascent.value(numbers, room.middle, room.z, room.y, room.still, cut) > ascent.value(
-        numbers, room.middle, room.z_start, room.y, room.still, cut
+        return _hinge_between(numbers, rho, work.pair[0], work.pair[1])
+    arcs.fill_frames(numbers, work.corners, 3, work.frames)
+    ascent.look(numbers, work.points, work.at_middle, rho, work.middle)
+    if not ascent.value(numbers, work.middle, work.z, work.y, work.still, cut) > ascent.value(
+        numbers, work.middle, work.z_start, work.y, work.still, cut
     ):
-        room.z[:] = room.z_start
-    ascent.climb(numbers, room.middle, room.z, room.y, room.still, cut, STEPS)
-    if dual.bound(numbers, room.y, room.corners, room.frames, room.sums) >= cut:
+        work.z[:] = work.z_start
+    ascent.climb(numbers, work.middle, work.z, work.y, work.still, cut, STEPS)
+    if dual.bound(numbers, work.y, work.corners, work.frames, work.sums) >= cut:
         return -1
-    room.middle.curved[:] *= ascent.CURVED
-    ascent.climb(numbers, room.middle, room.z, room.y, rho, cut, STEPS)
-    if dual.bound(numbers, room.y, room.corners, room.frames, room.sums) >= cut:
+    work.middle.curved[:] *= ascent.CURVED
+    ascent.climb(numbers, work.middle, work.z, work.y, rho, cut, STEPS)
+    if dual.bound(numbers, work.y, work.corners, work.frames, work.sums) >= cut:
         return -1
-    room.middle.curved[:] /= ascent.CURVED
-    room.z[:] = room.z_start
+    work.middle.curved[:] /= ascent.CURVED
+    work.z[:] = work.z_start
     for _ in range(MANY_STEPS):  # where no balance is possible the best multipliers are too long for any box
-        before = ascent.value(numbers, room.middle, room.z, room.y, room.still, cut)
-        found = ascent.climb(numbers, room.middle, room.z, room.y, room.still, math.inf, 1)
-        if found > cut and dual.bound(numbers, room.y, room.corners, room.frames, room.sums) >= cut:
+        before = ascent.value(numbers, work.middle, work.z, work.y, work.still, cut)
+        found = ascent.climb(numbers, work.middle, work.z, work.y, work.still, math.inf, 1)
+        if found > cut and dual.bound(numbers, work.y, work.corners, work.frames, work.sums) >= cut:
             return -1
         if not found > before:
             break
-    room.z[:] = room.z_start
-    return _steepest(numbers, room, rho)
+    work.z[:] = work.z_start
+    return _steepest(numbers, work, rho)
 
 
 @njit(cache=True)
@@ -203,18 +205,18 @@ def _hinge_between(numbers: Numbers, rho: Array, i: int, j: int) -> int:
 
 
 @njit(cache=True)
-def _steepest(numbers: Numbers, room: Room, rho: Array) -> int:
+def _steepest(numbers: Numbers, work: Workspace, rho: Array) -> int:
     """Return the angle that changes the bound the most."""
-    at, A = room.middle, len(rho)
+    at, A = work.middle, len(rho)
     slope, curve = np.zeros(A), np.zeros(A)
-    for k in range(len(room.y)):
+    for k in range(len(work.y)):
         weight = max(numbers.weight[k], ascent.LIGHTEST)
         for j in range(len(at.a)):
-            t = (at.a[j] * room.y[k]).sum()
+            t = (at.a[j] * work.y[k]).sum()
             u = min(max(t / (2 * weight), 0.0), 1.0)
             for angle in range(A):
                 if ascent.turns(numbers, angle, j // 4):
-                    change = (at.change[angle, j] * room.y[k]).sum()
+                    change = (at.change[angle, j] * work.y[k]).sum()
                     slope[angle] += u * change
                     curve[angle] += change * change / (4 * weight) + u * abs(t)
     axis, most = 0, -1.0

@@ -61,7 +61,7 @@ MISSED = 1e-14
 
 
 class Sums(NamedTuple):
-    """What evaluating a box needs room for, and what it leaves."""
+    """Arrays that evaluating a box needs, and what it leaves in them."""
 
     E: Array
     """Remainders of one module's rotors, shape (K, 4)."""
@@ -81,7 +81,7 @@ class Sums(NamedTuple):
 
 @njit(cache=True)
 def sums(stated: Stated) -> Sums:
-    """Return room for one box at a time."""
+    """Return arrays for one box at a time."""
     K, A, count = len(stated.loads.f), len(stated.levers.between), stated.tree.first[-1]
     return Sums(
         np.zeros((K, 4)), np.zeros((K, 6)), np.zeros(count), np.zeros(A), np.zeros(A), np.zeros(A), np.zeros(A)
@@ -110,7 +110,7 @@ def bound(
         axes: the angles' axes there.
         vertices: frames at the vertices of the hinges.
         rho: half widths [rad].
-        work: room; its `slope` and `spread` say what a split of each angle might gain.
+        work: arrays; its `slope` and `spread` say what a split of each angle might gain.
         cut: once a vertex is under it, no other is looked at.
     """
     n, tree = len(stated.tree.parent), stated.tree

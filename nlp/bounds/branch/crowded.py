@@ -46,18 +46,18 @@ def crowding(stated: Stated, middle: Frames, axes: Axes, vertices: Frames, rho: 
         rho: half widths, shape (A,) [rad].
         gain: is filled with what each hinge's remainder takes, where they are too close at the middle alone.
     """
-    tree, room, n = stated.tree, stated.room, len(stated.tree.parent)
+    tree, separation, n = stated.tree, stated.separation, len(stated.tree.parent)
     found = NOWHERE
     gain[:] = 0.0
     for i in range(n):
         for j in range(i + 1, n):
-            if room.airflow:
+            if separation.airflow:
                 eta, gamma = _nearest(stated, middle, i, j)
-                radii = 2 * room.start_radius + (eta + gamma) * room.growth
-                radii = math.sqrt(radii * (radii + 2 * room.margin))
+                radii = 2 * separation.start_radius + (eta + gamma) * separation.growth
+                radii = math.sqrt(radii * (radii + 2 * separation.margin))
                 found = max(found, _closeness(stated, middle, axes, vertices, rho, i, j, eta, gamma, radii, gain))
-            if found < ALL_OVER and room.apart > 0.0 and not (room.airflow and tree.bolted[i, j]):
-                apart = _closeness(stated, middle, axes, vertices, rho, i, j, 0.0, 0.0, room.apart, gain)
+            if found < ALL_OVER and separation.apart > 0.0 and not (separation.airflow and tree.bolted[i, j]):
+                apart = _closeness(stated, middle, axes, vertices, rho, i, j, 0.0, 0.0, separation.apart, gain)
                 found = max(found, apart)
             if found == ALL_OVER:
                 return ALL_OVER
@@ -67,12 +67,12 @@ def crowding(stated: Stated, middle: Frames, axes: Axes, vertices: Frames, rho: 
 @njit(cache=True)
 def _nearest(stated: Stated, at: Frames, i: int, j: int) -> tuple[float, float]:
     """Return shares of the two axes where the envelopes are about deepest in each other."""
-    L, grow = stated.room.length, stated.room.growth
+    L, grow = stated.separation.length, stated.separation.growth
     zi, zj = at.z[i], at.z[j]
     w0, w1, w2 = at.p[i, 0] - at.p[j, 0], at.p[i, 1] - at.p[j, 1], at.p[i, 2] - at.p[j, 2]
     along_i, along_j = w0 * zi[0] + w1 * zi[1] + w2 * zi[2], w0 * zj[0] + w1 * zj[1] + w2 * zj[2]
     cosine = zi[0] * zj[0] + zi[1] * zj[1] + zi[2] * zj[2]
-    r = 2 * stated.room.start_radius
+    r = 2 * stated.separation.start_radius
     # f = |w - eta L zi + gamma L zj|^2 - (r + (eta + gamma) grow)^2, by one share after the other
     square = L * L - grow * grow
     mixed = -(L * L * cosine + grow * grow)
@@ -106,7 +106,7 @@ def _closeness(
     gain: Array,
 ) -> int:
     """Return where in the box two points are nearer than so much."""
-    tree, L = stated.tree, stated.room.length
+    tree, L = stated.tree, stated.separation.length
     down_i, down_j = eta * L, gamma * L
     A, B = np.empty(3), np.empty(3)
     _point(middle, i, down_i, A)

@@ -34,7 +34,7 @@ class Axes(NamedTuple):
 
 @njit(cache=True)
 def blank(count: int) -> Frames:
-    """Return room for so many frames."""
+    """Return arrays for so many frames."""
     return Frames(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)))
 
 

@@ -38,8 +38,8 @@ GAIN = 1e-5
 """Share of the dual value that another step should gain."""
 
 
-class Work(NamedTuple):
-    """Room for one search."""
+class Workspace(NamedTuple):
+    """Arrays for one search."""
 
     a: Array
     b: Array
@@ -59,8 +59,8 @@ class Work(NamedTuple):
 
 
 @njit(cache=True)
-def room(stated: Stated) -> Work:
-    """Return room for one box at a time."""
+def workspace(stated: Stated) -> Workspace:
+    """Return arrays for one box at a time."""
     n, g = len(stated.tree.parent), stated.loads.g
     K, A = len(g), n + 2
     rows = np.zeros((K, 3 + A, 6))
@@ -68,7 +68,7 @@ def room(stated: Stated) -> Work:
         rows[k, 0, 4], rows[k, 0, 5] = -g[k, 2], g[k, 1]
         rows[k, 1, 3], rows[k, 1, 5] = g[k, 2], -g[k, 0]
         rows[k, 2, 3], rows[k, 2, 4] = -g[k, 1], g[k, 0]
-    return Work(
+    return Workspace(
         np.zeros((4 * n, 6)),
         np.zeros((K, 6)),
         np.zeros((6, 6)),
@@ -83,7 +83,7 @@ def room(stated: Stated) -> Work:
 
 
 @njit(cache=True)
-def wrenches(stated: Stated, R: Array, at: Frames, work: Work) -> None:
+def wrenches(stated: Stated, R: Array, at: Frames, work: Workspace) -> None:
     """Fill the wrenches of all rotors, and the load cases' but for p'_E, for a root orientation R and frames."""
     loads, n = stated.loads, len(stated.tree.parent)
     for i in range(n):
@@ -114,7 +114,7 @@ def wrenches(stated: Stated, R: Array, at: Frames, work: Work) -> None:
 
 
 @njit(cache=True)
-def value(stated: Stated, work: Work, y: Array) -> float:
+def value(stated: Stated, work: Workspace, y: Array) -> float:
     """Return D(y), with the weights as they count here."""
     total, U = 0.0, stated.u_max
     for k in range(len(y)):
@@ -132,7 +132,7 @@ def value(stated: Stated, work: Work, y: Array) -> float:
 
 
 @njit(cache=True)
-def improve(stated: Stated, work: Work, y: Array, steps: int, enough: float) -> float:
+def improve(stated: Stated, work: Workspace, y: Array, steps: int, enough: float) -> float:
     """Improve multipliers in place by so many Newton steps at most, until D(y) is enough; return it."""
     meet(stated, y)
     best = value(stated, work, y)
@@ -193,7 +193,7 @@ def residual(stated: Stated, y: Array) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def newton_step(stated: Stated, work: Work, y: Array, tied: int) -> None:
+def newton_step(stated: Stated, work: Workspace, y: Array, tied: int) -> None:
     """Fill the step to the maximum of the quadratic model under the first rows, so many.
 
     A row w with goal g and diagonal d takes (g + w . step)^2 / (2 d) from the model, or is held to 0 where d is 0.

@@ -50,7 +50,7 @@ SLOPE = 0.5
 """What a split gains where D is steep, beside what remainders take."""
 
 
-class Seen(NamedTuple):
+class BoxFrames(NamedTuple):
     """What a box is bounded from."""
 
     roots: Array
@@ -94,8 +94,8 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
     guesses[0] = first
     vertices, middle = frames.blank(stated.tree.first[-1]), frames.blank(n)
     axes = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3)))
-    seen = Seen(np.zeros((9, 3, 3)), middle, axes, vertices)
-    work, flat, sums = multipliers.room(stated), slopes.blank(n, A), box.sums(stated)
+    at_box = BoxFrames(np.zeros((9, 3, 3)), middle, axes, vertices)
+    work, flat, sums = multipliers.workspace(stated), slopes.blank(n, A), box.sums(stated)
     gain, whole_rho = np.zeros(A), (upper[0] - lower[0]) / 2
     record, boxes, left, y = np.empty(1024, np.uint8), 0, 1, np.zeros((K, 6))
     while left > 0:
@@ -121,8 +121,8 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
         bound_due = axis < 0
         if bound_due:
             y[:] = guesses[left]
-            _roots(lo[left], hi[left], at, seen.roots)
-            if _is_excluded(stated, seen, rho, cut, first, bounded[left], y, work, flat, sums):
+            _roots(lo[left], hi[left], at, at_box.roots)
+            if _is_excluded(stated, at_box, rho, cut, first, bounded[left], y, work, flat, sums):
                 record[boxes - 1] = DUAL
                 continue
             if 2 * rho.max() < LEAST_WIDTH:
@@ -143,18 +143,18 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
 @njit(cache=True)
 def _is_excluded(
     stated: Stated,
-    seen: Seen,
+    at_box: BoxFrames,
     rho: Array,
     cut: float,
     first: Array,
     inherited: bool,
     y: Array,
-    work: multipliers.Work,
+    work: multipliers.Workspace,
     flat: slopes.Slopes,
     sums: box.Sums,
 ) -> bool:
     """Return whether multipliers are found that exclude a box; y, its parent's if inherited, becomes the last."""
-    roots, middle, axes, vertices = seen
+    roots, middle, axes, vertices = at_box
     if inherited and box.bound(stated, y, roots, middle, axes, vertices, rho, sums, cut) >= cut:
         return True
     multipliers.wrenches(stated, roots[0], middle, work)

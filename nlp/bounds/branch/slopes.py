@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit
 
 from nlp.bounds.branch.frames import Axes, Frames
-from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Work, meet, newton_step
+from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, meet, newton_step
 from nlp.bounds.branch.stated import Stated
 from topo_search.model.arrays import Array
 
@@ -50,12 +50,12 @@ class Slopes(NamedTuple):
 
 @njit(cache=True)
 def blank(n: int, A: int) -> Slopes:
-    """Return room for one box at a time."""
+    """Return arrays for one box at a time."""
     return Slopes(np.zeros((A, 4 * n, 6)), np.zeros((A, 3)), np.zeros(A), np.zeros(A))
 
 
 @njit(cache=True)
-def fill(stated: Stated, R: Array, middle: Frames, axes: Axes, work: Work, into: Slopes) -> None:
+def fill(stated: Stated, R: Array, middle: Frames, axes: Axes, work: Workspace, into: Slopes) -> None:
     """Fill beta and v for a root orientation R and frames, whose wrenches `work` holds."""
     tree, w, c, d = stated.tree, np.zeros(3), np.zeros(3), np.zeros(3)
     into.v[:] = 0.0
@@ -80,7 +80,9 @@ def fill(stated: Stated, R: Array, middle: Frames, axes: Axes, work: Work, into:
 
 
 @njit(cache=True)
-def flatten(stated: Stated, work: Work, slopes: Slopes, rho: Array, y: Array, steps: int, enough: float) -> None:
+def flatten(
+    stated: Stated, work: Workspace, slopes: Slopes, rho: Array, y: Array, steps: int, enough: float
+) -> None:
     """Improve multipliers of a box of half widths rho in place, by so many steps at most, until D is enough."""
     A, tied = len(rho), 3 + len(rho)
     work.ridge[:] *= RIDGE
@@ -109,7 +111,7 @@ def flatten(stated: Stated, work: Work, slopes: Slopes, rho: Array, y: Array, st
 
 
 @njit(cache=True)
-def _value(stated: Stated, work: Work, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
+def _value(stated: Stated, work: Workspace, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
     """Return what is maximised, and fill g."""
     tree, U, total = stated.tree, stated.u_max, 0.0
     g[:] = 0.0
@@ -138,7 +140,7 @@ def _value(stated: Stated, work: Work, slopes: Slopes, rho: Array, y: Array, g: 
 
 
 @njit(cache=True)
-def _gradients(stated: Stated, work: Work, slopes: Slopes, y: Array) -> None:
+def _gradients(stated: Stated, work: Workspace, slopes: Slopes, y: Array) -> None:
     """Fill the gradients of all slopes in y."""
     tree, U = stated.tree, stated.u_max
     for k in range(len(y)):

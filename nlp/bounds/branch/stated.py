@@ -87,7 +87,7 @@ class Slack(NamedTuple):
     """Greatest |p'_E| [l_arm]."""
 
 
-class Room(NamedTuple):
+class Separation(NamedTuple):
     """What must keep clear of what [l_arm]."""
 
     airflow: bool
@@ -107,7 +107,7 @@ class Stated(NamedTuple):
     levers: Levers
     loads: Loads
     slack: Slack
-    room: Room
+    separation: Separation
     own: Array
     """Torque of each rotor about its module's centre at unit thrust, shape (4, 3)."""
     l_c: float
@@ -145,7 +145,7 @@ def state(task: ResolvedTask, topology: Topology, problem: Problem = "task") -> 
         levers,
         loads,
         _slack(task, tree, levers, loads, l_c, U),
-        Room(airflow, *(x / unit.length for x in lengths)),
+        Separation(airflow, *(x / unit.length for x in lengths)),
         own,
         l_c,
         U * (1 + TOLERANCE),
