@@ -31,7 +31,7 @@ LEAST_CURVATURE = 0.1
 
 TAKEN_IN = 3
 """How often a round goes on with corners that were missed at its end."""
-HOPELESS = 0.2
+MOST_MISSED = 0.2
 """What an end may miss without corners and still be asked about them [l_arm, m_t g, l_arm m_t g]."""
 
 
@@ -214,7 +214,7 @@ def descend_all(stated: Stated, begun: Descents, phase: Phase) -> Descents:
                 multipliers = estimates(stated, at, multipliers, phase.sigma)
             at = descend(stated, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
             for _ in range(TAKEN_IN):
-                if violation(stated, at, phase.rho) > HOPELESS:
+                if violation(stated, at, phase.rho) > MOST_MISSED:
                     break
                 wanted, missing[s] = take_in(stated, at, phase.rho)
                 if missing[s] <= MISSED:

@@ -33,11 +33,11 @@ DRAWS = 8
 """Draws of a start."""
 POLISHED = 2
 """Distinct ends that are polished; more of them as long as none has become a design."""
-HOPED = 6
+MOST_POLISHED = 6
 """Most that are polished."""
-POLISHED_OWN, HOPED_OWN = 8, 16
+POLISHED_OWN, MOST_POLISHED_OWN = 8, 16
 """Those with own constraints, which the descents do not know: the best of them need not be near the best end."""
-HOPELESS = 0.02
+MOST_MISSED = 0.02
 """What an end may miss and is still polished, unless it is the best [l_arm, m_t g, l_arm m_t g].
 
 On push, push-two-paths and push-exterior-60 with five and seven modules, ends that became designs missed 0.0063 at
@@ -125,18 +125,18 @@ class _Search:
     ) -> _Ends:
         own = [DRAWS * start + k for start in starts for k in range(DRAWS)]
         drawn = draws(self._task, self._topology, self._stated, own, seed, anyhow=anyhow)
-        least = HOPED_OWN if self._own else LEAST_KEPT
+        least = MOST_POLISHED_OWN if self._own else LEAST_KEPT
         best, others = ends(self._stated, drawn, phases, least=least)
         return _Ends(*([_Place(end, _starts(end, starts)) for end in side] for side in (best, others)))
 
     def polish(self, places: list[_Place]) -> Iterator[StartResult]:
         """Yield the results of the best distinct places, one for each of their starts."""
         tried, met = 0, False
-        enough, most = (POLISHED_OWN, HOPED_OWN) if self._own else (POLISHED, HOPED)
+        enough, most = (POLISHED_OWN, MOST_POLISHED_OWN) if self._own else (POLISHED, MOST_POLISHED)
         for place in _one_of_each(places)[:most]:
             if tried >= enough and met:
                 return
-            if tried and place.end.missing > HOPELESS:
+            if tried and place.end.missing > MOST_MISSED:
                 continue
             outcome = take_in_corners(self._task, place.starts[0], self._origin(place), self._polish, self._own)
             tried, met = tried + 1, met or outcome.worst.met
