@@ -12,7 +12,7 @@ from nlp import solve
 from nlp.assembled.problem import AssembledProblem
 from nlp.joints import LimitRows, Limits, holder, limit_of, limited_loads, loads
 from nlp.numbers.point import Point
-from nlp.own import JoinedProgram
+from nlp.own.joined import JoinedProgram
 from nlp.requirements import clearances
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
 from topo_search.model import BadInput, Infeasible, Status, Task, Topology

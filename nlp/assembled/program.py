@@ -14,7 +14,8 @@ from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
 from nlp.joints import LimitRows, Limits
 from nlp.numbers.evaluate import worst
 from nlp.numbers.point import Point
-from nlp.own import Assembled, JoinedProgram, OwnConstraints, correct_point, rows_of, violations_of
+from nlp.own import OwnConstraints, correct_point, rows_of, violations_of
+from nlp.own.joined import Assembled, JoinedProgram
 from nlp.requirements import clearances, variable_bounds
 from topo_search.model import ResolvedTask, Topology
 
