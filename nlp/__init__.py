@@ -4,7 +4,7 @@
 """
 
 from nlp.bounds import lower_bound, prove_impossible
-from nlp.bounds.branch.stated import centre as proof_root
+from nlp.bounds.branch.arrays import centre as proof_root
 from nlp.own import check_stated, refuse_unusable, refuse_wrong_claims
 from nlp.prove import prove_chunk
 from nlp.solve import default_starts, prepare, solve

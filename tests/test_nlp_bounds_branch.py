@@ -12,9 +12,9 @@ from test_nlp_bounds_attack import random_task
 
 from nlp import solve
 from nlp.bounds.branch import box, frames, multipliers, search, slopes
+from nlp.bounds.branch.arrays import centre, effort_unit, hang, to_arrays, whole_box
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from nlp.bounds.branch.proof import chunk_box, prove_chunk
-from nlp.bounds.branch.stated import centre, effort_unit, hang, state, whole_box
 from nlp.units import Units
 from topo_search.model import Design, Topology
 from topo_search.model.files import read_task
@@ -79,7 +79,7 @@ def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed):
     task = random_task(rng)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
     tree = hang(tree, centre(task, tree))
-    stated = state(task, tree)
+    stated = to_arrays(task, tree)
     least, most = whole_box(task, task.n)
     middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, 0, size=len(least))
     lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
@@ -99,7 +99,7 @@ def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(
     task = random_task(rng)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
     tree = hang(tree, centre(task, tree))
-    stated, theta = state(task, tree), rng.uniform(*whole_box(task, task.n))
+    stated, theta = to_arrays(task, tree), rng.uniform(*whole_box(task, task.n))
     y = multipliers_for(stated, rng)
     true, proven = dual_value(task, tree, theta, np.zeros(3), y), bound_of(stated, y, theta, theta)
     size = np.abs(stated.loads.f).sum() + np.abs(stated.loads.t).sum() + task.n * stated.u_max
@@ -112,7 +112,7 @@ def test_a_bound_ends_early_under_a_cut_alone(seed):
     rng = np.random.default_rng([33, seed])
     task = random_task(rng)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
-    stated, (least, most) = state(task, tree), whole_box(task, task.n)
+    stated, (least, most) = to_arrays(task, tree), whole_box(task, task.n)
     lower = rng.uniform(least, most)
     upper = np.minimum(most, lower + 0.3)
     y, looked_at = multipliers_for(stated, rng), (*seen(stated, lower, upper), box.sums(stated))
@@ -138,7 +138,7 @@ def test_slopes_are_those_of_the_dual_function(seed):
     rng = np.random.default_rng([34, seed])
     task = random_task(rng)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
-    stated, theta = state(task, tree), rng.uniform(*whole_box(task, task.n))
+    stated, theta = to_arrays(task, tree), rng.uniform(*whole_box(task, task.n))
     A, step, y = len(theta), 1e-6, multipliers_for(stated, rng)
     flat, other = slopes.blank(task.n, A), slopes.blank(task.n, A)
     _, work = looked_at(stated, theta, y, flat)
@@ -165,7 +165,7 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
     least, most = whole_box(task, 4)
     for _ in range(400):
         tree = random_tree(4, rng, aligned=True)
-        stated = state(task, hang(tree, centre(task, tree)))
+        stated = to_arrays(task, hang(tree, centre(task, tree)))
         lower = rng.uniform(least, most - 0.4)
         roots, middle, axes, _, rho = seen(stated, lower, lower + 0.4)
         work, flat = multipliers.workspace(stated), slopes.blank(4, len(rho))
@@ -191,7 +191,7 @@ def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed):
     rng = np.random.default_rng([27, seed])
     task = push(int(rng.integers(2, 6)), search={"connectors": "any"})
     tree = random_tree(task.n, rng, aligned=False)
-    stated, air = state(task, tree), task.module.envelope
+    stated, air = to_arrays(task, tree), task.module.envelope
     least, most = whole_box(task, task.n)
     found = 0
     for _ in range(60):
@@ -215,7 +215,7 @@ def test_modules_that_are_too_close_at_a_point_are_found(seed, spread):
     rng = np.random.default_rng([31, seed])
     task = push(int(rng.integers(2, 6)), search={"connectors": "any"})
     tree = random_tree(task.n, rng, aligned=False)
-    stated, air = state(task, tree), task.module.envelope
+    stated, air = to_arrays(task, tree), task.module.envelope
     least, most = whole_box(task, task.n)
     found = 0
     for _ in range(60):
@@ -258,7 +258,7 @@ def test_exposure_changes_nothing_in_what_boxes_are_bounded_from(example):
     tree = hang(Topology.from_key("a70010"), 1)
     folder = resources.files("topo_search") / "examples"
     tasks = [read_task(Path(str(folder / f"{name}.toml"))).resolve(5) for name in ("push", example)]
-    plain, exposed = (numbers_of(state(task, tree)) for task in tasks)
+    plain, exposed = (numbers_of(to_arrays(task, tree)) for task in tasks)
     assert tasks[1].exposure
     assert np.array_equal(plain, exposed)
 
@@ -296,7 +296,7 @@ def test_brute_force_finds_nothing_under_what_is_proven(best):
     """A grid over all angles, and a descent from its best points: at fixed angles the rest is a convex problem."""
     task, tree, design = best
     tree = hang(tree, centre(task, tree))
-    stated, unit, (least, most) = state(task, tree), effort_unit(task), whole_box(task, tree.n)
+    stated, unit, (least, most) = to_arrays(task, tree), effort_unit(task), whole_box(task, tree.n)
     work, A = multipliers.workspace(stated), len(least)
     work.ridge[:] = 1e-9
 

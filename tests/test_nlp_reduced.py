@@ -13,10 +13,10 @@ from scipy.optimize import lsq_linear, minimize_scalar, nnls
 from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.reduced import kinds as s
+from nlp.reduced.arrays import rows, to_arrays
 from nlp.reduced.corners import initial_cases
 from nlp.reduced.gaps import hull_gap
 from nlp.reduced.merit import evaluate
-from nlp.reduced.stated import rows, state
 from nlp.requirements import clearances, exposure
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from nlp.units import Units
@@ -29,12 +29,12 @@ RHO = 300.0
 
 def unknowns(task, topology, point):
     """The point's reduced unknowns."""
-    count = len(state(task, topology).lower)
+    count = len(to_arrays(task, topology).lower)
     return point.pack()[:count]
 
 
 def evaluated(task, topology, x, rho=RHO):
-    stated = state(task, topology)
+    stated = to_arrays(task, topology)
     return evaluate(stated, x, np.zeros((len(task.load_cases), 6)), initial_cases(stated), rho)
 
 
@@ -90,7 +90,7 @@ def test_clearances_are_those_of_the_printed_problem(name):
     task = push(4, **FEATURES[name])
     for _ in range(3):
         topology = random_tree(4, rng, aligned=True)
-        stated, listed = state(task, topology), list(rows(task, topology))
+        stated, listed = to_arrays(task, topology), list(rows(task, topology))
         for point in awkward_points(task, topology, rng):
             x = unknowns(task, topology, point)
             found = evaluated(task, topology, x).g
@@ -237,7 +237,7 @@ def test_an_envelope_and_a_hull_are_as_far_apart_as_their_nearest_points(region)
 def test_an_axis_in_a_hull_leaves_it_by_the_row_that_it_has(region):
     """Deep inside, where the printed problem has no slope that leads out: going uphill ends outside."""
     task, topology = push(1, exposure=[region]), Topology.from_key("a0")
-    stated = state(task, topology)
+    stated = to_arrays(task, topology)
     place = next(r for r, kind in enumerate(stated.rows.kind) if kind == s.HULL)
     rng, entered = np.random.default_rng(4), 0
     for _ in range(20):

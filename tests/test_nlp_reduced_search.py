@@ -9,11 +9,11 @@ from nlp_cases import GENTLE_PUSH, HOVER, placed, push
 from nlp import solve
 from nlp.numbers.evaluate import violations, worst
 from nlp.reduced import starts as reduced_starts
+from nlp.reduced.arrays import to_arrays
 from nlp.reduced.draws import draws
 from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.reduced.search import ends, point_of
 from nlp.reduced.starts import DEEP, DEEP_BATCH, solve_starts
-from nlp.reduced.stated import state
 from nlp.start_result import StartResult
 from topo_search.model import Design, Topology
 from topo_search.study import phases
@@ -32,7 +32,7 @@ def best(found: list[StartResult]) -> StartResult:
 
 def test_ends_are_next_to_designs() -> None:
     task = push(4, load_cases=GENTLE_PUSH)
-    stated = state(task, TREE)
+    stated = to_arrays(task, TREE)
     first, _ = ends(stated, draws(task, TREE, stated, range(40), "0"))
     near = [end for end in first if end.missing < 1e-2]
     assert near

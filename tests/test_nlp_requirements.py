@@ -7,8 +7,8 @@ from nlp_cases import FEATURES, push, random_point, random_tree
 
 from nlp.numbers.evaluate import violations
 from nlp.problem import problem
+from nlp.reduced.arrays import rows
 from nlp.reduced.expressed import reason_against
-from nlp.reduced.stated import rows
 from nlp.requirements import clearances
 
 SHARP = 1e8

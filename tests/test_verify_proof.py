@@ -10,8 +10,8 @@ from test_nlp_bounds_attack import random_task
 from test_nlp_bounds_branch import seen
 
 from nlp import proof_root, prove_chunk, solve
+from nlp.bounds.branch.arrays import to_arrays
 from nlp.bounds.branch.crowded import ALL_OVER, crowding
-from nlp.bounds.branch.stated import state
 from topo_search.model import Chunk, Design, Topology
 from topo_search.model.proof import chunk_count
 from verify import check_chunk
@@ -181,7 +181,7 @@ def crowded_at(task, tree, theta, problem):
     stated = numbers(task, tree, problem)
     corners, _ = framed(stated, theta, theta)
     _, at = framed_middle(stated, theta)
-    other = state(task, tree, problem)
+    other = to_arrays(task, tree, problem)
     _, middle, axes, vertices, rho = seen(other, theta, theta)
     return (
         crowding(other, middle, axes, vertices, rho, np.zeros(len(theta))) == ALL_OVER,

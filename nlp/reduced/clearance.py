@@ -20,6 +20,7 @@ import math
 
 from numba import njit
 
+from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.gaps import FAR, LEAST_DISTANCE, Vector, face_excess, hull_gap, swept_gap
 from nlp.reduced.kinds import (
     AIR,
@@ -40,7 +41,6 @@ from nlp.reduced.kinds import (
     REACH,
 )
 from nlp.reduced.platform import Platform
-from nlp.reduced.stated import Stated
 from topo_search.model.arrays import Array
 
 P_I, Z_I, P_J, Z_J, TIP, OFFSET_B, TURN_I = range(7)
@@ -48,7 +48,7 @@ P_I, Z_I, P_J, Z_J, TIP, OFFSET_B, TURN_I = range(7)
 
 
 @njit(cache=True)
-def clearances(stated: Stated, at: Platform, g: Array, by: Array) -> None:
+def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> None:
     """Find the clearances of all rows, and their gradients by the vectors that they depend on.
 
     All is read by single numbers: every array that a call or a slice hands on costs more than a clearance.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from nlp.reduced.arrays import to_arrays
 from nlp.reduced.draws import draws
 from nlp.reduced.search import descend_all, ends, point_of
-from nlp.reduced.stated import state
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.topology import ROOT
 
@@ -23,6 +23,6 @@ def prepare(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     if not any(folder.glob("search.descend_all*.nbc")):
         tell("compiling the solver (once per installation, about a minute)")
     chain = Topology((ROOT, *((i, 0, 2) for i in range(task.n - 1))))
-    stated = state(task, chain)
+    stated = to_arrays(task, chain)
     best, _ = ends(stated, draws(task, chain, stated, range(1), "compile"))
     point_of(task, chain, stated, best[0])

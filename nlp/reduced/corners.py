@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.inputs import columns, find_wrench, inputs
 from nlp.reduced.merit import Evaluated
 from nlp.reduced.platform import platform
-from nlp.reduced.stated import Mask, Stated
 
 MISSED = 1e-6
 """Residual from which a corner counts [m_t g, l_arm m_t g]."""
@@ -21,14 +21,14 @@ TAKEN = 8
 
 
 @njit(cache=True)
-def initial_cases(stated: Stated) -> Mask:
+def initial_cases(stated: ReducedProblem) -> Mask:
     """Return which load cases count from the start, shape (K,)."""
     counting: Mask = stated.cases.group < 0
     return counting
 
 
 @njit(cache=True)
-def take_in(stated: Stated, at: Evaluated, rho: float) -> tuple[Mask, float]:
+def take_in(stated: ReducedProblem, at: Evaluated, rho: float) -> tuple[Mask, float]:
     """Return the load cases that count with the corners that are missed most, and by how much those are at most.
 
     Args:

@@ -23,8 +23,8 @@ import numpy as np
 from numba import njit
 
 from nlp.numbers.cholesky import solve_in_place
+from nlp.reduced.arrays import Indices, Mask, ReducedProblem
 from nlp.reduced.merit import Evaluated, estimates, evaluate, merit
-from nlp.reduced.stated import Indices, Mask, Stated
 from topo_search.model.arrays import Array
 
 LARGEST_TURN = 0.7
@@ -43,7 +43,7 @@ CURVATURE = 0.2
 
 @njit(cache=True)
 def descend(
-    stated: Stated,
+    stated: ReducedProblem,
     start: Evaluated,
     multipliers: Array,
     B: Array,
@@ -96,7 +96,7 @@ def descend(
 
 @njit(cache=True)
 def _model_step(
-    stated: Stated, at: Evaluated, multipliers: Array, B: Array, sigma: float, low: Array, high: Array
+    stated: ReducedProblem, at: Evaluated, multipliers: Array, B: Array, sigma: float, low: Array, high: Array
 ) -> tuple[Array, float]:
     """Return the step that minimises q, and by how much that falls."""
     N, m = len(at.x), len(at.g)

@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 
 from nlp.numbers.hinges import largest_turn, signs
+from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.platform import platform
-from nlp.reduced.stated import Stated
 from nlp.starts.random_starts import CONE_SPREAD, LARGEST_SPLAY, cones, entropy, mean_force, upstream_of
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -58,7 +58,7 @@ def drawing(task: ResolvedTask, topology: Topology) -> Drawing:
 def draws(
     task: ResolvedTask,
     topology: Topology,
-    stated: Stated,
+    stated: ReducedProblem,
     starts: Iterable[int],
     seed: str,
     *,
@@ -80,7 +80,7 @@ def draws(
 
 
 @njit(cache=True)
-def _start(stated: Stated, drawn: Drawing, uniform: Array, direction: Array, distance: float) -> Array:
+def _start(stated: ReducedProblem, drawn: Drawing, uniform: Array, direction: Array, distance: float) -> Array:
     """Return the unknowns of a start, of random numbers for turn and hinges, and for the end-effector."""
     n, x = len(stated.tree.parent), np.zeros(len(stated.lower))
     for i in range(1, n):

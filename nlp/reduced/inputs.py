@@ -26,8 +26,8 @@ import numpy as np
 from numba import njit
 
 from nlp.numbers.cholesky import solve_in_place
+from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.platform import Moved, Platform
-from nlp.reduced.stated import Mask, Stated
 from topo_search.model.arrays import Array
 
 STEPS = 60
@@ -38,7 +38,14 @@ ACCURACY = 1e-11
 
 @njit(cache=True)
 def effort(
-    stated: Stated, at: Platform, moved: Moved, counting: Mask, rho: float, mu: Array, u: Array, gradient: Array
+    stated: ReducedProblem,
+    at: Platform,
+    moved: Moved,
+    counting: Mask,
+    rho: float,
+    mu: Array,
+    u: Array,
+    gradient: Array,
 ) -> float:
     """Return the sum of phi over the load cases; its gradient by x is added to `gradient`, and mu and u are found.
 
@@ -86,7 +93,7 @@ def effort(
 
 
 @njit(cache=True)
-def find_wrench(stated: Stated, at: Platform, k: int, w: Array) -> None:
+def find_wrench(stated: ReducedProblem, at: Platform, k: int, w: Array) -> None:
     """Find w of load case k."""
     m = len(at.p) + stated.rotors.m_E
     x, y, z = at.p_E[0] - at.p_COM[0], at.p_E[1] - at.p_COM[1], at.p_E[2] - at.p_COM[2]
@@ -99,7 +106,7 @@ def find_wrench(stated: Stated, at: Platform, k: int, w: Array) -> None:
 
 
 @njit(cache=True)
-def inputs(stated: Stated, A: Array, k: int, w: Array, rho: float, mu: Array, u: Array) -> float:
+def inputs(stated: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: Array, u: Array) -> float:
     """Return phi / c of load case k, with mu and u moved to its dual's maximum; a dead rotor's input is 0."""
     price, dead = 2 * rho / stated.cases.effort[k], stated.cases.dead[k]
     u_min, u_max = stated.rotors.u_min, stated.rotors.u_max
@@ -114,7 +121,7 @@ def inputs(stated: Stated, A: Array, k: int, w: Array, rho: float, mu: Array, u:
 
 
 @njit(cache=True)
-def columns(stated: Stated, at: Platform) -> Array:
+def columns(stated: ReducedProblem, at: Platform) -> Array:
     """Return A transposed, shape (4n, 6)."""
     n, own = len(at.p), stated.rotors.own
     m = n + stated.rotors.m_E
@@ -132,7 +139,9 @@ def columns(stated: Stated, at: Platform) -> Array:
 
 
 @njit(cache=True)
-def _add_gradient(stated: Stated, at: Platform, scale: float, mu: Array, u: Array, F: Array, T: Array) -> None:
+def _add_gradient(
+    stated: ReducedProblem, at: Platform, scale: float, mu: Array, u: Array, F: Array, T: Array
+) -> None:
     """Add what -c mu . dA u is by the places o_i and by turns of the modules."""
     own = stated.rotors.own
     fx, fy, fz, tx, ty, tz = mu

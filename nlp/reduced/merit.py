@@ -20,11 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, TURN_I, Z_I, Z_J, clearances
 from nlp.reduced.inputs import effort
 from nlp.reduced.kinds import AIR, APART, OFFSET, PARTS
 from nlp.reduced.platform import Moved, Platform, motion, platform
-from nlp.reduced.stated import Mask, Stated
 from topo_search.model.arrays import Array
 
 NEAR = 4.0
@@ -47,7 +47,7 @@ class Evaluated(NamedTuple):
 
 
 @njit(cache=True)
-def evaluate(stated: Stated, x: Array, mu: Array, counting: Mask, rho: float) -> Evaluated:
+def evaluate(stated: ReducedProblem, x: Array, mu: Array, counting: Mask, rho: float) -> Evaluated:
     """Return the reduced problem at x with the load cases that count; the search for the inputs begins at mu."""
     N, m, K, n = len(x), len(stated.rows.kind), len(stated.cases.effort), len(stated.tree.parent)
     at = platform(stated, x)
@@ -61,7 +61,7 @@ def evaluate(stated: Stated, x: Array, mu: Array, counting: Mask, rho: float) ->
 
 
 @njit(cache=True)
-def _slopes(stated: Stated, at: Platform, moved: Moved, g: Array, by: Array, J: Array, near: Mask) -> None:
+def _slopes(stated: ReducedProblem, at: Platform, moved: Moved, g: Array, by: Array, J: Array, near: Mask) -> None:
     """Find which rows are near, and their derivatives by the unknowns from those by vectors.
 
     What lies between two modules depends on the hinges between them alone.
@@ -93,7 +93,7 @@ def _slopes(stated: Stated, at: Platform, moved: Moved, g: Array, by: Array, J: 
 
 
 @njit(cache=True)
-def merit(stated: Stated, at: Evaluated, multipliers: Array, sigma: float) -> float:
+def merit(stated: ReducedProblem, at: Evaluated, multipliers: Array, sigma: float) -> float:
     """Return M."""
     total = at.V
     for r in range(len(at.g)):
@@ -105,7 +105,7 @@ def merit(stated: Stated, at: Evaluated, multipliers: Array, sigma: float) -> fl
 
 
 @njit(cache=True)
-def estimates(stated: Stated, at: Evaluated, multipliers: Array, sigma: float) -> Array:
+def estimates(stated: ReducedProblem, at: Evaluated, multipliers: Array, sigma: float) -> Array:
     """Return max(0, lambda + sigma (m - g)): the multipliers that M's gradient stands for."""
     found = np.zeros(len(at.g))
     for r in range(len(found)):

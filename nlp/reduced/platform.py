@@ -25,7 +25,7 @@ from numba import njit
 
 from nlp.numbers import cholesky, kinematics
 from nlp.numbers.kinematics import chain
-from nlp.reduced.stated import Stated
+from nlp.reduced.arrays import ReducedProblem
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import refresh
 
@@ -52,7 +52,7 @@ class Moved(NamedTuple):
 
 
 @njit(cache=True)
-def platform(stated: Stated, x: Array) -> Platform:
+def platform(stated: ReducedProblem, x: Array) -> Platform:
     """Return where everything is at x."""
     tree = stated.tree
     R, p, omega, c = chain(x, tree.parent, tree.port, tree.kappa, stated.rotors.l_c)
@@ -73,7 +73,7 @@ refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesk
 
 
 @njit(cache=True)
-def motion(stated: Stated, at: Platform) -> Moved:
+def motion(stated: ReducedProblem, at: Platform) -> Moved:
     """Return how the unknowns move everything."""
     n, N, m_E = len(at.p), len(stated.lower), stated.rotors.m_E
     dp, dz = np.zeros((N, n, 3)), np.zeros((N, n, 3))

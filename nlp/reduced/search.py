@@ -15,12 +15,12 @@ import numpy as np
 from numba import njit
 
 from nlp.numbers.point import Point, fixed_end_effector
+from nlp.reduced.arrays import Indices, Mask, ReducedProblem
 from nlp.reduced.corners import MISSED, initial_cases, take_in
 from nlp.reduced.descent import descend
 from nlp.reduced.inputs import effort
 from nlp.reduced.merit import Evaluated, estimates, evaluate, merit
 from nlp.reduced.platform import motion, platform
-from nlp.reduced.stated import Indices, Mask, Stated
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -116,7 +116,7 @@ class End:
 
 
 def ends(
-    stated: Stated, starts: Array, phases: tuple[Phase, Phase] = (FIRST, SECOND), *, least: int = LEAST_KEPT
+    stated: ReducedProblem, starts: Array, phases: tuple[Phase, Phase] = (FIRST, SECOND), *, least: int = LEAST_KEPT
 ) -> tuple[list[End], list[End]]:
     """Return the best distinct ends of starts, by merit, and those of the first phase that did not go on.
 
@@ -135,7 +135,7 @@ def ends(
     return _one_of_each(second, [end.starts for end in kept], SAME_AFTER), first[count:] + given_up
 
 
-def _halve(stated: Stated, begun: Descents, phase: Phase) -> tuple[list[End], list[End]]:
+def _halve(stated: ReducedProblem, begun: Descents, phase: Phase) -> tuple[list[End], list[End]]:
     """Return the distinct ends of the better starts, and where the others were given up."""
     left, given_up = np.arange(len(begun.x)), list[End]()
     if len(left) > LEAST_HALVED:
@@ -161,7 +161,7 @@ def _one_of_each(found: Descents, starts: list[tuple[int, ...]], same: float) ->
     return result
 
 
-def point_of(task: ResolvedTask, topology: Topology, stated: Stated, end: End) -> Point:
+def point_of(task: ResolvedTask, topology: Topology, stated: ReducedProblem, end: End) -> Point:
     """Return the point of an end, with the inputs of the second phase.
 
     Args:
@@ -191,7 +191,7 @@ def begin(starts: Array, counting: Mask) -> Descents:
 
 
 @njit(cache=True)
-def descend_all(stated: Stated, begun: Descents, phase: Phase) -> Descents:
+def descend_all(stated: ReducedProblem, begun: Descents, phase: Phase) -> Descents:
     """Return where descents are after a phase.
 
     Args:
@@ -230,7 +230,7 @@ def descend_all(stated: Stated, begun: Descents, phase: Phase) -> Descents:
 
 
 @njit(cache=True)
-def violation(stated: Stated, at: Evaluated, rho: float) -> float:
+def violation(stated: ReducedProblem, at: Evaluated, rho: float) -> float:
     """Return the largest missing clearance, or residual of a load case that counts."""
     most = 0.0
     for r in range(len(at.g)):

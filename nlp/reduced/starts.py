@@ -20,9 +20,9 @@ from nlp.ipopt import IpoptResult
 from nlp.joints import Limits
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints, correct_point
+from nlp.reduced.arrays import ReducedProblem, to_arrays
 from nlp.reduced.draws import draws
 from nlp.reduced.search import FIRST, LEAST_KEPT, SAME_AFTER, SECOND, STIFF, End, Phase, ends, point_of
-from nlp.reduced.stated import Stated, state
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import generator
 from nlp.starts.warm_start import warm_start
@@ -86,7 +86,7 @@ class _Search:
 
     def __init__(self, task: ResolvedTask, topology: Topology, seed: int, own: OwnConstraints) -> None:
         self._task, self._topology, self._seed, self._own = task, topology, seed, own
-        self._stated: Stated = state(task, topology)
+        self._stated: ReducedProblem = to_arrays(task, topology)
         self._plain = without_corners(task)
 
     def of_starts(self, starts: Sequence[int]) -> _Ends:

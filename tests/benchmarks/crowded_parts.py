@@ -23,8 +23,8 @@ from numba import njit
 from untangling import overlaps
 
 from nlp.bounds.branch import frames
+from nlp.bounds.branch.arrays import BranchProblem, centre, hang, to_arrays, whole_box
 from nlp.bounds.branch.crowded import ALL_OVER, NOWHERE, crowding
-from nlp.bounds.branch.stated import Stated, centre, hang, state, whole_box
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.untangling import untangle
 from topo_search.model import ResolvedTask, Task, Topology
@@ -117,12 +117,12 @@ def prove_crowded(task: ResolvedTask, topology: Topology, most: int) -> tuple[in
     hung = hang(topology, centre(task, topology))
     lower, upper = whole_box(task, topology.n)
     lower[:3] = upper[:3] = 0.0  # where the root points does not matter
-    boxes, placed = exclude(state(task, hung), lower, upper, most)
+    boxes, placed = exclude(to_arrays(task, hung), lower, upper, most)
     return boxes, PLACED if placed else OPEN if boxes > most else PROVEN
 
 
 @njit(cache=True)
-def exclude(stated: Stated, lower: Array, upper: Array, most: int) -> tuple[int, bool]:
+def exclude(stated: BranchProblem, lower: Array, upper: Array, most: int) -> tuple[int, bool]:
     """Halve a box of angles until two modules are too close all over every part of it, or not so at some middle.
 
     Args:

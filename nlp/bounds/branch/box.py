@@ -49,9 +49,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Axes, Frames
 from nlp.bounds.branch.multipliers import residual
-from nlp.bounds.branch.stated import Stated
 from topo_search.model.arrays import Array
 
 CUBIC = 1 / (9 * math.sqrt(3))
@@ -80,7 +80,7 @@ class Sums(NamedTuple):
 
 
 @njit(cache=True)
-def sums(stated: Stated) -> Sums:
+def sums(stated: BranchProblem) -> Sums:
     """Return arrays for one box at a time."""
     K, A, count = len(stated.loads.f), len(stated.levers.between), stated.tree.first[-1]
     return Sums(
@@ -90,7 +90,7 @@ def sums(stated: Stated) -> Sums:
 
 @njit(cache=True)
 def bound(
-    stated: Stated,
+    stated: BranchProblem,
     y: Array,
     roots: Array,
     middle: Frames,
@@ -147,7 +147,7 @@ def bound(
 
 
 @njit(cache=True)
-def _constant(stated: Stated, y: Array) -> float:
+def _constant(stated: BranchProblem, y: Array) -> float:
     """Return what of D no angle changes, less what the audit lets pass and rounding take."""
     total, loads, slack = 0.0, stated.loads, stated.slack
     for k in range(len(y)):
@@ -183,7 +183,7 @@ def _into(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def _lever_force(stated: Stated, y: Array) -> tuple[float, float, float]:
+def _lever_force(stated: BranchProblem, y: Array) -> tuple[float, float, float]:
     """Return s = sum_k h_k x mu_k in W."""
     x, y_, z = 0.0, 0.0, 0.0
     for k in range(len(y)):
@@ -194,7 +194,7 @@ def _lever_force(stated: Stated, y: Array) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def _psi(stated: Stated, y: Array, at: Frames, v: int, E: Array) -> float:
+def _psi(stated: BranchProblem, y: Array, at: Frames, v: int, E: Array) -> float:
     """Return the sum of psi_k(t + E) over the rotors of one module, frame v."""
     xx, xy, xz = at.x[v]
     yx, yy, yz = at.y[v]
@@ -221,7 +221,7 @@ def _psi(stated: Stated, y: Array, at: Frames, v: int, E: Array) -> float:
 
 
 @njit(cache=True)
-def _drifts(stated: Stated, rho: Array, drift: Array) -> None:
+def _drifts(stated: BranchProblem, rho: Array, drift: Array) -> None:
     """Fill how far the points of the axes move at most, in W."""
     tree, between = stated.tree, stated.levers.between
     drift[:] = 0.0
@@ -232,7 +232,7 @@ def _drifts(stated: Stated, rho: Array, drift: Array) -> None:
 
 
 @njit(cache=True)
-def _remainders(stated: Stated, i: int, work: Sums, middle: Frames, axes: Axes, rho: Array) -> None:
+def _remainders(stated: BranchProblem, i: int, work: Sums, middle: Frames, axes: Axes, rho: Array) -> None:
     """Fill E of the rotors of module i, and add to `slope` and `spread` what they change."""
     path, count = stated.tree.path[i], stated.tree.depth[i] + 3
     between, lever, U = stated.levers.between, stated.levers.rotor[i], stated.u_max
@@ -302,7 +302,7 @@ def _remainders(stated: Stated, i: int, work: Sums, middle: Frames, axes: Axes, 
 
 @njit(cache=True)
 def _centre_remainder(
-    stated: Stated, i: int, s: tuple[float, float, float], middle: Frames, axes: Axes, rho: Array, work: Sums
+    stated: BranchProblem, i: int, s: tuple[float, float, float], middle: Frames, axes: Axes, rho: Array, work: Sums
 ) -> float:
     """Return by how much p_i . s is below its interpolant at most: as the rotors' remainders, for -s."""
     path, count, lever = stated.tree.path[i], stated.tree.depth[i] + 3, stated.levers.centre[i]

@@ -22,9 +22,9 @@ import math
 import numpy as np
 from numba import njit
 
+from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.box import CUBIC
 from nlp.bounds.branch.frames import Axes, Frames
-from nlp.bounds.branch.stated import Stated
 from topo_search.model.arrays import Array
 
 MARGIN = 1e-11
@@ -35,7 +35,7 @@ ROUNDS = 20
 
 
 @njit(cache=True)
-def crowding(stated: Stated, middle: Frames, axes: Axes, vertices: Frames, rho: Array, gain: Array) -> int:
+def crowding(stated: BranchProblem, middle: Frames, axes: Axes, vertices: Frames, rho: Array, gain: Array) -> int:
     """Return NOWHERE, AT_MIDDLE or ALL_OVER: where in a box of hinges two modules are too close.
 
     Args:
@@ -65,7 +65,7 @@ def crowding(stated: Stated, middle: Frames, axes: Axes, vertices: Frames, rho: 
 
 
 @njit(cache=True)
-def _nearest(stated: Stated, at: Frames, i: int, j: int) -> tuple[float, float]:
+def _nearest(stated: BranchProblem, at: Frames, i: int, j: int) -> tuple[float, float]:
     """Return shares of the two axes where the envelopes are about deepest in each other."""
     L, grow = stated.separation.length, stated.separation.growth
     zi, zj = at.z[i], at.z[j]
@@ -93,7 +93,7 @@ def _nearest(stated: Stated, at: Frames, i: int, j: int) -> tuple[float, float]:
 
 @njit(cache=True)
 def _closeness(
-    stated: Stated,
+    stated: BranchProblem,
     middle: Frames,
     axes: Axes,
     vertices: Frames,
@@ -138,7 +138,7 @@ def _closeness(
 
 @njit(cache=True)
 def _remainder(
-    stated: Stated,
+    stated: BranchProblem,
     axes: Axes,
     rho: Array,
     near: int,

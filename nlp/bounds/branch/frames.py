@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from nlp.bounds.branch.stated import Tree
+from nlp.bounds.branch.arrays import Tree
 from topo_search.model.arrays import Array
 
 

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Frames
-from nlp.bounds.branch.stated import Stated
 from nlp.numbers.cholesky import factor, solve_factored, solve_in_place
 from topo_search.model.arrays import Array
 
@@ -59,7 +59,7 @@ class Workspace(NamedTuple):
 
 
 @njit(cache=True)
-def workspace(stated: Stated) -> Workspace:
+def workspace(stated: BranchProblem) -> Workspace:
     """Return arrays for one box at a time."""
     n, g = len(stated.tree.parent), stated.loads.g
     K, A = len(g), n + 2
@@ -83,7 +83,7 @@ def workspace(stated: Stated) -> Workspace:
 
 
 @njit(cache=True)
-def wrenches(stated: Stated, R: Array, at: Frames, work: Workspace) -> None:
+def wrenches(stated: BranchProblem, R: Array, at: Frames, work: Workspace) -> None:
     """Fill the wrenches of all rotors, and the load cases' but for p'_E, for a root orientation R and frames."""
     loads, n = stated.loads, len(stated.tree.parent)
     for i in range(n):
@@ -114,7 +114,7 @@ def wrenches(stated: Stated, R: Array, at: Frames, work: Workspace) -> None:
 
 
 @njit(cache=True)
-def value(stated: Stated, work: Workspace, y: Array) -> float:
+def value(stated: BranchProblem, work: Workspace, y: Array) -> float:
     """Return D(y), with the weights as they count here."""
     total, U = 0.0, stated.u_max
     for k in range(len(y)):
@@ -132,7 +132,7 @@ def value(stated: Stated, work: Workspace, y: Array) -> float:
 
 
 @njit(cache=True)
-def improve(stated: Stated, work: Workspace, y: Array, steps: int, enough: float) -> float:
+def improve(stated: BranchProblem, work: Workspace, y: Array, steps: int, enough: float) -> float:
     """Improve multipliers in place by so many Newton steps at most, until D(y) is enough; return it."""
     meet(stated, y)
     best = value(stated, work, y)
@@ -166,7 +166,7 @@ def improve(stated: Stated, work: Workspace, y: Array, steps: int, enough: float
 
 
 @njit(cache=True)
-def meet(stated: Stated, y: Array) -> None:
+def meet(stated: BranchProblem, y: Array) -> None:
     """Change torques' multipliers as little as makes sum_k g_k x mu_k = 0."""
     loads = stated.loads
     x, y_, z = residual(stated, y)
@@ -182,7 +182,7 @@ def meet(stated: Stated, y: Array) -> None:
 
 
 @njit(cache=True)
-def residual(stated: Stated, y: Array) -> tuple[float, float, float]:
+def residual(stated: BranchProblem, y: Array) -> tuple[float, float, float]:
     """Return sum_k g_k x mu_k."""
     a, b, c = 0.0, 0.0, 0.0
     for k in range(len(y)):
@@ -193,7 +193,7 @@ def residual(stated: Stated, y: Array) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def newton_step(stated: Stated, work: Workspace, y: Array, tied: int) -> None:
+def newton_step(stated: BranchProblem, work: Workspace, y: Array, tied: int) -> None:
     """Fill the step to the maximum of the quadratic model under the first rows, so many.
 
     A row w with goal g and diagonal d takes (g + w . step)^2 / (2 d) from the model, or is held to 0 where d is 0.

@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
+from nlp.bounds.branch.arrays import centre, effort_unit, hang, to_arrays, whole_box
 from nlp.bounds.branch.search import CLOSED, MANY, search
-from nlp.bounds.branch.stated import centre, effort_unit, hang, state, whole_box
 from nlp.numbers import cholesky
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -53,7 +53,7 @@ def prove_chunk(
         raise ValueError(f"`0 <= number < {chunk_count(n)}` must hold, but got {number}")
     tree = hang(topology, centre(task, topology))
     lower, upper = chunk_box(task, n, number)
-    found = search(state(task, tree, problem), lower, upper, cut / effort_unit(task) * (1 + ABOVE), most_boxes)
+    found = search(to_arrays(task, tree, problem), lower, upper, cut / effort_unit(task) * (1 + ABOVE), most_boxes)
     outcome: Literal["closed", "many", "stuck"] = "stuck"
     if found.how == CLOSED:
         outcome = "closed"

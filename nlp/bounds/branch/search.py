@@ -15,8 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from nlp.bounds.branch import box, frames, multipliers, slopes
+from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
-from nlp.bounds.branch.stated import Stated
 from topo_search.model.arrays import Array
 
 DUAL, CROWDED, SPLIT = 0, 1, 2
@@ -71,7 +71,7 @@ class Found(NamedTuple):
 
 
 @njit(cache=True)
-def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: int) -> Found:
+def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_boxes: int) -> Found:
     """Exclude all of a box, or say where it cannot be done.
 
     Args:
@@ -142,7 +142,7 @@ def search(stated: Stated, lower: Array, upper: Array, cut: float, most_boxes: i
 
 @njit(cache=True)
 def _is_excluded(
-    stated: Stated,
+    stated: BranchProblem,
     at_box: BoxFrames,
     rho: Array,
     cut: float,

@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Axes, Frames
 from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, meet, newton_step
-from nlp.bounds.branch.stated import Stated
 from topo_search.model.arrays import Array
 
 EVEN = 0.02
@@ -55,7 +55,7 @@ def blank(n: int, A: int) -> Slopes:
 
 
 @njit(cache=True)
-def fill(stated: Stated, R: Array, middle: Frames, axes: Axes, work: Workspace, into: Slopes) -> None:
+def fill(stated: BranchProblem, R: Array, middle: Frames, axes: Axes, work: Workspace, into: Slopes) -> None:
     """Fill beta and v for a root orientation R and frames, whose wrenches `work` holds."""
     tree, w, c, d = stated.tree, np.zeros(3), np.zeros(3), np.zeros(3)
     into.v[:] = 0.0
@@ -81,7 +81,7 @@ def fill(stated: Stated, R: Array, middle: Frames, axes: Axes, work: Workspace, 
 
 @njit(cache=True)
 def flatten(
-    stated: Stated, work: Workspace, slopes: Slopes, rho: Array, y: Array, steps: int, enough: float
+    stated: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, steps: int, enough: float
 ) -> None:
     """Improve multipliers of a box of half widths rho in place, by so many steps at most, until D is enough."""
     A, tied = len(rho), 3 + len(rho)
@@ -111,7 +111,7 @@ def flatten(
 
 
 @njit(cache=True)
-def _value(stated: Stated, work: Workspace, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
+def _value(stated: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
     """Return what is maximised, and fill g."""
     tree, U, total = stated.tree, stated.u_max, 0.0
     g[:] = 0.0
@@ -140,7 +140,7 @@ def _value(stated: Stated, work: Workspace, slopes: Slopes, rho: Array, y: Array
 
 
 @njit(cache=True)
-def _gradients(stated: Stated, work: Workspace, slopes: Slopes, y: Array) -> None:
+def _gradients(stated: BranchProblem, work: Workspace, slopes: Slopes, y: Array) -> None:
     """Fill the gradients of all slopes in y."""
     tree, U = stated.tree, stated.u_max
     for k in range(len(y)):

@@ -100,7 +100,7 @@ class Separation(NamedTuple):
     """By which, to first order, envelopes are to clear each other."""
 
 
-class Stated(NamedTuple):
+class BranchProblem(NamedTuple):
     """A task and a tree."""
 
     tree: Tree
@@ -115,7 +115,7 @@ class Stated(NamedTuple):
     """With the audit's tolerance."""
 
 
-def state(task: ResolvedTask, topology: Topology, problem: Problem = "task") -> Stated:
+def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task") -> BranchProblem:
     """Return the numbers of a task and a tree, which must hang from where `hung` puts it.
 
     Args:
@@ -140,7 +140,7 @@ def state(task: ResolvedTask, topology: Topology, problem: Problem = "task") -> 
     apart = (body or 0.0) if airflow else task.separation
     apart = math.sqrt(apart * (apart + 2 * margin))
     lengths = (air.length, air.start_radius, air.growth, apart, margin)
-    return Stated(
+    return BranchProblem(
         tree,
         levers,
         loads,

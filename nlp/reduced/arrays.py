@@ -98,7 +98,7 @@ class Hulls(NamedTuple):
     """Start, and from there to the end, shape (e, 6)."""
 
 
-class Stated(NamedTuple):
+class ReducedProblem(NamedTuple):
     """Everything that the search needs to know of a task and a topology."""
 
     tree: Tree
@@ -130,7 +130,7 @@ class Row(NamedTuple):
     hull: Hull | None = None
 
 
-def state(task: ResolvedTask, topology: Topology) -> Stated:
+def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     """Return the numbers of a task and a topology."""
     n, unit, module = topology.n, Units.of(task), task.module
     arm = 1 / math.sqrt(2)
@@ -143,7 +143,7 @@ def state(task: ResolvedTask, topology: Topology) -> Stated:
     air = module.envelope
     geometric = n + 2 + (3 if fixed is None else 0)
     lower, upper = (np.array(side[:geometric]) for side in variable_bounds(task, topology))
-    return Stated(
+    return ReducedProblem(
         _tree(topology),
         rotors,
         _cases(task, n, unit),
