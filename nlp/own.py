@@ -11,6 +11,7 @@ so does the evaluation that decides whether a point is a design.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
@@ -31,6 +32,8 @@ from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
 TOLERANCE = 1e-6
 """By how much of its scale an own constraint may be missed: the audit's own tolerance for residuals."""
+DRAWS = 64
+"""Random platforms on one of which an own constraint must have a value."""
 IMPOSED = 0.1
 """Share of that which Ipopt leaves of a bound, so that what it reaches to its tolerance is within it."""
 
@@ -113,6 +116,13 @@ class OwnRows:
         platform = _platform(self.task, self.topology, self.x)
         return [rows(one, platform).numel() for one in self.constraints]
 
+    def draw(self, rng: np.random.Generator) -> Array:
+        """Return random unknowns: angles [rad], lengths [l_arm] and inputs [u_hover] of the order of one."""
+        x = rng.uniform(-1.5, 1.5, self.x.numel())
+        first = len(x) - 4 * self.topology.n * len(self.task.load_cases)
+        x[first:] = np.abs(x[first:])
+        return x
+
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Bounds on g; those of inequalities a little closer, so that they are met where Ipopt ends."""
@@ -139,14 +149,21 @@ class OwnRows:
         values = np.asarray(self.values(point.pack()), dtype=float).ravel()
         parts = np.split(values, np.cumsum(self.counts)[:-1])
         return [
-            Violation(one.name, float(off * scale), one.unit, float(off), TOLERANCE)
+            _violation(one, scale, part)
             for one, scale, part in zip(self.constraints, self._scales, parts, strict=True)
-            for off in [max(np.max(one.lower / scale - part), np.max(part - one.upper / scale))]
         ]
 
     def beside(self, program: Assembled) -> Assembled:
         """Return a program with these rows after its own."""
         return Beside(program, self) if self else program
+
+
+def _violation(constraint: OwnConstraint, scale: float, values: Array) -> Violation:
+    """Return how far values over their scale are from meeting a constraint; what is no number is farthest."""
+    if not np.all(np.isfinite(values)):
+        return Violation(f"{constraint.name} (no finite value)", scale, constraint.unit, math.nan, TOLERANCE)
+    off = float(max(np.max(constraint.lower / scale - values), np.max(values - constraint.upper / scale)))
+    return Violation(constraint.name, off * scale, constraint.unit, off, TOLERANCE)
 
 
 @lru_cache(maxsize=32)
@@ -335,9 +352,9 @@ def check_stated(
 
 def _check(constraint: OwnConstraint, platform: SymbolicPlatform) -> StatedCheck:
     values = np.asarray(ca.evalf(rows(constraint, platform)), dtype=float).ravel()
-    beyond = np.maximum(constraint.lower - values, values - constraint.upper)
     if not np.all(np.isfinite(values)):  # a constraint that has no value is not met
         return StatedCheck(**constraint.stated.model_dump(), status="missed")
+    beyond = np.maximum(constraint.lower - values, values - constraint.upper)
     place = int(np.argmax(beyond))
     met = beyond[place] <= TOLERANCE * scale_of(constraint, platform.task)
     return StatedCheck(
@@ -349,15 +366,22 @@ def _check(constraint: OwnConstraint, platform: SymbolicPlatform) -> StatedCheck
 
 
 def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, topology: Topology) -> None:
-    """Try own constraints on the symbols of one topology, before workers do.
+    """Try own constraints on the symbols of one topology, and on random values of them, before workers do.
 
     Raises:
         BadInput: names the constraint, and what its expression raises or returns in place of expressions.
     """
+    rng = np.random.default_rng(0)
     for constraint in constraints:
         try:
             own = OwnRows([constraint], task, topology)
-            _ = own.values, own.bounds
+            foreign = [symbol.name() for symbol in ca.symvar(own.g) if not ca.depends_on(own.x, symbol)]
+            if foreign:
+                raise ValueError(f"must be made of the platform's symbols alone, but has {', '.join(foreign)}")
+            _ = own.bounds
+            drawn = (np.asarray(own.values(own.draw(rng))) for _ in range(DRAWS))
+            if not any(np.all(np.isfinite(values)) for values in drawn):
+                raise ValueError(f"must have a finite value, but has none on {DRAWS} random platforms")
         except Exception as error:
             told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
             rule = f"cannot be stated for {topology.key}: {' '.join(told.split())}"

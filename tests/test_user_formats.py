@@ -47,6 +47,27 @@ def test_a_format_that_cannot_be_registered_is_refused(own, words):
         register_format(own)
 
 
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"name": 5}, "name must be a text, but got 5"),
+        ({"write": 5}, "write must be a function of a design, but got 5"),
+        ({"suffixes": ".own"}, "suffixes must be a tuple of texts, but got '.own'"),
+        ({"suffixes": (5,)}, r"suffixes must be a tuple of texts, but got \(5,\)"),
+    ],
+)
+def test_a_format_that_is_none_is_refused(fields, words):
+    with pytest.raises(ValueError, match=words):
+        OwnFormat(**{"name": "own", "write": str, **fields})
+    with pytest.raises(ValueError, match="must be an OwnFormat, but got type"):
+        register_format(str)
+
+
+def test_what_is_no_design_is_not_exported(tmp_path):
+    with pytest.raises(BadInput, match="design: must be a Design, but got str"):
+        export_design("design.json", tmp_path / "design.svg")
+
+
 def fails(design):
     raise ValueError("needs two modules")
 
@@ -56,6 +77,10 @@ def fails(design):
     [
         (OwnFormat("fails", fails), "fails: needs two modules"),
         (OwnFormat("odd", len), "odd: must write text or bytes, but wrote int"),
+        (OwnFormat("empty", lambda design: b""), "empty: must write text or bytes, but wrote nothing"),
+        (OwnFormat("none", lambda design: None), "none: must write text or bytes, but wrote nothing"),
+        (OwnFormat("lone", lambda design: "\ud800"), "lone: 'utf-8' codec can't encode"),
+        (OwnFormat("broken", lambda design: design.nothing), "broken: cannot write a70010: AttributeError"),
     ],
 )
 def test_what_a_format_cannot_write_is_told(solved_push, tmp_path, monkeypatch, own, words):
@@ -92,6 +117,13 @@ def test_an_installed_package_whose_format_is_none_is_named(solved_push, tmp_pat
     entry = metadata.EntryPoint("spans", "own_code:spans", formats.GROUP)
     monkeypatch.setattr(formats.metadata, "entry_points", lambda group: [entry])
     with pytest.raises(BadInput, match="own_code:spans: must be an OwnFormat of this name, but is function"):
+        export_design(solved_push, tmp_path / "design.own")
+
+
+def test_an_installed_package_that_cannot_be_loaded_is_named(solved_push, tmp_path, monkeypatch):
+    entry = metadata.EntryPoint("gone", "no_such_module:GONE", formats.GROUP)
+    monkeypatch.setattr(formats.metadata, "entry_points", lambda group: [entry])
+    with pytest.raises(BadInput, match="no_such_module:GONE: cannot be loaded: ModuleNotFoundError"):
         export_design(solved_push, tmp_path / "design.own")
 
 
