@@ -3,10 +3,12 @@
 import inspect
 import pydoc
 from importlib import metadata
+from typing import get_args
 
 import pytest
 from click.testing import CliRunner
 from own_code import TEXT
+from pydantic import BaseModel
 
 import topo_search
 from topo_search import BadInput, OwnFormat, export_design, register_format, to_json
@@ -143,6 +145,18 @@ def test_every_noun_of_a_script_is_at_the_top():
     )
     assert task.resolve(3).n == 3
     assert all(getattr(topo_search, name) is not None for name in topo_search.__all__)
+
+
+def values_of(annotation):
+    """Every class of values that a field is made of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return {annotation}.union(*(values_of(field.annotation) for field in annotation.model_fields.values()))
+    return set().union(*map(values_of, get_args(annotation)))
+
+
+def test_every_class_of_a_task_is_at_the_top():
+    missing = [one.__name__ for one in values_of(topo_search.Task) if not hasattr(topo_search, one.__name__)]
+    assert missing == []
 
 
 @pytest.mark.parametrize("noun", ["Task", "Module", "Local", "Design", "Audit"])
