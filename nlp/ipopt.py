@@ -30,6 +30,7 @@ between envelopes of the default module. So far above the margin designs end.
 """
 OPTIONS: dict[str, int | float | str | bool] = {
     "print_time": False,
+    "show_eval_warnings": False,  # of values that are no numbers: Ipopt turns back, and the result says so
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.max_iter": 300,  # a limit in iterations, not in time: the result must not depend on the machine's speed

@@ -48,6 +48,25 @@ def words(platform: SymbolicPlatform):
     return "large"
 
 
+def no_number(platform: SymbolicPlatform):
+    """Of no platform there is."""
+    return ca.sqrt(-1 - platform.centres[0][2] ** 2)
+
+
+def infinite(platform: SymbolicPlatform):
+    return ca.SX(float("inf"))
+
+
+def strange(platform: SymbolicPlatform):
+    """Holds a symbol of nobody."""
+    return platform.centres[0][2] + ca.SX.sym("mine")
+
+
+def some_number(platform: SymbolicPlatform):
+    """Of the platforms alone whose first module is well above the end-effector."""
+    return ca.sqrt(platform.centres[0][2] - platform.end_effector[2] - 0.1)
+
+
 def span(limit, **fields):
     return OwnConstraint("span", spans, upper=limit, unit="m", invariant="mirror", **fields)
 
@@ -75,6 +94,19 @@ def make_random(seed: int) -> optuna.samplers.BaseSampler:
 
 def make_qmc(seed: int) -> optuna.samplers.BaseSampler:
     return optuna.samplers.QMCSampler(seed=seed, warn_independent_sampling=False)
+
+
+def make_grid(seed: int) -> optuna.samplers.BaseSampler:
+    """Of three modules with aligned ports: every row of numbers, in the order of the seed."""
+    return optuna.samplers.GridSampler({"port 1": range(4), "port 2": range(6)}, seed=seed)
+
+
+def make_brute_force(seed: int) -> optuna.samplers.BaseSampler:
+    return optuna.samplers.BruteForceSampler(seed=seed)
+
+
+def make_groups(seed: int) -> optuna.samplers.BaseSampler:
+    return optuna.samplers.TPESampler(seed=seed, n_startup_trials=2, multivariate=True, group=True)
 
 
 MINE = OwnSampler("random rows", make_random, version="1")

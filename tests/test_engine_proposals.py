@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import optuna
 import pytest
+from optuna.samplers import BaseSampler
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
+from own_code import make_brute_force, make_grid, make_groups, make_qmc, make_random
 
 from topo_search.engine.proposals import moves, optuna_study
 from topo_search.engine.proposals.promotion import CERTAIN, FEW
@@ -23,6 +25,7 @@ from topo_search.engine.space import Space
 from topo_search.engine.strategy import Proposal, Results, Scored, Stage, Strategy
 from topo_search.model import Topology
 from topo_search.model.files import read_task
+from topo_search.protocols import SamplerFactory
 
 SAMPLERS = ("moves", "tpe", "nsga2", "random")
 FIRST = {"moves": 1} | dict.fromkeys(SAMPLERS[1:], FEW)
@@ -158,6 +161,32 @@ def test_a_tree_is_not_proposed_again_before_its_result_is_told(sampler: str) ->
         assert proposal.candidate.key not in {one.candidate.key for one in unknown}
         again += proposal.starts > FIRST[sampler]
     assert again > 10
+
+
+@pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
+@pytest.mark.parametrize("make", [make_grid, make_brute_force, make_groups, make_qmc, make_random])
+def test_a_sampler_of_optunas_is_called_as_optuna_calls_it(make: SamplerFactory) -> None:
+    """From the first proposal on; what comes after its grid is used up is drawn."""
+    called: list[str] = []
+
+    def watch(name: str, plain: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any) -> Any:
+            called.append(name)
+            return plain(*args)
+
+        return call
+
+    def watched(seed: int) -> BaseSampler:
+        sampler = make(seed)
+        for name in ("before_trial", "infer_relative_search_space", "after_trial"):
+            setattr(sampler, name, watch(name, getattr(sampler, name)))
+        return sampler
+
+    every = Space(read_task("push", ("modules=3",)).resolve(3), "none", rooted=True)
+    followed = replay(study_of(every, sampler=watched, trials=1000, starts=1, seed=0, round_size=4))
+    assert sorted(followed.new) == sorted(candidate.key for candidate in every.candidates())
+    assert called[:2] == ["before_trial", "infer_relative_search_space"]
+    assert called.count("before_trial") == called.count("after_trial") == len(followed.searched)
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)

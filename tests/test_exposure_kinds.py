@@ -144,7 +144,7 @@ def test_every_kind_is_told_drawn_and_stored(kind):
     design = as_design(point)
     assert Design.model_validate_json(to_json(design)) == design
     at = poses(design)
-    for _, shape in shapes(design.task, at):
+    for _, shape in shapes(design.task, at.p_E):
         assert len(mesh(shape, 1.0).faces) > 0
     words = next(group for group in facts(point.task) if group.rows[0][0] == "requirement 0").rows[0][1]
     assert len(words) > 10

@@ -1,4 +1,4 @@
-"""The poses as symbols, as the solver's numbers and as the audit's: three routes to one platform."""
+"""The poses as symbols, as the solver's numbers, compiled, and as the audit's: four routes to one platform."""
 
 import math
 
@@ -11,6 +11,7 @@ from nlp_cases import random_tree, trees
 
 from nlp.numbers import geometry
 from nlp.numbers.geometry import root_angles, root_rotation
+from nlp.numbers.kinematics import chain
 from nlp.symbols import kinematics
 from topo_search.model import Topology
 from verify import poses as audited_poses
@@ -27,6 +28,13 @@ def symbolic_poses(topology, root, alpha, l_c):
     return blocks[:, :3].transpose(0, 2, 1), blocks[:, 3]
 
 
+def compiled_poses(topology, root, alpha, l_c):
+    """R and p of all modules from the compiled chain."""
+    ports = np.array([0, *(a for _, _, a, _ in topology.edges())])
+    theta = np.concatenate([root, alpha])
+    return chain(theta, np.array(topology.parents), ports, np.array(topology.kappas), l_c)[:2]
+
+
 def angles_of(topology, rng):
     """Root and hinge angles, the root's beyond their ranges too: the problem leaves them free."""
     return rng.uniform(-7.0, 7.0, 3), rng.uniform(-math.pi / 2, math.pi / 2, topology.n - 1)
@@ -34,21 +42,23 @@ def angles_of(topology, rng):
 
 @settings(max_examples=80, deadline=None)
 @given(trees(most=12), st.integers(0, 2**32))
-def test_three_kinematics_agree(topology, seed):
+def test_four_kinematics_agree(topology, seed):
     root, alpha = angles_of(topology, np.random.default_rng(seed))
     R, p = geometry.poses(topology, root_rotation(root), alpha, L_C)
-    for other_R, other_p in (symbolic_poses(topology, root, alpha, L_C), audited_poses(topology, root, alpha, L_C)):
+    for route in (symbolic_poses, compiled_poses, audited_poses):
+        other_R, other_p = route(topology, root, alpha, L_C)
         np.testing.assert_allclose(other_R, R, rtol=0, atol=1e-12)
         np.testing.assert_allclose(other_p, p, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("n", [1, 5, 40])
-def test_three_kinematics_agree_on_any_size(n):
+def test_four_kinematics_agree_on_any_size(n):
     rng = np.random.default_rng(n)
     topology = random_tree(n, rng)
     root, alpha = angles_of(topology, rng)
     R, p = geometry.poses(topology, root_rotation(root), alpha, L_C)
-    for other_R, other_p in (symbolic_poses(topology, root, alpha, L_C), audited_poses(topology, root, alpha, L_C)):
+    for route in (symbolic_poses, compiled_poses, audited_poses):
+        other_R, other_p = route(topology, root, alpha, L_C)
         np.testing.assert_allclose(other_R, R, rtol=0, atol=1e-12)
         np.testing.assert_allclose(other_p, p, rtol=0, atol=1e-12)
 

@@ -51,6 +51,10 @@ def test_trees_that_are_one_design_are_solved_apart_when_both_are_listed(hover, 
         ([nx.path_graph(3)], "the edge of 0 and 1 must carry `ports = {node: port}` with both of its nodes"),
         (["a" + "1" * 500], "must be a key of at most 200 modules, but got a text of 501 characters"),
         (["a500"] * 10_001, "must list at most 10,000 topologies, but has more"),
+        ("a500", 'topologies: must be a list of topologies, but got "a500"'),
+        (5, "topologies: must be a list of topologies, but got int"),
+        (Topology.from_key("a500").graph(), "topologies: must be a list of topologies, but got Graph"),
+        ([nx.MultiGraph([(0, 1), (1, 2)])], r"\[0\]: must be a graph with one edge for each joint"),
     ],
 )
 def test_a_wrong_list_is_refused_before_a_folder_is_made(hover, tmp_path, listed, words):
@@ -104,7 +108,7 @@ def test_a_wrong_file_of_candidates_is_named_with_2(tmp_path, text, words):
 
 def test_a_design_to_start_from_is_one_more_start(hover, tmp_path):
     tree = Topology.from_key("a500")
-    known = solve(hover, tree, starts=2)
+    known = solve(hover, "a500", starts=2)
     again = solve(hover, tree, starts=1, near=[known.design])
     assert again.design.solver["starts"] == 2
     assert again.design.objective <= known.design.objective * (1 + 1e-6)
@@ -144,6 +148,21 @@ def test_any_sampler_proposes(hover, tmp_path, sampler):
             search(hover, out=tmp_path / "run", **given)
 
 
+class OutOfRange(optuna.samplers.RandomSampler):
+    def __init__(self, value):
+        super().__init__(seed=1)
+        self.value = value
+
+    def sample_independent(self, study, trial, param_name, param_distribution):
+        if self.value is None:
+            raise RuntimeError("out of ideas")
+        return self.value
+
+
+def fail(*args):
+    raise RuntimeError("no idea")
+
+
 class Wrong:
     def __init__(self, proposed):
         self.proposed = proposed
@@ -161,11 +180,52 @@ class Wrong:
         (lambda seed: 3, BadInput, "must make an Optuna sampler, or an object with `propose`, but made int"),
         (optuna.samplers.RandomSampler(seed=1), ValueError, "lambda seed: RandomSampler"),
         (5, ValueError, "sampler must be moves, tpe, nsga2, random, or make one for a seed"),
+        (lambda seed: Wrong, BadInput, "but made the class Wrong itself"),
+        (Wrong, BadInput, "Wrong.propose: must be a Topology or a key, but got int"),
+        (fail, BadInput, "sampler: fail: cannot make a sampler for a seed: RuntimeError: no idea"),
+        (lambda seed: OutOfRange(-1), BadInput, r"OutOfRange: port 1 must be one of 0, \.\.\., 3, but got -1"),
+        (lambda seed: OutOfRange("x"), BadInput, "OutOfRange: port 1 must be one of 0, .*, but got 'x'"),
+        (lambda seed: OutOfRange(None), BadInput, "OutOfRange.sample_independent: raised an error: RuntimeError"),
     ],
 )
 def test_a_wrong_sampler_is_named(hover, tmp_path, sampler, error, words):
     with pytest.raises(error, match=words):
         search(hover, out=tmp_path / "run", strategy="optuna", trials=2, starts=1, workers=1, sampler=sampler)
+
+
+@pytest.mark.parametrize("make", [fail, lambda seed: None, lambda: make_random(0)])
+def test_a_factory_that_makes_no_sampler_leaves_no_folder(hover, tmp_path, make):
+    with pytest.raises(BadInput, match="sampler: "):
+        search(hover, out=tmp_path / "run", strategy="optuna", trials=2, starts=1, workers=1, sampler=make)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"name": ""}, 'name: must not be empty, but got ""$'),
+        ({"name": 5}, "name: must be a text, but got 5$"),
+        ({"make": 5}, "make must be a function that returns a sampler for a seed, but got 5"),
+        ({"make": Wrong("a500")}, "make must be a function that returns a sampler for a seed"),
+        ({"version": 1}, "version: must be a text, but got 1$"),
+    ],
+)
+def test_a_sampler_without_a_name_or_a_function_is_refused(fields, words):
+    with pytest.raises(ValueError, match=words):
+        OwnSampler(**{"name": "mine", "make": make_random, **fields})
+
+
+@pytest.mark.parametrize(
+    ("topology", "words"),
+    [
+        ("zz", "topology: a topology key starts with"),
+        (5, "topology: must be a Topology, a key or a networkx graph, but got int"),
+        ("a10", "near: must be a list of designs, but got str"),
+    ],
+)
+def test_a_wrong_tree_or_start_of_a_single_solve_is_named(hover, topology, words):
+    with pytest.raises(BadInput, match=words):
+        solve(hover, topology, starts=1, near="design.json")
 
 
 def test_own_parts_that_do_not_go_together_are_refused(hover, tmp_path):

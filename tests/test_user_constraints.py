@@ -1,11 +1,16 @@
 """Constraints of a user's own, from outside the package."""
 
 import json
+import math
 from functools import partial
 
+import own_code
 import pytest
 from own_code import EQUAL_FOLDS, UPRIGHT, height, lifted, nonsense, sideways, span, spans, words
 
+from nlp.own import refuse_unusable
+from nlp.own.rows import OwnRows
+from nlp.starts.random_starts import draw, generator
 from topo_search import BadInput, OwnConstraint, Topology, audit, read_task, search, solve, to_json, write_report
 
 
@@ -144,6 +149,17 @@ def test_a_wrong_claim_of_invariance_is_found(task, tmp_path, expression, invari
         ),
         ([UPRIGHT, UPRIGHT], "upright: must be the name of one constraint"),
         ([3], r"\[0\]: must be an OwnConstraint, but got int"),
+        (UPRIGHT, "constraints: must be a list of OwnConstraint, but got one OwnConstraint"),
+        (own_code.uprightness, "constraints: must be a list of OwnConstraint, but got function"),
+        (
+            [OwnConstraint("c", own_code.no_number, upper=1.0)],
+            "c: cannot be stated for a110: must have a finite value, but has none on 64",
+        ),
+        ([OwnConstraint("c", own_code.infinite, lower=1.0)], "must have a finite value"),
+        (
+            [OwnConstraint("c", own_code.strange, upper=1.0)],
+            "must be made of the platform's symbols alone, but has mine",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_refused_before_a_folder_is_made(task, tmp_path, stated, words):
@@ -160,13 +176,37 @@ def test_what_cannot_be_used_is_refused_before_a_folder_is_made(task, tmp_path, 
         ({"upper": float("nan")}, "`lower <= upper` must hold"),
         ({"upper": 1.0, "scale": 0.0}, "`0 < scale < inf` must hold, but got 0.0"),
         ({"upper": 1.0, "expression": 3}, "expression must be a function of a SymbolicPlatform, but got 3"),
-        ({"upper": 1.0, "name": ""}, "name"),
-        ({"upper": 1.0, "name": "a\nb"}, "name"),
+        ({"upper": "1"}, "upper must be a number, but got '1'"),
+        ({"lower": None, "upper": 1.0}, "lower must be a number, but got None"),
+        ({"upper": 1.0, "scale": "m"}, "scale must be a number, but got 'm'"),
+        ({"upper": 1.0, "name": ""}, 'name: must not be empty, but got ""$'),
+        ({"upper": 1.0, "name": 7}, "name: must be a text, but got 7$"),
+        ({"upper": 1.0, "name": "a\nb"}, "name: must be one line of text without control characters, but got"),
+        ({"upper": 1.0, "unit": "\x1b[31m"}, "unit: must be one line of text"),
+        ({"upper": 1.0, "version": 1}, "version: must be a text, but got 1$"),
+        ({"upper": 1.0, "invariant": "all"}, 'invariant: must be "none", "numbering" or "mirror", but got "all"$'),
     ],
 )
 def test_a_constraint_that_bounds_nothing_is_refused(fields, words):
     with pytest.raises(ValueError, match=words):
         OwnConstraint(**{"name": "one", "expression": spans, **fields})
+
+
+@pytest.mark.parametrize("expression", [own_code.no_number, own_code.infinite])
+def test_what_has_no_number_is_missed(task, expression):
+    topology, stated = Topology.from_key("a500"), OwnConstraint("c", expression, lower=-1.0, upper=2.0, unit="m")
+    resolved = task.resolve(3)
+    rows = OwnRows([stated], resolved, topology)
+    point = draw(resolved, topology, generator(resolved, topology, 0, 0))
+    (missed,) = rows.violations(point)
+    assert not missed.met
+    assert (missed.name, missed.rank) == ("c (no finite value)", math.inf)
+    assert 0 < missed.amount < math.inf  # as a file can hold it
+
+
+def test_what_has_a_number_for_some_platforms_is_no_mistake(task):
+    one = OwnConstraint("c", own_code.some_number, lower=0.0)
+    refuse_unusable([one], task.resolve(3), Topology.from_key("a500"))
 
 
 def test_a_design_file_keeps_the_names(hover, tmp_path):

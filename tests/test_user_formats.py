@@ -3,10 +3,12 @@
 import inspect
 import pydoc
 from importlib import metadata
+from typing import get_args
 
 import pytest
 from click.testing import CliRunner
 from own_code import TEXT
+from pydantic import BaseModel
 
 import topo_search
 from topo_search import BadInput, OwnFormat, export_design, register_format, to_json
@@ -47,6 +49,27 @@ def test_a_format_that_cannot_be_registered_is_refused(own, words):
         register_format(own)
 
 
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"name": 5}, "name must be a text, but got 5"),
+        ({"write": 5}, "write must be a function of a design, but got 5"),
+        ({"suffixes": ".own"}, "suffixes must be a tuple of texts, but got '.own'"),
+        ({"suffixes": (5,)}, r"suffixes must be a tuple of texts, but got \(5,\)"),
+    ],
+)
+def test_a_format_that_is_none_is_refused(fields, words):
+    with pytest.raises(ValueError, match=words):
+        OwnFormat(**{"name": "own", "write": str, **fields})
+    with pytest.raises(ValueError, match="must be an OwnFormat, but got type"):
+        register_format(str)
+
+
+def test_what_is_no_design_is_not_exported(tmp_path):
+    with pytest.raises(BadInput, match="design: must be a Design, but got str"):
+        export_design("design.json", tmp_path / "design.svg")
+
+
 def fails(design):
     raise ValueError("needs two modules")
 
@@ -56,6 +79,10 @@ def fails(design):
     [
         (OwnFormat("fails", fails), "fails: needs two modules"),
         (OwnFormat("odd", len), "odd: must write text or bytes, but wrote int"),
+        (OwnFormat("empty", lambda design: b""), "empty: must write text or bytes, but wrote nothing"),
+        (OwnFormat("none", lambda design: None), "none: must write text or bytes, but wrote nothing"),
+        (OwnFormat("lone", lambda design: "\ud800"), "lone: 'utf-8' codec can't encode"),
+        (OwnFormat("broken", lambda design: design.nothing), "broken: cannot write a70010: AttributeError"),
     ],
 )
 def test_what_a_format_cannot_write_is_told(solved_push, tmp_path, monkeypatch, own, words):
@@ -95,6 +122,13 @@ def test_an_installed_package_whose_format_is_none_is_named(solved_push, tmp_pat
         export_design(solved_push, tmp_path / "design.own")
 
 
+def test_an_installed_package_that_cannot_be_loaded_is_named(solved_push, tmp_path, monkeypatch):
+    entry = metadata.EntryPoint("gone", "no_such_module:GONE", formats.GROUP)
+    monkeypatch.setattr(formats.metadata, "entry_points", lambda group: [entry])
+    with pytest.raises(BadInput, match="no_such_module:GONE: cannot be loaded: ModuleNotFoundError"):
+        export_design(solved_push, tmp_path / "design.own")
+
+
 def test_every_noun_of_a_script_is_at_the_top():
     task = topo_search.Task(
         name="mine",
@@ -111,6 +145,18 @@ def test_every_noun_of_a_script_is_at_the_top():
     )
     assert task.resolve(3).n == 3
     assert all(getattr(topo_search, name) is not None for name in topo_search.__all__)
+
+
+def values_of(annotation):
+    """Every class of values that a field is made of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return {annotation}.union(*(values_of(field.annotation) for field in annotation.model_fields.values()))
+    return set().union(*map(values_of, get_args(annotation)))
+
+
+def test_every_class_of_a_task_is_at_the_top():
+    missing = [one.__name__ for one in values_of(topo_search.Task) if not hasattr(topo_search, one.__name__)]
+    assert missing == []
 
 
 @pytest.mark.parametrize("noun", ["Task", "Module", "Local", "Design", "Audit"])

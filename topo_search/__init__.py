@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from topo_search.model.bracket import Bracket
     from topo_search.model.files import read_json, read_task, to_json, to_toml
     from topo_search.model.force_cone import ForceCone
+    from topo_search.model.frame import ConvexPiece
     from topo_search.model.goals import Goals
     from topo_search.model.module import Airflow, Body
     from topo_search.model.reserves import AskedFlight
@@ -70,6 +71,7 @@ _HOMES = {
     "topo_search.model.bracket": ("Bracket",),
     "topo_search.model.files": ("read_json", "read_task", "to_json", "to_toml"),
     "topo_search.model.force_cone": ("ForceCone",),
+    "topo_search.model.frame": ("ConvexPiece",),
     "topo_search.model.goals": ("Goals",),
     "topo_search.model.module": ("Airflow", "Body"),
     "topo_search.model.reserves": ("AskedFlight",),
@@ -86,12 +88,13 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Airflow", "Allowed", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates",
-    "Certificates", "Clearance", "Design", "Directional", "EndEffector", "Exterior", "Fault", "Flight",
-    "ForceCone", "Goals", "Infeasible", "LedgerLost", "Lines", "LoadCase", "Local", "Module", "Observer",
-    "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved",
-    "Stated", "StatedCheck", "Status", "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler",
-    "Tried", "WorkersLost", "Wrench", "audit", "clearances", "export_design", "figure", "prove", "read_json",
-    "read_task", "register_format", "residuals", "search", "solve", "to_json", "to_toml", "write_report",
+    "Certificates", "Clearance", "ConvexPiece", "Design", "Directional", "EndEffector", "Exterior", "Fault",
+    "Flight", "ForceCone", "Goals", "Infeasible", "LedgerLost", "Lines", "LoadCase", "Local", "Module",
+    "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "ResolvedTask", "Row", "Search",
+    "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status", "SymbolicPlatform", "Task", "Tolerances",
+    "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench", "audit", "clearances", "export_design",
+    "figure", "prove", "read_json", "read_task", "register_format", "residuals", "search", "solve", "to_json",
+    "to_toml", "write_report",
 ]  # fmt: skip
 
 

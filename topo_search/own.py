@@ -5,14 +5,14 @@ from __future__ import annotations
 import pickle
 import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import get_args
 
 from topo_search.limits import NEAR, OWN_CONSTRAINTS
 from topo_search.model import BadInput, Design, Fault, Task
-from topo_search.model.stated import Stated
 from topo_search.protocols import OwnConstraint, OwnSampler, SamplerFactory, TopologySampler
 from topo_search.study import Own, Sampler
 from topo_search.study.identity import digest
@@ -33,13 +33,14 @@ class Handed:
     """The one that a name stands for."""
     propose: SamplerFactory | None
     """What makes the user's own."""
+    constraints: tuple[OwnConstraint, ...]
 
 
 def collect_own(
     task: Task,
     *,
     near: Iterable[Design],
-    constraints: Sequence[OwnConstraint],
+    constraints: Iterable[OwnConstraint],
     topologies: Iterable[OwnTopology] | None,
     sampler: AnySampler,
     elsewhere: bool,
@@ -51,21 +52,25 @@ def collect_own(
         ValueError: an unknown sampler.
     """
     designs, own_sampler = starting_points(near), _own_sampler(sampler)
+    stated = own_constraints(constraints, elsewhere=elsewhere)
     return Handed(
         Own(
             topologies=None if topologies is None else own_candidates(topologies, task),
             near=tuple(digest(design.model_dump(mode="json", exclude={"solver"})) for design in designs),
-            constraints=stated_constraints(constraints, elsewhere=elsewhere),
+            constraints=tuple(one.stated for one in stated),
             sampler=None if own_sampler is None else own_sampler.stated,
         ),
         designs,
         sampler if isinstance(sampler, str) else "moves",
         None if own_sampler is None else own_sampler.make,
+        stated,
     )
 
 
 def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
     """Return designs to start from; BadInput if they are none, or too many."""
+    if isinstance(near, Design | str) or not isinstance(near, Iterable):
+        raise BadInput("near", [Fault("", f"must be a list of designs, but got {_one(near)}")])
     designs = tuple(near)
     faults = [
         Fault(f"[{k}]", f"must be a Design, but got {type(design).__name__}")
@@ -79,8 +84,8 @@ def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
     return designs
 
 
-def stated_constraints(constraints: Sequence[OwnConstraint], *, elsewhere: bool = False) -> tuple[Stated, ...]:
-    """Return own constraints as files keep them.
+def own_constraints(constraints: Iterable[OwnConstraint], *, elsewhere: bool = False) -> tuple[OwnConstraint, ...]:
+    """Return own constraints as they can be sent to workers.
 
     Args:
         constraints: to be sent to other processes.
@@ -89,21 +94,30 @@ def stated_constraints(constraints: Sequence[OwnConstraint], *, elsewhere: bool 
     Raises:
         BadInput: two have one name, one is no constraint or cannot be sent, or there are too many.
     """
-    if len(constraints) > OWN_CONSTRAINTS:
-        rule = f"must be at most {OWN_CONSTRAINTS:,}, but got {len(constraints):,}"
+    if isinstance(constraints, str) or not isinstance(constraints, Iterable):
+        rule = f"must be a list of OwnConstraint, but got {_one(constraints)}"
         raise BadInput("constraints", [Fault("", rule)])
+    given = tuple(islice(constraints, OWN_CONSTRAINTS + 1))
+    if len(given) > OWN_CONSTRAINTS:
+        raise BadInput("constraints", [Fault("", f"must be at most {OWN_CONSTRAINTS:,}, but got more")])
     faults = list[Fault]()
-    for k, one in enumerate(constraints):
+    for k, one in enumerate(given):
         if not isinstance(one, OwnConstraint):
             faults.append(Fault(f"[{k}]", f"must be an OwnConstraint, but got {type(one).__name__}"))
         elif (reason := _reason_to_stay(one, elsewhere=elsewhere)) is not None:
             faults.append(Fault(one.name, reason))
     if not faults:
-        names = Counter(one.name for one in constraints)
+        names = Counter(one.name for one in given)
         faults = [Fault(name, "must be the name of one constraint") for name, times in names.items() if times > 1]
     if faults:
         raise BadInput("constraints", faults)
-    return tuple(one.stated for one in constraints)
+    return given
+
+
+def _one(given: object) -> str:
+    """Return what to say of a single thing where a list is asked for."""
+    kind = type(given).__name__
+    return f"one {kind}: write it in brackets" if isinstance(given, Design | OwnConstraint) else kind
 
 
 def _reason_to_stay(constraint: OwnConstraint, *, elsewhere: bool) -> str | None:

@@ -15,10 +15,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from random import Random
 from typing import Any, Literal, Protocol, runtime_checkable
 
+from pydantic import ValidationError
+
 from topo_search.model import Design, ResolvedTask, Topology
+from topo_search.model.bad_input import faults_of
 from topo_search.model.folds import FOLD
 from topo_search.model.stated import Stated, Versioned
 
@@ -75,6 +79,14 @@ class ConstraintExpression(Protocol):
         ...
 
 
+def _require_stated(own: OwnConstraint | OwnSampler) -> None:
+    """Raise a ValueError that names the texts that files could not store, with their rules."""
+    try:
+        _ = own.stated
+    except ValidationError as error:
+        raise ValueError("; ".join(map(str, faults_of(error, Stated)))) from None
+
+
 @dataclass(frozen=True)
 class OwnConstraint:
     """A constraint of your own: `lower <= expression(platform) <= upper`, enforced by Ipopt.
@@ -108,6 +120,9 @@ class OwnConstraint:
         """Check the fields; ValueError names the rule and the value."""
         if not callable(self.expression):
             raise ValueError(f"expression must be a function of a SymbolicPlatform, but got {self.expression!r}")
+        for name, value in (("lower", self.lower), ("upper", self.upper), ("scale", self.scale)):
+            if not isinstance(value, Real) and not (name == "scale" and value is None):
+                raise ValueError(f"{name} must be a number, but got {value!r}")
         if not self.lower <= self.upper:
             raise ValueError(f"`lower <= upper` must hold, but got lower={self.lower}, upper={self.upper}")
         if not (math.isfinite(self.lower) or math.isfinite(self.upper)):
@@ -116,7 +131,7 @@ class OwnConstraint:
             raise ValueError(f"lower or upper leaves nothing, but got lower={self.lower}, upper={self.upper}")
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise ValueError(f"`0 < scale < inf` must hold, but got {self.scale}")
-        _ = self.stated  # its rules for texts
+        _require_stated(self)
 
     @property
     def stated(self) -> Stated:
@@ -221,6 +236,12 @@ class OwnSampler:
     version: str | None = None
     """Change it when its proposals change. A run with an unversioned sampler is never resumed."""
 
+    def __post_init__(self) -> None:
+        """Check the fields; ValueError names the rule and the value."""
+        if not callable(self.make):
+            raise ValueError(f"make must be a function that returns a sampler for a seed, but got {self.make!r}")
+        _require_stated(self)
+
     @property
     def stated(self) -> Versioned:
         """What a run's folder stores of it."""
@@ -242,3 +263,13 @@ class OwnFormat:
     """File name suffixes of this format, such as `.step`."""
     says: str = ""
     """A few words for `export --help`."""
+
+    def __post_init__(self) -> None:
+        """Check the types of the fields; ValueError names the rule and the value."""
+        if not callable(self.write):
+            raise ValueError(f"write must be a function of a design, but got {self.write!r}")
+        for name, value in (("name", self.name), ("says", self.says)):
+            if not isinstance(value, str):
+                raise ValueError(f"{name} must be a text, but got {value!r}")
+        if not isinstance(self.suffixes, tuple) or not all(isinstance(one, str) for one in self.suffixes):
+            raise ValueError(f"suffixes must be a tuple of texts, but got {self.suffixes!r}")

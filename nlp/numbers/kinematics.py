@@ -6,8 +6,10 @@ r"""Poses and the axes of all angles, compiled: for what follows a platform thro
 | R_i, p_i | pose of module i in W | (n,3,3), (n,3) | -, that of l_c |
 | omega_j, c_j | axis that theta_j turns about, and a point on it | (n+2,3) each | -, that of l_c |
 
-`nlp.numbers.geometry.poses` has the same poses without a compiler, which small tasks need not load.
-`nlp.bounds.branch.frames` has those of all corners of a box of angles at once.
+It is what searches and programs take. Others are there for a reason. `nlp.numbers.geometry.poses` draws starts and
+checks where a search ended: the check shares no code with what it checks, and commands that solve nothing load no
+compiler (rounded angles, claims of invariance). `nlp.bounds.branch.frames` and `nlp.bounds.paths` have the poses of
+many angles at once: of all corners of a box, and of modules in a row.
 """
 
 from __future__ import annotations

@@ -14,6 +14,9 @@ from topo_search.model.arrays import Array
 from topo_search.model.stated import StatedCheck
 from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
+DRAWS = 64
+"""Random platforms on one of which an own constraint must have a value."""
+
 
 def check_stated(
     constraints: Sequence[OwnConstraint],
@@ -46,9 +49,9 @@ def check_stated(
 
 def _check(constraint: OwnConstraint, platform: SymbolicPlatform) -> StatedCheck:
     values = np.asarray(ca.evalf(rows(constraint, platform)), dtype=float).ravel()
-    beyond = np.maximum(constraint.lower - values, values - constraint.upper)
     if not np.all(np.isfinite(values)):  # a constraint that has no value is not met
         return StatedCheck(**constraint.stated.model_dump(), status="missed")
+    beyond = np.maximum(constraint.lower - values, values - constraint.upper)
     place = int(np.argmax(beyond))
     met = beyond[place] <= TOLERANCE * scale_of(constraint, platform.task)
     return StatedCheck(
@@ -60,15 +63,22 @@ def _check(constraint: OwnConstraint, platform: SymbolicPlatform) -> StatedCheck
 
 
 def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, topology: Topology) -> None:
-    """Try own constraints on the symbols of one topology, before workers do.
+    """Try own constraints on the symbols of one topology, and on random values of them, before workers do.
 
     Raises:
         BadInput: names the constraint, and what its expression raises or returns in place of expressions.
     """
+    rng = np.random.default_rng(0)
     for constraint in constraints:
         try:
             own = OwnRows([constraint], task, topology)
-            _ = own.values, own.bounds
+            foreign = [symbol.name() for symbol in ca.symvar(own.g) if not ca.depends_on(own.x, symbol)]
+            if foreign:
+                raise ValueError(f"must be made of the platform's symbols alone, but has {', '.join(foreign)}")
+            _ = own.bounds
+            drawn = (np.asarray(own.values(own.draw(rng))) for _ in range(DRAWS))
+            if not any(np.all(np.isfinite(values)) for values in drawn):
+                raise ValueError(f"must have a finite value, but has none on {DRAWS} random platforms")
         except Exception as error:
             told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
             rule = f"cannot be stated for {topology.key}: {' '.join(told.split())}"

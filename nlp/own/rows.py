@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
 
@@ -79,6 +80,13 @@ class OwnRows:
         platform = symbolic_platform(self.task, self.topology, self.x)
         return [rows(one, platform).numel() for one in self.constraints]
 
+    def draw(self, rng: np.random.Generator) -> Array:
+        """Return random unknowns: angles [rad], lengths [l_arm] and inputs [u_hover] of the order of one."""
+        x = rng.uniform(-1.5, 1.5, self.x.numel())
+        first = len(x) - 4 * self.topology.n * len(self.task.load_cases)
+        x[first:] = np.abs(x[first:])
+        return x
+
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Bounds on g; those of inequalities a little closer, so that they are met where Ipopt ends."""
@@ -105,14 +113,21 @@ class OwnRows:
         values = np.asarray(self.values(point.pack()), dtype=float).ravel()
         parts = np.split(values, np.cumsum(self.counts)[:-1])
         return [
-            Violation(one.name, float(off * scale), one.unit, float(off), TOLERANCE)
+            _violation(one, scale, part)
             for one, scale, part in zip(self.constraints, self._scales, parts, strict=True)
-            for off in [max(np.max(one.lower / scale - part), np.max(part - one.upper / scale))]
         ]
 
     def append_to(self, program: Assembled) -> Assembled:
         """Return a program with these rows after its own."""
         return JoinedProgram(program, self) if self else program
+
+
+def _violation(constraint: OwnConstraint, scale: float, values: Array) -> Violation:
+    """Return how far values over their scale are from meeting a constraint; what is no number is farthest."""
+    if not np.all(np.isfinite(values)):
+        return Violation(f"{constraint.name} (no finite value)", scale, constraint.unit, math.nan, TOLERANCE)
+    off = float(max(np.max(constraint.lower / scale - values), np.max(values - constraint.upper / scale)))
+    return Violation(constraint.name, off * scale, constraint.unit, off, TOLERANCE)
 
 
 @lru_cache(maxsize=32)

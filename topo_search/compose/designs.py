@@ -12,22 +12,23 @@ import nlp
 from topo_search.compose.binding import backends
 from topo_search.engine import AuditDesign, Failed, Outcome, Workers, audit_deadline
 from topo_search.limits import MODULES, STARTS
-from topo_search.model import Audit, BadInput, Design, Fault, Status, Task, Topology
+from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
 from topo_search.model.files import read_task
-from topo_search.own import starting_points, stated_constraints
+from topo_search.own import own_constraints, starting_points
 from topo_search.protocols import OwnConstraint
 from topo_search.study import Solved, solve_single
+from topo_search.topologies import OwnTopology, own_topology
 
 
 def solve(
     task: Task | str | Path,
-    topology: Topology,
+    topology: OwnTopology,
     *,
     starts: int | None = None,
     seed: int = 0,
     time_limit: float | None = None,
     near: Iterable[Design] = (),
-    constraints: Sequence[OwnConstraint] = (),
+    constraints: Iterable[OwnConstraint] = (),
     progress: Callable[[Outcome], None] = lambda _: None,
     note: Callable[[str], None] = lambda _: None,
 ) -> Solved:
@@ -37,7 +38,7 @@ def solve(
 
     Args:
         task: a task, its file, or the name of a shipped example, of any number of modules.
-        topology: the tree.
+        topology: the tree, its key, or a graph as of `Topology.graph`.
         starts: number of starts.
         seed: random seed of the starts.
         time_limit: stop solving after this time [s].
@@ -52,22 +53,24 @@ def solve(
     """
     if starts is not None and not 1 <= starts <= STARTS:
         raise ValueError(f"`1 <= starts <= {STARTS:,}` must hold, but got {starts:,}")
-    if topology.n > MODULES:
-        raise BadInput("topology", [Fault("", f"must have at most {MODULES} modules, but got {topology.n:,}")])
+    try:
+        tree = own_topology(topology)
+    except ValueError as error:
+        raise BadInput("topology", [Fault("", str(error))]) from None
+    if tree.n > MODULES:
+        raise BadInput("topology", [Fault("", f"must have at most {MODULES} modules, but got {tree.n:,}")])
     asked = task if isinstance(task, Task) else read_task(task)
-    resolved = asked.resolve(topology.n)
-    if resolved.search.connectors == "aligned" and not topology.aligned:
-        rule = f'{topology.key} needs search.connectors = "any", but the task has "aligned"'
+    resolved = asked.resolve(tree.n)
+    if resolved.search.connectors == "aligned" and not tree.aligned:
+        rule = f'{tree.key} needs search.connectors = "any", but the task has "aligned"'
         raise BadInput(resolved.name, [Fault("topology", rule)])
-    designs = starting_points(near)
-    if constraints:
-        stated_constraints(constraints)
-        nlp.refuse_unusable(constraints, resolved, topology)
+    designs, stated = starting_points(near), own_constraints(constraints)
+    nlp.refuse_unusable(stated, resolved, tree)
     nlp.prepare(resolved, note)
     return solve_single(
         resolved,
-        topology,
-        backends(constraints),
+        tree,
+        backends(stated),
         starts=starts,
         round_size=nlp.default_starts(resolved),
         seed=seed,
@@ -150,7 +153,7 @@ def brackets_note(design: Design) -> str:
     return f"Brackets are not clear: {least.name}, {1000 * least.analytic_m:.3g} mm ({least.status})."
 
 
-def audit(design: Design, *, constraints: Sequence[OwnConstraint] = ()) -> Audit:
+def audit(design: Design, *, constraints: Iterable[OwnConstraint] = ()) -> Audit:
     """Return the exact audit of a design, made in a child process.
 
     Args:
@@ -161,10 +164,11 @@ def audit(design: Design, *, constraints: Sequence[OwnConstraint] = ()) -> Audit
         BadInput: a constraint cannot be used.
         RuntimeError: says why there is no audit.
     """
-    if constraints:
-        stated_constraints(constraints)
-        nlp.refuse_unusable(constraints, design.task, design.topology)
-    (result,) = audits([design], constraints=constraints)
+    if not isinstance(design, Design):
+        raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])
+    stated = own_constraints(constraints)
+    nlp.refuse_unusable(stated, design.task, design.topology)
+    (result,) = audits([design], constraints=stated)
     if isinstance(result, Failed):
         raise RuntimeError(f"the audit failed: {result.reason}")
     return result

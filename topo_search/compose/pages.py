@@ -59,10 +59,9 @@ def write_page(folder: RunFolder) -> None:
 def figure(design: Design, audited: Audit | None = None) -> Any:
     """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod."""
     from topo_search.export.viewpoint import poses_to_draw
+    from topo_search.report.headline import closest
     from topo_search.report.scene import scene
 
-    at = poses_to_draw(design)
-    if audited is None:
-        return scene(design, at)
-    closest = min(audited.pairs, key=lambda pair: pair.analytic_m, default=None)
-    return scene(design, at, closest, audited.assembly)
+    if not isinstance(design, Design):
+        raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])
+    return scene(design, poses_to_draw(design), closest(audited), None if audited is None else audited.assembly)

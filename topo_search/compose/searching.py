@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from decimal import Decimal
 from pathlib import Path
 
@@ -63,7 +63,7 @@ def search(
     dask_tls: Certificates | None = None,
     time_limit: float = math.inf,
     near: Iterable[Design] = (),
-    constraints: Sequence[OwnConstraint] = (),
+    constraints: Iterable[OwnConstraint] = (),
     topologies: Iterable[OwnTopology] | None = None,
     prove: float | None = None,
     observer: Observer | None = None,
@@ -130,11 +130,14 @@ def search(
     if prove is not None:
         refuse_unprovable(request, asked.name)
         _refuse_gap("prove", prove)
-    if constraints:
-        for n in asked.sizes:
-            resolved, topology = asked.resolve(n), next(request.space(n).candidates()).topology
-            nlp.refuse_unusable(constraints, resolved, topology)
-            nlp.refuse_wrong_claims(constraints, resolved, topology, mirror=improper_isometry(resolved))
+    if handed.propose is not None:
+        from topo_search.engine.proposals.samplers import make_own
+
+        make_own(handed.propose, seed)
+    for n in asked.sizes if handed.constraints else ():
+        resolved, topology = asked.resolve(n), next(request.space(n).candidates()).topology
+        nlp.refuse_unusable(handed.constraints, resolved, topology)
+        nlp.refuse_wrong_claims(handed.constraints, resolved, topology, mirror=improper_isometry(resolved))
     path = RUNS / request.folder_name if out is None else Path(out)
     observer, until = observer or Silent(), time.monotonic() + time_limit
     if dask is None:  # else every worker compiles where it is
@@ -143,7 +146,7 @@ def search(
         answer = run(
             request,
             path,
-            backends(constraints),
+            backends(handed.constraints),
             engine=engine,
             observer=observer,
             workers=engine.count if isinstance(engine, Workers) else None,

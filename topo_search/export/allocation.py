@@ -20,11 +20,12 @@ from typing import Literal
 
 import numpy as np
 
-from topo_search.export.parts import ROTOR_ANGLES, ROTOR_SPINS
+from topo_search.export.parts import ROTOR_SPINS
 from topo_search.export.poses import Poses, poses
 from topo_search.model.arrays import Array
 from topo_search.model.csv_text import csv_text
 from topo_search.model.design import Design
+from topo_search.model.module import Module
 from topo_search.model.value import Index, Number, Value, Vector
 
 ROWS = ("force_x_N", "force_y_N", "force_z_N", "torque_x_Nm", "torque_y_Nm", "torque_z_Nm")
@@ -121,12 +122,11 @@ class Allocation(Value):
 
 def allocation(design: Design) -> Allocation:
     """Return how the rotors of a design act on it."""
-    task, module, at = design.task, design.task.module, poses(design)
+    task, module, at, n = design.task, design.task.module, poses(design), design.topology.n
     k_f, k_tau = module.thrust_coefficient, module.torque_coefficient
-    o, n = rotor_positions(design, at), design.topology.n
-    z, s = np.repeat(at.z, 4, axis=0), np.tile(ROTOR_SPINS, n)
-    B_T = np.concatenate([z, np.cross(o, z) + (s * k_tau / k_f)[:, None] * z], axis=1).T
-    inverse = np.linalg.pinv(B_T, rcond=RANK_TOLERANCE)
+    o, z, s = at.rotors.reshape(-1, 3), np.repeat(at.z, 4, axis=0), np.tile(ROTOR_SPINS, n)
+    B_T = thrust_matrix(module, at)
+    inverse: Array = np.asarray(np.linalg.pinv(B_T, rcond=RANK_TOLERANCE), dtype=np.float64)
     J = inertia(design, at)
     moments, axes = np.linalg.eigh(J)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
@@ -162,11 +162,11 @@ def allocation(design: Design) -> Allocation:
     )
 
 
-def rotor_positions(design: Design, at: Poses) -> Array:
-    """Return o_j, shape (4n, 3) [m]."""
-    arm = design.task.module.arm_length
-    delta = arm * np.array([[np.cos(angle), np.sin(angle), 0.0] for angle in ROTOR_ANGLES])
-    return np.asarray((at.p[:, None] - at.p_com + np.einsum("nxy,qy->nqx", at.R, delta)).reshape(-1, 3))
+def thrust_matrix(module: Module, at: Poses) -> Array:
+    """Return B_T, shape (6, 4n) [N and N m per N]."""
+    o, z = at.rotors.reshape(-1, 3), np.repeat(at.z, 4, axis=0)
+    drag = np.tile(ROTOR_SPINS, len(at.p)) * module.torque_coefficient / module.thrust_coefficient
+    return np.concatenate([z, np.cross(o, z) + drag[:, None] * z], axis=1).T
 
 
 def inertia(design: Design, at: Poses) -> Array:

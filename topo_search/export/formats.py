@@ -78,6 +78,8 @@ def register_format(own: OwnFormat) -> None:
     Raises:
         ValueError: the name or a suffix is not allowed, or another format has it.
     """
+    if not isinstance(own, OwnFormat):
+        raise ValueError(f"must be an OwnFormat, but got {type(own).__name__}")
     if not NAME.fullmatch(own.name):
         raise ValueError(f"name must be small letters, digits and dashes, but got {own.name!r}")
     if own.name in _registered or own.name in RESERVED:
@@ -100,7 +102,11 @@ def formats() -> dict[str, OwnFormat]:
         if entry.name in _registered:
             continue
         source = f"{GROUP}: {entry.name} = {entry.value}"
-        own = entry.load()
+        try:
+            own = entry.load()
+        except Exception as error:
+            rule = f"cannot be loaded: {type(error).__name__}: {error}"
+            raise BadInput(source, [Fault("", rule)]) from error
         if not isinstance(own, OwnFormat) or own.name != entry.name:
             rule = f"must be an OwnFormat of this name, but is {type(own).__name__}"
             raise BadInput(source, [Fault("", rule)])
@@ -122,6 +128,8 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
     Raises:
         BadInput: there is no such format, or it cannot represent this design.
     """
+    if not isinstance(design, Design):
+        raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])
     path, known = Path(out), formats()
     if format is None:
         found = _of_suffix(path.suffix)
@@ -136,16 +144,21 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
     return path
 
 
-def content(design: Design, own: OwnFormat) -> str | bytes:
+def content(design: Design, own: OwnFormat) -> bytes:
     """Return the content of a design's file; BadInput says why there is none."""
     try:
         made = own.write(design)
+        if not isinstance(made, str | bytes) or not made:
+            told = f"wrote {type(made).__name__}" if made else "wrote nothing"
+            raise ValueError(f"must write text or bytes, but {told}")
+        return made if isinstance(made, bytes) else made.encode()
     except ValueError as error:
         raise BadInput(own.name, [Fault("", str(error))]) from error
-    if not isinstance(made, str | bytes):
-        rule = f"must write text or bytes, but wrote {type(made).__name__}"
-        raise BadInput(own.name, [Fault("", rule)])
-    return made
+    except Exception as error:
+        if own in OURS:
+            raise
+        rule = f"cannot write {design.topology.key}: {type(error).__name__}: {error}"
+        raise BadInput(own.name, [Fault("", rule)]) from error
 
 
 def _of_suffix(suffix: str) -> OwnFormat | None:

@@ -28,6 +28,8 @@ class Poses:
     """Centre of mass with the end-effector, (3,) [m]."""
     end_effector: Array
     """p'_E, (3,) [m]."""
+    rotors: Array
+    """Rotors from the centre of mass, (n, 4, 3) [m]."""
 
     @property
     def p_E(self) -> Array:
@@ -43,7 +45,7 @@ class Poses:
 def poses(design: Design) -> Poses:
     """Return the pose of every module by the audit's forward kinematics."""
     found = platform(design)
-    places = found.poses.p, found.p_com, design.end_effector_m
+    places = found.poses.p, found.p_com, design.end_effector_m, found.rotors
     return Poses(read_only(found.poses.R), *map(read_only, places))
 
 

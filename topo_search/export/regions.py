@@ -21,11 +21,11 @@ from topo_search.model.hulls import Hull, convex_hull
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape
 
 
-def shapes(task: ResolvedTask, at: Poses) -> Iterator[tuple[int, Shape]]:
-    """Yield every shape of every requirement, with the requirement's number."""
+def shapes(task: ResolvedTask, p_E: Array) -> Iterator[tuple[int, Shape]]:
+    """Yield every shape of every requirement with its number, for an end-effector p_E from the centre of mass."""
     for number, requirement in enumerate(task.exposure):
         for shape in requirement.shapes:
-            yield number, shape.at(at.p_E)
+            yield number, shape.at(p_E)
 
 
 def hull(shape: Polytope) -> Hull:

@@ -84,7 +84,7 @@ class Scene:
     def exposure(self) -> None:
         """Draw every region that the airflow must not reach; of a cone, the surface that encloses all airflow."""
         apex, up = self.at.end_effector, np.array([0.0, 0.0, 1.0])
-        for _, shape in shapes(self.design.task, self.at):
+        for _, shape in shapes(self.design.task, self.at.p_E):
             match shape:
                 case Capsule(radius=r):
                     start, end = apex + shape.start, apex + shape.end

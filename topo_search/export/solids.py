@@ -20,7 +20,7 @@ from trimesh.visual.material import PBRMaterial
 from topo_search.export import palette
 from topo_search.export.meshes import cone_sphere, frame, join, pose_matrix, rotors
 from topo_search.export.poses import Poses, poses, rotation
-from topo_search.export.regions import mesh, shapes
+from topo_search.export.regions import cone_slant, mesh, shapes
 from topo_search.export.rod import rod_of
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
@@ -95,9 +95,8 @@ def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
 
 def _region(design: Design, number: int, at: Poses) -> Solid:
     """Return the region that a requirement keeps out of the airflow; of a cone, the surface that encloses it."""
-    own = [shape for of, shape in shapes(design.task, at) if of == number]
-    slant = float(np.linalg.norm(at.p - at.end_effector, axis=1).max()) + design.task.module.reach
-    surface = join([mesh(shape, slant) for shape in own])
+    own = [shape for of, shape in shapes(design.task, at.p_E) if of == number]
+    surface = join([mesh(shape, cone_slant(design, at)) for shape in own])
     opacity = 0.15 if isinstance(own[0], Cone) else 0.3
     here = [pose_matrix(np.eye(3), at.end_effector)]
     return Solid(f"exposure_{number}", surface, palette.EXPOSURE, here, opacity=opacity)

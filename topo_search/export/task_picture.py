@@ -24,7 +24,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
 from topo_search.export import outlines, palette
-from topo_search.export.poses import Poses
 from topo_search.export.regions import hull, shapes
 from topo_search.model import ResolvedTask, needs_offset
 from topo_search.model.arrays import Array
@@ -138,10 +137,9 @@ def _wedge(d: Array, theta: float, view: tuple[int, int], far: float) -> Array:
     return np.asarray(arc if phi == math.pi else np.vstack([np.zeros(2), arc]))
 
 
-def _stand_in(task: ResolvedTask) -> Poses:
-    """Return one module below the end-effector, in the direction that the task fixes or else straight below."""
-    p_E = np.array(task.end_effector.fixed_position or UP)
-    return Poses(np.eye(3)[None], -p_E[None], -p_E, np.zeros(3))
+def _stand_in(task: ResolvedTask) -> Array:
+    """Return p_E of a platform below the end-effector: what the task fixes, or else straight below."""
+    return np.array(task.end_effector.fixed_position or UP)
 
 
 def _towards_viewer(view: tuple[int, int]) -> Array:

@@ -14,8 +14,10 @@ from topo_search.model.value import Number, Value
 NOT_CERTIFIED = "stated by the user, not certified"
 """How a reader is told that nothing proves it."""
 
-Named = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f\x7f]*$")]
+Line = Annotated[str, Field(max_length=100, pattern=r"^[^\x00-\x1f\x7f]*$")]
 """One line of text."""
+Named = Annotated[Line, Field(min_length=1)]
+"""One that says something."""
 
 
 class Versioned(Value):
@@ -32,7 +34,7 @@ class Stated(Versioned):
     lower: Number | None = None
     """In `unit`; None: none."""
     upper: Number | None = None
-    unit: str = ""
+    unit: Line = ""
     invariant: Literal["none", "numbering", "mirror"] = "none"
     """What the user says leaves it met or missed as it was (`topo_search.protocols.OwnConstraint`)."""
 

@@ -122,6 +122,8 @@ class Topology:
         Raises:
             ValueError: it is no tree, an edge has no such ports, or they are not those of a tree of modules.
         """
+        if graph.is_multigraph():
+            raise ValueError(f"must be a graph with one edge for each joint, but got a {type(graph).__name__}")
         if not graph.number_of_nodes() or not nx.is_tree(graph):
             nodes, edges = graph.number_of_nodes(), graph.number_of_edges()
             raise ValueError(f"must be a tree, but got a graph of {nodes} nodes and {edges} edges that is not one")

@@ -13,7 +13,6 @@ polytope. What is told in figures is the audit's, which proves it; this module o
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from topo_search.export.parts import ROTOR_ANGLES, ROTOR_SPINS
+from topo_search.export.allocation import thrust_matrix
 from topo_search.export.poses import Poses
 from topo_search.model import Design
 from topo_search.model.arrays import Array
@@ -41,21 +40,11 @@ class ForcePolytope(NamedTuple):
     """(t, 3), indices of vertices."""
 
 
-def unit_wrenches(design: Design, at: Poses) -> tuple[Array, Array]:
-    """Return F and T, (3, 4 n) each [N s^2, N m s^2]."""
-    module = design.task.module
-    k_f, k_tau, l_arm = module.thrust_coefficient, module.torque_coefficient, module.arm_length
-    arms = l_arm * np.array([[math.cos(angle), math.sin(angle), 0.0] for angle in ROTOR_ANGLES])
-    levers = at.p[:, None] + np.einsum("nij,qj->nqi", at.R, arms) - at.p_com
-    z = np.broadcast_to(at.z[:, None], levers.shape)
-    torques = k_f * np.cross(levers, z) + k_tau * np.array(ROTOR_SPINS)[:, None] * z
-    return k_f * z.reshape(-1, 3).T, torques.reshape(-1, 3).T
-
-
 def force_polytope(design: Design, at: Poses) -> ForcePolytope | None:
     """Return the polytope; None where the platform cannot hover, or where all forces lie in a plane."""
-    u_max = design.task.module.max_input(design.task.gravity)
-    F, T = (u_max * part for part in unit_wrenches(design, at))
+    module = design.task.module
+    largest = module.max_input(design.task.gravity) * module.thrust_coefficient
+    F, T = np.split(largest * thrust_matrix(module, at), 2)
     weight = design.task.force_unit(design.topology.n)
     x, y, z = at.p_E
     lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # lever @ f = p_E x f

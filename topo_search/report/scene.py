@@ -94,7 +94,7 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
     apex = at.end_effector
     kept_out: list[Trimesh] = []
     cones: list[Trimesh] = []
-    for _, shape in shapes(design.task, at):
+    for _, shape in shapes(design.task, at.p_E):
         surface = mesh(shape, cone_slant(design, at)).apply_translation(apex)
         (cones if isinstance(shape, Cone) else kept_out).append(surface)
     for part, words, found, opacity in (

@@ -10,7 +10,7 @@ from topo_search.topologies.candidates import (
     quotient_of,
     sample,
 )
-from topo_search.topologies.own import OwnTopology, own_candidates
+from topo_search.topologies.own import OwnTopology, own_candidates, own_topology
 from topo_search.topologies.quotient import Quotient
 from topo_search.topologies.resolution import Resolution, resolve_symmetry
 from topo_search.topologies.symmetry import Connectors, Root, Symmetry
@@ -31,6 +31,7 @@ __all__ = [
     "draws",
     "improper_isometry",
     "own_candidates",
+    "own_topology",
     "quotient_of",
     "resolve_symmetry",
     "sample",

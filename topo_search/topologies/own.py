@@ -10,6 +10,7 @@ import networkx as nx
 
 from topo_search.limits import MODULES, OWN_TOPOLOGIES
 from topo_search.model import BadInput, Fault, Task, Topology
+from topo_search.model.bad_input import show
 
 OwnTopology: TypeAlias = "Topology | str | nx.Graph[Any]"
 """A tree, its key, or a graph with `ports = {module: port}` at every edge, as `Topology.graph` returns it."""
@@ -37,13 +38,16 @@ def own_candidates(
         BadInput: one fault for each that is no tree, of another size, not allowed by the task, or listed before; or
             for a size without any. None, or too many, are a fault as well.
     """
+    if isinstance(topologies, str | nx.Graph | Topology) or not isinstance(topologies, Iterable):
+        got = show(topologies) if isinstance(topologies, str) else type(topologies).__name__
+        raise BadInput(source, [Fault("", f"must be a list of topologies, but got {got}")])
     faults, first = list[Fault](), dict[str, str]()
     for number, given in enumerate(topologies):
         if number >= OWN_TOPOLOGIES:
             raise BadInput(source, [Fault("", f"must list at most {OWN_TOPOLOGIES:,} topologies, but has more")])
         place = f"[{number}]" if places is None else places[number]
         try:
-            topology = _read(given)
+            topology = own_topology(given)
             _require_allowed(topology, task)
         except ValueError as error:
             faults.append(Fault(place, str(error)))
@@ -65,7 +69,8 @@ def own_candidates(
     return tuple(sorted(first))
 
 
-def _read(given: OwnTopology) -> Topology:
+def own_topology(given: OwnTopology) -> Topology:
+    """Return a tree that a user gave; ValueError says what is wrong with it."""
     if isinstance(given, Topology):
         return given
     if isinstance(given, str):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from copy import copy
 from dataclasses import replace
+from numbers import Integral
+from typing import Any, cast
 
 from optuna import Study
 from optuna.samplers import BaseSampler, NSGAIISampler, TPESampler
-from optuna.trial import FrozenTrial
+from optuna.trial import FrozenTrial, TrialState
 
 from topo_search.engine.proposals.encoding import decode
 from topo_search.engine.proposals.moves import Moves
@@ -47,7 +51,65 @@ class Optunas(TreeSampler):
             for name, distribution in self.distributions.items():
                 if name not in numbers:
                     numbers[name] = self._sampler.sample_independent(study, trial, name, distribution)
-            yield Idea(self.space.candidate_of(decode(numbers, self.space.n)).key)
+            yield self.idea_of(numbers)
+
+    def idea_of(self, numbers: dict[str, int]) -> Idea:
+        """Return the candidate whose tree some numbers make."""
+        return Idea(self.space.candidate_of(decode(numbers, self.space.n)).key)
+
+
+class OwnOptunas(Optunas):
+    """Has them proposed by a user's sampler from the first on, in the order in which Optuna itself calls one."""
+
+    def before_trial(self, study: Study, trial: FrozenTrial) -> None:
+        """Let the sampler prepare."""
+        with _naming(self._sampler, "before_trial"):
+            self._sampler.before_trial(study, trial)
+
+    def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
+        """Yield what the sampler proposes."""
+        while True:
+            yield self.idea_of(self._numbers(study, study.get_trials()[trial.number]))
+
+    def _numbers(self, study: Study, trial: FrozenTrial) -> dict[str, int]:
+        """Return what is proposed for a trial, as `before_trial` left it."""
+        with _naming(self._sampler, "sample_relative"):
+            known = self._sampler.infer_relative_search_space(study, trial)
+            together = dict(self._sampler.sample_relative(study, trial, known))
+        numbers = dict[str, int]()
+        for name, distribution in self.distributions.items():
+            so_far = copy(trial)
+            so_far.params = dict(numbers)
+            if name in together:
+                value = together[name]
+            else:
+                with _naming(self._sampler, "sample_independent"):
+                    value = self._sampler.sample_independent(study, so_far, name, distribution)
+            if not isinstance(value, Integral) or value not in range(self.values[name]):
+                rule = f"{name} must be one of 0, ..., {self.values[name] - 1}, but got {value!r}"
+                raise BadInput("sampler", [Fault(type(self._sampler).__name__, rule)])
+            numbers[name] = int(value)
+        return numbers
+
+    def after_trial(
+        self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None
+    ) -> None:
+        """Tell the sampler what became of a trial."""
+        with _naming(self._sampler, "after_trial"):
+            self._sampler.after_trial(cast("Study", _Endless(study)), trial, state, values)
+
+
+class _Endless:
+    """A study that a sampler does not stop: when its ideas are used up, trees are drawn."""
+
+    def __init__(self, study: Study) -> None:
+        self._study = study
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._study, name)
+
+    def stop(self) -> None:
+        """Go on."""
 
 
 class Owned(TreeSampler):
@@ -69,7 +131,8 @@ class Owned(TreeSampler):
         """Yield what the sampler proposes."""
         tried = [self._tried[number] for number in sorted(self._tried)]
         while True:
-            proposed = self._sampler.propose(self.space, tried, self.random)
+            with _naming(self._sampler, "propose"):
+                proposed = self._sampler.propose(self.space, tried, self.random)
             yield Idea(self._candidate(proposed))
 
     def _candidate(self, proposed: Topology | str) -> str:
@@ -95,14 +158,33 @@ def sampler_of(
         BadInput: the factory makes no sampler.
     """
     if not isinstance(sampler, str):
-        made = sampler(seed % SEEDS)
-        if isinstance(made, BaseSampler):
-            return Optunas(space, seed, made)
-        if isinstance(made, TopologySampler):
-            return Owned(space, seed, made)
-        rule = f"must make an Optuna sampler, or an object with `propose`, but made {type(made).__name__}"
-        raise BadInput("sampler", [Fault("", rule)])
+        made = make_own(sampler, seed)
+        return OwnOptunas(space, seed, made) if isinstance(made, BaseSampler) else Owned(space, seed, made)
     return _by_name(sampler, space, starts=starts, seed=seed, round_size=round_size)
+
+
+def make_own(factory: SamplerFactory, seed: int) -> BaseSampler | TopologySampler:
+    """Return what a user's factory makes for a seed; BadInput if it is no sampler."""
+    with _naming(factory, "", "cannot make a sampler for a seed"):
+        made = factory(seed % SEEDS)
+    if isinstance(made, BaseSampler):
+        return made
+    if isinstance(made, TopologySampler) and not isinstance(made, type) and callable(made.propose):
+        return made
+    got = f"the class {made.__name__} itself" if isinstance(made, type) else type(made).__name__
+    rule = f"must make an Optuna sampler, or an object with `propose`, but made {got}"
+    raise BadInput("sampler", [Fault("", rule)])
+
+
+@contextmanager
+def _naming(own: object, method: str, rule: str = "raised an error") -> Iterator[None]:
+    """Name a user's sampler and its method in what it raises."""
+    try:
+        yield
+    except Exception as error:
+        kind = getattr(own, "__qualname__", type(own).__name__)
+        told = " ".join(f"{rule}: {type(error).__name__}: {error}".split())
+        raise BadInput("sampler", [Fault(f"{kind}.{method}".rstrip("."), told)]) from error
 
 
 def _by_name(name: str, space: Space, *, starts: int, seed: int, round_size: int) -> TreeSampler:

@@ -55,9 +55,10 @@ class TreeSampler(BaseSampler):
         self.trials = Trials()
         self.drawn: dict[int, Idea] = {}
         """What was drawn for a trial, by its number; the only tree of one module needs no draw."""
+        self.values = ranges(space.n, self.connectors)
+        """How many values each number that makes a tree can have."""
         self.distributions: dict[str, BaseDistribution] = {
-            name: CategoricalDistribution(range(values))
-            for name, values in ranges(space.n, self.connectors).items()
+            name: CategoricalDistribution(range(values)) for name, values in self.values.items()
         }
         """The numbers that make a tree, as Optuna's `ask` takes them."""
 
