@@ -14,12 +14,13 @@ from topo_search.model.proven import at_least, at_most
 from topo_search.model.stated import StatedCheck
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
+from topo_search.report.clearances import clearance
 from topo_search.report.flight_part import flight_part
 from topo_search.report.page import Chart, DesignPart, Table
 from topo_search.report.task_facts import vector
 from topo_search.report.tree_svg import tree_svg
 from topo_search.report.view import view
-from topo_search.report.wording import EFFORT, clearance, figures, length, modules, quantity
+from topo_search.report.wording import EFFORT, figures, length, modules, quantity
 
 NEAREST = 12
 """Number of clear pairs in the table of the nearest."""

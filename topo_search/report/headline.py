@@ -8,8 +8,9 @@ from topo_search.model import Audit, Clearance, Design, Flight
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, gap_percent
 from topo_search.model.topology import PORT_NAMES
+from topo_search.report.clearances import clearance
 from topo_search.report.page import Tile
-from topo_search.report.wording import clearance, figures, length, modules
+from topo_search.report.wording import figures, length, modules
 
 
 def headline(design: Design, audit: Audit | None, gap: float | None, compared: str) -> tuple[Tile, ...]:

@@ -19,8 +19,8 @@ from topo_search.model.arrays import Array
 from topo_search.model.module import Module
 from topo_search.model.shape import Cone
 from topo_search.model.topology import PORT_NAMES
+from topo_search.report.clearances import clearance
 from topo_search.report.traces import MATT, columns, drawn_lines, drawn_mesh, drawn_points, triangles
-from topo_search.report.wording import clearance
 
 CLOSE = 2.0
 """Distance of the viewer, in edges of a cube as large as what is shown."""

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from topo_search.model import Clearance
-from topo_search.model.proven import at_least
-
 EFFORT = "J = Σ_k λ_k ‖u_k‖²"
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -33,13 +30,3 @@ def length(metres: float) -> str:
     if abs(metres) < 0.01:
         return f"{figures(1000 * metres, 3)} mm"
     return f"{figures(100 * metres, 3)} cm" if abs(metres) < 1 else f"{figures(metres, 3)} m"
-
-
-def clearance(pair: Clearance) -> str:
-    """Return a clearance in figures with its unit, rounded down."""
-    return length(at_least(pair.analytic_m, 3))
-
-
-def millimetres(pair: Clearance) -> str:
-    """Return the same figures in millimetres, without the unit."""
-    return f"{at_least(1000 * pair.analytic_m, 3):g}".replace("-", "−")
