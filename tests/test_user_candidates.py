@@ -228,6 +228,16 @@ def test_a_wrong_tree_or_start_of_a_single_solve_is_named(hover, topology, words
         solve(hover, topology, starts=1, near="design.json")
 
 
+@pytest.mark.parametrize("task", [5, None, {"name": "push"}])
+def test_what_is_no_task_is_named(tmp_path, task):
+    words = f"task: must be a Task, a file or the name of a shipped example, but got {type(task).__name__}"
+    with pytest.raises(BadInput, match=words):
+        solve(task, "a500", starts=1)
+    with pytest.raises(BadInput, match=words):
+        search(task, out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
 def test_own_parts_that_do_not_go_together_are_refused(hover, tmp_path):
     with pytest.raises(ValueError, match="exhaustive"):
         search(hover, out=tmp_path / "run", strategy="optuna", topologies=["a500"])

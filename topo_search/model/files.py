@@ -52,6 +52,9 @@ def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: 
     Raises:
         BadInput: one fault for each thing that is wrong.
     """
+    if not isinstance(path, str | os.PathLike):
+        rule = f"must be a Task, a file or the name of a shipped example, but got {type(path).__name__}"
+        raise BadInput("task", [Fault("", rule)])
     name = str(path)
     if name in examples():
         text = (resources.files("topo_search") / "examples" / f"{name}.toml").read_text(encoding="utf-8")
