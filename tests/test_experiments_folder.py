@@ -8,7 +8,7 @@ from topo_search.cli.experiment import NAMES
 from topo_search.engine import Failed
 from topo_search.experiments import Settings, experiment, results
 from topo_search.experiments.cell import Variant, plan
-from topo_search.experiments.folder import ABOUT, RESULTS, Results, about
+from topo_search.experiments.folder import ABOUT, RESULTS, Results, identify
 from topo_search.experiments.measured import COLUMNS, Measured, failure_row
 from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput
@@ -20,7 +20,7 @@ SETTINGS = Settings(tasks=(("push", (3,)),), topologies=(3, 3), starts=1)
 
 def asked(**changes):
     settings = SETTINGS.override(**changes)
-    return about("scaling", settings.as_json(), f"topo-search experiment scaling {settings.as_options()}")
+    return identify("scaling", settings.as_json(), f"topo-search experiment scaling {settings.as_options()}")
 
 
 def cells():

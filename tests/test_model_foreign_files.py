@@ -14,7 +14,7 @@ import trimesh
 from click.testing import CliRunner
 
 from topo_search.cli import main
-from topo_search.experiments.folder import Results, about
+from topo_search.experiments.folder import Results, identify
 from topo_search.limits import DESIGN_BYTES, FACETS, FRAME_TRIANGLES, MESH_BYTES, RESULT_BYTES, TASK_BYTES
 from topo_search.model import BadInput, Design
 from topo_search.model.files import read_json, read_task, write_atomically
@@ -78,7 +78,7 @@ def _experiment(path: Path) -> None:
     folder = path.parent / "experiment"
     folder.mkdir()
     path.rename(folder / "about.json")
-    with Results.open(folder, about("scaling", {}, "")):
+    with Results.open(folder, identify("scaling", {}, "")):
         pass
 
 

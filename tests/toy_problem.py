@@ -198,7 +198,7 @@ class InProcess:
             if job is not None:  # all before it are known here
                 yield job, function(job)
 
-    def one(self, function, job, *, deadline, until=math.inf):
+    def run_one(self, function, job, *, deadline, until=math.inf):
         return function(job)
 
 

@@ -19,7 +19,7 @@ from attempts import Stated, attempts
 from children import Child, Row
 
 from topo_search.experiments.cell import Cell
-from topo_search.experiments.folder import Results, about
+from topo_search.experiments.folder import Results, identify
 from topo_search.experiments.measured import Measured
 from topo_search.experiments.scaling import EXPERIMENT
 
@@ -50,7 +50,7 @@ def main() -> None:
         f"--sizes {' '.join(map(str, given.sizes))} --topologies {given.topologies} --distance {given.distance} "
         f"--starts {given.starts} --cap {given.cap}"
     )
-    with Results.open(given.out, about(EXPERIMENT.name, settings.as_json(), command)) as rows:
+    with Results.open(given.out, identify(EXPERIMENT.name, settings.as_json(), command)) as rows:
         for cell in EXPERIMENT.cells(settings):
             if not rows.has(cell):
                 rows.add(measured(cell, given.cap))
