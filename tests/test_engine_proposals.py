@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import optuna
 import pytest
-from optuna.samplers import BaseSampler
+from optuna.samplers import BaseSampler, GridSampler
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
@@ -183,10 +183,23 @@ def test_a_sampler_of_optunas_is_called_as_optuna_calls_it(make: SamplerFactory)
         return sampler
 
     every = Space(read_task("push", ("modules=3",)).resolve(3), "none", rooted=True)
-    followed = replay(study_of(every, sampler=watched, trials=1000, starts=1, seed=0, round_size=4))
-    assert sorted(followed.new) == sorted(candidate.key for candidate in every.candidates())
+    replayed = replay(study_of(every, sampler=watched, trials=1000, starts=1, seed=0, round_size=4))
+    assert sorted(replayed.new) == sorted(candidate.key for candidate in every.candidates())
     assert called[:2] == ["before_trial", "infer_relative_search_space"]
-    assert called.count("before_trial") == called.count("after_trial") == len(followed.searched)
+    assert called.count("before_trial") == called.count("after_trial") == len(replayed.searched)
+
+
+def test_a_sampler_of_a_user_does_not_hear_of_trees_that_are_solved_again(tmp_path: Path) -> None:
+    """Optuna's grid sampler looks for its own number in every trial that it hears of."""
+    every = Space(read_task("push", ("modules=3",)).resolve(3), "none", rooted=True)
+    grid = {"port 1": range(4), "port 2": range(3)}
+    journal = tmp_path / "study.journal"
+    strategy = study_of(
+        every, sampler=lambda seed: GridSampler(grid, seed=seed), trials=11, starts=8, seed=0, journal=journal
+    )
+    replayed = replay(strategy, lambda key, starts: Scored(key, starts, "feasible", spread(key), 0.0))
+    assert len(replayed.new) == 11
+    assert replayed.stages
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
@@ -327,8 +340,8 @@ def test_of_twins_the_other_one_follows_where_the_first_is_good() -> None:
     keys = replay(study_of(space(8), sampler="moves", trials=160, starts=4, seed=0)).new
     ranking = sorted(keys, key=lambda key: scored(key, 4).objective or math.inf)
     assert twin_of(ranking[0]) in keys
-    replayed = [twin_of(key) in keys and twin_of(key) != key for key in ranking]
-    assert sum(replayed[80:]) < 0.2 * sum(replayed[:80])  # a half where nothing is known of twins
+    mirrored = [twin_of(key) in keys and twin_of(key) != key for key in ranking]
+    assert sum(mirrored[80:]) < 0.2 * sum(mirrored[:80])  # a half where nothing is known of twins
 
 
 def test_a_tree_whose_starts_miss_is_found_by_its_twin() -> None:

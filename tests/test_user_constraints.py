@@ -4,6 +4,7 @@ import json
 import math
 from functools import partial
 
+import casadi as ca
 import own_code
 import pytest
 from own_code import EQUAL_FOLDS, UPRIGHT, height, lifted, nonsense, sideways, span, spans, words
@@ -153,7 +154,7 @@ def test_a_wrong_claim_of_invariance_is_found(task, tmp_path, expression, invari
         (own_code.uprightness, "constraints: must be a list of OwnConstraint, but got function"),
         (
             [OwnConstraint("c", own_code.no_number, upper=1.0)],
-            "c: cannot be stated for a110: must have a finite value, but has none on 64",
+            "c: cannot be stated for a110: must have a finite value, but has none on 256",
         ),
         ([OwnConstraint("c", own_code.infinite, lower=1.0)], "must have a finite value"),
         (
@@ -207,6 +208,20 @@ def test_what_has_no_number_is_missed(task, expression):
 def test_what_has_a_number_for_some_platforms_is_no_mistake(task):
     one = OwnConstraint("c", own_code.some_number, lower=0.0)
     refuse_unusable([one], task.resolve(3), Topology.from_key("a500"))
+
+
+@pytest.mark.parametrize("key", ["a500", "a70010", "aa1106020"])
+@pytest.mark.parametrize(
+    "expression",
+    [
+        lambda platform: ca.log(ca.norm_2(platform.end_effector) - 0.6),
+        lambda platform: ca.log(0.2 - ca.norm_2(platform.end_effector - platform.centres[0])),
+        lambda platform: ca.sqrt(0.04 - platform.hinge_angles**2),
+    ],
+)
+def test_what_has_numbers_for_few_platforms_is_no_mistake_either(key, expression):
+    tree = Topology.from_key(key)
+    refuse_unusable([OwnConstraint("c", expression, lower=0.0)], read_task("push").resolve(tree.n), tree)
 
 
 def test_a_design_file_keeps_the_names(hover, tmp_path):

@@ -93,7 +93,7 @@ class AssembledProgram:
                 if turned < 0.98 * limit or (not found and gain < GAIN):
                     break  # a minimum inside the limit, or next to none
                 limit *= GROWTH
-            elif gain < LEAST_DECREASE:
+            elif not gain >= LEAST_DECREASE:  # also where an own constraint has no finite value
                 if not patience:
                     break
                 patience, limit = patience - 1, limit / GROWTH

@@ -14,8 +14,8 @@ from topo_search.model.arrays import Array
 from topo_search.model.stated import StatedCheck
 from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
-DRAWS = 64
-"""Random platforms on one of which an own constraint must have a value."""
+DRAWS = 256
+"""Random platforms; each value of an own constraint must be finite on one of them."""
 
 
 def check_stated(
@@ -72,12 +72,13 @@ def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, to
     for constraint in constraints:
         try:
             own = OwnRows([constraint], task, topology)
-            foreign = [symbol.name() for symbol in ca.symvar(own.g) if not ca.depends_on(own.x, symbol)]
+            known = {symbol.element_hash() for symbol in ca.symvar(own.x)}
+            foreign = [symbol.name() for symbol in ca.symvar(own.g) if symbol.element_hash() not in known]
             if foreign:
                 raise ValueError(f"must be made of the platform's symbols alone, but has {', '.join(foreign)}")
             _ = own.bounds
-            drawn = (np.asarray(own.values(own.draw(rng))) for _ in range(DRAWS))
-            if not any(np.all(np.isfinite(values)) for values in drawn):
+            finite = [np.isfinite(np.asarray(own.values(own.draw(rng)))) for _ in range(DRAWS)]
+            if not np.all(np.any(finite, axis=0)):
                 raise ValueError(f"must have a finite value, but has none on {DRAWS} random platforms")
         except Exception as error:
             told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"

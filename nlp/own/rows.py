@@ -20,6 +20,7 @@ from nlp.numbers.evaluate import Violation, violations
 from nlp.numbers.point import Point
 from nlp.own.expressions import rows, scale_of, symbolic_platform
 from nlp.own.joined import Assembled, JoinedProgram
+from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.protocols import OwnConstraint
@@ -81,11 +82,16 @@ class OwnRows:
         return [rows(one, platform).numel() for one in self.constraints]
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """Return random unknowns: angles [rad], lengths [l_arm] and inputs [u_hover] of the order of one."""
-        x = rng.uniform(-1.5, 1.5, self.x.numel())
-        first = len(x) - 4 * self.topology.n * len(self.task.load_cases)
+        """Return random unknowns, small or large: angles to a right angle, p'_E as far as modules reach, inputs."""
+        n, unit = self.topology.n, Units.of(self.task)
+        first = self.x.numel() - 4 * n * len(self.task.load_cases)
+        largest = np.full(self.x.numel(), 2.0)  # inputs: twice what hovers
+        largest[: n + 2] = math.pi / 2
+        largest[n + 2 : first] = 2 * n * self.task.module.connector_distance / unit.length
+        kinds = [n + 2, first - n - 2, len(largest) - first]
+        x = largest * np.repeat(10.0 ** rng.uniform(-2.0, 0.0, 3), kinds) * rng.uniform(-1.0, 1.0, len(largest))
         x[first:] = np.abs(x[first:])
-        return x
+        return np.asarray(x)
 
     @property
     def bounds(self) -> tuple[Array, Array]:

@@ -72,8 +72,8 @@ HALVED_AFTER = 8
 LEAST_HALVED = 64
 """Fewest starts that are left; so many or fewer all go on.
 
-On push with seven and eight modules 160 draws, halved, reach as many of the best known efforts as 128 that all
-go on, or more, in 0.9 of the CPU time.
+On push with seven and eight modules 160 draws, halved, reach about as many of the best known efforts as 128 that
+all go on, in 0.9 of the CPU time.
 """
 
 

@@ -105,8 +105,8 @@ def _solver(method: Method, task: ResolvedTask, topology: Topology) -> Solver:
     ready = AssembledProgram(task, topology)
 
     def solve(start: Point) -> tuple[Point, int]:
-        answer = ready.solve(start)
-        return answer.point, answer.iterations
+        result = ready.solve(start)
+        return result.point, result.iterations
 
     return solve
 

@@ -8,12 +8,13 @@ source, checked out in a temporary folder, in a process of its own beside anothe
 after the other, tree by tree, so that both meet the same load. CPU seconds of one thread; code is compiled before.
 The best known effort of a tree is the less of the two; shown are the numbers of trees within 0.1 % of it, and how
 far the efforts found are over it in the mean and at most. What a file keeps is not solved again; parts of the trees
-may be solved side by side and share it. The table is of all that it has.
+may be solved side by side and share it. The table is of all that it has by then.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import io
 import json
 import os
@@ -82,6 +83,8 @@ def main() -> None:
     n = arguments.modules
     settings = (f"modules={n}", *arguments.settings)
     first, step = (int(part) for part in arguments.part.split("/"))
+    if not 1 <= first <= step:
+        parser.error(f"--part I/P: 1 <= I <= P must hold, but got {arguments.part}")
     print(f"n = {n}, {' '.join(settings[1:])}")
     of_each = "designs | within 0.1 % | mean, most over best known | CPU s"
     print(
@@ -99,25 +102,32 @@ def main() -> None:
             )
             known = {"EXAMPLE": example, "SETTINGS": settings, "N": n}
             was, present = {**known, "STARTS": arguments.starts_before}, {**known, "STARTS": starts}
-            kept = Kept(arguments.keep, [arguments.revision, was, present])
+            kept = Kept(arguments.keep, [arguments.revision, _digest(HERE), was, present])
             with _served(was, old) as before, _served(present, HERE) as now:
                 for turn in range(arguments.repeat):
                     for tree in trees[first - 1 :: step]:
                         if (tree.key, turn) not in kept.pairs:
                             kept.add((tree.key, turn), (_asked(before, tree.key), _asked(now, tree.key)))
-            cells = _cells(list(kept.pairs.values()))
-            print(f"| {example} | {len(kept.pairs)} | {cells[0]} | {starts}: {cells[1]} | {cells[2]} |", flush=True)
+            kept.read()
+            solves = ((tree.key, turn) for turn in range(arguments.repeat) for tree in trees)
+            cells = _cells([kept.pairs[one] for one in solves if one in kept.pairs])
+            number = len({key for key, _ in kept.pairs})
+            print(f"| {example} | {number} | {cells[0]} | {starts}: {cells[1]} | {cells[2]} |", flush=True)
 
 
 class Kept:
     """What both solvers said of trees, also in a file of JSON lines that several processes may add to."""
 
     def __init__(self, file: Path | None, request: list[object]) -> None:
-        """Read what the file, if any, has of this request: revision and what is known to both solvers."""
+        """Take a request, both sources and what is known to both solvers, and read what the file has of it."""
         self._file, self._request = file, json.loads(json.dumps(request))
         self.pairs: dict[tuple[str, int], Pair] = {}
         """Efforts and CPU seconds of both, by tree and turn."""
-        for line in file.read_text().splitlines() if file and file.exists() else ():
+        self.read()
+
+    def read(self) -> None:
+        """Take what the file, if any, has by now."""
+        for line in self._file.read_text().splitlines() if self._file and self._file.exists() else ():
             request, (key, turn), (before, now) = json.loads(line)
             if request == self._request:
                 self.pairs[key, turn] = (tuple(before), tuple(now))
@@ -128,6 +138,12 @@ class Kept:
         if self._file:
             with self._file.open("a") as file:
                 file.write(json.dumps([self._request, tree, pair]) + "\n")
+
+
+def _digest(source: Path) -> str:
+    """Return a digest of the solver's source."""
+    files = sorted((source / "nlp").rglob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def _cells(pairs: list[Pair]) -> tuple[str, str, str]:

@@ -13,6 +13,7 @@ from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
 from topo_search.protocols import OwnFormat
+from topo_search.supervisor import is_out_of_memory
 
 GROUP = "topo_search.formats"
 """Of the entry points of other packages."""
@@ -155,7 +156,7 @@ def content(design: Design, own: OwnFormat) -> bytes:
     except ValueError as error:
         raise BadInput(own.name, [Fault("", str(error))]) from error
     except Exception as error:
-        if own in OURS:
+        if own in OURS or is_out_of_memory(error):
             raise
         rule = f"cannot write {design.topology.key}: {type(error).__name__}: {error}"
         raise BadInput(own.name, [Fault("", rule)]) from error

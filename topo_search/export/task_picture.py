@@ -112,7 +112,7 @@ def _look(is_cone: bool) -> dict[str, Any]:
 def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[tuple[bool, Array]]:
     """Return the outlines of all regions on the paper, (points, 2) each, and whether it is a cone to stay in."""
     outlined, axes = list[tuple[bool, Array]](), list(view)
-    for _, shape in shapes(task, _stand_in(task)):
+    for _, shape in shapes(task, _end_effector(task)):
         match shape:
             case Cone():
                 d, apex = np.array(shape.axis), np.array(shape.apex)[axes]
@@ -137,7 +137,7 @@ def _wedge(d: Array, theta: float, view: tuple[int, int], far: float) -> Array:
     return np.asarray(arc if phi == math.pi else np.vstack([np.zeros(2), arc]))
 
 
-def _stand_in(task: ResolvedTask) -> Array:
+def _end_effector(task: ResolvedTask) -> Array:
     """Return p_E of a platform below the end-effector: what the task fixes, or else straight below."""
     return np.array(task.end_effector.fixed_position or UP)
 
@@ -155,7 +155,7 @@ def _vectors(task: ResolvedTask, name: str) -> list[tuple[int, Array]]:
 
 def _reach(task: ResolvedTask) -> float:
     """Return how far all regions with an end reach, and most of a module's airflow [m]."""
-    found = (shape for _, shape in shapes(task, _stand_in(task)))
+    found = (shape for _, shape in shapes(task, _end_effector(task)))
     reaches = [math.hypot(*shape.apex) if isinstance(shape, Cone) else shape.farthest for shape in found]
     return max([0.6 * task.module.reach, *reaches])
 

@@ -42,11 +42,11 @@ def are_too_near(numbers: Numbers, corners: Array, frames: Frames, pair: Indices
             two that are nearest at the middle.
     """
     n, worst, nearest = len(numbers.parent), math.inf, (0, 0)
-    if pair[0] != pair[1] and _are_pair_too_near(numbers, corners, frames, pair[0], pair[1])[0]:
+    if pair[0] != pair[1] and _is_pair_too_near(numbers, corners, frames, pair[0], pair[1])[0]:
         return True
     for i in range(n):
         for j in range(i + 1, n):
-            found, gap = _are_pair_too_near(numbers, corners, frames, i, j)
+            found, gap = _is_pair_too_near(numbers, corners, frames, i, j)
             if found or gap < worst:
                 worst, nearest = gap, (i, j)
             if found:
@@ -57,7 +57,7 @@ def are_too_near(numbers: Numbers, corners: Array, frames: Frames, pair: Indices
 
 
 @njit(cache=True)
-def _are_pair_too_near(numbers: Numbers, corners: Array, frames: Frames, i: int, j: int) -> tuple[bool, float]:
+def _is_pair_too_near(numbers: Numbers, corners: Array, frames: Frames, i: int, j: int) -> tuple[bool, float]:
     """Return whether two modules are too near in all of a box, and by how much they are not at the middle."""
     gap = math.inf
     if numbers.airflow:

@@ -21,9 +21,12 @@ from topo_search.engine.space import Space
 from topo_search.engine.strategy import Scored
 from topo_search.model import BadInput, Fault, Topology
 from topo_search.protocols import SamplerFactory, TopologySampler
+from topo_search.supervisor import is_out_of_memory
 
 SEEDS = 2**32
 """How many seeds Optuna's samplers know."""
+FIXED = "fixed_params"
+"""What Optuna notes of a trial whose numbers are given: a tree that is solved again from more starts."""
 
 
 class Uniform(TreeSampler):
@@ -62,14 +65,17 @@ class OwnOptunas(Optunas):
     """Has them proposed by a user's sampler from the first on, in the order in which Optuna itself calls one."""
 
     def before_trial(self, study: Study, trial: FrozenTrial) -> None:
-        """Let the sampler prepare."""
+        """Let the sampler prepare, if the trial is its own."""
+        if FIXED in trial.system_attrs:
+            return
         with _naming(self._sampler, "before_trial"):
             self._sampler.before_trial(study, trial)
 
     def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield what the sampler proposes."""
+        prepared = study.get_trials(deepcopy=False)[trial.number]
         while True:
-            yield self.idea_of(self._numbers(study, study.get_trials()[trial.number]))
+            yield self.idea_of(self._numbers(study, prepared))
 
     def _numbers(self, study: Study, trial: FrozenTrial) -> dict[str, int]:
         """Return what is proposed for a trial, as `before_trial` left it."""
@@ -80,6 +86,7 @@ class OwnOptunas(Optunas):
         for name, distribution in self.distributions.items():
             so_far = copy(trial)
             so_far.params = dict(numbers)
+            so_far.distributions = {given: self.distributions[given] for given in numbers}
             if name in together:
                 value = together[name]
             else:
@@ -94,7 +101,9 @@ class OwnOptunas(Optunas):
     def after_trial(
         self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None
     ) -> None:
-        """Tell the sampler what became of a trial."""
+        """Tell the sampler what became of a trial, if it is its own."""
+        if FIXED in trial.system_attrs:
+            return
         with _naming(self._sampler, "after_trial"):
             self._sampler.after_trial(cast("Study", _Endless(study)), trial, state, values)
 
@@ -182,6 +191,8 @@ def _naming(own: object, method: str, rule: str = "raised an error") -> Iterator
     try:
         yield
     except Exception as error:
+        if is_out_of_memory(error):
+            raise
         kind = getattr(own, "__qualname__", type(own).__name__)
         told = " ".join(f"{rule}: {type(error).__name__}: {error}".split())
         raise BadInput("sampler", [Fault(f"{kind}.{method}".rstrip("."), told)]) from error
