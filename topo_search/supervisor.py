@@ -8,6 +8,7 @@ what it died of. That loses nothing: whatever was finished is in the ledger, whi
 
 from __future__ import annotations
 
+import mmap
 import os
 import resource
 import select
@@ -238,6 +239,10 @@ OUT_OF_MEMORY_WORDS = (
 """What libraries say that cannot be mapped, threads that cannot be started, and C++."""
 
 
+CRAMPED = 32 * 2**20
+"""Less address space than this is next to nothing: the arrays of one library take more [bytes]."""
+
+
 def is_out_of_memory(error: BaseException) -> bool:
     """Whether an error says that there is no more memory, or what it came from does."""
     seen: BaseException | None = error
@@ -248,7 +253,20 @@ def is_out_of_memory(error: BaseException) -> bool:
             return True
         if isinstance(seen, SystemError) and _limit() is not None:  # native code failed, and does not know why
             return True
+        if isinstance(seen, TypeError) and _is_cramped():  # an import that ran out of memory may end in one
+            return True
         seen = seen.__cause__ or seen.__context__
+    return False
+
+
+def _is_cramped() -> bool:
+    """Whether the address space is limited and next to nothing of it is left."""
+    if _limit() is None:
+        return False
+    try:
+        mmap.mmap(-1, CRAMPED).close()
+    except OSError:
+        return True
     return False
 
 
