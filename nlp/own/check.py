@@ -77,8 +77,12 @@ def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, to
             if foreign:
                 raise ValueError(f"must be made of the platform's symbols alone, but has {', '.join(foreign)}")
             _ = own.bounds
-            finite = [np.isfinite(np.asarray(own.values(own.draw(rng)))) for _ in range(DRAWS)]
-            if not np.all(np.any(finite, axis=0)):
+            finite = np.zeros(own.g.shape, dtype=bool)
+            for _ in range(DRAWS):
+                finite |= np.isfinite(np.asarray(own.values(own.draw(rng))))
+                if np.all(finite):
+                    break
+            else:
                 raise ValueError(f"must have a finite value, but has none on {DRAWS} random platforms")
         except Exception as error:
             told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
