@@ -20,7 +20,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import linprog
 
 from topo_search.model import Status
 from verify.bodies import Array
@@ -136,6 +135,8 @@ def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:
     normals, offsets = (np.concatenate(columns) for columns in zip(*planes, strict=True))
     unit = max(float(np.abs(offsets).min()), LEAST_UNIT)
     rows = np.column_stack([normals, np.ones(len(normals))])
+    from scipy.optimize import linprog  # slow to load, and few audits need it
+
     found = linprog([0, 0, 0, -1], A_ub=rows, b_ub=offsets / unit, bounds=[(None, None)] * 4)
     return x + unit * found.x[:3] if found.success else x
 

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from verify.bodies import Array, ConeSphere
 from verify.clearance import clearances
@@ -97,6 +96,8 @@ def hull(points: Array) -> Hull:
         ValueError: it fails its own check: no point may lie beyond a face, and every edge must have a face on
             either side; then the half-spaces of the faces have nothing in common but the hull.
     """
+    from scipy.spatial import ConvexHull  # slow to load, and few tasks need it
+
     found = ConvexHull(points)
     triangles = np.array(found.simplices, dtype=np.intp)
     normals = found.equations[:, :3] / np.linalg.norm(found.equations[:, :3], axis=1, keepdims=True)

@@ -17,10 +17,11 @@ exactly K's support along n: the local refinement where two bodies nearly touch,
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
-import trimesh.creation
 from numpy.typing import NDArray
 
 from verify.bodies import Array, ConeSphere, basis_across
@@ -63,8 +64,9 @@ class Icosphere:
 @functools.cache
 def icosphere(level: int) -> Icosphere:
     """Return the icosphere of a level, 20 * 4^level faces."""
-    made = trimesh.creation.icosphere(level)
-    vertices, triangles = np.array(made.vertices), np.array(made.faces, dtype=np.intp)
+    vertices, triangles = _icosahedron()
+    for _ in range(level):
+        vertices, triangles = _split_triangles(vertices, triangles)
     corners = vertices[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -73,6 +75,30 @@ def icosphere(level: int) -> Icosphere:
     # The least over the three corners, so that rounding never makes a face look farther out than it is.
     offsets = np.einsum("fkx,fx->fk", corners, normals).min(axis=1)
     return Icosphere(vertices, triangles, normals, offsets, edges)
+
+
+def _icosahedron() -> tuple[Array, Indices]:
+    phi = (1 + math.sqrt(5)) / 2
+    vertices = np.array([np.roll((0, i, j * phi), k) for k in range(3) for i in (-1, 1) for j in (-1, 1)])
+    # its edges are 2 long, all other vertices farther apart
+    faces = [
+        face if np.linalg.det(vertices[list(face)]) > 0 else face[::-1]
+        for face in combinations(range(12), 3)
+        if all(np.linalg.norm(vertices[i] - vertices[j]) < 3 for i, j in combinations(face, 2))
+    ]
+    return vertices / math.hypot(1, phi), np.array(faces, dtype=np.intp)
+
+
+def _split_triangles(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """Return the mesh on the unit sphere with each triangle split in four at the middles of its edges."""
+    sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2), axis=2)
+    edges, middle = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)
+    middles = vertices[edges].sum(axis=1)
+    middles /= np.linalg.norm(middles, axis=1, keepdims=True)
+    a, b, c = triangles.T
+    ab, bc, ca = len(vertices) + middle.reshape(-1, 3).T
+    split = np.stack([a, ab, ca, ab, b, bc, bc, c, ca, ab, bc, ca], axis=1).reshape(-1, 3)
+    return np.concatenate([vertices, middles]), split
 
 
 def inner_mesh(body: ConeSphere, level: int, n: Array | None = None) -> ConvexMesh:
