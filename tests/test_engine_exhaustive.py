@@ -1,7 +1,7 @@
 import pytest
 from toy_problem import toy_task
 
-from topo_search.engine import Results, Scored, Space, Stage, exhaustive_search
+from topo_search.engine import Scored, Space, exhaustive_search
 from topo_search.engine.exhaustive import PRUNED_AFTER
 from topo_search.model.proven import SOLVER_PRECISION
 
@@ -9,36 +9,41 @@ SPACE = Space(toy_task(6).resolve(6), "c2")
 KEYS = [candidate.key for candidate in SPACE.candidates()]
 
 
+class Solver:
+    """Answers every proposal with what `value(key, start)` is over its starts; None: a start finds no design."""
+
+    def __init__(self, value, status):
+        self.value, self.status = value, status
+        self.stages, self.uncollected, self.reached = [], [], {}
+
+    def begin_stage(self, candidates, starts, *, again=False):
+        assert not self.uncollected
+        self.stages.append([])
+
+    def submit(self, proposal):
+        self.uncollected.append((proposal.candidate.key, proposal.starts))
+        self.stages[-1].append(self.uncollected[-1])
+
+    def results(self, number):
+        collected, self.uncollected = self.uncollected[:number], self.uncollected[number:]
+        assert len(collected) == number
+        return [self.result(*one) for one in collected]
+
+    def result(self, key, starts):
+        objectives = [J for start in range(starts) if (J := self.value(key, start)) is not None]
+        status = "feasible" if objectives else self.status
+        self.reached[key] = Scored(key, starts, status, min(objectives, default=None), None)
+        return self.reached[key]
+
+
 def search(value, *, starts=24, timed=False, status="infeasible", bound=None):
-    """Follow the search; `value(key, start)` is what a start finds, None if it finds no design."""
-    strategy = exhaustive_search(
-        SPACE, starts=starts, timed=timed, bound=bound and (lambda candidate: bound(candidate.key))
+    """Run the search; return the proposals of each stage, and the last result of each candidate."""
+    solver = Solver(value, status)
+    exhaustive_search(
+        solver, SPACE, starts=starts, timed=timed, bound=bound and (lambda candidate: bound(candidate.key))
     )
-    stages, waiting, reached = [], [], {}
-    step = next(strategy)
-    try:
-        while True:
-            if isinstance(step, Results):
-                scores = []
-                for key, number in waiting[: step.number]:
-                    found = [J for start in range(number) if (J := value(key, start)) is not None]
-                    what = "feasible" if found else status
-                    reached[key] = Scored(key, number, what, min(found, default=None), None)
-                    scores.append(reached[key])
-                assert len(scores) == step.number
-                del waiting[: step.number]
-                step = strategy.send(scores)
-                continue
-            if isinstance(step, Stage):
-                assert not waiting
-                stages.append([])
-            else:
-                waiting.append((step.candidate.key, step.starts))
-                stages[-1].append(waiting[-1])
-            step = next(strategy)
-    except StopIteration:
-        assert not waiting
-        return stages, reached
+    assert not solver.uncollected
+    return solver.stages, solver.reached
 
 
 def place(key, start=0):

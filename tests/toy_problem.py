@@ -195,8 +195,9 @@ class InProcess:
         for job in jobs:
             if time.monotonic() >= until:
                 return
-            if job is not None:  # all before it are known here
-                yield job, function(job)
+            if job is None:  # all before it are known here
+                return
+            yield job, function(job)
 
     def run_one(self, function, job, *, deadline, until=math.inf):
         return function(job)

@@ -16,7 +16,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
 
@@ -41,15 +40,18 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--only", nargs="+", choices=COMMANDS, default=list(COMMANDS))
     arguments = parser.parse_args()
-    with ExitStack() as stack:
-        sources = (stack.enter_context(source_of(arguments.revision)), HERE)
-        folders = [Path(stack.enter_context(tempfile.TemporaryDirectory())) for _ in sources]
-        for source, folder in zip(sources, folders, strict=True):
+    with source_of(arguments.revision) as then, tempfile.TemporaryDirectory() as temporary:
+        sides = [(then, Path(temporary, "then")), (HERE, Path(temporary, "now"))]
+        for source, folder in sides:
+            folder.mkdir()
             cpu_seconds(COMMANDS["finished run"], source, folder)
         print("| command | then [s] | now [s] | now / then |\n|---|---|---|---|")
         for name in arguments.only:
             rounds = [
-                [cpu_seconds(COMMANDS[name], source, folder) for source, folder in zip(sources, folders, strict=True)]
+                [
+                    cpu_seconds(COMMANDS[name], source, folder)
+                    for source, folder in zip(sources, folders, strict=True)
+                ]
                 for _ in range(1 + arguments.repeat)
             ]
             then, now = (median(seconds) for seconds in zip(*rounds[1:], strict=True))

@@ -25,8 +25,8 @@ from topo_search.engine import Engine, exhaustive_search
 from topo_search.model import Design
 from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.own_files import digest_of
-from topo_search.study.replay import Replay
 from topo_search.study.row import row_of
+from topo_search.study.solving import RecordedSolver
 
 BATCH = 1000
 
@@ -73,10 +73,10 @@ def resume(path: Path, request: Request, n: int) -> None:
     space, context = request.space(n), request.contexts(n)[0]
     with RunFolder.open(path, request) as folder:
         laps.append(("opening and checking the ledger", time.process_time()))
-        replay = Replay(folder.ledger, context, BOUND, solve, Stopping(), Silent())
+        solver = RecordedSolver(folder.ledger, context, BOUND, solve, Stopping(), Silent())
         laps.append(("reading what is known", time.process_time()))
         try:
-            replay.run(exhaustive_search(space, starts=1, timed=False))
+            exhaustive_search(solver, space, starts=1, timed=False)
         except FirstJob:
             laps.append(("enumerating and answering all that is known", time.process_time()))
         else:

@@ -16,12 +16,13 @@ import argparse
 import heapq
 import time
 from collections import deque
+from contextlib import suppress
 from random import Random
 from typing import NamedTuple
 
 import nlp
-from topo_search.engine import Proposal, Results, Scored, Space, scaled_violation
-from topo_search.engine.proposals import optuna_study
+from topo_search.engine import CandidateSolver, Proposal, Scored, Space, scaled_violation
+from topo_search.engine.proposals import optuna_search
 from topo_search.engine.proposals.moves import AT_ONCE, MANY
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import read_task
@@ -94,36 +95,57 @@ def measured(space: Space, task: ResolvedTask, number: int, starts: int) -> list
     return jobs[1:]
 
 
+class SimulatedWorkers(CandidateSolver):
+    """Takes as long as measured jobs do, and keeps the time that the search itself takes in between."""
+
+    def __init__(self, jobs: list[Job], workers: int) -> None:
+        self.jobs, self.now, self.proposing = jobs, 0.0, 0.0
+        self.spans: list[tuple[float, float]] = []
+        self.free = [0.0] * workers
+        self._uncollected: deque[tuple[float, Scored]] = deque()
+        self._since = time.process_time()
+
+    def begin_stage(self, candidates: int, starts: int, *, again: bool = False) -> None:
+        """Stop where candidates come again."""
+        if again:
+            raise StopIteration
+        self._since = time.process_time()
+
+    def submit(self, proposal: Proposal) -> None:
+        """Give a proposal to the worker that is free first."""
+        self._pass_time()
+        key, starts = proposal.candidate.key, proposal.starts
+        job = Random(f"{key} {starts}").choice(self.jobs)
+        self.now = max(self.now, self.free[0])  # what no worker is free for is not asked for yet
+        end = self.now + job.seconds
+        heapq.heapreplace(self.free, end)
+        self.spans.append((self.now, end))
+        self._uncollected.append((end, Scored(key, starts, job.status, job.objective, job.violation)))
+        self._since = time.process_time()
+
+    def results(self, number: int) -> list[Scored]:
+        """Wait for results."""
+        self._pass_time()
+        ended = [self._uncollected.popleft() for _ in range(number)]
+        self.now = max(self.now, *(end for end, _ in ended))
+        self._since = time.process_time()
+        return [score for _, score in ended]
+
+    def _pass_time(self) -> None:
+        spent = time.process_time() - self._since
+        self.now, self.proposing = self.now + spent, self.proposing + spent
+
+
 def simulated(space: Space, jobs: list[Job], size: int, trials: int, workers: int) -> Busy:
     """Return how busy workers are that take jobs in the order in which they are proposed."""
-    strategy = optuna_study(
-        space, sampler="moves", trials=trials, round_size=size, starts=nlp.default_starts(space.task), seed=0
-    )
-    now = proposing = 0.0
-    spans: list[tuple[float, float]] = []
-    free = [0.0] * workers
-    waiting: deque[tuple[float, Scored]] = deque()
-    results: list[Scored] | None = None
-    while True:
-        began = time.process_time()
-        step = next(strategy) if results is None else strategy.send(results)
-        spent = time.process_time() - began
-        now, proposing, results = now + spent, proposing + spent, None
-        if isinstance(step, Results):
-            told = [waiting.popleft() for _ in range(step.number)]
-            now, results = max(now, *(end for end, _ in told)), [score for _, score in told]
-        elif isinstance(step, Proposal):
-            key, starts = step.candidate.key, step.starts
-            job = Random(f"{key} {starts}").choice(jobs)
-            now = max(now, free[0])  # what no worker is free for is not asked for yet
-            heapq.heapreplace(free, now + job.seconds)
-            spans.append((now, now + job.seconds))
-            waiting.append((now + job.seconds, Scored(key, starts, job.status, job.objective, job.violation)))
-        elif step.again:
-            break
-    last, end = max(began for began, _ in spans), max(free)
+    solver = SimulatedWorkers(jobs, workers)
+    starts = nlp.default_starts(space.task)
+    with suppress(StopIteration):
+        optuna_search(solver, space, sampler="moves", trials=trials, round_size=size, starts=starts, seed=0)
+    spans = solver.spans
+    last, end = max(began for began, _ in spans), max(solver.free)
     shares = (sum(min(b, until) - a for a, b in spans) / (workers * until) for until in (last, end))
-    return Busy(*shares, proposing, sum(b - a for a, b in spans), len(spans))
+    return Busy(*shares, solver.proposing, sum(b - a for a, b in spans), len(spans))
 
 
 if __name__ == "__main__":

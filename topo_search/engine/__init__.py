@@ -8,12 +8,13 @@ from topo_search.engine.exhaustive import exhaustive_search, may_beat
 from topo_search.engine.jobs import Engine, Job, WorkersLost, audit_deadline, solve_deadline, solve_jobs
 from topo_search.engine.space import Listed, Space
 from topo_search.engine.starts import merge, record_of, rounds, scaled_violation
-from topo_search.engine.strategy import Proposal, Results, Scored, Stage, Step, Strategy
+from topo_search.engine.strategy import CandidateSolver, Proposal, Scored, TimeUp
 from topo_search.engine.workers import Workers
 
 __all__ = [
     "AuditDesign",
     "Backends",
+    "CandidateSolver",
     "Certificates",
     "DaskWorkers",
     "Engine",
@@ -22,13 +23,10 @@ __all__ = [
     "Listed",
     "Outcome",
     "Proposal",
-    "Results",
     "Scored",
     "Solve",
     "Space",
-    "Stage",
-    "Step",
-    "Strategy",
+    "TimeUp",
     "Workers",
     "WorkersLost",
     "audit_deadline",

@@ -1,6 +1,6 @@
 """Exhaustive search: every candidate of one size is solved from the same number of starts.
 
-All get the same: after a few starts a tree's best effort says little of what more of them will find, and giving
+All get the same: after a few starts a tree's best effort says little about what more of them will find, and giving
 more to those that are ahead finds the best ones less surely than giving as much to all
 (`tests/benchmarks/budget.py`).
 """
@@ -8,26 +8,28 @@ more to those that are ahead finds the best ones less surely than giving as much
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Iterable
 
 from topo_search.engine.space import Space
 from topo_search.engine.starts import rounds
-from topo_search.engine.strategy import Proposal, Results, Scored, Stage, Step, Strategy
+from topo_search.engine.strategy import CandidateSolver, Proposal, Scored
 from topo_search.model.proven import SOLVER_PRECISION
 from topo_search.topologies import Candidate
 
 PRUNED_AFTER = 32
-"""Candidates that are proposed ahead of what is known to be ruled out."""
+"""Number of candidates proposed ahead of the results that may rule them out."""
 
 Bound = Callable[[Candidate], float]
-"""What no objective of a candidate can go below."""
+"""Lower bound on the objective of a candidate."""
 
 
-def exhaustive_search(space: Space, *, starts: int, timed: bool, bound: Bound | None = None) -> Strategy:
-    """Propose every candidate.
+def exhaustive_search(
+    solver: CandidateSolver, space: Space, *, starts: int, timed: bool, bound: Bound | None = None
+) -> None:
+    """Solve every candidate.
 
     Args:
+        solver: solves the proposals.
         space: the candidates.
         starts: number of starts of each candidate.
         timed: whether there is a time limit: then all are solved from one start first, then from more.
@@ -35,15 +37,15 @@ def exhaustive_search(space: Space, *, starts: int, timed: bool, bound: Bound | 
             design so far is not proposed, nor from more starts.
     """
     first, *later = (part.stop for part in rounds(starts, starts, timed=timed))
-    yield Stage(space.count(), first)
+    solver.begin_stage(space.count(), first)
     if bound is None:
         candidates = []
-        for candidate in space.candidates():  # drawn as workers become free: there may be millions
+        for candidate in space.candidates():  # there may be millions: enumerated as they are solved
             candidates.append(candidate)
-            yield Proposal(candidate, first)
-        scores = yield Results(len(candidates))
+            solver.submit(Proposal(candidate, first))
+        scores = solver.results(len(candidates))
     else:
-        candidates, scores = yield from _in_order_of_bounds(space, first, bound)
+        candidates, scores = _solve_in_order_of_bounds(solver, space, first, bound)
     least = _least(scores)
     for stop in later:
         candidates = [
@@ -52,9 +54,10 @@ def exhaustive_search(space: Space, *, starts: int, timed: bool, bound: Bound | 
             if score.status in ("feasible", "infeasible") and (bound is None or may_beat(least, bound(candidate)))
         ]
         if candidates:
-            yield Stage(len(candidates), stop, again=True)
-        yield from (Proposal(candidate, stop) for candidate in candidates)
-        scores = yield Results(len(candidates))
+            solver.begin_stage(len(candidates), stop, again=True)
+        for candidate in candidates:
+            solver.submit(Proposal(candidate, stop))
+        scores = solver.results(len(candidates))
         least = min(least, _least(scores))
 
 
@@ -63,22 +66,22 @@ def may_beat(objective: float, bound: float) -> bool:
     return bound < objective * (1.0 - SOLVER_PRECISION)
 
 
-def _in_order_of_bounds(
-    space: Space, starts: int, bound: Bound
-) -> Generator[Step, list[Scored], tuple[list[Candidate], list[Scored]]]:
-    """Propose candidates in the order of their bounds, as long as they may beat the best; return them all."""
-    waiting = deque(sorted(space.candidates(), key=lambda candidate: (bound(candidate), candidate.key)))
+def _solve_in_order_of_bounds(
+    solver: CandidateSolver, space: Space, starts: int, bound: Bound
+) -> tuple[list[Candidate], list[Scored]]:
+    """Solve candidates in the order of their bounds, as long as they may beat the best."""
     candidates: list[Candidate] = []
     scores: list[Scored] = []
     least = math.inf
-    while waiting and may_beat(least, bound(waiting[0])):
-        if len(candidates) - len(scores) < PRUNED_AFTER:
-            candidates.append(waiting.popleft())
-            yield Proposal(candidates[-1], starts)
-        else:
-            scores += yield Results(1)
+    for candidate in sorted(space.candidates(), key=lambda candidate: (bound(candidate), candidate.key)):
+        if len(candidates) - len(scores) == PRUNED_AFTER:
+            scores += solver.results(1)
             least = min(least, _least(scores[-1:]))
-    scores += yield Results(len(candidates) - len(scores))
+        if not may_beat(least, bound(candidate)):
+            break
+        candidates.append(candidate)
+        solver.submit(Proposal(candidate, starts))
+    scores += solver.results(len(candidates) - len(scores))
     return candidates, scores
 
 

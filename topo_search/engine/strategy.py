@@ -1,14 +1,15 @@
-"""What every way of searching is: a generator that proposes candidates and asks what became of them.
+"""The border between a search strategy and the solver that it asks for the results of candidates.
 
-A strategy knows no workers and no files. It is deterministic, and learns results in the order of its proposals,
-whichever job ended first: started again with the results that it had, it makes the same proposals. So a run that
-was killed is replayed from its ledger, and neither the number of workers nor their speed changes what is proposed.
+A strategy is a function that submits proposals to a `CandidateSolver` and collects their results. It knows neither
+workers nor files. It is deterministic, and collects results in the order of its proposals, whichever job ended
+first: with the same results it makes the same proposals. So a run that was killed repeats its proposals from the
+ledger, and neither the number of workers nor their speed changes what is proposed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
+from typing import Protocol
 
 from topo_search.topologies import Candidate
 
@@ -23,33 +24,14 @@ class Proposal:
     near: tuple[str, ...] = ()
     """Keys of candidates whose designs are carried over in place of as many of the next starts.
 
-    The result of each was asked for, and none of them is proposed again before that of this one is: how far it had
-    come would depend on which job ends first.
+    The result of each has been collected, and none of them is proposed again before that of this one is: how far it
+    had come would depend on which job ends first.
     """
 
 
 @dataclass(frozen=True)
-class Stage:
-    """So many candidates are proposed next; whoever watches is told."""
-
-    candidates: int
-    starts: int
-    """Of each, at most."""
-    again: bool = False
-    """Whether they were proposed before, from fewer starts."""
-
-
-@dataclass(frozen=True)
-class Results:
-    """What became of the next proposals is asked for; nothing is proposed before it is known."""
-
-    number: int
-    """Of the proposals, the earliest of those whose result was not asked for yet."""
-
-
-@dataclass(frozen=True)
 class Scored:
-    """What became of a candidate after so many starts."""
+    """The result of a candidate after a number of starts."""
 
     key: str
     starts: int
@@ -62,7 +44,35 @@ class Scored:
     """How far the closest start was from feasible, in the task's own units; None where there is a design."""
 
 
-Step = Proposal | Stage | Results
-"""What a strategy yields."""
-Strategy = Generator[Step, list[Scored], None]
-"""Is sent the results that it asks for, in the order of their proposals, and nothing else."""
+class TimeUp(Exception):
+    """The time limit is reached before a result."""
+
+
+class CandidateSolver(Protocol):
+    """Solves proposals, and returns their results in the order of submission."""
+
+    def begin_stage(self, candidates: int, starts: int, *, again: bool = False) -> None:
+        """Announce how many candidates come next, and from how many starts at most.
+
+        Args:
+            candidates: how many.
+            starts: of each, at most.
+            again: whether they were proposed before, from fewer starts.
+        """
+        ...
+
+    def submit(self, proposal: Proposal) -> None:
+        """Solve a proposal. Returns at once unless many wait for a worker.
+
+        Raises:
+            TimeUp: the time limit is reached.
+        """
+        ...
+
+    def results(self, number: int) -> list[Scored]:
+        """Wait for the results of the earliest proposals that were not collected, and return them in order.
+
+        Raises:
+            TimeUp: the time limit is reached.
+        """
+        ...

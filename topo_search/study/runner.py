@@ -7,12 +7,12 @@ import os
 import sqlite3
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
-from topo_search.engine import Backends, Engine, WorkersLost, exhaustive_search
+from topo_search.engine import Backends, Engine, TimeUp, WorkersLost, exhaustive_search
 from topo_search.model import BadInput, Infeasible
 from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, quotient_remark, size_answer
 from topo_search.study.audits import audit_best, audits_left
@@ -30,8 +30,8 @@ from topo_search.study.phases import WRITING, proof_phase
 from topo_search.study.planning import remaining_plan
 from topo_search.study.proofs import subject_of, summarize
 from topo_search.study.recording import record_pruned, rests_on_an_audited_design
-from topo_search.study.replay import Replay
 from topo_search.study.row import row_of
+from topo_search.study.solving import RecordedSolver
 from topo_search.study.statements import proven_statement
 
 MOST_ROWS_OF_A_PROOF = 100_000
@@ -182,51 +182,61 @@ def _search_size(
         audit()
         return
     previous = None if request.previous is None else request.previous.contexts(n)[0]
-    replay = Replay(ledger, context, lower_bound, backends.solve, engine, observer, previous, request.near)
-    ended = _run_strategy(replay, folder, n, until, lower_bound if request.prune else None)
+
+    def solve(bound: float | None) -> bool:
+        solver = RecordedSolver(
+            ledger, context, lower_bound, backends.solve, engine, observer, previous, request.near, until
+        )
+        with closing(solver):
+            return _follow_strategy(solver, folder, n, bound, timed=math.isfinite(until))
+
+    ended = solve(lower_bound if request.prune else None)
     audit()
     if ended and request.prune:
         if rests_on_an_audited_design(ledger, n, lower_bound):
             record_pruned(ledger, context, request.space(n), lower_bound)
         else:
-            ended = _run_strategy(replay, folder, n, until, None)
+            ended = solve(None)
             audit()
     if ended:
         ledger.end(context, request.starts, request.trials)
 
 
-def _run_strategy(replay: Replay, folder: RunFolder, n: int, until: float, bound: float | None) -> bool:
-    """Follow the strategy that was asked for, and return whether it came to its end.
+def _follow_strategy(
+    solver: RecordedSolver, folder: RunFolder, n: int, bound: float | None, *, timed: bool
+) -> bool:
+    """Search the trees of n modules, and return whether the search came to its end in time.
 
     Args:
-        replay: what is known.
+        solver: solves the candidates.
         folder: of the run.
         n: number of modules.
-        until: time.monotonic() at which to stop.
         bound: of every candidate's objective; None: nothing is pruned.
+        timed: whether there is a time limit.
     """
     request = folder.request
     space = request.space(n)
-    timed = math.isfinite(until)
-    if bound is not None:
-        pruned = exhaustive_search(space, starts=request.starts, timed=timed, bound=lambda _: bound)
-        return replay.run(pruned, until)
-    if request.strategy == "exhaustive":
-        return replay.run(exhaustive_search(space, starts=request.starts, timed=timed), until)
+    try:
+        if request.strategy == "exhaustive":
+            least = None if bound is None else lambda _: bound
+            exhaustive_search(solver, space, starts=request.starts, timed=timed, bound=least)
+        else:
+            from topo_search.engine.proposals import optuna_search  # loads Optuna
 
-    from topo_search.engine.proposals import optuna_study  # loads Optuna
-
-    strategy = optuna_study(
-        space,
-        sampler=request.propose or request.sampler,
-        trials=space.count() if request.trials is None else request.trials,
-        round_size=request.round_size,
-        starts=request.starts,
-        seed=request.seed,
-        journal=folder.journal(f"study-n{n}.journal"),
-        timed=timed,
-    )
-    return replay.run(strategy, until)
+            optuna_search(
+                solver,
+                space,
+                sampler=request.propose or request.sampler,
+                trials=space.count() if request.trials is None else request.trials,
+                round_size=request.round_size,
+                starts=request.starts,
+                seed=request.seed,
+                journal=folder.journal(f"study-n{n}.journal"),
+                timed=timed,
+            )
+    except TimeUp:
+        return False
+    return True
 
 
 def _record_proof(

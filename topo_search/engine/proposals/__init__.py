@@ -1,5 +1,5 @@
 """Proposals of candidates where there are too many to solve all: Optuna studies over trees."""
 
-from topo_search.engine.proposals.study import optuna_study
+from topo_search.engine.proposals.study import optuna_search
 
-__all__ = ["optuna_study"]
+__all__ = ["optuna_search"]

@@ -1,4 +1,4 @@
-"""An Optuna study as a strategy: candidates from few starts, and more starts for those that promise more.
+"""A search that an Optuna study leads: candidates from few starts, and more starts for those that promise more.
 
 A candidate is proposed before the last few results are known, so that workers need not wait for each other: what
 is learnt for it depends on its place among the proposals alone.
@@ -34,7 +34,7 @@ from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS,
 from topo_search.engine.proposals.trials import Idea, value, violation
 from topo_search.engine.space import Space
 from topo_search.engine.starts import rounds
-from topo_search.engine.strategy import Proposal, Results, Scored, Stage, Strategy
+from topo_search.engine.strategy import CandidateSolver, Proposal, Scored
 from topo_search.model import Topology
 from topo_search.protocols import SamplerFactory
 from topo_search.topologies import Candidate
@@ -58,7 +58,8 @@ class _Asked:
         return self.candidate.key
 
 
-def optuna_study(
+def optuna_search(
+    solver: CandidateSolver,
     space: Space,
     *,
     sampler: str | SamplerFactory,
@@ -68,10 +69,11 @@ def optuna_study(
     seed: int,
     journal: Path | None = None,
     timed: bool = False,
-) -> Strategy:
-    """Propose trees that an Optuna sampler draws until there are enough, or none is left.
+) -> None:
+    """Solve trees that an Optuna sampler draws until there are enough, or none is left.
 
     Args:
+        solver: solves the proposals.
         space: the candidates.
         sampler: moves, tpe, nsga2 or random; or what makes one for a seed.
         trials: how many different candidates to propose.
@@ -97,20 +99,20 @@ def optuna_study(
     def next_starts(key: str) -> int:
         return ladder[bisect_right(ladder, had.get(key, 0))]
 
-    yield Stage(left, starts)
+    solver.begin_stage(left, starts)
     asked, again = deque[_Asked](), deque[_Asked]()  # those whose results are not known, and those that go on
     while left or again or asked:
         while (left or again) and len(asked) < round_size:
             one = again.popleft() if again else _ask(study, proposer)
             left -= one.key not in ranks
             asked.append(one)
-            yield Proposal(one.candidate, next_starts(one.key), one.near)
-        found = yield Results(min(learnt, len(asked)))
-        ranks |= {score.key: rank(score) for score in found}
-        had |= {score.key: score.starts for score in found}
+            solver.submit(Proposal(one.candidate, next_starts(one.key), one.near))
+        scores = solver.results(min(learnt, len(asked)))
+        ranks |= {score.key: rank(score) for score in scores}
+        had |= {score.key: score.starts for score in scores}
         ranking = sorted(ranks.values()) if proposer.promotes else []
         told = []
-        for score in found:
+        for score in scores:
             one = asked.popleft()
             promoted = proposer.promotes and had[one.key] < starts
             if promoted and goes_on(score, ranking, bisect_right(ladder, had[one.key])):
@@ -124,12 +126,13 @@ def optuna_study(
     most = CERTAIN if trials < space.count() else None
     for stop in (part.stop for part in rounds(starts, starts, timed=timed)):
         if short := [key for _, key in best[:most] if had[key] < stop]:
-            yield Stage(len(short), stop, again=True)
-            yield from (Proposal(space.candidate_of(Topology.from_key(key)), stop) for key in short)
-            found = yield Results(len(short))
-            had |= {score.key: score.starts for score in found}
+            solver.begin_stage(len(short), stop, again=True)
+            for key in short:
+                solver.submit(Proposal(space.candidate_of(Topology.from_key(key)), stop))
+            scores = solver.results(len(short))
+            had |= {score.key: score.starts for score in scores}
             if shown is not None:
-                shown.add_trials([_tell(study, _tell_again(study, proposer, score.key), score) for score in found])
+                shown.add_trials([_tell(study, _tell_again(study, proposer, score.key), score) for score in scores])
 
 
 def _ask(study: optuna.Study, proposer: TreeSampler) -> _Asked:

@@ -7,23 +7,24 @@ import pytest
 import toy_problem
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
-from topo_search.engine import Proposal, Results, Space
+from topo_search.engine import Proposal, Space, TimeUp
 from topo_search.model import BadInput
 from topo_search.study import Request, RunFolder, Silent
-from topo_search.study.replay import Replay
+from topo_search.study.solving import RecordedSolver
 
 
-def scores_of(*proposals):
-    """Propose candidates, and return what became of them."""
-    yield from proposals
-    return (yield Results(len(proposals)))
+def scores_of(solver, *proposals):
+    """Propose candidates, and return their results."""
+    for proposal in proposals:
+        solver.submit(proposal)
+    return solver.results(len(proposals))
 
 
-def halving(space, told):
+def halving(solver, space, told):
     """Propose all candidates, then the better half of them from more starts, and so on."""
     proposals, starts = [Proposal(candidate, 1) for candidate in space.candidates()], 1
     while len(proposals) > 1:
-        scores = yield from scores_of(*proposals)
+        scores = scores_of(solver, *proposals)
         told.append(scores)
         assert [scored.key for scored in scores] == [proposal.candidate.key for proposal in proposals]
         assert all(scored.starts >= starts for scored in scores)
@@ -33,13 +34,19 @@ def halving(space, told):
 
 
 def run_strategy(path, *, until=math.inf, strategy=halving):
-    """Follow a strategy in a run's folder; return whether it ended and what it was told."""
+    """Run a strategy in a run's folder; return whether it ended and the results that it collected."""
     request, told = Request(toy_task(4), "c2", 9, 0), []
     with RunFolder.open(path, request) as folder:
         context = request.contexts(4)[0]
         folder.ledger.begin(context, toy_problem.BOUND, None)
-        replay = Replay(folder.ledger, context, toy_problem.BOUND, toy_problem.solve, InProcess(1), Silent())
-        return replay.run(strategy(request.space(4), told), until), told
+        solver = RecordedSolver(
+            folder.ledger, context, toy_problem.BOUND, toy_problem.solve, InProcess(1), Silent(), until=until
+        )
+        try:
+            strategy(solver, request.space(4), told)
+        except TimeUp:
+            return False, told
+        return True, told
 
 
 def test_a_strategy_is_told_the_value_of_every_proposal(tmp_path, log):
@@ -81,11 +88,11 @@ def test_what_has_no_design_comes_with_its_violation(tmp_path, monkeypatch):
         assert scored.violation == pytest.approx(toy_problem.value(scored.key, 0, 0, 1e-4) / unit)
 
 
-def warm_starting(space, told):
+def warm_starting(solver, space, told):
     first, second, third = itertools.islice(space.candidates(), 3)
-    told.append((yield from scores_of(Proposal(first, 1))))
-    told.append((yield from scores_of(Proposal(second, 3, near=(first.key,)), Proposal(third, 1))))
-    told.append((yield from scores_of(Proposal(first, 2), Proposal(third, 3, near=(second.key,)))))
+    told.append(scores_of(solver, Proposal(first, 1)))
+    told.append(scores_of(solver, Proposal(second, 3, near=(first.key,)), Proposal(third, 1)))
+    told.append(scores_of(solver, Proposal(first, 2), Proposal(third, 3, near=(second.key,))))
 
 
 def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
@@ -101,11 +108,11 @@ def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
 
 
 def test_designs_may_stand_for_all_of_the_first_starts(tmp_path, log):
-    def carried_over_alone(space, told):
+    def carried_over_alone(solver, space, told):
         first, second, third = itertools.islice(space.candidates(), 3)
-        told.append((yield from scores_of(Proposal(first, 1), Proposal(second, 1))))
-        told.append((yield from scores_of(Proposal(third, 2, near=(first.key, second.key)))))
-        told.append((yield from scores_of(Proposal(third, 4))))
+        told.append(scores_of(solver, Proposal(first, 1), Proposal(second, 1)))
+        told.append(scores_of(solver, Proposal(third, 2, near=(first.key, second.key))))
+        told.append(scores_of(solver, Proposal(third, 4)))
 
     ended, told = run_strategy(tmp_path / "run", strategy=carried_over_alone)
     lines = [line.split() for line in log.read_text().splitlines()]
