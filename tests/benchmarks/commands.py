@@ -48,10 +48,7 @@ def main() -> None:
         print("| command | then [s] | now [s] | now / then |\n|---|---|---|---|")
         for name in arguments.only:
             rounds = [
-                [
-                    cpu_seconds(COMMANDS[name], source, folder)
-                    for source, folder in zip(sources, folders, strict=True)
-                ]
+                [cpu_seconds(COMMANDS[name], source, folder) for source, folder in sides]
                 for _ in range(1 + arguments.repeat)
             ]
             then, now = (median(seconds) for seconds in zip(*rounds[1:], strict=True))
