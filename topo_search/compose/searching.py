@@ -140,8 +140,11 @@ def search(
         nlp.refuse_wrong_claims(handed.constraints, resolved, topology, mirror=improper_isometry(resolved))
     path = RUNS / request.folder_name if out is None else Path(out)
     observer, until = observer or Silent(), time.monotonic() + time_limit
-    if dask is None:  # else every worker compiles where it is
-        nlp.prepare(asked, observer.note)
+
+    def prepare() -> None:
+        if dask is None:  # else every worker compiles where it is
+            nlp.prepare(asked, observer.note)
+
     with open_engine(workers, dask, dask_tls, request.versions, observer) as engine:
         answer = run(
             request,
@@ -151,6 +154,7 @@ def search(
             observer=observer,
             workers=engine.count if isinstance(engine, Workers) else None,
             time_limit=time_limit,
+            prepare=prepare,
             report=write_page,
         )
         if prove is None or answer.best is None or not answer.complete:

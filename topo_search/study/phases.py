@@ -65,6 +65,11 @@ class Plan:
     """Of all that is solved [s]; audits come after it."""
 
     @property
+    def solves(self) -> bool:
+        """Whether any candidate is solved."""
+        return any(phase.starts for phase in self.phases)
+
+    @property
     def seconds(self) -> float:
         """About how long it takes [s]."""
         waking = WAKING if any(not phase.alone for phase in self.phases) else 0.0

@@ -47,6 +47,7 @@ def run(
     observer: Observer,
     workers: int | None = None,
     time_limit: float = math.inf,
+    prepare: Callable[[], None] = lambda: None,
     report: Callable[[RunFolder], None] = lambda _: None,
 ) -> Answer:
     """Do what is still to be done of a run, and return its answer.
@@ -59,6 +60,7 @@ def run(
         observer: is told of the progress.
         workers: how many jobs the engine runs at a time; None where that is not known.
         time_limit: seconds after which no more is solved; the best designs are audited all the same.
+        prepare: is called before the first candidate is solved, if any is.
         report: is handed the folder once all its files are written.
 
     Raises:
@@ -71,7 +73,10 @@ def run(
     try:
         with RunFolder.open(path, request) as folder, _refuse_lost(folder):
             try:
-                observer.plan(remaining_plan(folder, workers, time_limit))
+                plan = remaining_plan(folder, workers, time_limit)
+                if plan.solves:
+                    prepare()
+                observer.plan(plan)
                 for number, level in enumerate(folder.levels()):
                     left = len(request.levels) - number
                     if level.request.level is not None:
