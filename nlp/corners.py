@@ -63,20 +63,22 @@ def take_in_corners(
         more, near = _most_missed(whole, point.task), limits
         lacking = {check.name for check in violations_of(reached, own) if not check.met}
         overloaded = lacking & {name_of(task, load) for load in limited_loads(task, origin.topology)}
-        if overloaded and limits is None:
-            near, lacking = _near(reached), lacking - overloaded
+        if overloaded and (limits is None or limits.held not in (None, holder(reached))):
+            # another holder than the limits are of: of both sides they hold whichever it is
+            near, lacking = _near(reached, either=limits is not None), lacking - overloaded
         if lacking or (not more and near is limits):
             return outcome
         point, limits = _with_more(whole, point.task, more) if more else reached, near
     return outcome
 
 
-def _near(point: Point) -> Limits:
-    """Return the loads that are not far below their limits."""
+def _near(point: Point, *, either: bool) -> Limits:
+    """Return the loads that are not far below their limits, if need be of either side of their joints."""
     task = point.task.declared
     listed = limited_loads(task, point.topology)
     sizes = zip(listed, loads(point).tolist(), strict=True)
-    return Limits(holder(point), tuple(load for load, size in sizes if size > NEAR_LIMIT * limit_of(task, load)))
+    near = tuple(load for load, size in sizes if size > NEAR_LIMIT * limit_of(task, load))
+    return Limits(None if either else holder(point), near)
 
 
 def with_all(point: Point, task: ResolvedTask, own: OwnConstraints = ()) -> Point:

@@ -18,7 +18,9 @@ less the weight: a = f_C / M - e_z, w' = I^-1 tau_C. Newton and Euler for what i
     \tau_c = \sum_j (I_j w' - m_j) + (o_j - c) \times (a + w' \times o_j + e_z - s_j z_j)
 
 with the end-effector, its reaction f_E, tau_E included where it is mounted beyond. Both are linear in the inputs. A
-limit is stated as (L^2 - |.|^2) / (2 L) >= 0, which near the limit is the length that is left.
+limit is stated as (L^2 - |.|^2) / (2 L) >= 0, which near the limit is the length that is left. Where no straight
+rod reaches, either side of a joint may carry the end-effector: each load is then the larger of both, and a limit is
+a row for each.
 """
 
 from __future__ import annotations
@@ -31,12 +33,17 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from nlp.numbers.geometry import PORTS, Swept, clearance
 from nlp.numbers.point import Point
-from nlp.symbols.kinematics import PORTS, poses
+from nlp.symbols.kinematics import poses
 from nlp.symbols.wrench import scale, thrust, torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
+
+FITTING = 2.0
+"""Length over which a rod is fixed to its mount, in radii of the rod."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +79,25 @@ def name_of(task: ResolvedTask, load: Load) -> str:
     return f"{task.case_labels[load.case]}, {what} in the joint of module {load.child} and its parent"
 
 
-def holder(point: Point) -> int:
-    """Return the module that carries the end-effector: the one with the free connector nearest to it."""
-    R, p = point.poses
-    taken = {(h, a) for h, _, a, _ in point.topology.edges()} | {(i, b) for _, i, _, b in point.topology.edges()}
-    free = [(i, a) for i in range(point.topology.n) for a in range(4) if (i, a) not in taken]
-    l_c = point.task.module.connector_distance
-    reach = [np.linalg.norm(p[i] + l_c * R[i] @ np.array(PORTS[a]) - point.p_E) for i, a in free]
-    return free[int(np.argmin(np.round(reach, 12)))][0]
+def holder(point: Point) -> int | None:
+    """Return the module that carries the end-effector; None: unknown.
+
+    It is that of the free connector nearest to the end-effector, if a straight rod from there is clear of all
+    airflow and of balls around what parts reach out of it: the audit then bolts the rod there too.
+    """
+    (R, p), module, rod = point.poses, point.task.module, point.task.end_effector.rod_radius
+    free = np.array(point.topology.free_connectors)
+    starts = p[free[:, 0]] + module.connector_distance * np.einsum("iab,ib->ia", R[free[:, 0]], PORTS[free[:, 1]])
+    lengths = np.linalg.norm(starts - point.p_E, axis=1)
+    # equal to as many digits as in the audit, so that of mirror images both choose the same one
+    nearest = int(np.argmin(np.round(lengths / module.arm_length, 9)))
+    i, path, cover = int(free[nearest, 0]), point.p_E - starts[nearest], part_cover(module)
+    fitted = np.zeros((point.topology.n, 1, 1))
+    fitted[i] = min(1.0, FITTING * rod / max(lengths[nearest], rod))  # the fitting may touch what it is bolted to
+    balls = p[:, None] + np.einsum("iab,mb->ima", R, cover.centres)
+    beyond = Swept(starts[nearest] + fitted * path, (1 - fitted) * path, rod)
+    clear = np.all(clearance(beyond, Swept(balls, np.zeros(3), 0.0)) > cover.radii)
+    return i if clear and np.all(clearance(Swept(starts[nearest], path, rod), point.envelopes) > 0) else None
 
 
 def loads(point: Point) -> Array:
@@ -95,16 +113,16 @@ def loads(point: Point) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _sizes(task: ResolvedTask, topology: Topology, held: int, listed: tuple[Load, ...]) -> ca.Function:
+def _sizes(task: ResolvedTask, topology: Topology, held: int | None, listed: tuple[Load, ...]) -> ca.Function:
     x, vectors = _vectors(task, topology, held, listed)
-    return ca.Function("sizes", [x], [ca.vertcat(*(ca.norm_2(v) for v in vectors))])
+    return ca.Function("sizes", [x], [ca.vertcat(*(ca.mmax(ca.vertcat(*map(ca.norm_2, of))) for of in vectors))])
 
 
 class Limits(NamedTuple):
     """Loads that a program states."""
 
-    held: int
-    """The module that carries the end-effector."""
+    held: int | None
+    """The module that carries the end-effector; None: unknown."""
     loads: tuple[Load, ...]
 
 
@@ -117,9 +135,9 @@ class LimitRows:
         self.x, vectors = _vectors(task, topology, limits.held, limits.loads)
         """The unknowns of `nlp.problem.Variables` as one column."""
         rows = []
-        for load, v in zip(limits.loads, vectors, strict=True):
+        for load, sides in zip(limits.loads, vectors, strict=True):
             L = limit_of(task, load) / (unit.torque if load.moment else unit.force)
-            rows.append((L * L - ca.dot(v, v)) / (2 * L))
+            rows += [(L * L - ca.dot(v, v)) / (2 * L) for v in sides]
         self.g = ca.vertcat(*rows)
         """The rows, each at least zero."""
         self.bounds = np.zeros(len(rows)), np.full(len(rows), math.inf)
@@ -127,9 +145,12 @@ class LimitRows:
 
 
 def _vectors(
-    task: ResolvedTask, topology: Topology, held: int, listed: tuple[Load, ...]
-) -> tuple[ca.SX, list[ca.SX]]:
-    """Return the unknowns of `nlp.problem.Variables` as one column, and the force or moment of each load."""
+    task: ResolvedTask, topology: Topology, held: int | None, listed: tuple[Load, ...]
+) -> tuple[ca.SX, list[list[ca.SX]]]:
+    """Return the unknowns of `nlp.problem.Variables` as one column, and the forces or moments of each load.
+
+    A load is one vector, or one with the end-effector on either side of the joint where `held` is None.
+    """
     n, unit, module, position = topology.n, Units.of(task), task.module, task.end_effector.fixed_position
     l_c, m_E = module.connector_distance / unit.length, task.end_effector.mass / module.mass
     root, alpha = ca.SX.sym("root", 3), ca.SX.sym("alpha", n - 1)
@@ -162,11 +183,11 @@ def _vectors(
             pull = a + ca.cross(spin, o[j]) + up - thrust(u_j) * placed[j].z
             force += pull
             moment += turning[j] @ spin - placed[j].R @ (own @ u_j) + ca.cross(o[j] - c, pull)
-        if held in beyond[load.child]:
-            pull = m_E * (a + ca.cross(spin, q) + up) + f_E
-            force += pull
-            moment += ca.cross(q - c, pull) + tau_E
-        vectors.append(moment if load.moment else force)
+        pull = m_E * (a + ca.cross(spin, q) + up) + f_E
+        without = moment if load.moment else force
+        with_tip = moment + ca.cross(q - c, pull) + tau_E if load.moment else force + pull
+        sides = (True, False) if held is None else (held in beyond[load.child],)
+        vectors.append([with_tip if tip else without for tip in sides])
     return ca.vertcat(root, alpha, tip, *u), vectors
 
 

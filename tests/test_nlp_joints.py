@@ -1,6 +1,7 @@
 """What joints bear: the solver's loads against the audit's, derivatives, and limits that designs keep."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -8,21 +9,27 @@ import numpy as np
 import pytest
 from nlp_cases import GENTLE_PUSH, HOVER, as_design, push, random_point, random_tree, solved
 
-from nlp import solve
+from nlp import joints, solve
 from nlp.assembled.problem import AssembledProblem
 from nlp.joints import LimitRows, Limits, holder, limit_of, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.own.joined import JoinedProgram
 from nlp.requirements import clearances
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
-from topo_search.model import BadInput, Infeasible, Status, Task, Topology
-from topo_search.model.files import validate
-from verify import audit
+from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology
+from topo_search.model.files import read_json, validate
+from verify import audit, choose_mount
 from verify.flight.joints import joint_loads
 from verify.kinematics import platform
 
 TREE = Topology.from_key("a300")
 TWISTED = [*GENTLE_PUSH, {"com": {"force": [0.0, 0.1, 0.9], "torque": [0.2, 0.1, -0.3]}}]
+
+
+@pytest.fixture
+def out_of_reach() -> Design:
+    """Two modules with the end-effector at the centre of mass, where no straight rod ends."""
+    return read_json(Design, Path(__file__).parent / "designs/tip-out-of-reach.json")
 
 
 def balanced(point: Point) -> Point:
@@ -32,39 +39,56 @@ def balanced(point: Point) -> Point:
     return replace(point, u=u.reshape(point.u.shape))
 
 
-@pytest.mark.parametrize("fields", [{}, {"end_effector": {"position": [0.1, 0.1, 0.3]}}])
+@pytest.mark.parametrize("fields", [{}, {"position": [0.1, 0.1, 0.3]}, {"rod_radius": 0.005}])
 def test_loads_are_those_of_the_audit_at_any_balanced_point(fields: Any) -> None:
-    rng = np.random.default_rng(0)
-    asked = {"joint_moment": 1.0, "joint_force": 1.0}
-    for n in (4, 5, 6):
-        task = push(n, load_cases=TWISTED, flight=asked, **fields)
-        point = balanced(random_point(task, random_tree(n, rng), rng))
-        assert missed_wrenches(point).max() < 1e-9
+    """The larger of both sides, where no rod reaches and where it is not sure from where the audit's rod comes."""
+    rng, asked, known = np.random.default_rng(0), {"joint_moment": 1.0, "joint_force": 1.0}, list[bool]()
+    for n in (4, 5, 6) * 6:
+        task = push(n, load_cases=TWISTED, flight=asked, end_effector=fields)
+        point = random_point(task, random_tree(n, rng), rng)
+        if task.end_effector.fixed_position is None:
+            point = replace(point, p_E=rng.uniform(0.5, 4.0) * point.p_E)
+        point = balanced(point)
+        if missed_wrenches(point).max() > 1e-9:
+            continue  # a chain, which cannot produce every wrench
         design = as_design(point)
-        found = platform(design)
-        own = loads(point)
-        held, u = holder(point), point.u
-        rows = [
-            load
-            for k, case in enumerate(task.load_cases)
-            for load in joint_loads(design, found, case, u[k], "", held)
-        ]
-        assert own == pytest.approx([r.force_N for r in rows] + [r.moment_Nm for r in rows], rel=1e-6)
+        found, mount, held, own = platform(design), choose_mount(design), holder(point), loads(point)
+        assert held is None or (mount is not None and held == mount.module)
+        bolted = None if mount is None else mount.module
+        for carrier in {held, bolted}:
+            rows = [
+                load
+                for k, case in enumerate(task.load_cases)
+                for load in joint_loads(design, found, case, point.u[k], "", carrier)
+            ]
+            audited = np.array([r.force_N for r in rows] + [r.moment_Nm for r in rows])
+            assert np.all(own >= audited * (1 - 1e-6))
+            if carrier == held:
+                assert own == pytest.approx(audited, rel=1e-6)
+        known.append(held is not None)
+    assert len(known) > 12
+    assert any(known)
+    assert not all(known)
 
 
-def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both() -> None:
+@pytest.mark.parametrize("held", [0, None])
+def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both(
+    held: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rng = np.random.default_rng(1)
     task, topology = push(4, load_cases=TWISTED, flight={"joint_moment": 1.0}), random_tree(4, rng)
     point = random_point(task, topology, rng)
     base = AssembledProblem(task, topology, clearances(task, topology), 50.0)
     listed = limited_loads(task, topology)[::3]
-    rows = LimitRows(task, topology, Limits(holder(point), listed))
+    rows = LimitRows(task, topology, Limits(held, listed))
     both, x = JoinedProgram(base, rows), point.pack()
     unit = task.module.arm_length * task.module.mass * task.gravity
-    at = dict(zip(limited_loads(task, topology), loads(point), strict=True))
     L = np.array([limit_of(task, load) for load in listed]) / unit
+    limited = both.constraints(x)[base.rows :].reshape(len(listed), -1).min(axis=1)
+    monkeypatch.setattr(joints, "holder", lambda _: held)
+    at = dict(zip(limited_loads(task, topology), loads(point), strict=True))
     sizes = np.array([at[load] for load in listed]) / unit
-    assert both.constraints(x)[base.rows :] == pytest.approx((L**2 - sizes**2) / (2 * L), rel=1e-9)
+    assert limited == pytest.approx((L**2 - sizes**2) / (2 * L), rel=1e-9)
 
     def gradient(y: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         J = np.array(ca.DM(both.jacobian_pattern, both.jacobian(y)))
@@ -98,6 +122,38 @@ def test_a_design_keeps_the_largest_moment_that_it_is_asked_to_and_the_audit_jud
     again = audit(plain.model_copy(update={"task": asked}))
     (row,) = (row for row in again.residuals if row.name == "largest moment in a joint")
     assert row.status is Status.VIOLATED
+
+
+def test_where_no_rod_reaches_either_side_of_a_joint_carries_the_end_effector(out_of_reach: Design) -> None:
+    """The limit is between the forces of the two sides."""
+    found = platform(out_of_reach)
+    (case,), u = out_of_reach.task.load_cases[1:], out_of_reach.inputs[1]
+    fields = ("force_N", "moment_Nm", "about_hinge_Nm", "across_hinge_Nm")
+    one, other, either = (
+        [
+            getattr(load, field)
+            for load in joint_loads(out_of_reach, found, case, u, "", carrier)
+            for field in fields
+        ]
+        for carrier in (0, 1, None)
+    )
+    assert either == pytest.approx(np.maximum(one, other))
+    assert either not in (pytest.approx(one), pytest.approx(other))
+    judged = audit(out_of_reach)
+    (row,) = (row for row in judged.residuals if row.name == "largest force in a joint")
+    assert min(one[0], other[0]) < row.stated < max(one[0], other[0]) == pytest.approx(row.derived)
+    assert row.status is Status.VIOLATED
+    assert judged.verdict == "violated"
+
+
+def test_a_limit_is_kept_whichever_side_carries_an_end_effector_out_of_reach(out_of_reach: Design) -> None:
+    task, topology = out_of_reach.task, out_of_reach.topology
+    for most, able in ((task.flight.joint_force, False), (3.8, True)):
+        limited = task.model_copy(update={"flight": task.flight.model_copy(update={"joint_force": most})})
+        found = solve(limited, topology, starts=range(2), seed=0)
+        assert isinstance(found, Design) == able
+        if isinstance(found, Design):
+            assert audit(found).verdict == "clear"
 
 
 def test_a_rating_is_that_of_the_module_and_must_be_given() -> None:

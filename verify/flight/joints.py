@@ -37,8 +37,8 @@ def joint_loads(
         case: what is asked of the rotors [N], [N m].
         u: their inputs, shape (n, 4) [rad^2/s^2].
         name: of the case.
-        holder: the module that carries the end-effector; None: unknown, each joint then has the larger moment of
-            both that it may bear.
+        holder: the module that carries the end-effector; None: unknown, each figure of a joint is then the larger
+            of both sides that may carry it.
     """
     borne = _Borne(design, found, case, u)
     topology, l_c = design.topology, design.task.module.connector_distance
@@ -48,17 +48,16 @@ def joint_loads(
         c = found.o[h] + l_c * R_h @ PORT_DIRECTIONS[a]
         axis = R_h[:, 1 if a % 2 == 0 else 0]
         sides = (True, False) if holder is None else (bool(beyond[i, holder]),)
-        F, tau = max((borne.at(c, beyond[i], tip) for tip in sides), key=lambda load: float(load[1] @ load[1]))
-        about = float(tau @ axis)
+        loads = [borne.at(c, beyond[i], tip) for tip in sides]
         yield JointLoad(
             case=name,
             module=h,
             port=a,
             child=i,
-            force_N=clamp(float(np.linalg.norm(F))),
-            moment_Nm=clamp(float(np.linalg.norm(tau))),
-            about_hinge_Nm=clamp(abs(about)),
-            across_hinge_Nm=clamp(float(np.linalg.norm(tau - about * axis))),
+            force_N=clamp(max(float(np.linalg.norm(F)) for F, _ in loads)),
+            moment_Nm=clamp(max(float(np.linalg.norm(tau)) for _, tau in loads)),
+            about_hinge_Nm=clamp(max(abs(float(tau @ axis)) for _, tau in loads)),
+            across_hinge_Nm=clamp(max(float(np.linalg.norm(tau - (tau @ axis) * axis)) for _, tau in loads)),
         )
 
 
