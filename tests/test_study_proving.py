@@ -12,6 +12,7 @@ from wording import says
 from topo_search.model import BadInput, Chunk, Proof
 from topo_search.model.exposure import Local
 from topo_search.model.proof import chunk_count
+from topo_search.model.proven import gap_percent
 from topo_search.report.run_page import run_page
 from topo_search.study import RunFolder, Silent, prove
 from topo_search.study.frame import candidates
@@ -229,3 +230,32 @@ def test_the_page_says_what_is_proven(run):
     assert says(page.bound[-1], "Proven by branch and bound: no 3-module topology", "1.00 %")
     assert '"proof"' in page.run.candidates
     assert '"within"' in page.run.candidates
+
+
+@pytest.mark.parametrize("options", [{"listed": ("a300", "a500")}, {"symmetry": "d4"}])
+def test_a_proof_of_some_trees_is_none_of_their_size(tmp_path, options):
+    toy_run(tmp_path / "run", **options)
+    answer = proven(tmp_path / "run", Prover())
+    (size,) = answer.sizes
+    assert (size.covers_size, size.proven_gap) == (False, None)
+    assert size.candidates_gap == pytest.approx(0.01)
+    assert answer.proven  # of what was searched nothing is open
+    assert size.statement.startswith("the best of all 2 candidates, proven to within 1.00 %")
+    assert "none of the 3-module candidates is more than 1.00 % better" in size.proven
+    assert size.gap_of(size.best) == size.best.gap > 0.01
+    with RunFolder.load(tmp_path / "run") as folder:
+        page = run_page(folder)
+    tiles = [page.tiles, *(card.figures for card in page.run.cards)]
+    (shown, *others) = [next(tile for tile in some if tile.name == "Proven gap") for some in tiles]
+    assert shown.figure == gap_percent(size.best.gap)
+    assert all(tile.meaning == "no platform of 3 modules can save more effort" for tile in (shown, *others))
+
+
+def test_the_gap_of_a_size_that_is_proven_tree_by_tree_has_a_scope(run):
+    (size,) = proven(run, Prover()).sizes
+    assert size.covers_size
+    assert "scope: aligned connectors, any orientation" in size.proven
+    with RunFolder.load(run) as folder:
+        page = run_page(folder)
+    tiles = [page.tiles, *(card.figures for card in page.run.cards)]
+    assert all("in the scope of the proofs" in str(some) for some in tiles)

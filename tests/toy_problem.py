@@ -35,7 +35,7 @@ from topo_search.model import (
     WorstCase,
     Wrench,
 )
-from topo_search.study import DEFAULT_ROUND, Request, Row, Silent, run
+from topo_search.study import DEFAULT_ROUND, Own, Request, Row, Silent, run
 
 BOUND = 1.0
 """Every objective lies above."""
@@ -230,11 +230,13 @@ def toy_run(
     engine=None,
     observer=None,
     backends=BACKENDS,
+    listed=None,
     **options,
 ):
     """Run the toy problem: on an engine, in worker processes if their number is given, or in this process."""
     asked = task or toy_task(modules)
-    request = Request(asked, symmetry, starts, seed, strategy, sampler, trials, prune, round_size)
+    own = Own(topologies=listed)
+    request = Request(asked, symmetry, starts, seed, strategy, sampler, trials, prune, round_size, own=own)
     place = Workers(workers) if workers else InProcess(1)
     with nullcontext(engine) if engine else place as engine:
         return run(request, Path(path), backends, engine=engine, observer=observer or Silent(), **options)

@@ -67,7 +67,7 @@ def findings(rows: pd.DataFrame) -> list[str]:
 
     designs = _designs(rows)
     if designs.empty:
-        return ["No topology has a design."]
+        return ["No design was found."]
     deepest, depths, (low, high) = designs["deepest_percent"], _pairs(rows)["depth_percent"], ABOUT_HALF
     share = designs["cluster_share"]
     reached, fully = ((deepest >= depth).mean() for depth in (REACHED, FULLY))

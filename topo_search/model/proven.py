@@ -1,5 +1,7 @@
 """How a proven number is rounded before a person reads it: to the side on which it is still proven.
 
+Every proven figure is printed by way of `at_least` or `at_most`.
+
 | symbol | meaning | unit |
 |---|---|---|
 | J | control effort of a design | rad^4/s^4 |
@@ -26,6 +28,23 @@ def at_least(value: float, digits: int) -> float:
 def at_most(value: float, digits: int) -> float:
     """Return a number with so many significant digits that is not smaller."""
     return _round(value, digits, ROUND_CEILING)
+
+
+def lower_text(value: float, digits: int = 6) -> str:
+    """Return a proven lower bound in so many significant digits, rounded down."""
+    return f"{at_least(value, digits):.{digits}g}"
+
+
+def upper_text(value: float, digits: int = 6) -> str:
+    """Return a proven upper bound in so many significant digits, rounded up."""
+    return f"{at_most(value, digits):.{digits}g}"
+
+
+def excess_texts(above: float, below: float, digits: int = 4) -> tuple[str, str]:
+    """Return `above`, rounded down, and `below`, rounded up, with enough digits to show which is larger."""
+    while digits < SIGNIFICANT and at_least(above, digits) <= at_most(below, digits):
+        digits += 1
+    return lower_text(above, digits), upper_text(below, digits)
 
 
 def gap_percent(gap: float, decimals: int = 2) -> str:

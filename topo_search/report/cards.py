@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 from markupsafe import Markup
 
@@ -32,17 +32,20 @@ def rows_to_show(answer: Answer, shown: Row) -> list[Row]:
     return list(found.values())
 
 
-def cards(found: Iterable[tuple[Row, Design, Audit | None]], best: Row) -> Iterator[Card]:
+def cards(
+    found: Iterable[tuple[Row, Design, Audit | None]], best: Row, *, scoped: Collection[int] = ()
+) -> Iterator[Card]:
     """Yield a card for each design that can be drawn, the winner's first, until they take too much.
 
     Args:
         found: rows with their designs and audits, the winner first.
         best: the winner.
+        scoped: the sizes whose gaps branch and bound proves.
     """
     taken = 0
     for row, design, audit in found:
         try:
-            card = _card(row, design, audit, best)
+            card = _card(row, design, audit, best, scoped=row.modules in scoped)
         except BadInput:  # its end-effector is too far away to be drawn: the ranking still has its row
             continue
         if row.key != best.key:
@@ -52,7 +55,7 @@ def cards(found: Iterable[tuple[Row, Design, Audit | None]], best: Row) -> Itera
         yield card
 
 
-def _card(row: Row, design: Design, audit: Audit | None, best: Row) -> Card:
+def _card(row: Row, design: Design, audit: Audit | None, best: Row, *, scoped: bool) -> Card:
     at = poses_to_draw(design)
     assembly = None if audit is None else audit.assembly
     verdict = "none" if audit is None else str(audit.verdict)
@@ -61,7 +64,11 @@ def _card(row: Row, design: Design, audit: Audit | None, best: Row) -> Card:
         heading=f"{row.key}, {modules(row.modules)}",
         view=view(f"view-{row.key}", design, at, audit),
         tree=Markup(tree_svg(design, assembly)),
-        figures=(Tile("Audit", verdict, "", verdict), _effort(row, best), *headline(design, audit, row.gap, "")),
+        figures=(
+            Tile("Audit", verdict, "", verdict),
+            _effort(row, best),
+            *headline(design, audit, row.gap, "", scoped=scoped),
+        ),
         nearest=nearest(audit.pairs) if audit is not None and audit.pairs else None,
         cases=None if audit is None or audit.flight is None else reserves(audit.flight),
     )

@@ -13,7 +13,9 @@ from topo_search.report.page import Tile
 from topo_search.report.wording import figures, length, modules
 
 
-def headline(design: Design, audit: Audit | None, gap: float | None, compared: str) -> tuple[Tile, ...]:
+def headline(
+    design: Design, audit: Audit | None, gap: float | None, compared: str, *, scoped: bool = False
+) -> tuple[Tile, ...]:
     """Return the tiles of a design; without an audit only those that its own numbers tell.
 
     Args:
@@ -21,8 +23,9 @@ def headline(design: Design, audit: Audit | None, gap: float | None, compared: s
         audit: its audit.
         gap: the share of its effort that another platform of its size can save at most, if that is known.
         compared: what it was compared with, in a few words.
+        scoped: whether branch and bound proves the gap, within its scope; the lower bound holds without any.
     """
-    return tuple(_tiles(design, audit, gap, compared))
+    return tuple(_tiles(design, audit, gap, compared, scoped))
 
 
 def closest(audit: Audit | None) -> Clearance | None:
@@ -40,7 +43,7 @@ def tally(audit: Audit) -> str:
     return f"{wrong} of {len(audit.pairs) + len(audit.residuals)} checks are not clear"
 
 
-def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str) -> Iterator[Tile]:
+def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str, scoped: bool) -> Iterator[Tile]:
     n = design.topology.n
     yield Tile("Modules", str(n), compared)
     throttle = design.inputs / design.task.module.max_input(design.task.gravity)
@@ -51,7 +54,7 @@ def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str
         power = f"{figures(flight.hover_power_ratio, 3)} times the power of rotors that all pull straight up"
         yield Tile("Throttle in hover", f"{figures(100 * flight.hover_input, 3)} %", power)
     if gap is not None:
-        told = f"no platform of {modules(n)} can save more effort"
+        told = f"no platform of {modules(n)} can save more effort{', in the scope of the proofs' if scoped else ''}"
         yield Tile("Proven gap", gap_percent(gap), told)
     nearest = closest(audit)
     if nearest is not None:

@@ -91,9 +91,8 @@ def _page(folder: RunFolder, answer: Answer) -> Page:
     design, audit = (None, None) if shown is None else _read(folder, shown)
     tiles: tuple[Tile, ...] = ()
     if design is not None and shown is not None:
-        tiles = headline(
-            design, audit, size.gap_of(shown), f"{quantity(_count_settled(answer), 'candidate')} solved"
-        )
+        compared = f"{quantity(_count_settled(answer), 'candidate')} solved"
+        tiles = headline(design, audit, size.gap_of(shown), compared, scoped=size.proven_gap is not None)
     return Page(
         title=title(request.task.name, n),
         key=shown.key if shown else None,
@@ -185,7 +184,8 @@ def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[Car
             for row, design, audit in read
             if design is not None
         )
-        yield from cards(told, shown)
+        scoped = [size.modules for size in answer.sizes if size.proven_gap is not None]
+        yield from cards(told, shown, scoped=scoped)
 
 
 def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> RunPart:

@@ -53,7 +53,8 @@ class SizeAnswer:
     statuses: dict[str, int]
     """How many ended with which status."""
     feasible: int
-    """Number of classes of the exact quotient with a design: the sum of their orbits."""
+    """Number of classes of the exact quotient that are known to have a design: the sum of the orbits of candidates
+    with one; a candidate that a lossy symmetry makes stand for others counts as one."""
     lower_bound: float
     """[rad^4/s^4]"""
     best: Row | None
@@ -69,6 +70,9 @@ class SizeAnswer:
     """What happened to designs whose audit was not clear, and to candidates that failed."""
     reason: str | None
     """Why there is no design, if there is none."""
+    covers_size: bool
+    """Whether the candidates stand for all topologies of this size that the task allows; listed ones, or those that
+    a lossy symmetry leaves, need not."""
     impossible: bool
     """Whether it is proven that no topology of this size can do the task."""
     statement: str | None
@@ -76,13 +80,15 @@ class SizeAnswer:
     relaxed: Relaxed | None = None
     """Which limits, relaxed alone, give the closest trees a design; None where that was not tried."""
     proven: str | None = None
-    """What branch and bound proves of all trees of this size, and of which problem; None while it was not asked."""
+    """What branch and bound proves of all candidates, and of which problem; None while it was not asked."""
     proven_gap: float | None = None
-    """How much less than the best a design of this size can cost at most, as a share, by branch and bound; None
-    while that is not proven of all trees."""
+    """How much less than the best a design of this size can cost at most, as a share, by branch and bound within the
+    scope of `proven`; None while that is not proven of all trees, or where the candidates do not cover the size."""
+    candidates_gap: float | None = None
+    """The same of the candidates alone."""
 
     def gap_of(self, row: Row) -> float | None:
-        """Return how much less than a design of this size another can cost at most, as a share, if it is known."""
+        """Return how much less than a design of this size any other can cost at most, as a share, if it is known."""
         best = None if self.best is None else self.best.objective
         if self.proven_gap is None or best is None or not row.objective:
             return row.gap
@@ -244,9 +250,9 @@ class Answer:
 
     @property
     def proven(self) -> bool:
-        """Whether branch and bound has closed all trees of every size that has a best design."""
+        """Whether branch and bound has closed all candidates of every size that has a best design."""
         sizes = [size for size in self.sizes if size.best is not None]
-        return bool(sizes) and all(size.proven_gap is not None for size in sizes)
+        return bool(sizes) and all(size.candidates_gap is not None for size in sizes)
 
     @property
     def complete(self) -> bool:
@@ -287,6 +293,7 @@ def size_answer(
     lower_bound: float,
     proof: Infeasible | None,
     quotient: Resolution,
+    covers: bool,
 ) -> SizeAnswer:
     """Sum up the ranked rows of one size, of which at most `starts` starts each were asked for, in one pass."""
     statuses: Counter[str] = Counter()
@@ -301,7 +308,7 @@ def size_answer(
         if row.status in ("feasible", "infeasible"):
             fewest = min(fewest, row.asked)
         if row.feasible:
-            feasible += row.orbit
+            feasible += row.orbit if quotient.exact else 1
             if best is None and row.clear:
                 best = row
             if best is not None and _near(row, best):
@@ -340,8 +347,9 @@ def size_answer(
         near_ties_unaudited=sum(row.audit is None for row in near),
         remarks=tuple(remarks),
         reason=None if feasible else reason(proof, closest, statuses),
-        impossible=proof is not None or (quotient.exact and statuses["impossible"] == candidates),
-        statement=None if best is None else statement(best, settled, candidates),
+        covers_size=covers,
+        impossible=proof is not None or (covers and statuses["impossible"] == candidates),
+        statement=None if best is None else statement(best, settled - statuses["failed"], candidates),
     )
 
 

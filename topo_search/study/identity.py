@@ -213,6 +213,19 @@ class Request:
             return replace(found, reason=f"{found.reason}; {own.handed!r} may tell mirror images apart")
         return _lossy_resolution(resolve_symmetry(task, self.symmetry), task, own)
 
+    def covers(self, n: int) -> bool:
+        """Whether the candidates stand for every tree of n modules that the task's connectors and root allow.
+
+        Only then does what is proven of all candidates hold of the size: every sentence about a size asks this.
+        """
+        if self.own.topologies is None:
+            return self.quotient(n).exact
+        every = replace(self, own=self.own.model_copy(update={"topologies": None}), symmetry="task").space(n)
+        listed, due = self.space(n), every.count()
+        if listed.count() < due:
+            return False
+        return len({every.key_of(candidate.topology) for candidate in listed.candidates()}) == due
+
     @property
     def _proper(self) -> bool:
         """Whether mirror images count apart because of an own constraint; with the paper's root they do anyway."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from topo_search.model import Proof, ResolvedTask
 from topo_search.model.proof import Problem
-from topo_search.model.proven import gap_percent
+from topo_search.model.proven import gap_percent, upper_text
 from topo_search.study.identity import Request
 from topo_search.study.row import COLUMNS, Row
 
@@ -128,10 +128,8 @@ def summarize(
 
 
 def subject_of(request: Request, n: int) -> str:
-    """Return of which trees of a size a proof of all candidates speaks: of all, if the candidates stand for all."""
-    if request.own.topologies is None and request.quotient(n).exact:
-        return f"no {n}-module topology"
-    return f"none of the {n}-module candidates"
+    """Return of which trees of a size a proof of all candidates speaks."""
+    return f"no {n}-module topology" if request.covers(n) else f"none of the {n}-module candidates"
 
 
 def weakest_problem(problems: Sequence[Problem]) -> Problem:
@@ -141,7 +139,7 @@ def weakest_problem(problems: Sequence[Problem]) -> Problem:
 
 def problem(task: ResolvedTask, about: Problem) -> str:
     """Say precisely which designs a proof is about."""
-    margin = f" and {task.search.margin:g} m" if about == "solver" else ""
+    margin = f" and {upper_text(task.search.margin)} m" if about == "solver" else ""
     if task.search.interference == "airflow":
         kept = (
             f"airflow envelopes may be{margin.removeprefix(' and')} apart"
@@ -150,12 +148,14 @@ def problem(task: ResolvedTask, about: Problem) -> str:
         )
         apart = task.centre_distance if about == "solver" else task.body_clearance
         if apart is not None:
-            kept += f" and centres of modules not bolted together be {apart:.6g} m{margin} apart"
+            kept += f" and centres of modules not bolted together be {upper_text(apart)} m{margin} apart"
     else:
-        kept = f"centres of modules may be {task.separation:g} m{margin} apart"
+        kept = f"centres of modules may be {upper_text(task.separation)} m{margin} apart"
     kept = f"the solver's own distances, {kept}" if about == "solver" else kept
+    # a proof holds for the trees and the orientations that the task allows
+    connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
     return (
-        f"scope: {root}, hinge angles within 90 deg either way, every wrench and input within the audit's "
+        f"scope: {connectors}{root}, hinge angles within 90 deg either way, every wrench and input within the audit's "
         f"tolerance; {kept}; all other requirements can only raise the effort"
     )

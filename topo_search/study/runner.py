@@ -306,7 +306,8 @@ def _add_proof(folder: RunFolder, answer: SizeAnswer) -> SizeAnswer:
     told = answer.statement
     if found.gap is not None:
         told = proven_statement(answer.candidates, found.gap)
-    return replace(answer, statement=told, proven=found.sentence, proven_gap=found.gap)
+    of_size = found.gap if answer.covers_size else None
+    return replace(answer, statement=told, proven=found.sentence, candidates_gap=found.gap, proven_gap=of_size)
 
 
 def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
@@ -323,6 +324,7 @@ def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
         lower_bound=lower_bound,
         proof=proof,
         quotient=request.quotient(n),
+        covers=request.covers(n),
     )
     best = [] if answer.best is None or answer.best in answer.top else [answer.best]
     check_designs(ledger, contexts, space, [*answer.top, *best])

@@ -11,9 +11,9 @@ from topo_search.model.proven import gap_percent
 from topo_search.study.row import Row
 
 
-def statement(best: Row, settled: int, candidates: int) -> str:
-    """Say what is known of the best design: starts are no proof, the bound is."""
-    number = f"all {candidates}" if settled == candidates else f"{settled} of {candidates}"
+def statement(best: Row, solved: int, candidates: int) -> str:
+    """Say what is known of the best design: starts are no proof; the bound is, of every tree of the size."""
+    number = f"all {candidates}" if solved == candidates else f"{solved} of {candidates}"
     found = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
     if best.gap is None or best.objective is None or best.lower_bound is None:
         return found
