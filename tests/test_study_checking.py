@@ -2,14 +2,18 @@
 
 import dataclasses
 import json
+import zlib
 
 import pytest
+from ledger_edit import forged, rewritten
 from test_study_proving import Prover, proven, table
 from toy_problem import BACKENDS, InProcess, audit, solve, toy_run
 from wording import says
 
-from topo_search.model import BadInput, CheckedChunk, Infeasible
-from topo_search.study import Silent, check
+from topo_search.model import BadInput, CheckedChunk, Design, Infeasible, Proof
+from topo_search.model.files import to_json
+from topo_search.study import RunFolder, Silent, check
+from topo_search.study.frame import candidates
 
 
 class Checker:
@@ -60,17 +64,21 @@ def test_a_chunk_that_does_not_hold_is_named_with_its_box(run):
 
 
 def edited(path, **changes):
-    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    rewrite(path, json.dumps(json.loads(path.read_text()) | changes))
+
+
+def rewrite(path, content):
+    rewritten(path.parents[1], f"{path.parent.name}/{path.name}", content)
 
 
 def test_the_proof_of_another_tree_or_task_is_refused(run):
     first, second, *_ = sorted((run / "proof").iterdir())
     one, other = first.read_bytes(), second.read_bytes()
-    first.write_bytes(other)
-    second.write_bytes(one)
+    rewrite(first, other)
+    rewrite(second, one)
     told = {tree.key: tree.fault for tree in checked(run).trees}
     assert told[first.name] == f"proof/{first.name} is the proof of another tree, {second.name}"
-    first.write_bytes(one)
+    rewrite(first, one)
     task = json.loads(one)["task"]
     edited(first, task=task | {"gravity": 9.0})
     told = {tree.key: tree.fault for tree in checked(run).trees}
@@ -98,10 +106,10 @@ def test_a_proof_that_cannot_be_read_is_refused(run, change, why):
 def test_a_proof_that_is_cut_off_or_has_a_chunk_twice_or_too_few_is_not_checked(run):
     file = min((run / "proof").iterdir())
     text = file.read_text()
-    file.write_text(text[: len(text) // 2])
+    rewrite(file, text[: len(text) // 2])
     assert checked(run).refused
     chunks = json.loads(text)["chunks"]
-    file.write_text(text)
+    rewrite(file, text)
     edited(file, chunks=[*chunks, chunks[0]])
     assert f"proof/{file.name} has a chunk twice" in {tree.fault for tree in checked(run).trees}
     edited(file, chunks=chunks[:-1])
@@ -157,3 +165,71 @@ def test_the_best_design_is_audited_again(run, monkeypatch):
     found = checked(run)
     assert found.refused
     assert found.faults == [f"{best}: the audit of the best design is violated"]
+
+
+def test_a_proof_that_differs_from_what_was_written_is_refused_whatever_it_says(run):
+    file = min((run / "proof").iterdir())
+    text = file.read_bytes()
+    proof = json.loads(text)
+    emptied = [{**chunk, "packed": "", "boxes": 0} for chunk in proof["chunks"]]
+    changes = [{"gap": 0.5}, {"cut": proof["cut"] * 0.5}, {"cut": proof["cut"] * 2}, {"chunks": emptied}]
+    for content in (text + b"\n", b"", *(json.dumps(proof | change).encode() for change in changes)):
+        file.write_bytes(content)
+        (tree,) = (tree for tree in checked(run).trees if tree.verdict == "refused")
+        assert says(tree.fault, f"proof/{file.name} is not the file that this run wrote")
+        for use in (toy_run, lambda path: proven(path, Prover())):
+            with pytest.raises(BadInput, match=f"proof/{file.name}: is not the file that this run wrote"):
+                use(run)
+        assert file.read_bytes() == content
+    file.unlink()
+    proven(run, Prover())
+    assert file.read_bytes() == text
+
+
+def test_a_bound_above_a_known_design_is_refused(run):
+    file = min((run / "proof").iterdir())
+    edited(file, cut=float(table(run)[file.name]["objective"]) * 1.001)
+    for use in (toy_run, lambda path: proven(path, Prover()), candidates):
+        with pytest.raises(BadInput, match=rf"{file.name}: proves J >= .* an audited design of"):
+            use(run)
+
+
+@pytest.mark.parametrize("name", ["best.json", "candidates.csv", "task.toml"])
+def test_a_check_refuses_files_that_the_run_did_not_write(run, name):
+    path = run / name
+    path.write_bytes(path.read_bytes().replace(b"toy", b"toy", 1) + b"\n")
+    found = checked(run)
+    assert found.faults == [f"{name} is not the file that this run wrote"]
+    assert found.refused
+
+
+@pytest.mark.parametrize("other", ["a999", "a030", "aff"])
+def test_a_check_looks_which_trees_there_are(run, other):
+    key = list(table(run))[-1]
+    proof = json.loads((run / "proof" / key).read_text())
+    (run / "proof" / key).unlink()
+    other = other.ljust(len(key), "0")
+    forged(run, ("UPDATE candidates SET key = ? WHERE key = ?", (other, key)))
+    with RunFolder.load(run, writes=True) as folder:
+        folder.keep_proof(Proof.model_validate(proof | {"topology_key": other}))
+    found = checked(run)
+    assert [tree.fault for tree in found.trees if tree.key == other] == ["is no candidate of this run"]
+    assert "checked:" not in found.sentences[0]
+    assert found.refused
+
+
+def test_a_replaced_best_design_is_refused(run):
+    best, *_, worst = table(run)
+    with RunFolder.load(run) as folder:
+        text = folder.text(next(row for row in folder.ledger.ranking(3) if row.key == best))
+    design = Design.model_validate_json(text)
+    looser = design.model_copy(update={"task": design.task.model_copy(update={"gravity": 1.0})})
+    for other in (looser, design.model_copy(update={"objective": design.objective * 0.9})):
+        replaced = to_json(other).encode()
+        forged(
+            run,
+            ("UPDATE texts SET result = ? WHERE key = ?", (replaced, best)),
+            ("UPDATE candidates SET result_checksum = ? WHERE key = ?", (zlib.crc32(replaced), best)),
+        )
+        (fault,) = checked(run).faults
+        assert says(fault, best, "is not that of its design")

@@ -1,9 +1,11 @@
 """Whose files are whose: a run takes no folder of somebody else's, and in its own replaces only what it wrote."""
 
+import json
 import os
 import re
 import shutil
 import threading
+from dataclasses import replace
 
 import pytest
 import toy_problem
@@ -13,8 +15,8 @@ from toy_problem import toy_run, toy_task
 
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.model import BadInput
-from topo_search.model.files import to_toml
+from topo_search.model import BadInput, Design
+from topo_search.model.files import to_json, to_toml
 from topo_search.study import LedgerLost, RunFolder, answer_of
 from topo_search.study.place import PARTIAL, Place
 
@@ -145,28 +147,44 @@ VANISH = {
 
 
 @pytest.mark.parametrize("harm", VANISH)
-@pytest.mark.parametrize("at", [2, 9])
-def test_a_folder_that_vanishes_ends_the_run_with_what_it_had_found(tmp_path, monkeypatch, harm, at):
+@pytest.mark.parametrize(("at", "during"), [(2, "solve"), (9, "solve"), (3, "audit")])
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_a_folder_that_vanishes_ends_the_run_with_what_it_had_found(
+    tmp_path, monkeypatch, harm, at, during, options
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "toy.toml").write_text(to_toml(toy_task(4)))
     calls, folder = [], tmp_path / "run"
 
-    def vanishing(task, topology, **options):
-        calls.append(topology.key)
-        if len(calls) == at:
-            VANISH[harm](folder)
-        return toy_problem.solve(task, topology, **options)
+    def vanishing(function):
+        def call(*args, **options):
+            calls.append(args)
+            if len(calls) == at:
+                VANISH[harm](folder)
+            return function(*args, **options)
 
-    backends = toy_problem.Backends(vanishing, *list(vars(toy_problem.BACKENDS).values())[1:])
+        return call
+
+    backends = replace(toy_problem.BACKENDS, **{during: vanishing(getattr(toy_problem, during))})
     monkeypatch.setattr(compose.binding, "BACKENDS", backends)
     monkeypatch.setattr(compose.places, "Workers", toy_problem.InProcess)
-    result = CliRunner().invoke(main, ["run", "toy.toml", "--symmetry", "c2", "--out", "run"])
+    result = CliRunner().invoke(main, ["run", "toy.toml", "--symmetry", "c2", "--out", "run", *options])
     assert result.exit_code == 74, result.output
     assert re.search(r"ledger\.sqlite: was removed, moved, replaced or emptied", result.stderr)
     assert "everything is in" not in result.output
     assert "results are kept" not in result.output
-    assert f"{at} of" in result.stdout  # the solve during which it vanished is told too
     assert len(calls) == at
+    printed = result.stdout[result.stdout.index("{\n") :]
+    found = json.loads(printed)
+    design = Design.model_validate(found["design"] if options else found)
+    if options:
+        assert found["exit_status"] == 74
+        assert (found["best"] or found["sizes"][0]["top"][0])["key"] == design.topology.key
+    elif during == "solve":
+        assert f"{at} of" in result.stdout  # the solve during which it vanished counts too
+        assert "not audited" in result.stdout
+    else:
+        assert f"best design: {design.topology.key}" in result.stdout
 
 
 def test_a_folder_that_vanishes_during_audits_ends_with_the_best_design(tmp_path):
@@ -183,7 +201,7 @@ def test_a_folder_that_vanishes_during_audits_ends_with_the_best_design(tmp_path
         toy_run(tmp_path / "run", backends=backends)
     best = toy_run(tmp_path / "whole").best
     assert caught.value.answer.best.key == best.key
-    assert caught.value.design == (tmp_path / "whole/best.json").read_text()
+    assert to_json(caught.value.design) == (tmp_path / "whole/best.json").read_text()
 
 
 def test_ctrl_c_before_anything_was_begun_promises_nothing(tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ import math
 
 import pytest
 import toy_problem
+from ledger_edit import rewritten
 from toy_problem import InProcess, toy_run, toy_task
 from wording import says
 
@@ -148,7 +149,7 @@ def test_a_proof_of_another_task_does_not_count_and_a_damaged_one_is_named(run):
     proof = Proof.model_validate_json(json.dumps(text))
     assert proof.complete
     assert proof.chunks[5].record == bytes([2, 0, 1])
-    file.write_text(json.dumps(text | {"cut": "low"}))
+    rewritten(run, f"proof/{file.name}", json.dumps(text | {"cut": "low"}))
     with (
         pytest.raises(BadInput, match=rf"{file.name}.*cut"),
         RunFolder.load(run) as folder,

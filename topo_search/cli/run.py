@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -177,15 +176,18 @@ def _print_if_lost(warnings: Sequence[TaskWarning], *, as_json: bool) -> Iterato
     except LedgerLost as lost:
         if lost.answer is not None:
             if as_json:
-                design = None if lost.design is None else json.loads(lost.design)
+                design = None if lost.design is None else lost.design.model_dump(mode="json")
                 told = answer_as_json(lost.answer, warnings)
                 options.echo_json({**told, "exit_status": INPUT_OUTPUT, "design": design})
             else:
                 from topo_search.cli.tables import print_found
+                from topo_search.model.files import to_json
 
                 print_found(lost.answer)
                 if lost.design is not None:
-                    click.echo(lost.design, nl=False)
+                    if lost.answer.best is None:
+                        click.echo(f"best design so far, not audited: {lost.design.topology.key}")
+                    click.echo(to_json(lost.design), nl=False)
         raise
 
 

@@ -7,26 +7,20 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
-
-from pydantic import BaseModel, ValidationError
+from typing import TYPE_CHECKING
 
 from topo_search.engine import scaled_violation
-from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, Relaxed, ResolvedTask
-from topo_search.model.bad_input import faults_of
+from topo_search.model import Audit, Design, Infeasible, Relaxed, ResolvedTask
 from topo_search.model.goals import Level
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
 from topo_search.study.front import FrontPoint, idle_goals
-from topo_search.study.place import Place
 from topo_search.study.row import FLIGHT, Row
 from topo_search.study.statements import reason, remark, statement
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Model = TypeVar("Model", bound=BaseModel)
 
 SHOWN = 10
 """Number of rows in the table of the best."""
@@ -134,6 +128,10 @@ class Answer:
     """Results per level of a run with goals, the loosest first."""
     points: tuple[FrontPoint, ...] = ()
     """The front of a run with goals, least effort first."""
+    design: Design | None = None
+    """The best audited design itself."""
+    audit: Audit | None = None
+    """Its audit."""
 
     def __str__(self) -> str:
         """Say what was found, or why nothing was."""
@@ -177,48 +175,21 @@ class Answer:
         return f"the smallest size with a design ({proven} that fewer, down to {fewer[0].modules}, have none)"
 
     @property
-    def design(self) -> Design | None:
-        """The best audited design itself, read from the folder."""
-        return None if self.best is None else self._read(Design, "best.json")
-
-    @property
-    def audit(self) -> Audit | None:
-        """The audit of the best design, read from the folder."""
-        if self.best is None:
-            return None
-        folder = f"{self.points[0].folder}/" if self.points else ""
-        return self._read(Audit, f"{folder}audits/{self.best.key}.json")
-
-    def _read(self, model: type[Model], name: str) -> Model:
-        """Return the value of a file of the folder, through no symbolic link."""
-        with Place.open(self.folder) as place:
-            content = place.read(name)
-        if content is None:
-            raise BadInput(str(self.folder / name), [Fault("", "no such file")])
-        try:
-            return model.model_validate_json(content)
-        except ValidationError as error:
-            raise BadInput(str(self.folder / name), faults_of(error, model)) from None
-
-    @property
     def note(self) -> str | None:
         """The audit's note on the rod of the best design."""
-        audited = self.audit
-        sheet = None if audited is None else audited.assembly.end_effector
+        sheet = None if self.audit is None else self.audit.assembly.end_effector
         return None if sheet is None else sheet.note
 
     @property
     def clear_rod(self) -> bool:
         """Whether a straight rod carries the end-effector of the best design, clear of all parts and airflow."""
-        audited = self.audit
-        sheet = None if audited is None else audited.assembly.end_effector
+        sheet = None if self.audit is None else self.audit.assembly.end_effector
         return sheet is not None and sheet.clear_rod
 
     @property
     def weakest_point(self) -> str | None:
         """The weakest point of the best design in one line, from its audit."""
-        audited = self.audit
-        return None if audited is None or audited.flight is None else audited.flight.weakest_point
+        return None if self.audit is None or self.audit.flight is None else self.audit.flight.weakest_point
 
     @property
     def candidates(self) -> pd.DataFrame:

@@ -10,11 +10,12 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from topo_search.engine import AuditDesign, Engine, Failed, audit_deadline
+from topo_search.engine import AuditDesign, Engine, Failed, Space, audit_deadline
 from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
 from topo_search.model.bad_input import faults_of
 from topo_search.model.proof import Problem, chunk_count
 from topo_search.model.proven import gap_percent
+from topo_search.study.crosscheck import check_designs
 from topo_search.study.folder import PROOFS, RunFolder
 from topo_search.study.observer import Observer
 from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, subject_of, weakest_problem
@@ -125,6 +126,11 @@ def check(
             looked_at = [row for row in rows if key in (None, row.key)]
             if looked_at:
                 _check_size(folder, n, best, looked_at, check_chunk, audit, engine, observer, checked)
+        checked.faults += [
+            f"{name} is not the file that this run wrote"
+            for name in folder.changed_files()
+            if not name.startswith(f"{PROOFS}/")  # those are refused with their trees
+        ]
         if not sizes:
             raise BadInput(str(path), [Fault("", "holds no audited design that a proof could be against")])
         if key is not None and key not in known:
@@ -144,18 +150,24 @@ def _check_size(
     checked: Checked,
 ) -> None:
     """Check the trees of one size."""
-    task = folder.request.contexts(n)[0].task
+    task, space = folder.request.contexts(n)[0].task, folder.request.space(n)
     if fault := _best_fault(folder, best, audit, engine):
-        checked.faults.append(f"{best.key}: {fault}")
+        checked.faults.append(fault)
     trees, jobs = dict[str, CheckedTree](), list[_Job]()
     for row in rows:
         tree = trees[row.key] = CheckedTree(row.key, n)
-        content = folder.proof_text(row.key)
-        if content is None:
-            tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "not examined"
+        if not _is_candidate(space, row.key):
+            tree.fault = "is no candidate of this run"
             continue
         try:
+            content = folder.proof_text(row.key)
+            if content is None:
+                tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "not examined"
+                continue
             proof = Proof.model_validate_json(content)
+        except BadInput as error:
+            tree.fault = f"{PROOFS}/{row.key} {error.faults[0].rule}"
+            continue
         except ValidationError as error:
             tree.fault = f"{PROOFS}/{row.key}: {faults_of(error, Proof)[0]}"
             continue
@@ -170,7 +182,7 @@ def _check_size(
         observer.note(_describe(tree))
     checked.trees += trees.values()
     if len(rows) > 1:
-        count, whom = folder.request.space(n).count(), subject_of(folder.request, n)
+        count, whom = space.count(), subject_of(folder.request, n)
         checked.sentences.append(_sentence(list(trees.values()), best, task, count, whom))
 
 
@@ -209,19 +221,25 @@ def _check(check_chunk: CheckChunk, job: _Job) -> CheckedChunk:
 
 def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine) -> str | None:
     """Say what is wrong with the best design, which proofs are against."""
-    text = folder.text(best)
-    if text is None:
-        return "the design is gone from the ledger"
+    n, ledger = best.modules, folder.ledger
+    contexts = folder.request.contexts(n)
     try:
-        design = Design.model_validate_json(text)
-    except ValidationError as error:
-        return f"the design cannot be read: {faults_of(error, Design)[0]}"
-    if design.topology.key != best.key or design.objective != best.objective:
-        return f"the ledger says J = {best.objective}, its design {design.objective} of {design.topology.key}"
-    found = engine.run_one(audit, design, deadline=audit_deadline(design.topology.n))
+        check_designs(ledger, contexts, folder.request.space(n), [best])
+        design = Design.model_validate_json(folder.text(best) or "")
+    except BadInput as error:
+        return str(error)
+    found = engine.run_one(audit, design, deadline=audit_deadline(n))
     if isinstance(found, Failed):
-        return f"the audit of the best design failed: {found.reason}"
-    return None if found.verdict == "clear" else f"the audit of the best design is {found.verdict}"
+        return f"{best.key}: the audit of the best design failed: {found.reason}"
+    return None if found.verdict == "clear" else f"{best.key}: the audit of the best design is {found.verdict}"
+
+
+def _is_candidate(space: Space, key: str) -> bool:
+    """Return whether a key names the tree that stands for a candidate."""
+    try:
+        return space.candidate_of(Topology.from_key(key)).key == key
+    except ValueError:
+        return False
 
 
 def _unfit(proof: Proof, key: str, task: ResolvedTask) -> str | None:

@@ -213,28 +213,49 @@ class RunFolder:
         self.keep_within(PROOFS, proof.topology_key, to_json(proof))
 
     def proof_text(self, key: str) -> bytes | None:
-        """Return the proof of one tree as it is in the folder; None if there is none."""
-        return self._place.read(f"{self._level}{PROOFS}/{key}")
+        """Return the proof of one tree as the run wrote it; None if there is none.
+
+        Raises:
+            BadInput: the file has another content.
+        """
+        return self.ledger.files.read(self._place, f"{self._level}{PROOFS}/{key}")
+
+    def changed_files(self) -> list[str]:
+        """Return the names of all files whose content is not what the run wrote."""
+        return self.ledger.files.changed(self._place)
 
     def proofs(self, n: int) -> dict[str, Proof]:
         """Return the proofs of candidates of n modules by key: those of this very task.
 
         Raises:
-            BadInput: one of them is damaged.
+            BadInput: one of them is damaged, or contradicts a design.
         """
         task = self.request.contexts(n)[0].task
-        found = self.read_within(PROOFS, Proof).values()
-        return {proof.topology_key: proof for proof in found if proof.task == task}
+        return {proof.topology_key: proof for proof in self._sound_proofs(n) if proof.task == task}
 
     def proofs_for(self, task: ResolvedTask) -> dict[str, Proof]:
         """Return the complete proofs that hold for a task of another run as well, as that run's own, by key.
 
         Raises:
-            BadInput: one of them is damaged.
+            BadInput: one of them is damaged, or contradicts a design.
         """
-        found = self.read_within(PROOFS, Proof).values()
-        held = [proof for proof in found if proof.complete and bounded_alike(proof.task, task)]
+        held = [proof for proof in self._sound_proofs(task.n) if proof.complete and bounded_alike(proof.task, task)]
         return {proof.topology_key: proof.model_copy(update={"task": task}) for proof in held}
+
+    def _sound_proofs(self, n: int) -> Iterator[Proof]:
+        """Yield all proofs of the folder; none of n modules may exclude a design whose audit is clear."""
+        if not (proofs := self.read_within(PROOFS, Proof)):
+            return
+        clear = {row.key: row.objective for row in self.ledger.ranking(n) if row.clear}
+        for name, proof in proofs.items():
+            design = clear.get(proof.topology_key)
+            if proof.task.n == n and proof.complete and design is not None and design < proof.cut:
+                rule = (
+                    f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: remove it, "
+                    "and run `topo-search prove` again"
+                )
+                raise BadInput(str(self._place.path / PROOFS / name), [Fault("", rule)])
+            yield proof
 
     def keep_within(self, part: str, name: str, content: str) -> None:
         """Write a file of the run's own into one of its folders; errors as of `keep`."""
@@ -249,7 +270,7 @@ class RunFolder:
         """
         found = dict[str, Model]()
         for path in self.ledger.files.names_in(f"{self._level}{part}"):
-            if (content := self._place.read(path)) is None:
+            if (content := self.ledger.files.read(self._place, path)) is None:
                 continue
             try:
                 found[path.rsplit("/", 1)[1]] = model.model_validate_json(content)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from topo_search.model import Design
     from topo_search.study.answer import Answer
 
 
@@ -19,8 +20,8 @@ class LedgerLost(Exception):
     def __init__(self, path: Path) -> None:
         self.answer: Answer | None = None
         """What the run had found, as far as it can still be read."""
-        self.design: str | None = None
-        """The best design as JSON text: nothing else may hold it any more."""
+        self.design: Design | None = None
+        """The best design, audited if any is: nothing else may hold it any more."""
         super().__init__(
             f"{path}: was removed, moved, replaced or emptied during the run; the run stopped, and what it found "
             "since then is kept only in the output printed here"

@@ -73,6 +73,29 @@ class OwnFiles:
         if foreign:
             raise self.refusal(place, foreign)
 
+    def read(self, place: Place, name: str) -> bytes | None:
+        """Return the content of a file as the run wrote it; None if the file is not there.
+
+        Raises:
+            BadInput: its content is another one: damaged, edited, or somebody else's.
+        """
+        content = place.read(name)
+        if content is not None and self.is_changed(name, content):
+            rule = "is not the file that this run wrote: remove it, and run the same command again to make it anew"
+            raise BadInput(str(place.path / name), [Fault("", rule)])
+        return content
+
+    def is_changed(self, name: str, content: bytes) -> bool:
+        """Return whether a content is none that the run gave the file of this name."""
+        digest, before, changing = self._entry(name) or (None, None, 0)
+        return not changing and digest_of(content) not in (digest, before)
+
+    def changed(self, place: Place) -> list[str]:
+        """Return the names of all files that are there with another content than the run gave them."""
+        names = (name for (name,) in self._database.execute("SELECT name FROM files ORDER BY name").fetchall())
+        contents = ((name, place.read(name)) for name in names if is_within_folder(name))
+        return [name for name, content in contents if content is not None and self.is_changed(name, content)]
+
     def remove(self, place: Place, names: Iterable[str]) -> None:
         """Remove those of some files that the run wrote; what somebody else has changed since stays."""
         for name in names:

@@ -21,7 +21,7 @@ from topo_search.study.observer import Observer
 from topo_search.study.phases import CHUNK_SECONDS, Phase
 from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, target
 from topo_search.study.row import Row
-from topo_search.study.runner import answer_of
+from topo_search.study.runner import answer_of, refuse_lost
 
 ProveChunk = Callable[[ResolvedTask, Topology, int, float, Problem], Chunk]
 """Searches one chunk of a tree for designs under a cut [rad^4/s^4]: a pure function."""
@@ -131,9 +131,10 @@ def prove(
             proof of the other run holds for it.
         KeyboardInterrupt: after Ctrl-C, with every finished chunk kept.
         WorkersLost: the engine has no workers any more; likewise.
+        LedgerLost: as of `run`.
     """
     until = time.monotonic() + time_limit
-    with RunFolder.load(path, writes=True) as folder:
+    with RunFolder.load(path, writes=True) as folder, refuse_lost(folder):
         sizes = _sizes(folder, path, key)
         try:
             for n, best, rows in sizes:
@@ -185,6 +186,7 @@ def prove(
             raise
         folder.write()
         report(folder)
+        folder.ledger.require()
         return answer_of(folder)
 
 

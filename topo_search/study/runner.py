@@ -13,7 +13,7 @@ from itertools import islice
 from pathlib import Path
 
 from topo_search.engine import Backends, Engine, TimeUp, WorkersLost, exhaustive_search
-from topo_search.model import BadInput, Infeasible
+from topo_search.model import Audit, BadInput, Design, Infeasible
 from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, quotient_remark, size_answer
 from topo_search.study.audits import audit_best, audits_left
 from topo_search.study.causes import causes, find_causes
@@ -23,6 +23,7 @@ from topo_search.study.folder import RunFolder
 from topo_search.study.front import front_of, write_front
 from topo_search.study.identity import Context, Request
 from topo_search.study.ledger import Ledger
+from topo_search.study.ledger_file import parse
 from topo_search.study.lock import ReadOnlyFolder
 from topo_search.study.lost import KEPT, LedgerLost
 from topo_search.study.observer import Observer
@@ -71,7 +72,7 @@ def run(
     """
     until = time.monotonic() + time_limit
     try:
-        with RunFolder.open(path, request) as folder, _refuse_lost(folder):
+        with RunFolder.open(path, request) as folder, refuse_lost(folder):
             try:
                 plan = remaining_plan(folder, workers, time_limit)
                 if plan.solves:
@@ -101,7 +102,7 @@ def run(
 
 
 @contextmanager
-def _refuse_lost(folder: RunFolder) -> Iterator[None]:
+def refuse_lost(folder: RunFolder) -> Iterator[None]:
     """Say that folder or ledger are gone, if that is what ended the run, and what can still be read of them."""
     try:
         yield
@@ -111,17 +112,9 @@ def _refuse_lost(folder: RunFolder) -> Iterator[None]:
         except LedgerLost as lost:
             with suppress(OSError, sqlite3.Error, BadInput):  # the file is open, but may be empty
                 lost.answer = answer_of(folder)
-                lost.design = _best_text(folder, lost.answer)
+                lost.design = lost.answer.design or _best_unaudited(folder)
             raise lost from error
         raise
-
-
-def _best_text(folder: RunFolder, answer: Answer) -> str | None:
-    """Return the best design as JSON text."""
-    if answer.best is None:
-        return None
-    number = answer.points[0].number if answer.points else 0
-    return next(islice(folder.levels(), number, None)).text(answer.best)
 
 
 def _share(until: float, parts: int) -> float:
@@ -281,12 +274,29 @@ def answer_of(folder: RunFolder) -> Answer:
     """Return what a run has found, from its ledger."""
     goals = folder.request.task.goals
     sizes = [_sizes(level) for level in folder.levels()]
-    if not goals.names:
-        return Answer(folder.path, sizes[0])
-    levels = tuple(
-        LevelAnswer(number, *found) for number, found in enumerate(zip(goals.levels, sizes, strict=True))
-    )
-    return Answer(folder.path, sizes[0], levels, front_of(folder))
+    answer = Answer(folder.path, sizes[0])
+    if goals.names:
+        found = enumerate(zip(goals.levels, sizes, strict=True))
+        answer = replace(answer, levels=tuple(LevelAnswer(k, *one) for k, one in found), points=front_of(folder))
+    if answer.best is None:
+        return answer
+    number = answer.points[0].number if answer.points else 0
+    request = next(islice(folder.levels(), number, None)).request
+    context, ledger = request.contexts(answer.best.modules)[answer.best.step], folder.ledger
+    design, text = ledger.result(context, answer.best.key), ledger.audit(context, answer.best.key)
+    audit = None if text is None else parse(ledger.path, Audit, "texts", text, strict=False)
+    return replace(answer, design=design if isinstance(design, Design) else None, audit=audit)
+
+
+def _best_unaudited(folder: RunFolder) -> Design | None:
+    """Return the design of least effort of the smallest size that has any, whatever is known of its audit."""
+    for level in folder.levels():
+        for n in level.request.task.sizes:
+            for row in islice(level.ledger.ranking(n), 1):
+                found = level.ledger.result(level.request.contexts(n)[row.step], row.key)
+                if isinstance(found, Design):
+                    return found
+    return None
 
 
 def _sizes(folder: RunFolder) -> tuple[SizeAnswer, ...]:
