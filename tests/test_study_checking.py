@@ -219,7 +219,7 @@ def test_a_check_looks_which_trees_there_are(run, other):
 
 
 def test_a_replaced_best_design_is_refused(run):
-    best, *_, worst = table(run)
+    best, *_ = table(run)
     with RunFolder.load(run) as folder:
         text = folder.text(next(row for row in folder.ledger.ranking(3) if row.key == best))
     design = Design.model_validate_json(text)

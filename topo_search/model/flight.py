@@ -69,7 +69,10 @@ class RotorsOut(Value):
 
 
 class JointLoad(Value):
-    """What a joint bears in a load case or in hover; the larger of both sides if either may carry the end-effector."""
+    """What a joint bears in a load case, or in hover.
+
+    Each figure is the larger of both sides, if either may carry the end-effector.
+    """
 
     case: str
     module: Index

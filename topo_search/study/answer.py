@@ -76,13 +76,15 @@ class SizeAnswer:
     proven: str | None = None
     """What branch and bound proves of all candidates, and of which problem; None while it was not asked."""
     proven_gap: float | None = None
-    """How much less than the best a design of this size can cost at most, as a share, by branch and bound within the
-    scope of `proven`; None while that is not proven of all trees, or where the candidates do not cover the size."""
+    """How much less than the best a design of this size can cost at most, as a share, within the scope of `proven`.
+
+    By branch and bound; None while that is not proven of all trees, or where the candidates do not cover the size.
+    """
     candidates_gap: float | None = None
     """The same of the candidates alone."""
 
     def gap_of(self, row: Row) -> float | None:
-        """Return how much less than a design of this size any other can cost at most, as a share, if it is known."""
+        """Return how much less than a design of this size another can cost at most, as a share, if known."""
         best = None if self.best is None else self.best.objective
         if self.proven_gap is None or best is None or not row.objective:
             return row.gap

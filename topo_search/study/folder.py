@@ -251,8 +251,8 @@ class RunFolder:
             design = clear.get(proof.topology_key)
             if proof.task.n == n and proof.complete and design is not None and design < proof.cut:
                 rule = (
-                    f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: remove it, "
-                    "and run `topo-search prove` again"
+                    f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: "
+                    "remove it, and run `topo-search prove` again"
                 )
                 raise BadInput(str(self._place.path / PROOFS / name), [Fault("", rule)])
             yield proof

@@ -156,6 +156,6 @@ def problem(task: ResolvedTask, about: Problem) -> str:
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
     return (
-        f"scope: {connectors}{root}, hinge angles within 90 deg either way, every wrench and input within the audit's "
-        f"tolerance; {kept}; all other requirements can only raise the effort"
+        f"scope: {connectors}{root}, hinge angles within 90 deg either way, every wrench and input within the "
+        f"audit's tolerance; {kept}; all other requirements can only raise the effort"
     )
