@@ -17,6 +17,14 @@ def hover():
     return read_task("push", ("modules=3", *HOVER))
 
 
+def joined(*edges, kind=nx.MultiDiGraph):
+    """A graph of edges (node, node, port, port)."""
+    graph = kind()
+    for one, other, a, b in edges:
+        graph.add_edge(one, other, ports={one: a, other: b})
+    return graph
+
+
 def keys(answer):
     return sorted(answer.candidates["key"])
 
@@ -54,7 +62,18 @@ def test_trees_that_are_one_design_are_solved_apart_when_both_are_listed(hover, 
         ("a500", 'topologies: must be a list of topologies, but got "a500"'),
         (5, "topologies: must be a list of topologies, but got int"),
         (Topology.from_key("a500").graph(), "topologies: must be a list of topologies, but got Graph"),
-        ([nx.MultiGraph([(0, 1), (1, 2)])], r"\[0\]: must be a graph with one edge for each joint"),
+        ([nx.MultiGraph([(0, 1), (1, 2)])], "the edge of 0 and 1 must carry `ports = {node: port}`"),
+        ([nx.DiGraph([(0, 1), (1, 2), (2, 0)])], "must be a tree, but got a graph of 3 nodes and 3 edges"),
+        ([joined((0, 1, 0, 2), (1, 1, 0, 2))], "must be a tree, but got a graph of 2 nodes and 2 edges"),
+        ([joined((0, 1, 0, 2), (2, 3, 0, 2))], "must be a tree, but got a graph of 4 nodes and 2 edges"),
+        ([joined((0, 1, 0, 2), (1, 2, 2, 0))], "port 2 of module 1 carries one joint, but joints 1 and 2 use it"),
+        ([joined((0, 1, 0, 4))], "the child port must be 0, 1, 2 or 3 in joint 1, but got 4"),
+        ([joined((0, 1, 0, None))], r"must carry ports that are whole numbers, but got {0: 0, 1: None}"),
+        ([joined((0, 1, 0, 2.5))], r"must carry ports that are whole numbers, but got {0: 0, 1: 2.5}"),
+        (
+            [joined((0, 1, 0, 2), (1, 0, 0, 2))],
+            r"must carry one pair of ports, but got {0: 0, 1: 2} and {1: 0, 0: 2}",
+        ),
     ],
 )
 def test_a_wrong_list_is_refused_before_a_folder_is_made(hover, tmp_path, listed, words):
@@ -73,6 +92,25 @@ def test_a_graph_is_the_tree_that_it_came_from():
     for key in ("a0", "a71000", "a3200", "p308"):
         tree = Topology.from_key(key)
         assert Topology.from_graph(tree.graph()).key == key
+
+
+@pytest.mark.parametrize("kind", [nx.Graph, nx.DiGraph, nx.MultiGraph, nx.MultiDiGraph])
+def test_no_direction_and_no_second_edge_of_a_joint_loses_a_branch(kind):
+    """Edges from child to parent, from parent to child, both, and each twice."""
+    for key in ("a0", "a71000", "a3200", "p308"):
+        joints = [(h, i, a, b) for h, i, a, b in Topology.from_key(key).edges()]
+        back = [(i, h, b, a) for h, i, a, b in joints]
+        for edges in (joints, back, joints + back, joints[::2] + back[1::2], joints + joints):
+            graph = kind()
+            graph.add_nodes_from(range(len(key) - 1))
+            graph.update(joined(*edges, kind=kind))
+            assert Topology.from_graph(graph).key == key
+            assert Topology.from_graph(nx.freeze(graph)).key == key
+
+
+def test_the_first_node_of_a_directed_graph_is_the_root():
+    graph = joined(("left", "root", 2, 0), ("right", "root", 3, 1), kind=nx.DiGraph)
+    assert Topology.from_graph(graph).key == Topology(((-1, -1, -1), (0, 2, 0), (1, 1, 3))).key
 
 
 def test_a_file_lists_the_candidates_of_a_run(tmp_path):

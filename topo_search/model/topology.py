@@ -21,6 +21,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import permutations
+from numbers import Integral
 from typing import Any
 
 import networkx as nx
@@ -117,23 +118,30 @@ class Topology:
     def from_graph(cls, graph: nx.Graph[Any]) -> Topology:
         """Return the tree of a networkx graph, the inverse of `graph`: its first node is the root.
 
-        Every edge carries `ports = {node: port}`: by which port, 0 to 3, either of its modules is joined.
+        Every edge carries `ports = {node: port}`: the port, 0 to 3, of each of its two modules. An edge is a joint
+        whatever its direction; several edges of two nodes are one joint if their ports agree.
 
         Raises:
             ValueError: it is no tree, an edge has no such ports, or they are not those of a tree of modules.
         """
-        if graph.is_multigraph():
-            raise ValueError(f"must be a graph with one edge for each joint, but got a {type(graph).__name__}")
-        if not graph.number_of_nodes() or not nx.is_tree(graph):
-            nodes, edges = graph.number_of_nodes(), graph.number_of_edges()
+        tree: nx.Graph[Any] = nx.Graph(graph)
+        if not len(tree) or not nx.is_tree(tree):
+            nodes, edges = len(tree), tree.number_of_edges()
             raise ValueError(f"must be a tree, but got a graph of {nodes} nodes and {edges} edges that is not one")
-        root = next(iter(graph))
+        ports_of: dict[frozenset[Any], dict[Any, int]] = {}
+        for one, other, data in graph.edges(data=True):
+            value, edge = data.get("ports"), f"the edge of {one!r} and {other!r} must carry"
+            if not isinstance(value, Mapping) or {one, other} - set(value):
+                raise ValueError(f"{edge} `ports = {{node: port}}` with both of its nodes, but got {value!r}")
+            ports = {one: value[one], other: value[other]}
+            if not all(isinstance(port, Integral) for port in ports.values()):
+                raise ValueError(f"{edge} ports that are whole numbers, but got {ports!r}")
+            if (known := ports_of.setdefault(frozenset(ports), ports)) != ports:
+                raise ValueError(f"{edge} one pair of ports, but got {known!r} and {ports!r}")
+        root = next(iter(tree))
         numbers, joints = {root: 0}, [ROOT]
-        for parent, child in nx.bfs_edges(graph, root):
-            ports = graph.edges[parent, child].get("ports")
-            if not isinstance(ports, Mapping) or {parent, child} - set(ports):
-                rule = "must carry `ports = {node: port}` with both of its nodes"
-                raise ValueError(f"the edge of {parent!r} and {child!r} {rule}, but got {ports!r}")
+        for parent, child in nx.bfs_edges(tree, root):
+            ports = ports_of[frozenset((parent, child))]
             numbers[child] = len(numbers)
             joints.append((numbers[parent], ports[parent], ports[child]))
         return cls(tuple(joints))
