@@ -1,5 +1,7 @@
 """Solid regions in the audit, against points on the surfaces of all parts, and both verdicts."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from export_cases import random_design, with_rod
@@ -26,6 +28,14 @@ REGIONS = {
     "box": {"kind": "local", "box": [0.4, 0.7, 0.5]},
     "path": {"kind": "directional", "radius": 0.1, "segments": [[0.6, 0.0, 0.1]]},
 }
+
+
+def test_a_rod_that_runs_through_a_solid_path_beside_its_tip_is_violated() -> None:
+    text = (Path(__file__).parent / "designs" / "pipe-beside.json").read_text(encoding="utf-8")
+    audited = audit(Design.model_validate_json(text))
+    (rod,) = (pair for pair in audited.pairs if pair.kind == "rod-region")
+    assert audited.verdict == rod.status == Status.VIOLATED
+    assert rod.analytic_m == pytest.approx(-0.0546, abs=1e-3)
 
 
 def surface(part: Polyhedron | Cylinder, rng: np.random.Generator) -> Array:

@@ -21,16 +21,13 @@ from topo_search.model.stated import StatedCheck
 from topo_search.model.value import Vector
 from verify.assembly import assembly, rod_residuals
 from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
-from verify.bodies import Array, Cone
+from verify.bodies import Array
 from verify.brackets import beside_brackets, bracket_hulls, rotors_beside_brackets
-from verify.certificate import Certificate, Solid, certify_pairs
+from verify.certificate import Certificate, Solid
 from verify.compound_certificate import certify_compounds, compound_evidence
-from verify.cone_certificate import certify_inside
 from verify.contacts import RigidRequirement, allowed_contacts, keep_apart
 from verify.evidence import evidence
 from verify.flight import failure_residuals, flight, load_residuals, reserve_residuals, tolerance_residuals
-from verify.hull_certificate import certify_outside
-from verify.hulls import Hull
 from verify.interference import interference, percent_of_deepest
 from verify.kinematics import platform
 from verify.parts import RigidParts, rigid_parts
@@ -38,7 +35,7 @@ from verify.parts_in_cone import cone_evidence
 from verify.requirements import Requirement, Scene
 from verify.residuals import clamp, residuals
 from verify.sensitivity import sensitivity
-from verify.solid_regions import InsideCone, certify_parts, parts_beside_regions, rod_beside_regions
+from verify.solid_regions import InsideCone, certify_all, certify_parts, parts_beside_regions, rod_beside_regions
 from verify.wrench_sets import corner_residuals
 
 Asked = Requirement | RigidRequirement | BesideAirflow | InsideCone
@@ -84,14 +81,14 @@ def _audit(design: Design, started: float) -> Audit:
     rod_solid = _require_few(rod_beside_regions(scene, parts, sheet.mount), others + len(solid))
     asked: list[Asked] = [*requirements, *rigid, *beside, *rods, *bracketed, *turning, *solid, *rod_solid]
     certificates = [
-        *_certificates(requirements),
+        *certify_all(requirements),
         *certify_compounds([(r.body, r.against) for r in rigid], [r.bolted for r in rigid]),
         *certify_beside(beside, parts),
-        *_certificates(rods),
-        *_certificates(bracketed),
+        *certify_all(rods),
+        *certify_all(bracketed),
         *certify_compounds([(r.body, r.against) for r in turning], [False] * len(turning)),
         *certify_parts(solid),
-        *_certificates(rod_solid),
+        *certify_all(rod_solid),
     ]
     statuses = [c.status for requirement, c in zip(asked, certificates, strict=True) if requirement.counts]
     mount, module = sheet.mount, design.task.module
@@ -125,18 +122,6 @@ def _require_few(rows: Iterable[Row], others: int) -> list[Row]:
     if others + len(found) > MOST_CLEARANCES:
         raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
     return found
-
-
-def _certificates(requirements: list[Requirement]) -> list[Certificate]:
-    """Return one certificate a requirement, pairs of cone-spheres all at once."""
-    certified = iter(certify_pairs([(r.body, r.against) for r in requirements if isinstance(r.against, Solid)]))
-
-    def certificate(body: Solid, against: Solid | Cone | Hull) -> Certificate:
-        if isinstance(against, Cone):
-            return certify_inside(body, against)
-        return certify_outside(body, against) if isinstance(against, Hull) else next(certified)
-
-    return [certificate(r.body, r.against) for r in requirements]
 
 
 def _closest_points(

@@ -5,9 +5,9 @@ r"""Rigid parts and the rod against target regions that are solid: walls, panes,
 | K | the region; of a cone or planes all that is outside | |
 | p_E, r | the end-effector, radius of its rod | (3,), scalar |
 
-The parts of every module keep out of K. So does the rod, but for its tip, the last TIP r before p_E; where p_E is
-inside K, in the middle of a ball or a box or on a path, the rod has to reach into it, and is not asked about.
-Lengths are in l_arm.
+The parts of every module keep out of K. So does the rod. Where p_E is within r of the surface of K, its tip touches
+K, and the rod keeps out but for the last TIP r before p_E. Where p_E is deeper inside, in the middle of a ball or a
+box or on a path, the rod has to reach into K, and nothing is required of it. Lengths are in l_arm.
 """
 
 from __future__ import annotations
@@ -17,22 +17,20 @@ from dataclasses import dataclass
 
 from topo_search.model import Mount, Status
 from topo_search.model.audit import Kind
-from verify.bodies import Cone, ConeSphere
-from verify.certificate import FLOOR, Certificate, Solid
+from topo_search.model.end_effector import TIP
+from verify.bodies import Array, Cone, ConeSphere, ball
+from verify.certificate import FLOOR, Certificate, Solid, certify_pairs
 from verify.compound_certificate import certify_compounds
 from verify.compounds import Compound
 from verify.cone_certificate import certify_inside
 from verify.contacts import RigidRequirement
 from verify.convex import Convex, Polyhedron, capsule
 from verify.hull_certificate import certify_outside
-from verify.hulls import Hull
+from verify.hulls import Hull, approach
 from verify.parts import RigidParts
 from verify.parts_in_cone import certify_parts_inside
 from verify.requirements import Requirement, Scene
 from verify.rod import straight_rod
-
-TIP = 2.0
-"""Length of the tip, in radii of the rod."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,36 +60,50 @@ def parts_beside_regions(scene: Scene, parts: RigidParts) -> Iterator[PartsRow]:
 
 
 def rod_beside_regions(scene: Scene, parts: RigidParts, mount: Mount | None) -> Iterator[Requirement]:
-    """Yield the rod from a mount, but for its tip, against every solid region that p_E is not inside of.
+    """Yield the rod from a mount against every solid region that it need not reach into.
 
     It counts where the task asks for a rod.
     """
     if mount is None or not parts.in_range:
         return
     rod = straight_rod(scene.design, parts, mount)
-    if rod.length <= TIP * rod.radius:
-        return
-    kept, counts = 1.0 - TIP * rod.radius / rod.length, scene.design.task.end_effector.rod == "straight"
-    body = Solid(ConeSphere(rod.start, kept * rod.path, rod.radius, 0.0))
+    counts = scene.design.task.end_effector.rod == "straight"
     for number, segment, region in _regions(scene):
-        if isinstance(region, Cone):
-            outside = float(region.s(scene.p_E)) >= -FLOOR  # else p_E is beyond a plane
-        else:
-            outside = isinstance(region, Hull) and region.depth(scene.p_E) <= FLOOR
-        if outside:
-            yield Requirement("rod-region", mount.module, number, body, region, segment, counts=counts)
+        apart = _distance(scene.p_E, region)
+        tip = TIP * rod.radius if apart <= rod.radius + FLOOR else 0.0
+        if apart <= FLOOR - rod.radius or 0 < tip >= rod.length:
+            continue
+        kept = 1.0 - tip / rod.length if tip else 1.0
+        body = Solid(ConeSphere(rod.start, kept * rod.path, rod.radius, 0.0))
+        yield Requirement("rod-region", mount.module, number, body, region, segment, counts=counts)
+
+
+def _distance(x: Array, region: Solid | Cone | Hull) -> float:
+    """Return how far a point is outside a solid region, negative inside."""
+    if isinstance(region, Cone):
+        return float(region.s(x))
+    if isinstance(region, Solid):
+        return -float(region.body.depth(x))
+    depth = region.depth(x)
+    return -depth if depth > 0 else approach(ball(x, 0.0), region).d
 
 
 def rod_keeps_out(scene: Scene, parts: RigidParts, mount: Mount) -> bool:
     """Return whether the rod from a mount is proven to keep out of every solid region."""
-    certificates = [
-        certify_outside(asked.body, asked.against)
-        if isinstance(asked.against, Hull)
-        else certify_inside(asked.body, asked.against)
-        for asked in rod_beside_regions(scene, parts, mount)
-        if isinstance(asked.against, Hull | Cone)
-    ]
+    certificates = certify_all(list(rod_beside_regions(scene, parts, mount)))
     return all(certificate.status is Status.CLEAR for certificate in certificates)
+
+
+def certify_all(requirements: list[Requirement]) -> list[Certificate]:
+    """Return one certificate a requirement, pairs of cone-spheres all at once."""
+    certified = iter(certify_pairs([(r.body, r.against) for r in requirements if isinstance(r.against, Solid)]))
+
+    def certificate(body: Solid, against: Solid | Cone | Hull) -> Certificate:
+        if isinstance(against, Cone):
+            return certify_inside(body, against)
+        return certify_outside(body, against) if isinstance(against, Hull) else next(certified)
+
+    return [certificate(r.body, r.against) for r in requirements]
 
 
 def certify_parts(rows: list[PartsRow]) -> list[Certificate]:

@@ -15,11 +15,10 @@ from topo_search.export.poses import Poses
 from topo_search.export.rod import Rod, mass_of
 from topo_search.export.xml_text import numbers, rgba
 from topo_search.model.design import Design
+from topo_search.model.end_effector import TIP
 
 COLLISION = "3"
 """Group of geometries that are for contacts alone, which viewers do not show at first."""
-TIP = 2.0
-"""Length of the rod that counts as its tip, in its radii."""
 POINT = 1e-5
 """Radius of a tip that begins on a solid region [m]."""
 

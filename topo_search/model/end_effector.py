@@ -14,6 +14,9 @@ from pydantic import Field, Tag
 
 from topo_search.model.value import Flag, NonNegative, Positive, Value, Vector, one_of
 
+TIP = 2.0
+"""Length of a rod that counts as its tip, in radii of the rod."""
+
 Position = Annotated[
     Annotated[Literal["free"], Tag("<free>")]
     | Annotated[Literal["com"], Tag("<com>")]
