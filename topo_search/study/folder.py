@@ -222,7 +222,7 @@ class RunFolder:
 
     def changed_files(self) -> list[str]:
         """Return the names of all files whose content is not what the run wrote."""
-        return self.ledger.files.changed(self._place)
+        return self.ledger.files.find_changed(self._place)
 
     def proofs(self, n: int) -> dict[str, Proof]:
         """Return the proofs of candidates of n modules by key: those of this very task.

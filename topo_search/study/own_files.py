@@ -90,7 +90,7 @@ class OwnFiles:
         digest, before, changing = self._entry(name) or (None, None, 0)
         return not changing and digest_of(content) not in (digest, before)
 
-    def changed(self, place: Place) -> list[str]:
+    def find_changed(self, place: Place) -> list[str]:
         """Return the names of all files that are there with another content than the run gave them."""
         names = (name for (name,) in self._database.execute("SELECT name FROM files ORDER BY name").fetchall())
         contents = ((name, place.read(name)) for name in names if is_within_folder(name))
