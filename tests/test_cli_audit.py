@@ -174,16 +174,18 @@ def test_that_no_straight_rod_reaches_is_told(command, tmp_path):
     assert f"\nNote: {note}.\n" in (tmp_path / "audit.md").read_text()
 
 
-def test_what_errors_a_design_survives_is_told_and_in_the_summary(command, tmp_path):
-    given = fan({"tolerances": {"hinge_angle_deg": 0.1}})
+@pytest.mark.parametrize("required", [True, False])
+def test_what_errors_a_design_survives_is_told_and_in_the_summary(command, tmp_path, required):
+    given = fan({"tolerances": {"hinge_angle_deg": 0.1}, "flight": {"tolerances": required}})
     write(tmp_path / "good.json", given)
     told = command("good.json", "--markdown", "audit.md").output
-    found = verify.audit(given).sensitivity
-    lines = list(tolerance_lines(found))
+    audited = verify.audit(given)
+    found, lines = audited.sensitivity, list(tolerance_lines(audited))
     assert len(lines) == 4
     assert lines[0].startswith(f"hinge angles may be off by {found.hinge_angle_deg.tolerated:.3g} deg (too much: ")
     assert lines[0].endswith(f"; first to break: {found.hinge_angle_deg.name}")
     assert lines[3].startswith("within the task's tolerances: clear, least clearance")
+    assert lines[3].endswith("; measured, not required") is not required
     assert "".join(f"  {line}\n" for line in lines) in told
     assert "\n" + "".join(f"- {line}\n" for line in lines) in (tmp_path / "audit.md").read_text()
 

@@ -103,16 +103,17 @@ def test_goals_are_told_where_there_are_any() -> None:
 
 
 def test_tolerances_are_told_where_there_are_any() -> None:
-    title = "tolerances that the audit allows for"
-    assert title not in groups("push")
-    told = groups("push", "--set", "tolerances.hinge_angle_deg=0.5", "--set", "tolerances.position=0.002")[title]
-    assert list(told.values()) == ["within 0.5°", "within 2 mm", "up to 0 mm"]
-
-
-def test_tolerances_that_a_design_must_survive_are_told() -> None:
-    told = groups("push", "--set", "tolerances.hinge_angle_deg=0.5", "--set", "flight.tolerances=true")
-    assert "tolerances that the clearances survive" in told
-    assert "possible beyond the load cases" not in told
+    required, measured = "tolerances that the clearances survive", "tolerances that are measured, not required"
+    assert not {required, measured} & set(groups("push"))
+    settings = ("--set", "tolerances.hinge_angle_deg=0.5", "--set", "tolerances.position=0.002")
+    for title, other, more in (
+        (required, measured, ()),
+        (measured, required, ("--set", "flight.tolerances=false")),
+    ):
+        told = groups("push", *settings, *more)
+        assert list(told[title].values()) == ["within 0.5°", "within 2 mm", "up to 0 mm"]
+        assert other not in told
+        assert "possible beyond the load cases" not in told
 
 
 def test_no_tolerances_cannot_be_survived() -> None:

@@ -113,14 +113,19 @@ def test_levels_of_what_a_design_can_do_beyond_its_task_are_set_in_its_flight():
 def test_levels_of_hinge_errors_are_survived():
     asked = task(goals={"hinge_angle_deg": [0.2, 0.0]}, tolerances={"position": 1e-3})
     loose, strict = (asked.at(level) for level in asked.goals.levels)
-    assert not loose.flight.tolerances
+    assert loose == task(tolerances={"position": 1e-3})
+    assert loose.flight.tolerances
+    measured = task(
+        flight={"tolerances": False}, goals={"hinge_angle_deg": [0.2, 0.0]}, tolerances={"position": 1e-3}
+    )
+    assert [measured.at(level).flight.tolerances for level in measured.goals.levels] == [False, True]
     assert strict == task(flight={"tolerances": True}, tolerances={"hinge_angle_deg": 0.2, "position": 1e-3})
     assert asked.goals.levels[1].words == "tolerances.hinge_angle_deg = 0.2"
     (none, some) = (
         task(goals={"hinge_angle_deg": [0.0, 0.1]}, flight={"tolerances": True}).at(level)
         for level in Goals(hinge_angle_deg=(0.0, 0.1)).levels
     )
-    assert (none.flight.tolerances, some.flight.tolerances) == (False, True)
+    assert (none.flight.tolerances, some.flight.tolerances) == (None, True)
     assert task(**none.model_dump(exclude={"name", "modules", "load_cases"})) == none  # a plain task of its own
     with pytest.raises(BadInput, match=r"tolerances.hinge_angle_deg: must be left out where goals"):
         task(goals={"hinge_angle_deg": [0.2]}, tolerances={"hinge_angle_deg": 0.1})

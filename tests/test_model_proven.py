@@ -92,6 +92,6 @@ def test_bounds_of_clearances_and_errors_are_told_on_their_side() -> None:
     pointed = json.loads(part.clearances[0].data)["data"][0]["customdata"]
     assert "proven: 1.23 mm to 1.24 mm" in str(pointed)
     assert part.errors.rows[0][1:3] == ["0.00409°", "0.00411°"]
-    assert next(tolerance_lines(changed.sensitivity)).startswith(
+    assert next(tolerance_lines(changed)).startswith(
         "hinge angles may be off by 0.00409 deg (too much: 0.00411 deg)"
     )

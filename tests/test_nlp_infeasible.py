@@ -19,6 +19,7 @@ from nlp.reduced.starts import solve_starts
 from nlp.requirements.balances import wrench_matrix
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.files import to_json
+from topo_search.model.proven import lower_text, upper_text
 from topo_search.topologies import candidates
 from verify import audit
 
@@ -62,7 +63,8 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
     for shortfall in result.shortfalls:
         least = min(reason.amount for reason in reasons if reason.name == shortfall.constraint)
         assert shortfall.violation == pytest.approx(least, rel=1e-9)
-        assert f"`{shortfall.constraint}` (by {shortfall.violation:.2g} {shortfall.unit} or more)" in result.message
+        by = f"{lower_text(shortfall.violation, 2)} {shortfall.unit}"
+        assert f"`{shortfall.constraint}` (by {by} or more)" in result.message
     assert result.solver is not None
     assert reasons[result.solver.start] is closest
     assert (result.solver.starts, result.solver.starts_feasible, result.solver.seed) == (3, 0, 0)
@@ -110,8 +112,8 @@ def test_an_impossible_task_is_proven_before_anything_is_solved(n, modules):
     assert (result.worst_constraint, result.unit) == ("load case 1, force", "N")
     assert result.violation == pytest.approx(asked - most)
     assert result.message.startswith(f"load case 1 needs 3.1 times what {modules} can lift")
-    assert f"{most:.4g} N" in result.message
-    assert f"{asked:.4g} N" in result.message
+    assert f"give {upper_text(most, 4)} N at most" in result.message
+    assert f"needs {lower_text(asked, 4)} N" in result.message
 
 
 @pytest.mark.parametrize("over", [0.999, 1.001])
@@ -305,7 +307,7 @@ def test_rotors_that_reach_beyond_the_connectors_are_impossible_with_body_cleara
         assert (proof.status, proof.unit) == ("impossible", "m")
         assert proof.violation == pytest.approx(over, rel=1e-6)
         assert (
-            "overlap at any hinge angle: they reach from 0.02071 to 0.1207 m towards a connector" in proof.message
+            "overlap at any hinge angle: they reach from 0.02072 to 0.12071 m towards a connector" in proof.message
         )
         assert prove_impossible(hover(1, module=module), Topology.from_key("a0")) is None
     for angle in (0.0, 0.5, -1.0, math.pi / 2):

@@ -1,15 +1,20 @@
 import csv
 import itertools
 import sqlite3
+import tomllib
 
 import pytest
 import toy_problem
 from ledger_edit import forged
 from toy_problem import BACKENDS, InProcess, toy_run, toy_task
 
-from topo_search.model import Design, Task, Topology
+from topo_search.cli.tables import print_answer
+from topo_search.model import BadInput, Design, Task, Tolerances, Topology
 from topo_search.model.files import read_json
+from topo_search.model.reserves import AskedFlight
+from topo_search.model.task import before_requirement
 from topo_search.study import LARGER_MARGINS, Silent, single, solve_single
+from topo_search.study.folder import RunFolder
 from topo_search.study.margins import RUNG, margins
 
 
@@ -105,6 +110,9 @@ def test_an_audit_that_crashes_passes_over_its_design_alone(tmp_path, monkeypatc
     assert answer.best.key == keys[1]
     assert table(tmp_path / "run")[keys[0]]["audit"] == ""
     assert any("its audit failed" in remark and "SIGSEGV" in remark for remark in answer.sizes[0].remarks)
+    assert toy_run(tmp_path / "run", workers=1) == answer
+    monkeypatch.delenv("TOY_AUDIT_SEGFAULT")
+    assert toy_run(tmp_path / "run").best.key == keys[0]  # the next call tries it again
 
 
 def test_a_margin_of_zero_is_raised_too():
@@ -142,9 +150,54 @@ def test_after_the_time_limit_nothing_is_solved_again_but_audits_go_on(tmp_path,
     assert answer.sizes[0].complete
 
 
-def tolerant(modules=3):
+def tolerant(modules=3, **flight):
     task = toy_task(modules).model_dump()
-    return Task.model_validate({**task, "flight": {"tolerances": True}, "tolerances": {"hinge_angle_deg": 0.2}})
+    return Task.model_validate({**task, "flight": flight, "tolerances": {"hinge_angle_deg": 0.2}})
+
+
+def test_tolerances_of_a_new_task_are_required_however_it_is_made():
+    plain, tight = toy_task(3).model_dump(), Tolerances(position=1e-3)
+    assert toy_task(3).flight.tolerances is None
+    for flight in ({}, {"flight": {}}, {"flight": AskedFlight()}, {"flight": AskedFlight(force_reserve=0.1)}):
+        for given in (tight, {"position": 1e-3}):
+            task = Task.model_validate({**plain, **flight, "tolerances": given})
+            assert task.flight.tolerances is True
+            assert task.resolve(3).model_dump()["flight"]["tolerances"] is True
+        assert Task.model_validate({**plain, **flight, "tolerances": Tolerances()}).flight.tolerances is None
+    for flight in ({"tolerances": False}, AskedFlight(tolerances=False)):
+        task = Task.model_validate({**plain, "flight": flight, "tolerances": tight})
+        assert task.flight.tolerances is False
+        assert task.resolve(3).model_dump()["flight"]["tolerances"] is False
+
+
+def test_a_folder_keeps_whether_its_task_requires_tolerances(tmp_path):
+    """Those of before they were required by default say nothing, and stay what they were."""
+    data = {**toy_task(3).model_dump(), "tolerances": {"hinge_angle_deg": 0.2}}
+    older = Task.model_validate(before_requirement(data))
+    for name, task, stated in (
+        ("older", older, None),
+        ("new", tolerant(), True),
+        ("no", tolerant(tolerances=False), False),
+    ):
+        toy_run(tmp_path / name, task=task)
+        written = tomllib.loads((tmp_path / name / "task.toml").read_text())
+        assert written.get("flight", {}).get("tolerances") is stated
+        with RunFolder.load(tmp_path / name) as folder:
+            assert folder.request.task == task
+            assert len(folder.request.contexts(3)) == (len(margins(tolerant().resolve(3))) if stated else 4)
+    with pytest.raises(BadInput, match="holds another task"):
+        toy_run(tmp_path / "older", task=tolerant())
+
+
+def test_the_last_lines_say_what_tolerances_that_are_only_measured_leave(tmp_path, monkeypatch, capsys):
+    keys = keys_by_rank(tmp_path)
+    monkeypatch.setenv("TOY_LOSS", "5e-5")
+    answer = toy_run(tmp_path / "run", task=tolerant(tolerances=False))
+    print_answer(answer)
+    words = f"{keys[0]}: within the task's tolerances: clear, least clearance 5e-05 m or more"
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith(words)
+    assert last.endswith("; measured, not required")
 
 
 def test_a_task_that_must_survive_its_tolerances_has_margins_close_to_each_other():

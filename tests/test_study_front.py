@@ -325,7 +325,7 @@ def test_the_command_tells_the_front(tmp_path):
     ran = CliRunner().invoke(main, command, catch_exceptions=False)
     assert ran.exit_code == 0
     assert "level 0: end_effector.stand_off = 0.2, search.peak_input = 1" in ran.stdout
-    assert ran.stdout.count("all rotors at full thrust give 2.354 N") == 2
+    assert ran.stdout.count("all rotors at full thrust give 2.355 N at most") == 2
     assert "front, " in ran.stdout
     told = json.loads(CliRunner().invoke(main, [*command, "--json"], catch_exceptions=False).stdout)
     assert [at["number"] for at in told["levels"]] == list(range(6))

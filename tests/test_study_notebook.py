@@ -10,7 +10,7 @@ from verify_cases import changed, fan
 from topo_search import figure
 from topo_search.export.picture import Picture
 from topo_search.model import Topology
-from topo_search.model.proven import gap_percent
+from topo_search.model.proven import gap_percent, lower_text
 from topo_search.study import Solved, single, solve_single
 from topo_search.study.row import FLIGHT
 from topo_search.study.statements import kind_of
@@ -115,7 +115,7 @@ def test_an_audit_shows_all_that_is_not_clear_and_the_tightest_of_the_rest() -> 
     assert len(cells(many)) == 1 + min(10, len(many.pairs))
     assert [name[-3:] for name in cells(many)[0][2:]] == ["[m]"] * 3
     assert [row[-1] for row in cells(many)[1:]] == [
-        f"{d:.6g}" for d in sorted(pair.analytic_m for pair in many.pairs)[:10]
+        lower_text(d) for d in sorted(pair.analytic_m for pair in many.pairs)[:10]
     ]
     broken = audit(changed(fan(), objective=1.0, hinge_angles_rad=(0.6, -0.6)))
     shown = cells(broken)

@@ -117,7 +117,7 @@ def test_a_proof_spares_the_solving(tmp_path, monkeypatch, log):
     assert toy_run(tmp_path / "run") == answer
 
 
-def test_failed_candidates_keep_their_reason_and_are_left_alone(tmp_path, monkeypatch, log):
+def test_failed_candidates_keep_their_reason_and_are_tried_again_by_the_next_call(tmp_path, monkeypatch, log):
     toy_run(tmp_path / "plain")
     keys = [row["key"] for row in table(tmp_path / "plain")]
     for variable, key in zip(("TOY_SEGFAULT", "TOY_MEMORY", "TOY_RAISE"), keys, strict=False):
@@ -133,10 +133,19 @@ def test_failed_candidates_keep_their_reason_and_are_left_alone(tmp_path, monkey
     assert {rows[key]["status"] for key in keys[3:]} == {"feasible"}
     attempts = {key: solved_keys(log).count(key) for key in keys[:4]}
     assert attempts == dict(zip(keys, (2, 2, 1, 1), strict=False))
-    log.write_text("")
-    assert toy_run(tmp_path / "run") == answer
-    assert solved_keys(log) == []
     assert any(remark.startswith(f"{keys[0]}: failed") for remark in answer.sizes[0].remarks)
+    log.write_text("")
+    assert toy_run(tmp_path / "run", workers=2) == answer
+    assert {*solved_keys(log)} == {*keys[:3]}
+    for variable in ("TOY_SEGFAULT", "TOY_MEMORY", "TOY_RAISE"):
+        monkeypatch.delenv(variable)
+    log.write_text("")
+    cured = toy_run(tmp_path / "run")
+    assert sorted(solved_keys(log)) == sorted(keys[:3])
+    assert replace(cured, folder=tmp_path / "plain") == toy_run(tmp_path / "plain")
+    log.write_text("")
+    assert toy_run(tmp_path / "run") == cured
+    assert solved_keys(log) == []
 
 
 def test_sizes_are_searched_smallest_first_and_the_smallest_feasible_wins(tmp_path, monkeypatch):

@@ -293,8 +293,10 @@ def test_the_tolerances_of_a_task() -> None:
     assert 0 < clear.tolerances.lower_m <= clear.tolerances.attained_m
     assert clear.tolerances.factor is not None
     assert clear.tolerances.factor.tolerated > 1
-    rough = audit(fan({"tolerances": {"envelope": 0.2}}))
+    rough = audit(fan({"tolerances": {"envelope": 0.2}, "flight": {"tolerances": False}}))
     assert rough.verdict == Status.CLEAR  # the verdict is on the design as drawn
+    assert rough.tolerances_words is not None
+    assert rough.tolerances_words.endswith("measured, not required")
     assert rough.sensitivity is not None
     assert rough.sensitivity.tolerances is not None
     assert rough.sensitivity.tolerances.status == Status.VIOLATED
@@ -302,9 +304,21 @@ def test_the_tolerances_of_a_task() -> None:
     assert rough.sensitivity.tolerances.factor.tolerated < 1
 
 
-def test_tolerances_that_are_asked_for_count_for_the_verdict() -> None:
+def test_a_file_from_before_tolerances_were_required_measures_them() -> None:
+    rough = fan({"tolerances": {"envelope": 0.2}})
+    stored = rough.model_dump(mode="json")
+    assert stored["task"]["flight"]["tolerances"] is True
+    for flight in ({}, {"force_reserve": 0.0}):
+        older = Design.model_validate({**stored, "task": {**stored["task"], "flight": flight}})
+        assert not older.task.flight.tolerances
+        assert audit(older).verdict == Status.CLEAR
+        assert Design.model_validate_json(to_json(older)) == older
+    assert audit(Design.model_validate(stored)).verdict == Status.VIOLATED
+
+
+def test_tolerances_that_a_task_has_count_for_the_verdict() -> None:
     for errors, verdict in (({"hinge_angle_deg": 0.2}, Status.CLEAR), ({"envelope": 0.2}, Status.VIOLATED)):
-        found = audit(fan({"tolerances": errors, "flight": {"tolerances": True}}))
+        found = audit(fan({"tolerances": errors}))
         assert found.verdict == verdict
         row = next(row for row in found.residuals if row.name == "least clearance within the tolerances")
         assert row.status == verdict
@@ -318,7 +332,7 @@ def test_what_is_neither_proven_nor_shown_to_be_lost_is_undecided() -> None:
     assert limit is not None
     assert limit.violated_at is not None
     between = (limit.tolerated + limit.violated_at) / 2
-    found = audit(fan({"tolerances": {"hinge_angle_deg": between}, "flight": {"tolerances": True}}))
+    found = audit(fan({"tolerances": {"hinge_angle_deg": between}}))
     assert found.verdict == Status.UNDECIDED
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from nlp.bounds.refutation import Refutation, modules
 from topo_search.model import ResolvedTask
+from topo_search.model.proven import excess_texts
 from topo_search.model.tolerances import TOLERANCE
 
 WEAKEST_DRAG = 1e-3
@@ -31,12 +32,13 @@ def failures(task: ResolvedTask) -> Refutation | None:
     name = "hover, any rotor dead"
     most = (4 * n - 1) * module.thrust_coefficient * module.max_input(task.gravity)
     if most * (1 + 2 * TOLERANCE) < W * (1 - 2 * TOLERANCE):
+        weight, pull = excess_texts(W, most)
         return Refutation(
             name,
             W - most,
             "N",
             f"flight.rotor_out: {modules(task)} cannot hover with a rotor dead: all others at their limit pull "
-            f"with {most:.4g} N, the weight is {W:.4g} N",
+            f"with {pull} N at most, the weight is {weight} N",
         )
     if n == 1 and module.torque_coefficient >= WEAKEST_DRAG * module.thrust_coefficient * module.arm_length:
         return Refutation(

@@ -24,6 +24,7 @@ from nlp.bounds.refutation import Refutation, largest_thrust, modules, unseen_th
 from nlp.bounds.sphere import greatest
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.proven import excess_texts, lower_text
 from topo_search.model.tolerances import TOLERANCE
 
 ROUNDING = 1e-12
@@ -38,13 +39,13 @@ def one_force(task: ResolvedTask) -> Refutation | None:
     k, most = int(np.argmax(asked)), largest_thrust(task)
     if asked[k] * (1 - ROUNDING) - TOLERANCE * task.force_unit(task.n) <= most + unseen_thrust(task):
         return None
-    case = task.case_labels[k]
+    case, (needed, given) = task.case_labels[k], excess_texts(float(asked[k]), most)
     return Refutation(
         names.force(case),
         float(asked[k] - most),
         "N",
-        f"{case} needs {asked[k] / most:.3g} times what {modules(task)} can lift: "
-        f"all rotors at full thrust give {most:.4g} N, the load case needs {asked[k]:.4g} N",
+        f"{case} needs {excess_texts(asked[k] / most, 1.0, 3)[0]} times what {modules(task)} can lift: "
+        f"all rotors at full thrust give {given} N at most, the load case needs {needed} N",
     )
 
 
@@ -68,7 +69,8 @@ def axes(task: ResolvedTask, topology: Topology | None = None) -> Refutation | N
         "load cases, forces",
         missed,
         "N",
-        f"{reason}, but the forces of the load cases do not: at least one is missed by {missed:.4g} N",
+        f"{reason}, but the forces of the load cases do not: "
+        f"at least one is missed by {lower_text(missed, 4)} N or more",
     )
 
 
@@ -96,6 +98,7 @@ def all_forces(task: ResolvedTask) -> Refutation | None:
     )
     if asked - unseen - ROUNDING * float(np.sum(np.abs(nu) * np.abs(F))) <= most:
         return None
+    needed, given = excess_texts(asked, most)
     serving = np.flatnonzero(lengths > SOFTENED)
     cases = ", ".join(task.case_labels[k].removeprefix("load case ") for k in serving)
     return Refutation(
@@ -103,7 +106,7 @@ def all_forces(task: ResolvedTask) -> Refutation | None:
         asked - most,
         "N",
         f"no fixed angles let {modules(task)} produce the load cases {cases}: summed along one direction each, "
-        f"all rotors at full thrust give {most:.4g} N, the load cases need {asked:.4g} N",
+        f"all rotors at full thrust give {given} N at most, the load cases need {needed} N",
     )
 
 

@@ -57,7 +57,7 @@ def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Refuta
                 depth,
                 "m",
                 f"{row}{way and f' that go {way} (or the mirror image)'} come too close to each other at any hinge "
-                f"angles: module.connector_distance = {l_c:g} m is too short",
+                f"angles: module.connector_distance = {l_c:.15g} m is too short",
             )
     return None
 

@@ -17,6 +17,7 @@ import math
 from nlp.bounds.refutation import Refutation, modules
 from topo_search.model import ResolvedTask
 from topo_search.model.exposure import Local
+from topo_search.model.proven import excess_texts, lower_text
 from topo_search.model.tolerances import TOLERANCE
 
 
@@ -26,6 +27,7 @@ def out_of_reach(task: ResolvedTask) -> Refutation | None:
     if largest is None:
         return None
     farthest, why = max(_distances(task), default=(0.0, ""))
+    shown, limit = excess_texts(farthest, largest)
     unseen = TOLERANCE * module.arm_length * (2 + task.total_mass(n) / (n * module.mass))
     if farthest <= largest + unseen:
         return None
@@ -33,8 +35,8 @@ def out_of_reach(task: ResolvedTask) -> Refutation | None:
         "reach of the end-effector's rod",
         farthest - largest,
         "m",
-        f"end_effector.largest_reach = {largest:.4g} m is too short for {modules(task)}: {why}, so that the "
-        f"nearest free connector is {farthest:.4g} m from the end-effector at least",
+        f"end_effector.largest_reach = {limit} m is too short for {modules(task)}: {why}, so that the "
+        f"nearest free connector is {shown} m from the end-effector at least",
     )
 
 
@@ -44,14 +46,14 @@ def _distances(task: ResolvedTask) -> list[tuple[float, str]]:
     found = []
     if task.exclusion_radius is not None:
         apart = task.exclusion_radius
-        found.append((apart - l_c, f"every module's centre keeps {apart:.4g} m from the end-effector"))
+        found.append((apart - l_c, f"every module's centre keeps {lower_text(apart)} m from the end-effector"))
     blown = task.module.envelope.start_radius
     for e, asked in enumerate(task.exposure):
         if isinstance(asked, Local) and asked.radius is not None:
-            told = f"exposure[{e}].radius = {asked.radius:g} m keeps every module's airflow off"
+            told = f"exposure[{e}].radius = {lower_text(asked.radius)} m keeps every module's airflow off"
             found.append((asked.radius + blown - l_c, told))
     if task.end_effector.fixed_position is not None:
         p_E = math.hypot(*task.end_effector.fixed_position)
         q = task.total_mass(n) / (n * task.module.mass) * p_E
-        found.append((q - n * l_c, f"end_effector.position is {p_E:.4g} m from the centre of mass"))
+        found.append((q - n * l_c, f"end_effector.position is {lower_text(p_E)} m from the centre of mass"))
     return found

@@ -6,6 +6,7 @@ import math
 
 from nlp.bounds.refutation import Refutation
 from topo_search.model import ResolvedTask
+from topo_search.model.proven import excess_texts
 
 ROUNDING = 1e-9
 """Share of a rotor's reach by which it must be across the axis."""
@@ -22,11 +23,11 @@ def rotors_overlap(task: ResolvedTask) -> Refutation | None:
     across = r - abs(middle - l_c)
     if task.n == 1 or task.body_clearance is None or across <= ROUNDING * (middle + r):
         return None
+    inner, outer = excess_texts(l_c, middle - r)[1], excess_texts(middle + r, l_c)[0]
     return Refutation(
         "rotors of bolted modules",
         across,
         "m",
         "rotors of two modules that are bolted together overlap at any hinge angle: they reach from "
-        f"{middle - r:.4g} to {middle + r:.4g} m towards a connector, "
-        f"across the hinge at module.connector_distance = {l_c:g} m",
+        f"{inner} to {outer} m towards a connector, across the hinge at module.connector_distance = {l_c:.15g} m",
     )

@@ -17,6 +17,7 @@ import networkx as nx
 
 from nlp.bounds.refutation import Refutation, modules
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.tolerances import TOLERANCE
 
 ROUNDING = 1e-9
@@ -38,12 +39,13 @@ def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutatio
     unseen = TOLERANCE * task.module.arm_length * (1 + share)  # of the distance, and of the place
     if asked <= farthest * (1 + ROUNDING) + unseen:
         return None
+    needed, reached = excess_texts(asked, farthest)
     return Refutation(
         "end-effector exclusion",
         asked - farthest,
         "m",
-        f"end_effector.stand_off = {asked:g} m is out of reach of {modules(task)}: with the end-effector fixed "
-        f"{math.hypot(*position):.4g} m from the centre of mass, some module centre is within {farthest:.4g} m "
+        f"end_effector.stand_off = {needed} m is out of reach of {modules(task)}: with the end-effector fixed "
+        f"{upper_text(math.hypot(*position))} m from the centre of mass, some module centre is within {reached} m "
         "of it in any shape",
     )
 

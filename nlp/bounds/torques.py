@@ -31,6 +31,7 @@ import numpy as np
 from nlp import names
 from nlp.bounds.refutation import Refutation, largest_thrust, modules, unseen_thrust
 from topo_search.model import LoadCase, ResolvedTask, Topology
+from topo_search.model.proven import excess_texts
 from topo_search.model.tolerances import TOLERANCE
 
 ROUNDING = 1e-9
@@ -53,13 +54,13 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Refuta
     share = 1 + unseen_thrust(task) / largest_thrust(task)
     if asked[k] * (1 - ROUNDING) - _torque_tolerance(task, task.load_cases[k]) <= most * share:
         return None
-    case = task.case_labels[k]
+    case, (needed, given) = task.case_labels[k], excess_texts(asked[k], most)
     return Refutation(
         names.torque(case),
         asked[k] - most,
         "N m",
-        f"{case} needs a torque of at least {asked[k]:.4g} N m about the centre of {modules(task)}: "
-        f"all rotors at full thrust, as far out as they can be, give {most:.4g} N m",
+        f"{case} needs a torque of at least {needed} N m about the centre of {modules(task)}: "
+        f"all rotors at full thrust, as far out as they can be, give {given} N m at most",
     )
 
 

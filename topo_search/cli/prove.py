@@ -115,6 +115,7 @@ def prove(
                 time_limit=math.inf if time_limit is None else time_limit,
                 observer=observer,
             )
+        from topo_search.model.proven import lower_text
         from topo_search.study.frame import candidates
 
         table = candidates(folder)
@@ -126,7 +127,7 @@ def prove(
         else:
             columns = (looked_at[name].tolist() for name in ("key", "proof", "proven_bound"))
             for key, proof, bound in zip(*columns, strict=True):
-                by = f", J >= {bound:.6g} rad^4/s^4" if bound > 0 else ""
+                by = f", J >= {lower_text(bound)} rad^4/s^4" if bound > 0 else ""
                 click.echo(f"{key}: {proof if isinstance(proof, str) else 'not examined'}{by}")
             for size in answer.sizes:
                 if size.proven is not None:
@@ -150,6 +151,7 @@ def _check(
     with explain_errors():
         from topo_search.cli.progress import shown_progress
         from topo_search.compose import check_proofs
+        from topo_search.model.proven import lower_text
 
         with shown_progress() as observer, needs_extras("--dask"):
             found = check_proofs(
@@ -162,7 +164,7 @@ def _check(
         for fault in found.faults:
             click.echo(f"refused: {fault}")
         for tree in found.trees:
-            by = "" if tree.bound is None or tree.fault else f", J >= {tree.bound:.6g} rad^4/s^4"
+            by = "" if tree.bound is None or tree.fault else f", J >= {lower_text(tree.bound)} rad^4/s^4"
             click.echo(f"{tree.key}: {tree.verdict}{by}" + (f": {tree.fault}" if tree.fault else ""))
         for sentence in found.sentences:
             click.echo(sentence)

@@ -199,6 +199,7 @@ def answer_as_json(answer: Answer, warnings: Sequence[TaskWarning]) -> dict[str,
         "best": answer.best and asdict(answer.best),
         "note": answer.note,
         "weakest_point": answer.weakest_point,
+        "tolerances": answer.tolerances,
         "sizes": [_size_as_json(size) for size in answer.sizes],
         "warnings": [asdict(one) for one in warnings],
     }

@@ -14,7 +14,7 @@ from topo_search.engine import Failed, Outcome
 from topo_search.export.audit_summary import tolerance_lines
 from topo_search.export.flight_lines import flight_lines
 from topo_search.model import Audit, Design, Infeasible, Relaxed, Status
-from topo_search.model.proven import at_most, gap_percent
+from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
 from topo_search.model.stated import NOT_CERTIFIED
 from topo_search.report.near_ties import near_tie_cells, near_tie_columns
 from topo_search.report.wording import length, modules, quantity
@@ -32,8 +32,9 @@ def print_answer(answer: Answer) -> None:
     """Print what a run found, and where it is."""
     print_found(answer)
     click.echo(f"everything is in {answer.folder}")
-    if answer.best is not None and (weakest := answer.weakest_point) is not None:
-        click.echo(f"{answer.best.key}: {weakest}")
+    for words in (answer.weakest_point, answer.tolerances):
+        if answer.best is not None and words is not None:
+            click.echo(f"{answer.best.key}: {words}")
 
 
 def print_found(answer: Answer) -> None:
@@ -113,14 +114,14 @@ def _print_front(answer: Answer) -> None:
     for name in ("key", "modules", "objective", "clearance", "stand-off", "peak input", "level"):
         table.add_column(name, justify="left" if name == "key" else "right")
     for point in answer.points:
-        reached = ["" if x is None else length(x) for x in (point.clearance, point.stand_off)]
+        reached = ["" if x is None else length(at_least(x, 3)) for x in (point.clearance, point.stand_off)]
         row = point.row
         table.add_row(
             row.key,
             str(row.modules),
             f"{row.objective:.6g}",
             *reached,
-            f"{point.peak_input:.4f} u_max",
+            f"{upper_text(point.peak_input, 4)} u_max",
             str(point.number),
         )
     _print(table)
@@ -204,31 +205,31 @@ def print_solved(solved: Solved, out: Path | None) -> None:
 def print_audit(name: str, audit: Audit) -> None:
     """Print a verdict, and everything that is not clear."""
     nearest = min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
-    least = "" if nearest is None else f"; least clearance {nearest.analytic_m:.6g} m, {nearest.name}"
+    least = "" if nearest is None else f"; least clearance {lower_text(nearest.analytic_m)} m, {nearest.name}"
     click.echo(f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{least}")
     overlaps = audit.interference
     if overlaps is not None and overlaps.colliding_pairs:
         sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
         click.echo(
             f"  {quantity(overlaps.colliding_pairs, 'pair')} of envelopes overlap, in clusters of {sizes} modules; "
-            f"the deepest by {overlaps.deepest_percent:.3g} % of the deepest possible"
+            f"the deepest by {upper_text(overlaps.deepest_percent, 3)} % of the deepest possible"
         )
     for pair in audit.pairs:
         if pair.status != "clear":
-            click.echo(f"  {pair.name}: {pair.status}, {pair.analytic_m:.6g} m")
+            click.echo(f"  {pair.name}: {pair.status}, {lower_text(pair.analytic_m)} m")
             for finding in pair.evidence:
                 click.echo(f"    {finding}")
     for own in audit.stated:
         click.echo(f"  {own.name} ({NOT_CERTIFIED}): {own.words}, bounds: {own.bounds}")
     for residual in audit.residuals:
         if residual.status != "clear":
-            click.echo(f"  {residual.name}: {residual.status}, off by {residual.value:.3g} {residual.unit}")
+            off = f"off by {upper_text(residual.value, 3)} {residual.unit}"
+            click.echo(f"  {residual.name}: {residual.status}, {off}")
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
         click.echo(f"  note: {sheet.note}")
-    if audit.sensitivity is not None:
-        for line in tolerance_lines(audit.sensitivity):
-            click.echo(f"  {line}")
+    for line in tolerance_lines(audit):
+        click.echo(f"  {line}")
     if audit.flight is not None:
         for line in flight_lines(audit.flight):
             click.echo(f"  {line}")

@@ -14,6 +14,7 @@ from topo_search.engine import AuditDesign, Failed, Outcome, Workers, audit_dead
 from topo_search.limits import MODULES, STARTS
 from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
 from topo_search.model.files import read_task
+from topo_search.model.proven import lower_text
 from topo_search.own import own_constraints, starting_points
 from topo_search.protocols import OwnConstraint
 from topo_search.study import Solved, solve_single
@@ -96,7 +97,7 @@ class Rounded:
     def notes(self) -> tuple[str, ...]:
         """What rounding changed, one sentence each."""
         least = (min((pair.analytic_m for pair in each.pairs), default=None) for each in (self.before, self.audit))
-        was, now = ("none" if one is None else f"{1000 * one:.3g} mm" for one in least)
+        was, now = ("none" if one is None else f"{lower_text(1000 * one, 3)} mm" for one in least)
         return (
             f"Hinge angles are rounded to {self.step_deg:g} deg and the inputs recomputed: "
             f"control effort {100 * (self.effort - 1):+.3g} %.",
@@ -148,9 +149,9 @@ def brackets_note(design: Design) -> str:
     if least.status is Status.CLEAR:
         return (
             "Brackets are audited clear of all airflow and rotors; the least clearance is "
-            f"{1000 * least.analytic_m:.3g} mm, {least.name}."
+            f"{lower_text(1000 * least.analytic_m, 3)} mm, {least.name}."
         )
-    return f"Brackets are not clear: {least.name}, {1000 * least.analytic_m:.3g} mm ({least.status})."
+    return f"Brackets are not clear: {least.name}, {lower_text(1000 * least.analytic_m, 3)} mm ({least.status})."
 
 
 def audit(design: Design, *, constraints: Iterable[OwnConstraint] = ()) -> Audit:

@@ -8,8 +8,8 @@ from itertools import groupby
 from typing import NamedTuple
 
 from topo_search.export.flight_lines import flight_lines
-from topo_search.model import Audit, Clearance, Design, Residual, Sensitivity, Status
-from topo_search.model.proven import at_least, at_most
+from topo_search.model import Audit, Clearance, Design, Residual, Status
+from topo_search.model.proven import lower_text, upper_text
 
 LISTED = 50
 """Rows of a design that are listed when they are not clear; the tables hold all."""
@@ -60,7 +60,7 @@ def _overview(judged: Sequence[Judged]) -> list[str]:
                 escape(name),
                 audit.verdict,
                 str(design.topology.n),
-                "" if nearest is None else f"{nearest.analytic_m:.6g}",
+                "" if nearest is None else lower_text(nearest.analytic_m),
                 "" if nearest is None else escape(nearest.name),
                 *_overlaps(audit),
             ]
@@ -73,7 +73,7 @@ def _overlaps(audit: Audit) -> list[str]:
     found = audit.interference
     if found is None:
         return ["", "", ""]
-    deepest = f"{found.deepest_percent:.3g} %" if found.colliding_pairs else ""
+    deepest = f"{upper_text(found.deepest_percent, 3)} %" if found.colliding_pairs else ""
     return [str(found.colliding_pairs), deepest, ", ".join(str(len(cluster)) for cluster in found.clusters)]
 
 
@@ -88,7 +88,7 @@ def _section(each: Judged) -> Iterator[str]:
         pairs = list(group)
         least = min(pairs, key=lambda pair: pair.analytic_m)
         counts = [str(sum(pair.status == status for pair in pairs)) for status in Status]
-        rows.append([kind, *counts, f"{least.analytic_m:.6g}", escape(least.name)])
+        rows.append([kind, *counts, lower_text(least.analytic_m), escape(least.name)])
     yield from _table(["kind", *Status, "least clearance [m]", "of"], rows)
     wrong = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
     if wrong:
@@ -108,7 +108,7 @@ def _section(each: Judged) -> Iterator[str]:
             yield f"{len(off) - LISTED} more numbers are off."
     if audit.sensitivity is not None:
         yield ""
-        yield from (f"- {line}" for line in tolerance_lines(audit.sensitivity))
+        yield from (f"- {line}" for line in tolerance_lines(audit))
     if audit.flight is not None:
         yield ""
         yield from (f"- {line}" for line in flight_lines(audit.flight))
@@ -124,8 +124,10 @@ def _section(each: Judged) -> Iterator[str]:
             yield from (f"    {finding}" for finding in pair.evidence)
 
 
-def tolerance_lines(found: Sensitivity) -> Iterator[str]:
-    """Yield how much error a design tolerates, each kind alone and as the task asks, a line each."""
+def tolerance_lines(audit: Audit) -> Iterator[str]:
+    """Yield how much error a design tolerates, each kind alone and all of the task's at once, a line each."""
+    if (found := audit.sensitivity) is None:
+        return
     errors = (
         ("hinge angles may be off", found.hinge_angle_deg, "deg"),
         ("positions may be off", found.position_m, "m"),
@@ -133,30 +135,28 @@ def tolerance_lines(found: Sensitivity) -> Iterator[str]:
     )
     for name, limit, unit in errors:
         if limit is not None:
-            known = "" if limit.violated_at is None else f" (too much: {at_most(limit.violated_at, 3):.3g} {unit})"
-            yield f"{name} by {at_least(limit.tolerated, 3):.3g} {unit}{known}; first to break: {limit.name}"
-    asked = found.tolerances
-    if asked is not None:
-        least, attained = at_least(asked.lower_m, 3), at_most(asked.attained_m, 3)
-        yield (
-            f"within the task's tolerances: {asked.status}, least clearance {least:.3g} m or more "
-            f"({attained:.3g} m in an example), {asked.name}"
-        )
+            known = "" if limit.violated_at is None else f" (too much: {upper_text(limit.violated_at, 3)} {unit})"
+            yield f"{name} by {lower_text(limit.tolerated, 3)} {unit}{known}; first to break: {limit.name}"
+    if (words := audit.tolerances_words) is not None:
+        yield words
 
 
 def _clearance_row(pair: Clearance) -> list[str]:
-    share = "" if pair.percent is None else f"{pair.percent:.3g} %"
-    return [escape(pair.name), pair.status, f"{pair.analytic_m:.6g}", *_bounds(pair), share]
+    share = "" if pair.percent is None else f"{lower_text(pair.percent, 3)} %"
+    return [escape(pair.name), pair.status, lower_text(pair.analytic_m), *_bounds(pair), share]
 
 
 def _bounds(pair: Clearance) -> list[str]:
     """Return what a clearance is at least and at most."""
-    lower = None if pair.lower_m is None else at_least(pair.lower_m, DIGITS)
-    return [_number(lower), _number(None if pair.upper_m is None else at_most(pair.upper_m, DIGITS))]
+    return [
+        "" if pair.lower_m is None else lower_text(pair.lower_m, DIGITS),
+        "" if pair.upper_m is None else upper_text(pair.upper_m, DIGITS),
+    ]
 
 
 def _residual_row(row: Residual) -> list[str]:
-    return [escape(row.name), row.status, f"{row.value:.6g}", row.unit, _number(row.stated), _number(row.derived)]
+    stated, derived = _number(row.stated), _number(row.derived)
+    return [escape(row.name), row.status, upper_text(row.value), row.unit, stated, derived]
 
 
 def _nearest(pairs: Sequence[Clearance]) -> Clearance | None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from topo_search.model import Flight, RotorsOut
 from topo_search.model.flight import direction
-from topo_search.model.proven import at_least, at_most
+from topo_search.model.proven import lower_text, upper_text
 
 NAMED = 8
 """Most rotors that are named one by one."""
@@ -17,18 +17,18 @@ def flight_lines(found: Flight) -> Iterator[str]:
     yield found.weakest_point
     hover = found.hover
     if hover.torque_reserve_Nm is not None and hover.torque_weakest is not None:
-        least = f"{at_least(hover.torque_reserve_Nm, 3):g} N m about {direction(hover.torque_weakest)}"
+        least = f"{lower_text(hover.torque_reserve_Nm, 3)} N m about {direction(hover.torque_weakest)}"
         yield f"least torque that can be added in hover: {least}"
     factors = [(case.load_factor, case.name) for case in found.cases if case.load_factor is not None]
     if factors:
         factor, name = min(factors)
-        yield f"load factor until a rotor saturates: {at_least(factor, 4):g}, in {name}"
+        yield f"load factor until a rotor saturates: {lower_text(factor, 4)}, in {name}"
     yield f"hover with one rotor dead: {_rotors_out(found.rotors_out_hover)}"
     yield f"hover and all load cases with one rotor dead: {_rotors_out(found.rotors_out_all)}"
     stated = [load for load in found.joints if load.case != hover.name]
     if stated:
         worst = max(stated, key=lambda load: load.moment_Nm)
-        size = f"{at_most(worst.moment_Nm, 3):g} N m and {at_most(worst.force_N, 3):g} N"
+        size = f"{upper_text(worst.moment_Nm, 3)} N m and {upper_text(worst.force_N, 3)} N"
         yield f"largest moment in a joint: {size}, between modules {worst.module} and {worst.child} in {worst.case}"
     if found.hover_input is not None and found.hover_power_ratio is not None:
         yield (

@@ -12,11 +12,14 @@ from topo_search.model.assembly import Assembly
 from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
 from topo_search.model.flight import Flight
 from topo_search.model.html import heading, table
+from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.stated import NOT_CERTIFIED, StatedCheck
 from topo_search.model.value import Index, NonNegative, Number, Value, Vector
 
 SHOWN = 10
 """Number of clearances that a notebook shows at least."""
+WITHIN_TOLERANCES = "least clearance within the tolerances"
+"""The residual of a task that requires its tolerances."""
 
 
 class Status(StrEnum):
@@ -218,17 +221,48 @@ class Audit(Value):
     versions: dict[str, str]
     seconds: NonNegative
 
+    @property
+    def tolerances_words(self) -> str | None:
+        """What the task's tolerances, all at once, leave of the clearances, in words; None if it has none."""
+        worst = None if self.sensitivity is None else self.sensitivity.tolerances
+        if worst is None:
+            return None
+        measured = all(row.name != WITHIN_TOLERANCES for row in self.residuals)
+        least, attained = lower_text(worst.lower_m, 3), upper_text(worst.attained_m, 3)
+        return (
+            f"within the task's tolerances: {worst.status}, least clearance {least} m or more "
+            f"({attained} m in an example), {worst.name}" + measured * "; measured, not required"
+        )
+
     def _repr_html_(self) -> str:
         """Show a notebook the verdict, the least clearances, and all that is not clear."""
         nearest = sorted(self.pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
         odd = sum(pair.status is not Status.CLEAR for pair in self.pairs)
         shown = nearest[: max(odd, SHOWN)]
         columns = ("clearance of", "audit", "proven at least [m]", "proven at most [m]", "closed form [m]")
-        values = ("name", "status", "lower_m", "upper_m", "analytic_m")
-        pairs = table(columns, [tuple(getattr(pair, name) for name in values) for pair in shown])
+        pairs = table(
+            columns,
+            [
+                (
+                    pair.name,
+                    pair.status,
+                    None if pair.lower_m is None else lower_text(pair.lower_m),
+                    None if pair.upper_m is None else upper_text(pair.upper_m),
+                    lower_text(pair.analytic_m),
+                )
+                for pair in shown
+            ],
+        )
         broken = [residual for residual in self.residuals if residual.status is not Status.CLEAR]
         checked = ("name", "value", "unit", "scaled", "tolerance", "status")
-        residuals = table(checked, [tuple(getattr(residual, name) for name in checked) for residual in broken])
+        rows = [
+            (
+                *(one.name, upper_text(one.value), one.unit, upper_text(one.scaled)),
+                *(lower_text(one.tolerance), one.status),
+            )
+            for one in broken
+        ]
+        residuals = table(checked, rows)
         title = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
         told = title + pairs + (heading("not met:") + residuals if broken else "")
         if self.stated:

@@ -22,7 +22,7 @@ from topo_search.model.bad_input import show
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
 from topo_search.model.stated import Stated
-from topo_search.model.task import ResolvedTask, Task
+from topo_search.model.task import ResolvedTask, Task, before_requirement
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
 from topo_search.model.value import Index, Number, Value, Vector, refuse
 
@@ -133,13 +133,13 @@ class Design(Value):
     def _resolve_task(cls, value: Any) -> Any:
         """Accept a task with derived defaults left out or load cases in weights: both are unambiguous here.
 
-        A file that says nothing of the rod did not ask for one.
+        A file that says nothing of the rod did not ask for one, nor for tolerances to be kept.
         """
         if isinstance(value, ResolvedTask):
             return value
         if isinstance(value, dict) and isinstance(given := value.get("end_effector", {}), dict):
             value = {**value, "end_effector": {"rod": "none", "largest_reach": False, **given}}
-        task = Task.model_validate(value)
+        task = Task.model_validate(before_requirement(value))
         return task.resolve(task.n)
 
     @field_validator("topology_key", "lower_bound", "gap", "solver", mode="wrap")

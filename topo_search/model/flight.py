@@ -11,7 +11,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from topo_search.model.proven import at_least
+from topo_search.model.proven import lower_text
 from topo_search.model.value import Index, Number, Value, Vector
 
 STRAIGHT = math.cos(math.radians(1.0))
@@ -139,7 +139,7 @@ class Flight(Value):
         told = ["hovers"]
         if hover.horizontal_reserve_N is not None:
             towards = "" if hover.horizontal_weakest is None else f" towards {direction(hover.horizontal_weakest)}"
-            told.append(f"weakest side force at the tip {at_least(hover.horizontal_reserve_N, 3):g} N{towards}")
+            told.append(f"weakest side force at the tip {lower_text(hover.horizontal_reserve_N, 3)} N{towards}")
         open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
         told.append(f"survives {out.survive} of {out.of} single rotor failures{open_}")
         return "; ".join(told)

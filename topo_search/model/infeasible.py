@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from topo_search.model.design import SolverRecord, TopologyRows
+from topo_search.model.proven import at_least
 from topo_search.model.relaxation import Relaxed
 from topo_search.model.value import Number, Value
 
@@ -76,7 +77,7 @@ class Infeasible(Value):
         if starts == 1:
             return f"the only start {missed}"
         named = [
-            f"{s.starts} `{s.constraint}` (by {_amount(s.violation, 2, s.unit)} or more)"
+            f"{s.starts} `{s.constraint}` (by {_amount(at_least(s.violation, 2), 2, s.unit)} or more)"
             for s in shortfalls[:NAMED]
         ]
         others = sum(s.starts for s in shortfalls[NAMED:])

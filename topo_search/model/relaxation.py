@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.value import Number, Value
 
 
@@ -34,7 +35,8 @@ class Relaxation(Value):
         unit = f" {self.unit}" if self.unit else ""
         if self.given is None or self.enough is None:
             return self.field
-        return f"{self.field}: {self.given:.6g} -> {self.enough:.6g}{unit}"
+        enough = upper_text(self.enough) if self.enough > self.given else lower_text(self.enough)  # no less is
+        return f"{self.field}: {self.given:.6g} -> {enough}{unit}"
 
     @property
     def words(self) -> str:

@@ -85,8 +85,9 @@ class AskedFlight(Value):
     joint_force: Annotated[LargestLoad, Field(exclude_if=lambda given: given is None)] = None
     """Largest force in a joint [N]; `rated`: module.joint_force."""
 
-    tolerances: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
-    """Whether clearances must provably survive all errors within [tolerances]; costs effort like a margin."""
+    tolerances: Annotated[Flag | None, Field(exclude_if=lambda given: given is None)] = None
+    """Whether clearances must provably survive all errors within [tolerances], which costs effort like a margin, or
+    are only measured (`false`); default: required where a new task has tolerances, measured in older files."""
 
     @property
     def keeps_reserves(self) -> bool:

@@ -68,7 +68,7 @@ LoadCases = Annotated[
 
 
 class Tolerances(Value):
-    """Largest errors with which the platform is built; the audit says whether its clearances survive them."""
+    """Largest errors with which the platform is built; its clearances must survive them."""
 
     hinge_angle_deg: Angle = 0.0
     """Error of every hinge angle [deg]."""
@@ -102,7 +102,8 @@ class Task(Value):
     flight: Annotated[AskedFlight, Field(exclude_if=lambda given: given == AskedFlight())] = AskedFlight()
     """What a design must be able to do beyond its load cases; omitted from files if empty."""
     tolerances: Annotated[Tolerances, Field(exclude_if=lambda given: given == Tolerances())] = Tolerances()
-    """Build errors that the audit takes into account; omitted from files if there are none."""
+    """Build errors that a design must survive, unless `flight.tolerances = false`; omitted from files if there are
+    none."""
     goals: Annotated[Goals, Field(exclude_if=lambda given: given == Goals())] = Goals()
     """Goals besides control effort; omitted from files if there are none."""
 
@@ -114,6 +115,20 @@ class Task(Value):
             return data
         gravity = data.get("gravity", cls.model_fields["gravity"].default)
         return {**data, "module": Module.with_thrust(data["module"], gravity)}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _require_tolerances(cls, data: Any) -> Any:
+        """Require the tolerances of a new task, unless it says otherwise; a resolved one says so."""
+        if cls is not Task or not isinstance(data, dict):
+            return data
+        given, flight = (
+            part.model_dump(exclude_unset=True) if isinstance(part, Value) else part
+            for part in (data.get("tolerances"), data.get("flight", {}))
+        )
+        if not isinstance(given, dict) or not any(given.values()) or not isinstance(flight, dict):
+            return data
+        return {**data, "flight": {"tolerances": True, **flight}}
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Self:
@@ -328,12 +343,14 @@ class Task(Value):
         search = {"margin": level.clearance, "peak_input": level.peak_input}
         end_effector = {"stand_off": level.stand_off}
         tolerances = self.tolerances.model_copy(update=_without_none({"hinge_angle_deg": level.hinge_angle_deg}))
-        survive = (self.flight.tolerances or bool(level.hinge_angle_deg)) and tolerances != Tolerances()
+        survive = True if level.hinge_angle_deg else self.flight.tolerances
         return self.model_copy(
             update={
                 "search": self.search.model_copy(update=_without_none(search)),
                 "end_effector": self.end_effector.model_copy(update=_without_none(end_effector)),
-                "flight": self.flight.at(level).model_copy(update={"tolerances": survive}),
+                "flight": self.flight.at(level).model_copy(
+                    update={"tolerances": None if tolerances == Tolerances() else survive}
+                ),
                 "tolerances": tolerances,
                 "goals": Goals(),
             }
@@ -399,6 +416,16 @@ class ResolvedTask(Task):
     def dead_rotors(self) -> tuple[int | None, ...]:
         """The rotor that does not run in each load case, counted module by module: none where all do."""
         return (None,) * len(self.load_cases)
+
+
+def before_requirement(data: Any) -> Any:
+    """Return the data of a task in a run's or a design's file; without `flight.tolerances` they are only measured.
+
+    Such a file is from before tolerances were required by default; later ones write the field.
+    """
+    if not isinstance(data, dict) or not isinstance(flight := data.get("flight", {}), dict):
+        return data
+    return {**data, "flight": {"tolerances": None, **flight}}
 
 
 def _without_none(fields: dict[str, float | None]) -> dict[str, float]:

@@ -18,6 +18,7 @@ from topo_search.model.exposure import Allowed, Directional, Local
 from topo_search.model.folds import in_words
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Module
+from topo_search.model.proven import excess_texts
 from topo_search.model.room import LARGE, OUTWARDS, frame_reach, packed_width
 from topo_search.model.task import Task
 
@@ -144,10 +145,11 @@ def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
 def _thrust(task: Task, n: int) -> Iterator[TaskWarning]:
     most, weight = largest_thrust(task, n), task.force_unit(n)
     if most < weight:
+        load, pull = excess_texts(weight, most)
         limit = "module.max_thrust_to_weight" if task.module.max_thrust is None else "module.max_thrust"
         yield TaskWarning(
             limit if task.search.peak_input == 1 else "search.peak_input",
-            f"all rotors together pull with {most:.4g} N at most, but {_platform(n)} weigh {weight:.4g} N",
+            f"all rotors together pull with {pull} N at most, but {_platform(n)} weigh {load} N",
         )
 
 

@@ -77,7 +77,7 @@ IN_OTHER_WORDS = {"name", "modules", "load_cases", "exposure", "task_seed"}
 """Fields of a task that HEAD and TASK explain, or that belong to the shipped random family."""
 
 RATED = {"joint_moment": 4.0, "joint_force": 60.0}
-LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0}
+LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "tolerances": True}
 """Examples of fields of a module and of [flight] that have no default."""
 
 
@@ -119,7 +119,7 @@ def _fields(stated: BaseModel, filled: BaseModel, without: set[str]) -> Iterator
         value = getattr(filled, field)
         if field in without or value is None or isinstance(value, BaseModel):
             continue
-        if getattr(stated, field) is None:
+        if getattr(stated, field) is None and not isinstance(value, bool):
             value = _round(value)
         line = f"# {field} = {json.dumps(value)}"
         words = textwrap.wrap(known.description or "", WIDTH - COMMENT_AT)

@@ -6,7 +6,7 @@ Apart from `wording`, which `--help` loads too: it must load no numerics.
 from __future__ import annotations
 
 from topo_search.model import Clearance
-from topo_search.model.proven import at_least
+from topo_search.model.proven import at_least, lower_text
 from topo_search.report.wording import length
 
 
@@ -17,4 +17,4 @@ def clearance(pair: Clearance) -> str:
 
 def millimetres(pair: Clearance) -> str:
     """Return the same figures in millimetres, without the unit."""
-    return f"{at_least(1000 * pair.analytic_m, 3):g}".replace("-", "−")
+    return lower_text(1000 * pair.analytic_m, 3).replace("-", "−")

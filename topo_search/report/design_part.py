@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from topo_search.export.viewpoint import poses_to_draw
 from topo_search.model import Assembly, Audit, Clearance, Design, Limit, Status
-from topo_search.model.proven import at_least, at_most
+from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.model.stated import StatedCheck
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
@@ -108,14 +108,10 @@ def _findings(audit: Audit) -> tuple[str, ...]:
         sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
         found.append(
             f"{quantity(overlaps.colliding_pairs, 'pair')} of airflow envelopes overlap, in clusters of {sizes} "
-            f"modules; the deepest by {figures(overlaps.deepest_percent, 3)} % of the deepest possible."
+            f"modules; the deepest by {figures(at_most(overlaps.deepest_percent, 3), 3)} % of the deepest possible."
         )
-    if audit.sensitivity is not None and (asked := audit.sensitivity.tolerances) is not None:
-        least, attained = length(at_least(asked.lower_m, 3)), length(at_most(asked.attained_m, 3))
-        found.append(
-            f"Within the task's tolerances, all at once: {asked.status}, least clearance {least} or more "
-            f"({attained} in an example), {asked.name}."
-        )
+    if (words := audit.tolerances_words) is not None:
+        found.append(f"{words[0].upper()}{words[1:]}.")
     return tuple(found)
 
 
@@ -149,9 +145,9 @@ def _residuals(audit: Audit) -> Table:
         [
             row.name,
             str(row.status),
-            f"{figures(row.value, 3)} {row.unit}",
-            figures(row.scaled, 2),
-            figures(row.tolerance, 2),
+            f"{figures(at_most(row.value, 3), 3)} {row.unit}",
+            figures(at_most(row.scaled, 2), 2),
+            figures(at_least(row.tolerance, 2), 2),
         ]
         for row in audit.residuals
     ]
@@ -179,8 +175,8 @@ def _loads(design: Design) -> Table:
         rows.append(
             [
                 f"{k} ({case.name})" if case.name else str(k),
-                f"{float(u.min()) / u_max:.4f} u_max",
-                f"{float(u.max()) / u_max:.4f} u_max",
+                f"{lower_text(float(u.min()) / u_max, 4)} u_max",
+                f"{upper_text(float(u.max()) / u_max, 4)} u_max",
                 f"{figures(k_f * float(u.sum()))} N",
                 f"{100 * share:.1f} %",
             ]

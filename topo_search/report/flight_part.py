@@ -5,7 +5,7 @@ from __future__ import annotations
 from topo_search.export.flight_lines import flight_lines
 from topo_search.model import CaseFlight, Flight
 from topo_search.model.flight import direction
-from topo_search.model.proven import at_least, at_most
+from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Vector
 from topo_search.report.page import FlightPart, Table
@@ -45,7 +45,9 @@ def reserves(found: Flight) -> Table:
 
 
 def _case(case: CaseFlight) -> list[str]:
-    inputs = "" if case.largest_input is None else f"{case.least_input:.3f} to {case.largest_input:.3f}"
+    inputs = ""
+    if case.least_input is not None and case.largest_input is not None:
+        inputs = f"{lower_text(case.least_input, 3)} to {upper_text(case.largest_input, 3)}"
     return [
         case.name,
         {True: "yes", False: "no", None: "undecided"}[case.possible],

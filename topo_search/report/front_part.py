@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import plotly.graph_objects as go
 
 from topo_search.export import palette
+from topo_search.model.proven import at_least, upper_text
 from topo_search.report.page import Chart, FrontPart, Table
 from topo_search.report.wording import figures, length, modules, quantity
 from topo_search.study import Answer, FrontPoint, front
@@ -93,7 +94,7 @@ def _describe(point: FrontPoint) -> Iterator[str]:
     yield f"{point.row.key}, {modules(point.row.modules)}"
     yield f"J = {figures(point.row.objective or 0.0, 5)} rad⁴/s⁴"
     yield f"clearance {_length(point.clearance)}, stand-off {_length(point.stand_off)}"
-    yield f"largest input {point.peak_input:.4f} u_max"
+    yield f"largest input {upper_text(point.peak_input, 4)} u_max"
     yield f"any one rotor dead: {point.rotor_out}"
     yield f"level {point.number}: {point.level.words}"
 
@@ -108,7 +109,7 @@ def _designs(points: Sequence[FrontPoint]) -> Table:
             f"{(point.row.objective or 0.0) / least:.4f}" if least else "",
             _length(point.clearance),
             _length(point.stand_off),
-            f"{point.peak_input:.4f}",
+            upper_text(point.peak_input, 4),
             str(point.number),
             point.row.audit or "",
         ]
@@ -159,4 +160,4 @@ def _levels(answer: Answer) -> Table:
 
 
 def _length(metres: float | None) -> str:
-    return "none" if metres is None else length(metres)
+    return "none" if metres is None else length(at_least(metres, 3))

@@ -299,7 +299,9 @@ def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
     cells = []
     for (n, status, missed), members in most_first:
         closest = min(members, key=lambda row: float("inf") if row.violation is None else row.violation)
-        by = "" if closest.violation is None else f"{figures(closest.violation, 3)} {closest.unit or ''}"
+        by = ""
+        if closest.violation is not None:
+            by = f"{figures(at_least(closest.violation, 3), 3)} {closest.unit or ''}"
         found = folder.ledger.result(folder.request.contexts(n)[closest.step], closest.key)
         told = found.message if isinstance(found, Infeasible) else ""
         cells.append([str(n), status, missed, str(len(members)), by, closest.key, told])

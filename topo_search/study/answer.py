@@ -15,7 +15,7 @@ from topo_search.model.goals import Level
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
 from topo_search.study.front import FrontPoint, idle_goals
-from topo_search.study.row import FLIGHT, Row
+from topo_search.study.row import FLIGHT, Row, proven_cell
 from topo_search.study.statements import reason, remark, statement
 from topo_search.topologies import Resolution
 
@@ -103,7 +103,10 @@ class SizeAnswer:
         remarks = (self.quotient, *self.remarks, *([self.reason] if self.reason else []), *relaxed)
         told = title + (table(names, rows) if rows else "")
         if len(self.near_ties) > 1:
-            ties = [(row.key, row.objective, *(getattr(row, name) for name in FLIGHT)) for row in self.near_ties]
+            ties = [
+                (row.key, row.objective, *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
+                for row in self.near_ties
+            ]
             near = heading(f"within {100 * NEAR:g} % of the least effort, largest force reserve first")
             told += near + table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
         return told + "".join(paragraph(text) for text in remarks)
@@ -194,6 +197,12 @@ class Answer:
         return None if self.audit is None or self.audit.flight is None else self.audit.flight.weakest_point
 
     @property
+    def tolerances(self) -> str | None:
+        """What the task's tolerances leave of the best design's clearances, and whether that is required."""
+        audited = self.audit
+        return None if audited is None else audited.tolerances_words
+
+    @property
     def candidates(self) -> pd.DataFrame:
         """A row for every candidate, with the columns of `candidates.csv`, best first."""
         from topo_search.study.frame import candidates
@@ -242,7 +251,13 @@ class Answer:
         if self.levels:
             columns = ("key", "modules", "J [rad^4/s^4]", "clearance [m]", "stand-off [m]", "peak input / u_max")
             names = ("key", "modules", "objective", "clearance", "stand_off", "peak_input")
-            rows = [tuple(point.cells[name] for name in names) for point in self.points]
+            rows = [
+                tuple(
+                    point.cells[name] if name == "objective" else proven_cell(name, point.cells[name])
+                    for name in names
+                )
+                for point in self.points
+            ]
             told = heading(f"front of {len(self.points)} designs, found at {len(self.levels)} levels")
             return told + table(columns, rows) + paragraph(f"everything is in {self.folder}")
         return "".join(size._repr_html_() for size in self.sizes) + paragraph(f"everything is in {self.folder}")
@@ -296,7 +311,7 @@ def size_answer(
         elif row.status == "failed" and statuses["failed"] <= SHOWN:
             remarks.append(f"{row.key}: failed, {row.worst_constraint}")
     if statuses["failed"]:
-        remarks.append("some candidates failed for reasons that may not recur: this run is not reproducible")
+        remarks.append("some candidates failed for reasons that may not recur; the same command tries them again")
     settled = candidates if proof else statuses.total()
     if ended and settled < candidates:
         remarks.append(

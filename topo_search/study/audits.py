@@ -116,10 +116,9 @@ def _is_left(ledger: Ledger, contexts: Sequence[Context], key: str, starts: int)
 
 def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], starts: int, near: Sequence[Design]) -> list[Job]:
     """Return what is to be solved in a context with a larger margin."""
-    jobs = []
+    jobs, reached = [], {scored.key: scored.starts for scored in ledger.scores(context)}
     for row in rows:
-        before = ledger.row(context, row.key)
-        first = 0 if before is None else before.asked
+        first = reached.get(row.key, 0)
         if first < starts:
             topology = Topology.from_key(row.key)
             given = () if first else tuple(near)

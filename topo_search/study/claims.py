@@ -11,6 +11,7 @@ from topo_search.limits import STARTS, TASK_BYTES, TRIALS
 from topo_search.model import BadInput, Fault, Task
 from topo_search.model.files import validate
 from topo_search.model.parsing import NotParsed, toml_data
+from topo_search.model.task import before_requirement
 from topo_search.study.identity import Request, installed_versions
 from topo_search.study.ledger import Ledger
 from topo_search.study.lock import HOLDER, LOCK
@@ -115,7 +116,7 @@ def _read_task(path: Path, place: Place) -> Task:
         raise BadInput(name, [Fault("", rule)]) from None
     except NotParsed as error:
         raise BadInput(name, [Fault("", str(error))]) from None
-    return validate(Task, data, name)
+    return validate(Task, before_requirement(data), name)
 
 
 def _describe_other(name: str, held: Any, asked: Any) -> str:

@@ -30,7 +30,7 @@ from topo_search.model.goals import FIELDS, Level
 from topo_search.model.reserves import Failing, centres_of
 from topo_search.study.claims import FRONT
 from topo_search.study.folder import RunFolder
-from topo_search.study.row import Row
+from topo_search.study.row import Row, proven_cell
 
 EFFORT = 1.0e-6
 """Share of J that makes no difference: the audit's own tolerance of it."""
@@ -200,7 +200,7 @@ def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[Fr
         ):
             continue
         reached = points[0].cells[name]
-        has = f"{reached:.4g}" if isinstance(reached, float) else f"{reached}"
+        has = proven_cell(name, reached, 4)
         told.append(
             f"no level of goals.{name} binds: each gives the same least effort, whose design reaches {has} "
             f"({UNITS[name]}); try levels of {field} beyond that"

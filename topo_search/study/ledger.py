@@ -13,7 +13,7 @@ import time
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -185,15 +185,24 @@ class Ledger:
         found = self._database.execute(query, (starts, trials, context.name)).fetchone()
         return found is not None and bool(found[0])
 
+    def has_failures(self, context: Context) -> bool:
+        """Return whether the last solve of some candidate failed."""
+        last = "SELECT status, max(number) FROM solves WHERE context = ? GROUP BY key"  # SQLite: status of that row
+        query = f"SELECT count(*) FROM ({last}) WHERE status = 'failed'"
+        return bool(self._database.execute(query, (context.name,)).fetchone()[0])
+
     def count_solved(self, context: Context, starts: int) -> int:
         """Return how many candidates of a context were solved from so many starts."""
-        query = "SELECT count(*) FROM candidates WHERE context = ? AND asked >= ?"
+        query = "SELECT count(*) FROM candidates WHERE context = ? AND asked >= ? AND status <> 'failed'"
         number: int = self._database.execute(query, (context.name, starts)).fetchone()[0]
         return number
 
     def scores(self, context: Context) -> Iterator[Scored]:
-        """Yield what candidates of a context had reached after each of their solves, in the order of the ends."""
-        query = "SELECT key, asked, status, objective, violation FROM solves WHERE context = ? ORDER BY number"
+        """Yield what candidates had reached after each solve that did not fail, in the order of their ends."""
+        query = (
+            "SELECT key, asked, status, objective, violation FROM solves "
+            "WHERE context = ? AND status <> 'failed' ORDER BY number"
+        )
         for values in self._database.execute(query, (context.name,)):
             yield Scored(*values)
 
@@ -228,11 +237,13 @@ class Ledger:
             verdict = None if audit_checksum is None else checked_text(self._path, key, audit, audit_checksum)
             yield key, checked_text(self._path, key, result, result_checksum), verdict
 
-    def record(self, context: Context, rows: Sequence[tuple[Row, Design | Infeasible | None]]) -> None:
+    def record(
+        self, context: Context, rows: Sequence[tuple[Row, Design | Infeasible | None]], *, failed: bool = False
+    ) -> None:
         """Write rows of candidates that were solved, all or none, with what is known of their designs.
 
         The last row with a design speaks for its candidate; the first one does when there is none. An audit stays
-        if `row` still has its verdict.
+        if `row` still has its verdict. `failed`: the last solve did, whatever the row has from earlier ones.
         """
         with self._transaction():
             for row, result in rows:
@@ -245,10 +256,11 @@ class Ledger:
                     self._database.execute(_UPSERT, (*values, context.name, standing, text and zlib.crc32(text)))
                 self._database.execute(_WRITE_RESULT, (context.name, row.key, text, row.audit is not None))
                 if row.status != "pruned":  # for another design may rule it out, or none
-                    reached = astuple(score(row, context.task))
+                    reached = score(row, context.task)
+                    reached = replace(reached, status="failed") if failed else reached
                     number = self._database.execute(_LOGGED).fetchone()[0] + 1
                     with reseal(self._database, "solves", "number = ?", (number,)):
-                        self._database.execute(_LOG, (number, time.time(), context.name, *reached))
+                        self._database.execute(_LOG, (number, time.time(), context.name, *astuple(reached)))
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
@@ -260,7 +272,13 @@ class Ledger:
             self._database.execute(verdict, (*told.values(), *place))
             self._database.execute(f"UPDATE texts SET audit = ? WHERE {_PLACE}", (text, *place))
 
-    def record_audit_failure(self, context: Context, key: str, reason: str) -> None:
+    def forget_audit_failures(self, context: Context) -> None:
+        """Let designs whose audits failed be audited again."""
+        query = "SELECT key FROM candidates WHERE context = ? AND audit_failure IS NOT NULL"
+        for (key,) in self._database.execute(query, (context.name,)).fetchall():
+            self.record_audit_failure(context, key, None)
+
+    def record_audit_failure(self, context: Context, key: str, reason: str | None) -> None:
         """Write why a candidate's design has no audit."""
         place = context.name, key
         with self._change("candidates", _PLACE, place):

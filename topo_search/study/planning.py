@@ -37,7 +37,7 @@ def _level(folder: RunFolder, *, timed: bool) -> Iterator[Phase]:
             continue  # it is proven impossible
         count = request.space(n).count()
         candidates = count if request.trials is None else min(count, request.trials)
-        if not ledger.has_ended(context, request.starts, request.trials):
+        if ledger.has_failures(context) or not ledger.has_ended(context, request.starts, request.trials):
             stops = [0, *(part.stop for part in rounds(request.starts, request.starts, timed=timed))]
             for before, stop in pairwise(stops):
                 left = candidates - ledger.count_solved(context, stop)

@@ -17,13 +17,14 @@ from topo_search.study.row import FLIGHT, Row, row_of
 def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lower_bound: float) -> Row:
     """Write what became of a job, and return the candidate's row.
 
-    More starts of a candidate extend its row; giving them up leaves what the earlier ones found.
+    More starts of a candidate extend its row. A failure leaves what the earlier ones found, and is tried again by
+    the next call.
     """
     key, asked = job.topology.key, job.starts.stop
     before, earlier = ledger.row(context, key), ledger.result(context, key)
     if before is not None and earlier is not None and isinstance(outcome, Failed):
         row = replace(before, asked=asked)
-        ledger.record(context, [(row, earlier)])
+        ledger.record(context, [(row, earlier)], failed=True)
         return row
     result = None if isinstance(outcome, Failed) else outcome
     if result is not None and earlier is not None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from topo_search.engine import Failed, Outcome, Scored, record_of, scaled_violation
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask
+from topo_search.model.proven import lower_text, upper_text
 
 FLIGHT = (
     "force_reserve_N",
@@ -39,6 +40,9 @@ COLUMNS = (
     *PROVEN,
 )
 """The columns of `candidates.csv`."""
+
+AT_MOST = ("joint_moment_Nm", "joint_moment", "peak_input", "rod_length_m")
+"""Figures of an audit that are no more than what is printed; all others are no less."""
 
 
 @dataclass(frozen=True)
@@ -149,6 +153,13 @@ def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, asked: int, 
         lower_bound=bound,
         gap=Design.gap_of(outcome.objective, bound),
     )
+
+
+def proven_cell(name: str, value: object, digits: int = 6) -> object:
+    """Return what a table prints of one of an audit's figures, rounded to the side on which it is proven."""
+    if not isinstance(value, float):
+        return value
+    return upper_text(value, digits) if name in AT_MOST else lower_text(value, digits)
 
 
 def flight_of(audit: Audit) -> dict[str, float | int | None]:

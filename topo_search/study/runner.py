@@ -176,7 +176,9 @@ def _search_size(
             near=request.near,
         )
 
-    if ledger.has_ended(context, request.starts, request.trials):
+    for each in contexts:
+        ledger.forget_audit_failures(each)
+    if ledger.has_ended(context, request.starts, request.trials) and not ledger.has_failures(context):
         audit()
         return
     previous = None if request.previous is None else request.previous.contexts(n)[0]

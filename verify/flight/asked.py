@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from topo_search.model import CaseFlight, Design, Flight, Residual, Sensitivity, Status
+from topo_search.model.audit import WITHIN_TOLERANCES
 from topo_search.model.reserves import centres
 from topo_search.model.tolerances import TOLERANCE
 
@@ -81,7 +82,7 @@ def tolerance_residuals(design: Design, errors: Sensitivity | None) -> Iterator[
         return
     short = 0.0 if worst.status == Status.CLEAR else max(0.0, -worst.lower_m)
     yield Residual(
-        name="least clearance within the tolerances",
+        name=WITHIN_TOLERANCES,
         value=short,
         unit="m",
         scaled=short / design.task.module.arm_length,
