@@ -69,7 +69,7 @@ def solve(
     nlp.refuse_unusable(stated, resolved, tree)
     nlp.prepare(resolved, note)
     return solve_single(
-        resolved,
+        asked,
         tree,
         backends(stated),
         starts=starts,

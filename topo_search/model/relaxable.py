@@ -1,17 +1,20 @@
 """Which limits of a task can be relaxed, and the task with one of them relaxed by a share.
 
-A share x makes an upper limit (1 + x) times as large, and what is asked for (1 - x) times.
+A share x makes an upper limit (1 + x) times as large, and what is asked for (1 - x) times, rounded to the digits
+that are printed: the relaxed task is the one that a user gets by writing the printed value into the task file,
+defaults that depend on it included.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from topo_search.model.exposure import Allowed, AnyExposure, Exterior, Local
-from topo_search.model.load_case import LoadCase, Wrench
-from topo_search.model.task import ResolvedTask
+from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
+from topo_search.model.task import Task
 
 LEAST = 0.2
 """Share of what is asked for that is left at most of all relaxing."""
@@ -31,13 +34,15 @@ class Relaxable:
     """What a change brings: `more thrust`."""
     most: float
     """Largest share."""
-    relaxed: Callable[[float], ResolvedTask]
+    relaxed: Callable[[float], Task]
     """The task with the limit relaxed by a share."""
-    value: Callable[[ResolvedTask], float | None]
+    value: Callable[[Task], float | None]
     """Returns the limit; None where it is no single number."""
     unit: str = ""
     at_once: bool = False
     """Whether there is nothing between the limit and none."""
+    tightens: bool = False
+    """Whether it gets stricter: its designs are designs of the task as it is, which the search may miss there."""
 
     @property
     def shares(self) -> tuple[float, ...]:
@@ -49,19 +54,22 @@ class Relaxable:
         return self.more if self.at_once else f"{100 * share:.3g} % {self.more}"
 
 
-def relaxable(task: ResolvedTask) -> list[Relaxable]:
-    """Return the limits of a task that can be relaxed without another module or another tree."""
-    return [one for one in (*_module(task), *_search(task), *_exposure(task), *_flight(task)) if one.shares]
+def relaxable(task: Task, n: int) -> list[Relaxable]:
+    """Return the limits of a task for n modules that can be relaxed without another module or another tree."""
+    return [one for one in (*_module(task), *_search(task, n), *_exposure(task), *_flight(task)) if one.shares]
 
 
-def _module(task: ResolvedTask) -> Iterator[Relaxable]:
+def _module(task: Task) -> Iterator[Relaxable]:
     module = task.module
 
-    def strengthen(x: float) -> ResolvedTask:
-        update = {"max_thrust_to_weight": module.max_thrust_to_weight * (1 + x)}
-        if module.max_thrust is not None:
-            update["max_thrust"] = module.max_thrust * (1 + x)
-        return _with(task, "module", **update)
+    def strengthen(x: float) -> Task:
+        if module.max_thrust is None:
+            return _with(
+                task, "module", max_thrust_to_weight=_round_to_print(module.max_thrust_to_weight * (1 + x))
+            )
+        thrust = _round_to_print(module.max_thrust * (1 + x))
+        ratio = 4 * thrust / (module.mass * task.gravity)
+        return _with(task, "module", max_thrust=thrust, max_thrust_to_weight=ratio)
 
     name, unit = ("max_thrust_to_weight", "") if module.max_thrust is None else ("max_thrust", "N")
     yield Relaxable("rotor limits", f"module.{name}", "more thrust", 1.0, strengthen, _of("module", name), unit)
@@ -70,7 +78,7 @@ def _module(task: ResolvedTask) -> Iterator[Relaxable]:
     )
 
 
-def _search(task: ResolvedTask) -> Iterator[Relaxable]:
+def _search(task: Task, n: int) -> Iterator[Relaxable]:
     if task.search.peak_input < 1:
         most = 1 / task.search.peak_input - 1
         yield _scale(task, "rotor inputs", "search", "peak_input", most, "larger share of the largest input")
@@ -78,8 +86,25 @@ def _search(task: ResolvedTask) -> Iterator[Relaxable]:
         yield _free(task, "orientation of the root", "search", "root", "free")
     if task.end_effector.fixed_position is not None:
         yield _free(task, "position of the end-effector", "end_effector", "position", "free")
-    if task.end_effector.largest_reach:
-        yield _scale(task, "reach of the rod", "end_effector", "largest_reach", 1.0, "more reach", unit="m")
+    if (reach := task.largest_reach(n)) is not None:
+        for limit, more, most in (
+            ("reach of the rod", "more reach", 1.0),
+            ("reach of the rod, tightened", "less reach", LEAST - 1),
+        ):
+
+            def change_reach(x: float, sign: float = math.copysign(1, most), reach: float = reach) -> Task:
+                return _with(task, "end_effector", largest_reach=_round_to_print(reach * (1 + sign * x)))
+
+            yield Relaxable(
+                limit,
+                "end_effector.largest_reach",
+                more,
+                abs(most),
+                change_reach,
+                lambda of: of.largest_reach(n),
+                "m",
+                tightens=most < 0,
+            )
     if task.end_effector.stand_off:
         yield _scale(
             task,
@@ -92,10 +117,10 @@ def _search(task: ResolvedTask) -> Iterator[Relaxable]:
         )
 
 
-def _exposure(task: ResolvedTask) -> Iterator[Relaxable]:
+def _exposure(task: Task) -> Iterator[Relaxable]:
     for number, asked in enumerate(task.exposure):
 
-        def reduce(x: float, number: int = number, asked: Any = asked) -> ResolvedTask:
+        def reduce(x: float, number: int = number, asked: Any = asked) -> Task:
             changed = asked.model_copy(update=_shrink(asked, x, task.module.envelope.length))
             return task.model_copy(
                 update={"exposure": (*task.exposure[:number], changed, *task.exposure[number + 1 :])}
@@ -119,26 +144,30 @@ def _exposure(task: ResolvedTask) -> Iterator[Relaxable]:
             yield Relaxable(limit, field, "smaller region", 1 - LEAST, reduce, lambda _: None)
 
 
-def _flight(task: ResolvedTask) -> Iterator[Relaxable]:
+def _flight(task: Task) -> Iterator[Relaxable]:
     for name, what in (("force_reserve", "force"), ("torque_reserve", "torque")):
         if getattr(task.flight, name):
-            limit = f"reserve of {what}"
-            yield _scale(task, limit, "flight", name, LEAST - 1, "less", unit="N" if what == "force" else "N m")
+            si, weights = ("N", "m_t g") if what == "force" else ("N m", "l_arm m_t g")
+            unit = si if task.flight.units == "SI" else weights
+            yield _scale(task, f"reserve of {what}", "flight", name, LEAST - 1, "less", unit=unit)
     for place, (name, what, unit) in enumerate((("joint_force", "force", "N"), ("joint_moment", "moment", "N m"))):
         if (most := task.joint_limits[place]) is not None:
 
-            def raise_limit(x: float, name: str = name, most: float = most) -> ResolvedTask:
-                return _with(task, "flight", **{name: most * (1 + x)})
+            def raise_limit(x: float, name: str = name, most: float = most) -> Task:
+                return _with(task, "flight", **{name: _round_to_print(most * (1 + x))})
 
-            def bears(of: ResolvedTask, place: int = place) -> float | None:
+            def bears(of: Task, place: int = place) -> float | None:
                 return of.joint_limits[place]
 
             yield Relaxable(f"{what} in a joint", f"flight.{name}", f"larger {what}", 1.0, raise_limit, bears, unit)
 
-    def lighten(x: float) -> ResolvedTask:
-        return task.model_copy(update={"load_cases": tuple(_lighten(case, 1 - x) for case in task.load_cases)})
+    cases = ten_wrenches(task.task_seed or 0) if task.load_cases == "ten-wrenches" else task.load_cases
 
-    if lighten(0.5) != task:
+    def lighten(x: float) -> Task:
+        lighter = tuple(_lighten(case, 1 - x) for case in cases)
+        return task.model_copy(update={"load_cases": lighter, "task_seed": None})
+
+    if lighten(0.5).load_cases != cases:
         more = "less force and torque at the end-effector"
         yield Relaxable("load cases", "load_cases", more, 1 - LEAST, lighten, lambda _: None)
 
@@ -161,35 +190,38 @@ def _lighten(case: LoadCase, factor: float) -> LoadCase:
 def _shrink(asked: AnyExposure, x: float, length: float) -> dict[str, Any]:
     """Return what of a requirement changes."""
     if isinstance(asked, Exterior):
-        return {"half_angle_deg": min(90.0, asked.half_angle_deg * (1 + x))}
+        return {"half_angle_deg": min(90.0, _round_to_print(asked.half_angle_deg * (1 + x)))}
     if isinstance(asked, Allowed):
         farther = (plane.model_copy(update={"offset": plane.offset + x * length}) for plane in asked.planes)
         return {"planes": tuple(farther)}
     if asked.radius is not None:
-        return {"radius": asked.radius * (1 - x)}
+        return {"radius": _round_to_print(asked.radius * (1 - x))}
     if isinstance(asked, Local) and asked.box is not None:
         return {"box": tuple((1 - x) * edge for edge in asked.box)}
     return {"vertices": tuple(tuple((1 - x) * c for c in point) for point in asked.vertices or ())}
 
 
-def _with(task: ResolvedTask, part: str, **fields: Any) -> ResolvedTask:
+def _round_to_print(value: float) -> float:
+    """Return a number with the digits that `Relaxation.setting` prints."""
+    return float(f"{value:.6g}")
+
+
+def _with(task: Task, part: str, **fields: Any) -> Task:
     """Return the task with fields of one of its tables changed."""
     return task.model_copy(update={part: getattr(task, part).model_copy(update=fields)})
 
 
-def _of(part: str, name: str) -> Callable[[ResolvedTask], float | None]:
+def _of(part: str, name: str) -> Callable[[Task], float | None]:
     """Return what reads a field of a table."""
     return lambda task: float(getattr(getattr(task, part), name))
 
 
-def _entry(number: int, name: str) -> Callable[[ResolvedTask], float | None]:
+def _entry(number: int, name: str) -> Callable[[Task], float | None]:
     """Return what reads a field of an exposure requirement."""
     return lambda task: float(getattr(task.exposure[number], name))
 
 
-def _scale(
-    task: ResolvedTask, limit: str, part: str, name: str, most: float, more: str, unit: str = ""
-) -> Relaxable:
+def _scale(task: Task, limit: str, part: str, name: str, most: float, more: str, unit: str = "") -> Relaxable:
     """Return a limit that is one number: it grows if `most` is positive, else shrinks."""
     given, sign = float(getattr(getattr(task, part), name)), 1 if most > 0 else -1
     return Relaxable(
@@ -197,13 +229,13 @@ def _scale(
         f"{part}.{name}",
         more,
         abs(most),
-        lambda x: _with(task, part, **{name: given * (1 + sign * x)}),
+        lambda x: _with(task, part, **{name: _round_to_print(given * (1 + sign * x))}),
         _of(part, name),
         unit,
     )
 
 
-def _free(task: ResolvedTask, limit: str, part: str, name: str, free: str) -> Relaxable:
+def _free(task: Task, limit: str, part: str, name: str, free: str) -> Relaxable:
     """Return a limit that is there or not."""
     return Relaxable(
         limit,

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.value import Number, Value
 
+STARTS = 4
+"""Most starts of each solve with a relaxed limit."""
+
 
 class Relaxation(Value):
-    """One limit, relaxed by little enough that a design was just found; that less is not enough is no proof."""
+    """One limit, relaxed by the least share that gave a design with a clear audit; no proof that less would not."""
 
     topology_key: str
     """Of the tree that has a design then."""
@@ -28,6 +33,9 @@ class Relaxation(Value):
     unit: str = ""
     not_enough: Number | None = None
     """The largest share that was tried in vain; None if the least that is tried was enough."""
+
+    tightens: Annotated[bool, Field(exclude_if=lambda given: not given)] = False
+    """Whether the limit is tightened, so that the design is one of the task as it is."""
 
     @property
     def setting(self) -> str:
@@ -56,14 +64,30 @@ class Relaxed(Value):
     """What helped, the least change first."""
     in_vain: tuple[str, ...]
     """Limits none of whose relaxations helped, each with the most that was tried."""
+    untried: Annotated[tuple[str, ...], Field(exclude_if=lambda given: not given)] = ()
+    """Limits of which nothing is known, as the solver or the audit failed, each with the reason."""
+    topologies: Annotated[tuple[str, ...], Field(exclude_if=lambda given: not given)] = ()
+    """Keys of the trees; none in an older file."""
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What to relax first, and what else helps or does not, a sentence each."""
-        if not self.relaxations:
+        """What to relax first, what else helps or does not, and what could not be tried, a sentence each."""
+        starts = min(self.starts, STARTS)
+        solved = f"from {starts} start{'s' * (starts > 1)}"
+        told = []
+        if self.relaxations:
+            first, *others = self.relaxations
+            verb, end = "relax", "a smaller change may be enough"
+            if first.tightens:
+                verb, end = "try", "the design is one of the task as it is"
+            told.append(f"{verb} first: {first.words}; solved again {solved}, its audit is clear; {end}")
+            told += [f"or {other.words}" for other in others]
+        elif self.in_vain:
+            of = f" of {' or '.join(self.topologies)}" if self.topologies else ""
             tried = "; ".join(self.in_vain)
-            return (f"no single limit, relaxed alone, led to a design ({tried})",) if tried else ()
-        first, *others = (one.words for one in self.relaxations)
-        told = [f"relax first: {first}; found by solving again; a smaller change may be enough too"]
-        told += [f"or {other}" for other in others]
+            told.append(
+                f"no single limit, relaxed alone, led to a design{of} with a clear audit {solved} ({tried})"
+            )
+        if self.untried:
+            told.append(f"could not be tried, so nothing is known: {'; '.join(self.untried)}")
         return tuple(told)

@@ -25,5 +25,6 @@ def relaxed_limits(size: SizeAnswer) -> RelaxedLimits | None:
         for one in found.relaxations
     ]
     rows += [[text, "not enough", "", "", ""] for text in found.in_vain]
+    rows += [[text, "could not be tried", "", "", ""] for text in found.untried]
     caption = f"{modules(size.modules)}: limits of the task, each relaxed alone and solved again; not a proof"
     return RelaxedLimits(caption, Table(COLUMNS, rows))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from heapq import nsmallest
+from itertools import islice
 
 from topo_search.engine import Backends, Engine, scaled_violation
 from topo_search.model import Relaxed, Topology
@@ -19,6 +20,8 @@ SIZES = 2
 
 def find_causes(folder: RunFolder, backends: Backends, engine: Engine, observer: Observer, until: float) -> None:
     """Keep what gives the closest trees a design, of sizes that were searched to the end, if no size has any.
+
+    Where every candidate failed nothing is known to bind. Limits that could not be tried are tried again.
 
     Args:
         folder: of a run without goals, or of its loosest level.
@@ -37,11 +40,12 @@ def find_causes(folder: RunFolder, backends: Backends, engine: Engine, observer:
         bound = ledger.bound(context)
         proven = bound is not None and bound[1] is not None
         ended = proven or ledger.has_ended(context, request.starts, request.trials)
-        if not ended or (kept is not None and kept.starts >= request.starts):
+        tried = kept is not None and kept.starts >= request.starts and not kept.untried
+        if not ended or tried or not (trees := _closest(folder, n, proven=proven)):
             continue
         found = relax(
-            context.task,
-            _closest(folder, n),
+            request.task,
+            trees,
             starts=request.starts,
             seed=request.seed,
             backends=backends,
@@ -66,13 +70,18 @@ def _name(n: int) -> str:
     return f"n{n}.json"
 
 
-def _closest(folder: RunFolder, n: int) -> list[Topology]:
-    """Return the trees that came closest to a design; any, where all are proven impossible."""
-    request = folder.request
+def _closest(folder: RunFolder, n: int, *, proven: bool) -> list[Topology]:
+    """Return the trees that came closest to a design; of those that are proven impossible, any."""
+    request, rows = folder.request, list(folder.ledger.ranking(n))
     task = request.contexts(n)[0].task
-    rows = ((row, row.violation) for row in folder.ledger.ranking(n) if row.status == "infeasible")
     missed = [
-        (scaled_violation(amount, row.unit or "", task), row.key) for row, amount in rows if amount is not None
+        (scaled_violation(row.violation, row.unit or "", task), row.key)
+        for row in rows
+        if row.status == "infeasible" and row.violation is not None
     ]
-    closest = [Topology.from_key(key) for _, key in nsmallest(TREES, missed)]
-    return closest or list(dict.fromkeys(request.space(n).sample(TREES, request.seed)))
+    if missed:
+        return [Topology.from_key(key) for _, key in nsmallest(TREES, missed)]
+    if proven:
+        return list(dict.fromkeys(request.space(n).sample(TREES, request.seed)))
+    impossible = (row.key for row in rows if row.status == "impossible")
+    return [Topology.from_key(key) for key in islice(impossible, TREES)]

@@ -1,8 +1,9 @@
 """Why there is no design: which limit of the task, relaxed alone, gives the closest trees one, and by how little.
 
-Every answer is measured: the task with the relaxed limit is solved again, from a few starts and from the design
-found with more of it. The least share is sought by bisection in a ladder of round ones. Nothing is proven: a share
-that was not enough from these starts may be from others.
+Every answer is measured: the task with the relaxed limit is solved again from the first starts of the run, so a
+user who writes the value into the task file gets the same design, and its audit is clear. The least share is sought
+by bisection in a ladder of round ones. Nothing is proven: a share that was not enough from these starts may be from
+others. A solve that fails is no attempt: the limit neither helps nor is tried in vain.
 """
 
 from __future__ import annotations
@@ -12,69 +13,80 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from topo_search.engine import Backends, Engine, Failed, Job, Solve
-from topo_search.model import Design, Infeasible, ResolvedTask, Topology
+from topo_search.engine import Backends, Engine, Failed, Job, audit_deadline
+from topo_search.model import Audit, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.relaxable import Relaxable, relaxable
-from topo_search.model.relaxation import Relaxation, Relaxed
+from topo_search.model.relaxation import STARTS, Relaxation, Relaxed
+from topo_search.study.margins import LARGER_MARGINS, margins, raise_margins, with_margin
 from topo_search.study.observer import Observer
 from topo_search.study.phases import Phase, solving_seconds
 
 TREES = 2
 """The closest trees, for which limits are relaxed."""
-STARTS = 4
-"""Most starts of each solve."""
 KEPT = 3
-"""Most relaxations that are told."""
+"""Most relaxations in an answer."""
 
 
 @dataclass
 class _Attempt:
     """One limit of one tree, as far as it was tried."""
 
+    task: Task
     topology: Topology
     limit: Relaxable
     enough: int | None = None
-    """Place of the least share that is known to be enough."""
+    """Place in the ladder of the least share that led to a design with a clear audit."""
     short: int = -1
     """Place of the largest share that was tried in vain."""
-    design: Design | None = None
-    """With the share that is enough."""
+    failure: str | None = None
+    """Why the solver or the audit gave no answer, with the change that was tried."""
 
     @property
     def next(self) -> int | None:
         """Place of the share to try; None when nothing is left to try."""
         last = len(self.limit.shares) - 1
+        if self.failure is not None:
+            return None
         if self.enough is None:
             return last if self.short < last else None
         return (self.enough + self.short) // 2 if self.enough - self.short > 1 else None
 
-    def take(self, place: int, outcome: Design | Infeasible | Failed) -> None:
-        """Take up what came of a share."""
-        if isinstance(outcome, Design):
-            self.enough, self.design = place, outcome
+    def task_at(self, place: int) -> ResolvedTask:
+        """Return the task with the limit relaxed, as a user who changes the field gets it."""
+        return self.limit.relaxed(self.limit.shares[place]).resolve(self.topology.n)
+
+    def change(self, place: int) -> str:
+        """Name the limit and a change of it."""
+        return f"{self.limit.limit}: {self.limit.change(self.limit.shares[place])}"
+
+    def take(self, place: int, outcome: bool | Failed) -> None:
+        """Take up whether a share led to a design with a clear audit."""
+        if isinstance(outcome, Failed):
+            self.failure = f"{self.change(place)} ({outcome.reason})"
+        elif outcome:
+            self.enough = place
         else:
             self.short = place
 
-    def relaxation(self, task: ResolvedTask) -> Relaxation | None:
-        """Return what was found out; None if nothing was enough."""
-        if self.enough is None:
-            return None
-        limit, share = self.limit, self.limit.shares[self.enough]
+    def relaxation(self, place: int) -> Relaxation:
+        """Return what is known of a share that is enough."""
+        limit, share = self.limit, self.limit.shares[place]
         return Relaxation(
             topology_key=self.topology.key,
             limit=limit.limit,
             change=limit.change(share),
             field=limit.field,
             share=share,
-            given=limit.value(task),
+            given=limit.value(self.task),
             enough=limit.value(limit.relaxed(share)),
             unit=limit.unit,
             not_enough=None if self.short < 0 else limit.shares[self.short],
+            tightens=limit.tightens,
         )
 
 
 def relax(
-    task: ResolvedTask,
+    task: Task,
     topologies: Sequence[Topology],
     *,
     starts: int,
@@ -87,41 +99,45 @@ def relax(
     """Return which limits give topologies a design that have none; None if the time was over before.
 
     Args:
-        task: the task as it is.
-        topologies: the closest trees, at most TREES of them are looked at.
+        task: the task as the user wrote it.
+        topologies: the closest trees, all of one size; at most TREES of them are looked at.
         starts: of the run; at most STARTS of them are used.
         seed: draws the starts.
-        backends: the solver, and proofs that spare it where even the relaxed task is impossible.
+        backends: the solver, the audit, and proofs that spare both where even the relaxed task is impossible.
         engine: where it runs.
         observer: is told of the progress.
-        until: time.monotonic() at which to stop, with what was found by then.
+        until: time.monotonic() at which to stop, with what is known by then.
     """
-    attempts = [_Attempt(topology, limit) for topology in topologies[:TREES] for limit in relaxable(task)]
-    few = range(min(starts, STARTS))
-    proven = backends.prove_impossible(task) is not None  # else what is easier is not either
-    while jobs := _possible_attempts(attempts, backends if proven else None):
-        observer.phase(Phase("relaxing", task.n, len(jobs), len(few), solving_seconds(task, len(few))))
-        numbered = [(number, place, _job(attempts[number], place, few, seed)) for number, place in jobs]
+    trees, n = topologies[:TREES], topologies[0].n
+    attempts = [_Attempt(task, tree, limit) for tree in trees for limit in relaxable(task, n)]
+    resolved, few = task.resolve(n), range(min(starts, STARTS))
+    proven = backends.prove_impossible(resolved) is not None  # else what is easier is not either
+    over = False
+    while not over and (due := _possible_attempts(attempts, backends if proven else None)):
+        observer.phase(Phase("relaxing", n, len(due), len(few), solving_seconds(resolved, len(few))))
+        jobs = [(k, place, Job(attempts[k].task_at(place), attempts[k].topology, 1, few, seed)) for k, place in due]
+        over = True
         ended = engine.run(
-            partial(_solve, backends.solve), numbered, deadline=lambda job: job[2].deadline, until=until
+            partial(_leads_to_a_design, backends), jobs, deadline=lambda job: _deadline(job[2]), until=until
         )
-        count = 0
-        for (number, place, _), outcome in ended:
-            attempts[number].take(place, outcome)
+        for count, ((k, place, _), outcome) in enumerate(ended, 1):
+            attempts[k].take(place, outcome)
             observer.settled(None)
-            count += 1
-        if count < len(jobs):  # the time is over
-            if not any(attempt.design for attempt in attempts):
-                return None
-            break
-    found = [one for attempt in attempts if (one := attempt.relaxation(task)) is not None]
-    helped = {attempt.limit.field for attempt in attempts if attempt.enough is not None}
-    in_vain = {
-        attempt.limit.field: f"{attempt.limit.limit}: {attempt.limit.change(attempt.limit.shares[-1])}"
-        for attempt in attempts
-        if attempt.limit.field not in helped and attempt.short >= 0
-    }
-    return Relaxed(modules=task.n, starts=starts, relaxations=_best(found), in_vain=tuple(sorted(in_vain.values())))
+            over = count < len(jobs)
+    found = _least(attempts)
+    if over and not found:
+        return None
+    others = [one for one in attempts if one.limit.limit not in {helped.limit for helped in found}]
+    untried = {one.limit.limit: one.failure for one in others if one.failure is not None}
+    in_vain = {one.limit.limit: one.change(one.short) for one in others if one.short >= 0}
+    return Relaxed(
+        modules=n,
+        starts=starts,
+        relaxations=tuple(found[:KEPT]),
+        in_vain=tuple(sorted(words for limit, words in in_vain.items() if limit not in untried)),
+        untried=tuple(sorted(untried.values())),
+        topologies=tuple(tree.key for tree in trees),
+    )
 
 
 def _possible_attempts(attempts: list[_Attempt], backends: Backends | None) -> list[tuple[int, int]]:
@@ -129,31 +145,41 @@ def _possible_attempts(attempts: list[_Attempt], backends: Backends | None) -> l
     due = list[tuple[int, int]]()
     for number, attempt in enumerate(attempts):
         while (place := attempt.next) is not None:
-            task = attempt.limit.relaxed(attempt.limit.shares[place])
-            proof = None if backends is None else backends.prove_impossible(task)
-            if proof is None:
+            if backends is None or backends.prove_impossible(attempt.task_at(place)) is None:
                 due.append((number, place))
                 break
-            attempt.take(place, proof)
+            attempt.take(place, False)
     return due
 
 
-def _best(found: list[Relaxation]) -> tuple[Relaxation, ...]:
-    """Return the least change of every limit, the least first."""
-    least: dict[str, Relaxation] = {}
-    for one in sorted(found, key=lambda one: (one.share, one.field, one.topology_key)):
-        least.setdefault(one.field, one)
-    return tuple(least.values())[:KEPT]
+def _least(attempts: list[_Attempt]) -> list[Relaxation]:
+    """Return the least change of every limit that helped: first what costs nothing, then the least change."""
+    found = [one.relaxation(one.enough) for one in attempts if one.enough is not None]
+    least = dict[str, Relaxation]()
+    for one in sorted(found, key=lambda one: (not one.tightens, one.share, one.limit, one.topology_key)):
+        least.setdefault(one.limit, one)
+    return list(least.values())
 
 
-def _job(attempt: _Attempt, place: int, starts: range, seed: int) -> Job:
-    """Return the solve of a task with one limit relaxed."""
-    near = () if attempt.design is None else (attempt.design,)
-    task = attempt.limit.relaxed(attempt.limit.shares[place])
-    return Job(task, attempt.topology, 1, starts, seed, near)
+def _deadline(job: Job) -> float:
+    """Return the time after which a solve and its audit, with every margin, count as hung [s]."""
+    return (1 + LARGER_MARGINS) * (job.deadline + audit_deadline(job.topology.n))
 
 
-def _solve(solve: Solve, numbered: tuple[int, int, Job]) -> Design | Infeasible:
-    """Solve one of them (in a worker)."""
+def _leads_to_a_design(backends: Backends, numbered: tuple[int, int, Job]) -> bool:
+    """Return whether a job leads to a design whose audit is clear, with larger margins if need be (in a worker)."""
     job = numbered[2]
-    return solve(job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near)
+    tasks = [with_margin(job.task, margin) for margin in margins(job.task)]
+    clear = False
+
+    def judge(step: int, names: Sequence[str]) -> list[tuple[str, Audit]]:
+        nonlocal clear
+        design = backends.solve(tasks[step], job.topology, starts=job.starts, seed=job.seed)
+        if isinstance(design, Infeasible):
+            return []
+        audit = backends.audit(design)
+        clear = audit.verdict == "clear"
+        return [] if clear else [(name, audit) for name in names]
+
+    raise_margins(tasks, [job.topology.key], judge)
+    return clear

@@ -19,7 +19,7 @@ from topo_search.engine import (
     scaled_violation,
     solve_jobs,
 )
-from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Topology
+from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.html import paragraph
 from topo_search.study.margins import margins, raise_margins, with_margin
 from topo_search.study.observer import Silent
@@ -83,7 +83,7 @@ def _words(outcome: Infeasible | Failed) -> str:
 
 
 def solve_single(
-    task: ResolvedTask,
+    base_task: Task,
     topology: Topology,
     backends: Backends,
     *,
@@ -97,7 +97,7 @@ def solve_single(
     """Find the best design of one topology and audit it, both in a child process.
 
     Args:
-        task: the task, resolved for the topology's size.
+        base_task: the task, as the user wrote it.
         topology: the tree.
         backends: solver, audit and bounds.
         starts: number of starts; None: until PATIENCE rounds in a row did not pay, or the time is over.
@@ -108,6 +108,7 @@ def solve_single(
         near: designs to start from, besides the first round's starts.
     """
     until = math.inf if time_limit is None else time.monotonic() + time_limit
+    task = base_task.resolve(topology.n)
     proof = backends.prove_impossible(task)
     notes: list[str] = []
     tasks = [with_margin(task, margin) for margin in margins(task)]
@@ -117,7 +118,7 @@ def solve_single(
         def explain(outcome: Infeasible) -> Infeasible:
             most = round_size if starts is None else starts
             relaxed = relax(
-                task,
+                base_task,
                 [topology],
                 starts=most,
                 seed=seed,

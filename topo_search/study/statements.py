@@ -43,16 +43,22 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
     if impossible == number:
         which = "the only candidate" if number == 1 else f"each of {number} candidates"
         return f"{which} is proven impossible; candidates.csv names what it cannot meet"
-    known = {"proven impossible": impossible, "failed": statuses["failed"]}
-    told = ", ".join(f"{some} {what}" for what, some in known.items() if some)
-    tried = f"no start of {'the only candidate' if number == 1 else f'{number} candidates'} led to a design"
-    tried += f" ({told})" if told else ""
-    if closest is None:
-        return tried
-    return (
-        f"{tried}; smallest shortfall (not a proof): {closest.key} misses `{closest.worst_constraint}` "
-        f"by {closest.violation:.3g} {closest.unit}".rstrip()
-    )
+
+    def candidates(some: int) -> str:
+        return "the only candidate" if number == 1 else f"{some} candidate{'s' * (some > 1)}"
+
+    parts, failed = list[str](), statuses["failed"]
+    if number > impossible + failed:
+        tried = f"no start of {candidates(number - failed)} led to a design"
+        parts.append(f"{tried} ({impossible} proven impossible)" if impossible else tried)
+    elif impossible:
+        parts.append(f"{candidates(impossible)} proven impossible")
+    if failed:
+        parts.append(f"{candidates(failed)} failed, so nothing is known of {'it' if failed == 1 else 'them'}")
+    if closest is not None:
+        miss = f"{closest.key} misses `{closest.worst_constraint}` by {closest.violation:.3g} {closest.unit}"
+        parts.append(f"smallest shortfall (not a proof): {miss}".rstrip())
+    return "; ".join(parts)
 
 
 def kind_of(constraint: str) -> str:
