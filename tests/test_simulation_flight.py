@@ -115,6 +115,19 @@ def test_who_cannot_hover_is_not_flown() -> None:
         fly_all(tilted, Options())
 
 
+def test_a_rod_too_heavy_to_hover_with_is_named(wall_press: Design) -> None:
+    end_effector = wall_press.task.end_effector.model_copy(update={"rod_linear_density": 20.0})
+    heavy = wall_press.model_copy(
+        update={"task": wall_press.task.model_copy(update={"end_effector": end_effector})}
+    )
+    with pytest.raises(BadInput, match=r"the cause is the rod .* without its mass, .* leave out, it hovers"):
+        fly_all(heavy, Options())
+    weak = heavy.task.module.model_copy(update={"max_thrust_to_weight": 0.5})
+    both = heavy.model_copy(update={"task": heavy.task.model_copy(update={"module": weak})})
+    with pytest.raises(BadInput, match=r"unbalanced; nothing was flown"):
+        fly_all(both, Options())
+
+
 def test_one_module_hovers_but_cannot_hold_its_place_level() -> None:
     task = {"end_effector": {"mass": 0.0}}
     level = random_design(Topology.from_key("a0"), 1, task).model_copy(

@@ -155,8 +155,16 @@ def _as_hover(name: str) -> ScenarioResult:
 def _require_hover(design: Design, known: Nominal) -> None:
     short, _ = hover_residual(known)
     if short > MET:
+        without = nominal(design, rod_mass=False)
+        rod = known.mass - without.mass
+        cause = (
+            f"; the cause is the rod of the end-effector: without its mass, {rod:.4g} kg or "
+            f"{100 * rod / without.mass:.3g} % of the rest, which the search and the audit leave out, it hovers"
+            if hover_residual(without)[0] <= MET
+            else ""
+        )
         rule = (
             f"cannot hover in the attitude of its task: rotors within their limits leave {100 * short:.3g} % of "
-            "the weight, or of arm length times weight, unbalanced; nothing was flown"
+            f"the weight, or of arm length times weight, unbalanced{cause}; nothing was flown"
         )
         raise BadInput(design.task.name, [Fault("", rule)])

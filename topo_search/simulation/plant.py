@@ -183,12 +183,12 @@ class Plant:
         ]
 
 
-def nominal(design: Design) -> Nominal:
-    """Return what the controller knows of a design: the model with the rod's mass, about its own COM."""
+def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
+    """Return what the controller knows of a design: the model about its own COM, with the rod's mass or without."""
     acts: Allocation = allocation(design)
     at = poses(design)
     m, J, c = acts.mass_kg, np.array(acts.inertia_kg_m2), np.zeros(3)
-    rod = rod_of(design, at)
+    rod = rod_of(design, at) if rod_mass else None
     if rod is not None:
         weighs = mass_of(rod, design, at)
         c = weighs.mass / (m + weighs.mass) * weighs.middle
