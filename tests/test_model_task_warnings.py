@@ -1,5 +1,7 @@
 """Which tasks are warned about, and which are not."""
 
+import copy
+import math
 from typing import Any
 
 import pytest
@@ -9,6 +11,42 @@ from topo_search.model import Task
 from topo_search.model.files import examples, read_task
 from topo_search.model.task_warnings import task_warnings
 
+# Modules as they are sold: a nano quadrotor, one with 8-inch propellers, one that lifts itself and 15 kg.
+NANO = {
+    "mass": 0.027,
+    "arm_length": 0.0397,
+    "connector_distance": 0.06,
+    "thrust_coefficient": 2.88e-8,
+    "torque_coefficient": 7.24e-10,
+    "max_thrust": 0.149,
+    "body": {
+        "rotor_radius": 0.0231,
+        "rotor_height": 0.004,
+        "arm_width": 0.006,
+        "hub": [0.03, 0.03, 0.02],
+        "inertia": [1.4e-5, 1.4e-5, 2.17e-5],
+    },
+}
+INCHES_EIGHT = {
+    "mass": 0.5,
+    "arm_length": 0.17,
+    "connector_distance": 0.25,
+    "thrust_coefficient": 5.57e-6,
+    "torque_coefficient": 1.37e-7,
+    "max_thrust": 5.0,
+    "body": {"rotor_radius": 0.1016, "inertia": [2.32e-3, 2.32e-3, 4e-3]},
+}
+HEAVY = {
+    "mass": 9.5,
+    "arm_length": 0.45,
+    "connector_distance": 0.65,
+    "thrust_coefficient": 1.53e-4,
+    "torque_coefficient": 4.6e-6,
+    "max_thrust": 60.0,
+    "body": {"rotor_radius": 0.23, "hub": [0.25, 0.25, 0.12], "inertia": [0.25, 0.25, 0.4]},
+}
+PER_RPM = (2 * math.pi / 60) ** 2
+GRAMS_FORCE = 1000 / 9.81
 HOVER = {"com": {"force": [0.0, 0.0, 1.0]}}
 PUSH_WHILE_HOVERING = {"end_effector": {"force": [0.2, 0.0, 0.0]}, **HOVER}
 
@@ -112,6 +150,88 @@ def test_a_task_in_which_nothing_hovers() -> None:
 def test_values_that_are_seldom_meant(fields: dict[str, Any], path: str, said: str) -> None:
     warnings = found(**fields)
     assert said in warnings[path]
+
+
+def scale(module: dict[str, Any], factors: dict[str, float]) -> dict[str, Any]:
+    """The module with fields in another unit."""
+    changed: dict[str, Any] = copy.deepcopy(module)
+    for path, factor in factors.items():
+        *tables, name = path.split(".")
+        table = changed[tables[0]] if tables else changed
+        value = table[name]
+        table[name] = [factor * one for one in value] if isinstance(value, list) else factor * value
+    return changed
+
+
+@pytest.mark.parametrize("module", [NANO, INCHES_EIGHT, HEAVY], ids=["nano", "8 inches", "heavy"])
+@pytest.mark.parametrize(
+    ("factors", "path"),
+    [
+        ({"mass": 1000}, "module.mass"),
+        ({"mass": 1e-3}, "module.mass"),
+        ({"mass": 1000, "max_thrust": GRAMS_FORCE}, "module.mass"),
+        ({"max_thrust": GRAMS_FORCE}, "module.max_thrust"),
+        ({"max_thrust": 1 / 9.81}, "module.max_thrust"),
+        ({"thrust_coefficient": PER_RPM}, "module.thrust_coefficient"),
+        ({"thrust_coefficient": PER_RPM, "torque_coefficient": PER_RPM}, "module.thrust_coefficient"),
+        ({"thrust_coefficient": 1 / PER_RPM}, "module.thrust_coefficient"),
+        ({"thrust_coefficient": GRAMS_FORCE}, "module.thrust_coefficient"),
+        ({"torque_coefficient": PER_RPM}, "module.torque_coefficient"),
+        ({"torque_coefficient": 100}, "module.torque_coefficient"),
+        ({"arm_length": 100}, "module.arm_length"),
+        ({"connector_distance": 100}, "module.connector_distance"),
+        ({"arm_length": 100, "connector_distance": 100, "body.rotor_radius": 100}, "module.arm_length"),
+        ({"body.rotor_radius": 10}, "module.body.rotor_radius"),
+        ({"body.rotor_radius": 0.1}, "module.body.rotor_radius"),
+        ({"body.inertia": 1000}, "module.body.inertia[0]"),
+        ({"body.inertia": 1e-3}, "module.body.inertia[0]"),
+        ({"body.inertia": 1e7}, "module.body.inertia[2]"),
+    ],
+)
+def test_a_slip_of_units_is_told_of_any_module(
+    module: dict[str, Any], factors: dict[str, float], path: str
+) -> None:
+    assert found(module=module) == {}
+    assert path in found(module=scale(module, factors))
+
+
+def test_a_value_is_not_blamed_for_the_slip_of_another() -> None:
+    assert set(found(module=scale(NANO, {"mass": 1000}))) == {"module.mass", "module.max_thrust"}
+    assert set(found(module=scale(NANO, {"max_thrust": GRAMS_FORCE}))) == {"module.max_thrust"}
+    assert set(found(module=scale(NANO, {"torque_coefficient": PER_RPM}))) == {"module.torque_coefficient"}
+
+
+@pytest.mark.parametrize(
+    ("fields", "path", "said"),
+    [
+        ({"module": {"mass": 0.716, "max_thrust": 612.0}}, "module.max_thrust", "349 times its weight"),
+        ({"module": {"max_thrust_to_weight": 250.0}}, "module.max_thrust_to_weight", "is it a ratio"),
+        ({"module": {"mass": 2.4}}, "module.max_thrust_to_weight", None),
+        ({"module": {"torque_to_thrust": 16.0}}, "module.torque_to_thrust", "is it in m?"),
+        ({"module": {"body": {"rotor_height": 2.0}}}, "module.body.rotor_height", "usual with arms of 0.1 m"),
+        ({"module": {"body": {"hub": [8.0, 8.0, 4.0]}}}, "module.body.hub[2]", "4 m is outside"),
+        ({"module": {"airflow": {"start_radius": 0.1, "reach": 140.0}}}, "module.airflow.reach", "140 m is"),
+        ({"module": {"airflow": {"spread_angle_deg": 0.1745}}}, "module.airflow.spread_angle_deg", "(10 deg,"),
+        ({"end_effector": {"mass": 48.0}}, "end_effector.mass", "48 kg is more than all 3 modules, 0.72 kg"),
+        ({"end_effector": {"rod_radius": 5.0}}, "end_effector.rod_radius", "5 m is outside"),
+        ({"end_effector": {"rod_linear_density": 45.0}}, "end_effector.rod_linear_density", "5.73e+05 kg/m^3"),
+        ({"exposure": [{"kind": "exterior", "half_angle_deg": 1.0472}]}, "exposure[0].half_angle_deg", "(60 deg,"),
+        (
+            {
+                "load_cases": [
+                    {"carries_weight": True, "cone": {"axis": [1, 0, 0], "half_angle_deg": 0.35, "force": 0.1}},
+                    HOVER,
+                ]
+            },
+            "load_cases[0].cone.half_angle_deg",
+            "is it in degrees?",
+        ),
+        ({"tolerances": {"hinge_angle_deg": 0.0087}}, "tolerances.hinge_angle_deg", "(0.498 deg,"),
+    ],
+)
+def test_a_slip_of_units_is_told_with_its_reason(fields: dict[str, Any], path: str, said: str | None) -> None:
+    warnings = found(**fields)
+    assert said in warnings[path] if said else path not in warnings
 
 
 @pytest.mark.parametrize(

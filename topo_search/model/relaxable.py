@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from topo_search.model.exposure import Allowed, AnyExposure, Exterior, Local
-from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
+from topo_search.model.load_case import LoadCase, Wrench
 from topo_search.model.task import Task
 
 LEAST = 0.2
@@ -161,13 +161,11 @@ def _flight(task: Task) -> Iterator[Relaxable]:
 
             yield Relaxable(f"{what} in a joint", f"flight.{name}", f"larger {what}", 1.0, raise_limit, bears, unit)
 
-    cases = ten_wrenches(task.task_seed or 0) if task.load_cases == "ten-wrenches" else task.load_cases
-
     def lighten(x: float) -> Task:
-        lighter = tuple(_lighten(case, 1 - x) for case in cases)
+        lighter = tuple(_lighten(case, 1 - x) for case in task.cases)
         return task.model_copy(update={"load_cases": lighter, "task_seed": None})
 
-    if lighten(0.5).load_cases != cases:
+    if lighten(0.5).load_cases != task.cases:
         more = "less force and torque at the end-effector"
         yield Relaxable("load cases", "load_cases", more, 1 - LEAST, lighten, lambda _: None)
 

@@ -246,6 +246,11 @@ class Task(Value):
         """m_t of a platform of n modules [kg]."""
         return n * self.module.mass + self.end_effector.mass
 
+    @property
+    def cases(self) -> tuple[LoadCase, ...]:
+        """The load cases, those of a random family drawn."""
+        return ten_wrenches(self.task_seed or 0) if self.load_cases == "ten-wrenches" else self.load_cases
+
     def force_unit(self, n: int) -> float:
         """m_t g of a platform of n modules [N]."""
         return self.total_mass(n) * self.gravity
@@ -361,7 +366,6 @@ class Task(Value):
 
         It has no goals: what a design is held to are the fields that they are levels of.
         """
-        cases = ten_wrenches(self.task_seed or 0) if self.load_cases == "ten-wrenches" else self.load_cases
         units = self.force_unit(n), self.torque_unit(n)
         search = self.search.model_copy(
             update={"separation": self.separation, "body_clearance": self.body_clearance or False}
@@ -374,7 +378,7 @@ class Task(Value):
                 "modules": n,
                 "module": self.module.resolve(),
                 "end_effector": end_effector,
-                "load_cases": tuple(case.to_si(*units) for case in cases),
+                "load_cases": tuple(case.to_si(*units) for case in self.cases),
                 "task_seed": None,
                 "search": search,
                 "flight": self.flight.to_si(*units),

@@ -3,8 +3,6 @@
 | symbol | meaning | unit |
 |---|---|---|
 | F_z, m_t g | upward force of a load case; weight of the platform | N |
-| k_tau / k_f | drag torque of a rotor over its thrust | m |
-| u_max | largest squared rotor speed of a module | rad^2/s^2 |
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ from topo_search.model.exposure import Allowed, Directional, Local
 from topo_search.model.folds import in_words
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Module
+from topo_search.model.plausibility import doubts
 from topo_search.model.proven import excess_texts
 from topo_search.model.room import LARGE, OUTWARDS, frame_reach, packed_width
 from topo_search.model.task import Task
@@ -53,7 +52,8 @@ def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
     n = task.sizes[-1]
     return (
         *_gravity(task),
-        *_module(task.module, task.module.max_input(task.gravity)),
+        *(TaskWarning(path, words) for path, words in doubts(task)),
+        *_module(task.module),
         *_lengths(task, n),
         *_thrust(task, n),
         *_load_cases(task, n),
@@ -66,28 +66,9 @@ def _gravity(task: Task) -> Iterator[TaskWarning]:
         yield TaskWarning("gravity", f"{task.gravity:g} m/s^2 is not that of the Earth's surface")
 
 
-def _module(module: Module, u_max: float) -> Iterator[TaskWarning]:
-    """Yield what hints at a slip of units, or at parts that cannot be as stated."""
-    body, speed = module.body, math.sqrt(u_max)
-    usual = (
-        ("module.mass", module.mass, 0.01, 50.0, "kg"),
-        ("module.arm_length", module.arm_length, 0.01, 2.0, "m"),
-        ("module.connector_distance", module.connector_distance, 0.01, 3.0, "m"),
-    )
-    for path, value, low, high, unit in usual:
-        if not low <= value <= high:
-            yield TaskWarning(path, f"{value:g} {unit} is outside {low:g} to {high:g} {unit}: is the unit right?")
-    if not 50 <= speed <= 10_000:
-        yield TaskWarning(
-            "module.thrust_coefficient",
-            f"full thrust then needs {speed:.3g} rad/s ({speed * 30 / math.pi:.3g} rpm): is it in N s^2/rad^2?",
-        )
-    drag = module.torque_coefficient / module.thrust_coefficient
-    if drag > module.arm_length:
-        yield TaskWarning(
-            "module.torque_coefficient" if module.torque_to_thrust is None else "module.torque_to_thrust",
-            f"k_tau / k_f = {drag:.3g} m is more than the arm, {module.arm_length:g} m: is it in N m s^2/rad^2?",
-        )
+def _module(module: Module) -> Iterator[TaskWarning]:
+    """Yield what hints at parts that cannot be as they are given."""
+    body = module.body
     if 2 * body.rotor_radius > math.sqrt(2) * module.arm_length:
         yield TaskWarning("module.body.rotor_radius", "adjacent rotors of a module overlap")
     least = module.arm_length / math.sqrt(2) + body.rotor_radius
@@ -146,10 +127,11 @@ def _thrust(task: Task, n: int) -> Iterator[TaskWarning]:
     most, weight = largest_thrust(task, n), task.force_unit(n)
     if most < weight:
         load, pull = excess_texts(weight, most)
+        units = ": are thrusts in N and masses in kg?" if 2 * most < weight else ""
         limit = "module.max_thrust_to_weight" if task.module.max_thrust is None else "module.max_thrust"
         yield TaskWarning(
             limit if task.search.peak_input == 1 else "search.peak_input",
-            f"all rotors together pull with {pull} N at most, but {_platform(n)} weigh {load} N",
+            f"all rotors together pull with {pull} N at most, but {_platform(n)} weigh {load} N{units}",
         )
 
 
