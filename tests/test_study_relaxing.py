@@ -217,6 +217,13 @@ def test_only_what_was_tried_is_said_to_be_in_vain(monkeypatch):
     assert says(untried, "could not be tried", "longer connectors")
 
 
+def test_what_is_proven_impossible_when_relaxed_is_not_said_to_be_solved(monkeypatch):
+    monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
+    task, found = toy_relaxed(engine=Failing(lambda job: True))
+    assert len(found.in_vain) == len(relaxable(task, 3))
+    assert all(text.endswith("(still proven impossible)") for text in found.in_vain)
+
+
 def test_a_failure_after_a_design_leaves_what_was_tried():
     engine = Failing(lambda job: job[2].task.module.max_thrust_to_weight < 5)
     _, found = toy_relaxed(engine=engine, module={"max_thrust_to_weight": 2.5})

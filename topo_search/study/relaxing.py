@@ -38,6 +38,8 @@ class _Attempt:
     """Place in the ladder of the least share that led to a design with a clear audit."""
     short: int = -1
     """Place of the largest share that was tried in vain."""
+    proven: bool = False
+    """Whether a share was not solved, as the task is proven impossible with it."""
     failure: str | None = None
     """Why the solver or the audit gave no answer, with the change that was tried."""
 
@@ -129,7 +131,11 @@ def relax(
         return None
     others = [one for one in attempts if one.limit.limit not in {helped.limit for helped in found}]
     untried = {one.limit.limit: one.failure for one in others if one.failure is not None}
-    in_vain = {one.limit.limit: one.change(one.short) for one in others if one.short >= 0}
+    in_vain = {
+        one.limit.limit: one.change(one.short) + (" (still proven impossible)" if one.proven else "")
+        for one in others
+        if one.short >= 0
+    }
     return Relaxed(
         modules=n,
         starts=starts,
@@ -149,6 +155,7 @@ def _possible_attempts(attempts: list[_Attempt], backends: Backends | None) -> l
                 due.append((number, place))
                 break
             attempt.take(place, False)
+            attempt.proven = True
     return due
 
 
