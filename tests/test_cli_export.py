@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
 import matplotlib.image
 import pandas
@@ -17,6 +18,7 @@ from topo_search.cli import main
 from topo_search.model import Design, Status, Topology
 from topo_search.model.bracket import Bracket
 from topo_search.model.files import read_json, read_task, to_json
+from topo_search.model.proven import lower_text
 from topo_search.model.topology import PORT_NAMES
 from verify import audit
 
@@ -48,6 +50,13 @@ def test_the_kind_of_picture_is_told_by_the_name_or_by_the_option(command, tmp_p
     for words in (["--out", "a.svg"], ["--out", "a.dat", "--format", "svg"]):
         assert command("design.json", *words).exit_code == 0
         assert ElementTree.parse(tmp_path / words[1]).getroot().tag.endswith("svg")
+
+
+def test_a_design_that_is_not_clear_is_exported_with_a_warning(command, tmp_path):
+    result = command("design.json", "--out", "a.urdf")
+    assert "warning: the audit of this design is violated: " in result.stderr
+    clear = str(Path(__file__).parent / "designs" / "push-a70010.json")
+    assert "warning" not in command(clear, "--out", "b.urdf").stderr
 
 
 @pytest.mark.parametrize("words", [["a.mjcf"], ["a.xml"], ["a.dat", "--format", "mjcf"], ["a.urdf"]])
@@ -258,10 +267,10 @@ def test_a_kit_of_rounded_angles_says_what_rounding_changed(command, tmp_path, s
     found, before = audit(built), audit(solved_push)
     assert all(row.status is Status.CLEAR for row in found.residuals)  # the inputs fit the new angles
     more = 100 * (built.objective / solved_push.objective - 1)
-    least = [1000 * min(pair.analytic_m for pair in each.pairs) for each in (found, before)]
+    least = [lower_text(1000 * min(pair.analytic_m for pair in each.pairs), 3) for each in (found, before)]
     said = (
         f"control effort {more:+.3g} %.",
-        f"Audit: {found.verdict} (before: clear); least clearance {least[0]:.3g} mm (before: {least[1]:.3g} mm).",
+        f"Audit: {found.verdict} (before: clear); least clearance {least[0]} mm (before: {least[1]} mm).",
     )
     page = (tmp_path / "kit/assembly.html").read_text()
     for text in said:

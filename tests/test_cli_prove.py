@@ -39,6 +39,7 @@ def test_an_open_tree_ends_with_4_and_json_says_which(run, monkeypatch):
     assert done.exit_code == 4, done.output
     told = json.loads(done.stdout)
     assert [row["key"] for row in told["candidates"] if row["proof"] == "open"] == [key]
+    assert "run the same command" not in done.stderr
 
 
 def test_one_tree_that_is_proven_ends_with_0_whatever_the_rest(run, monkeypatch):

@@ -14,7 +14,7 @@ from toy_problem import toy_row
 from topo_search.cli.tables import progress_line
 from topo_search.compose import audit
 from topo_search.export.audit_summary import tolerance_lines
-from topo_search.model import Limit, Topology
+from topo_search.model import Limit, Status, Topology
 from topo_search.model.proven import SOLVER_PRECISION, at_least, at_most, gap_percent
 from topo_search.report.design_page import bound, design_page
 from topo_search.report.design_part import design_part
@@ -66,7 +66,7 @@ def test_one_answer_has_one_figure() -> None:
     made = design(Topology.from_key("af0000"), gap=PUSH, objective=2.5e14, lower_bound=2.5e14 * (1 - PUSH))
     row = toy_row("a70010", objective=made.objective, gap=PUSH)
     told = [statement(row, 28, 28), describe(row), progress_line(made), made._repr_html_()]
-    page = design_page(made, audit(made), "mine.json")
+    page = design_page(made, audit(made).model_copy(update={"verdict": Status.CLEAR}), "mine.json")
     told += page.bound[1:2]
     told += [tile.figure for tile in page.tiles if tile.name == "Proven gap"]
     assert len(told) == 6

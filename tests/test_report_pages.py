@@ -2,17 +2,20 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from report_cases import Reader, design, grown, toy_page
 from toy_problem import toy_run
 
-from topo_search.compose import audit
+from nlp import lower_bound
+from topo_search.compose import audit, read_design, write_report
 from topo_search.export import palette
 from topo_search.export.poses import poses
-from topo_search.model import Topology
-from topo_search.model.files import read_task
+from topo_search.model import Design, Status, Topology
+from topo_search.model.files import read_json, read_task
+from topo_search.model.proven import gap_percent
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import design_page
@@ -80,7 +83,7 @@ def test_the_page_of_a_design_has_its_clearances_and_no_ranking(audited):
     made, verdict = audited
     page = Reader(render(design_page(made, verdict, "mine.json")))
     assert f"audit: {verdict.verdict}" in page.text
-    assert "Proven gap 9.32 %" in page.text
+    assert "Proven gap" not in page.text  # the audit is not clear
     assert "topo-search audit mine.json" in page.text
     assert "ranking-data" not in page.data
     cells = [json.loads(page.data[name]) for name in page.data if name.startswith("clearances-")]
@@ -197,3 +200,20 @@ def test_only_critical_clearances_have_a_colour_and_all_can_be_read(audited):
     for (i, j), ground in zip((("0", "1"), ("0", "2"), ("1", "2")), grounds, strict=True):
         assert contrast(told[i, j][1], ground) >= 4.5
     assert heat.showscale is False
+
+
+def test_the_gap_of_a_design_is_computed_and_not_read_from_its_file(tmp_path):
+    file = Path(__file__).parent / "designs" / "forged-gap.json"
+    made = read_design(file)
+    assert read_json(Design, file).gap == pytest.approx(1e-4)
+    assert made.gap == pytest.approx(1 - lower_bound(made.task) / made.objective)
+    assert made.gap > 0.015
+    page = Reader(write_report(file, out=tmp_path / "page.html").read_text())
+    assert gap_percent(made.gap) in page.text
+    assert "0.01 %" not in page.text
+
+
+def test_a_design_that_is_not_clear_claims_no_gap(audited):
+    made, found = audited
+    page = Reader(render(design_page(made, found.model_copy(update={"verdict": Status.VIOLATED}), "mine.json")))
+    assert "The gap is" not in page.text

@@ -15,7 +15,7 @@ from topo_search.model.exposure import Local
 from topo_search.model.proof import chunk_count
 from topo_search.model.proven import gap_percent
 from topo_search.report.run_page import run_page
-from topo_search.study import RunFolder, Silent, prove
+from topo_search.study import RunFolder, Silent, answer_of, prove
 from topo_search.study.frame import candidates
 from topo_search.study.proofs import target
 
@@ -84,6 +84,8 @@ def test_a_stopped_proof_goes_on_where_it_was(run):
     with pytest.raises(KeyboardInterrupt):
         proven(run, first, engine=Stopped(1))
     assert "open" in {row["proof"] for row in table(run).values()}
+    with RunFolder.load(run) as folder:
+        assert answer_of(folder).sizes[0].proof_resumable
     answer = proven(run, rest)
     assert not set(first.asked) & set(rest.asked)
     toy_run(run.parent / "other")
@@ -99,6 +101,11 @@ def test_a_tree_that_cannot_be_closed_is_open_and_nothing_is_claimed(run):
     assert row["proof"] == "open"
     assert float(row["proven_bound"]) == toy_problem.BOUND
     assert "1 open; nothing new is proven" in answer.sizes[0].proven
+    assert f"the same command cannot close {key}, " in answer.sizes[0].proven
+    assert not answer.sizes[0].proof_resumable
+    again = Prover()
+    assert proven(run, again).sizes == answer.sizes
+    assert not again.asked
 
 
 def test_a_tree_that_cannot_be_excluded_is_held_to_the_gap_under_the_best(run):

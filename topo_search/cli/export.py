@@ -130,11 +130,12 @@ def export(
 
     Installed packages may add formats of their own (entry points `topo_search.formats`).
 
-    Pictures and parquet need the extra `viz`. A design need not be audited or pass its audit.
+    Pictures and parquet need the extra `viz`. A design is audited, and exported with a warning if it is not clear.
 
     Exit status: 0 written; 2 bad input.
     """  # noqa: D301 (\b is click's)
     with explain_errors():
+        from topo_search.compose import audit, read_design
         from topo_search.export.physics import Physics
         from topo_search.model import BadInput, Design, Fault
         from topo_search.model.files import read_json
@@ -163,7 +164,9 @@ def export(
             if asked in TABLES:
                 _write_table(source, asked, out)
             else:
-                _write(read_json(Design, source), asked, parts, physics, out)
+                design = read_design(source)
+                _write(design, asked, parts, physics, out)
+                _warn_unless_clear(audit(design))
         what = (
             "sheet"
             if asked == "sheet"
@@ -174,6 +177,17 @@ def export(
             else "design"
         )
         click.echo(f"the {what} is in {out}")
+
+
+def _warn_unless_clear(audit: Audit) -> None:
+    """Warn of a design that is exported although its audit is not clear."""
+    from topo_search.model import Status
+
+    if audit.verdict != Status.CLEAR:
+        broken = [pair.name for pair in audit.pairs if pair.status != Status.CLEAR]
+        broken += [one.name for one in audit.residuals if one.status != Status.CLEAR]
+        shown = ", ".join(broken[:3]) + ", ..." * (len(broken) > 3)
+        note(f"warning: the audit of this design is {audit.verdict}: {shown}")
 
 
 def _of_packages(out: Path) -> str | None:
@@ -203,7 +217,7 @@ def _write(design: Design, kind: Any, parts: Any, physics: Physics, out: Path) -
 
 def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:
     """Write the kit of a design, or a part of it."""
-    from topo_search.compose import brackets_note, round_angles
+    from topo_search.compose import audit, brackets_note, round_angles
     from topo_search.export.kit import folder
     from topo_search.export.kit.brackets import require_room
 
@@ -215,6 +229,7 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
     if angle_step is not None:
         found = round_angles(design, angle_step)
         design, notes = found.design, found.notes
+    _warn_unless_clear(audit(design))
     for text in notes:
         click.echo(text)
     if kind in ("kit", "sheet"):

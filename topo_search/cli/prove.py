@@ -134,7 +134,8 @@ def prove(
                     click.echo(size.proven)
         settled = looked_at["proof"].isin(["excluded", "within", "impossible"]).all()
         if not settled:
-            note("some trees are still open; run the same command to continue")
+            resumable = any(size.proof_resumable for size in answer.sizes)
+            note("some trees are still open" + "; run the same command to continue" * resumable)
             raise SystemExit(OPEN)
 
 

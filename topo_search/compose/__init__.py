@@ -4,7 +4,7 @@ These functions start worker processes: in a script, call them under `if __name_
 """
 
 from topo_search.compose.binding import BACKENDS
-from topo_search.compose.designs import Rounded, audit, audits, brackets_note, round_angles, solve
+from topo_search.compose.designs import Rounded, audit, audits, brackets_note, read_design, round_angles, solve
 from topo_search.compose.pages import figure, write_report
 from topo_search.compose.places import available_cores
 from topo_search.compose.searching import DEFAULT_GAP, DEFAULT_TRIALS, check_proofs, prove, search
@@ -21,6 +21,7 @@ __all__ = [
     "check_proofs",
     "figure",
     "prove",
+    "read_design",
     "round_angles",
     "search",
     "solve",

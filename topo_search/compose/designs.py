@@ -13,7 +13,7 @@ from topo_search.compose.binding import backends
 from topo_search.engine import AuditDesign, Failed, Outcome, Workers, audit_deadline
 from topo_search.limits import MODULES, STARTS
 from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
-from topo_search.model.files import read_task
+from topo_search.model.files import read_json, read_task
 from topo_search.model.proven import lower_text
 from topo_search.own import own_constraints, starting_points
 from topo_search.protocols import OwnConstraint
@@ -79,6 +79,18 @@ def solve(
         progress=progress,
         near=designs,
     )
+
+
+def read_design(path: str | Path) -> Design:
+    """Return the design in a file, with its lower bound and gap computed anew: a file proves neither.
+
+    Raises:
+        BadInput: the file cannot be read, or is no design.
+    """
+    design = read_json(Design, path)
+    bound = nlp.lower_bound(design.task)
+    gap = Design.gap_of(design.objective, min(bound, design.objective))
+    return design.model_copy(update={"lower_bound": bound, "gap": gap})
 
 
 @dataclass(frozen=True)

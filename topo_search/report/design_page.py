@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from topo_search.model import Audit, Design, ResolvedTask, Task
+from topo_search.model import Audit, Design, ResolvedTask, Status, Task
 from topo_search.model.files import to_toml
 from topo_search.model.proven import at_least, gap_percent
 from topo_search.model.task_warnings import task_warnings
@@ -26,15 +26,16 @@ def design_page(design: Design, audit: Audit, file: str, simulated: SimulatedPar
         simulated: what it did in simulation.
     """
     task = design.task
+    gap = design.gap if audit.verdict == Status.CLEAR else None  # the effort of another design bounds nothing
     return Page(
         title=title(task.name, task.n),
         key=design.topology.key,
         verdict=str(audit.verdict),
         checked=tally(audit),
         answer="One design: this page says nothing about other trees of modules.",
-        tiles=headline(design, audit, design.gap, "a single design"),
+        tiles=headline(design, audit, gap, "a single design"),
         notes=(),
-        bound=bound(design.lower_bound, design.gap, task.n),
+        bound=bound(design.lower_bound, gap, task.n),
         task=task_part(task, task),
         design=design_part(design, audit),
         meshes=json_in_script(shared_meshes(design)),
@@ -65,8 +66,9 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
         f"It holds for every platform of {modules(n)} of this kind, for any tree, hinge angles and end-effector "
         "position: it is what the forces of the load cases would cost rotors within their limits if every thrust "
         "axis could point wherever it is needed. Torques and geometry are neglected, so part of the gap may come "
-        "from the bound rather than from the design. The proof assumes that wrenches are met exactly; the audit "
-        "tolerates 1e-6 of the weight."
+        "from the bound rather than from the design. The proof assumes that wrenches are met exactly. The audit "
+        "tolerates 1e-6 of the weight, so an audited design may lie below the bound by up to 3.5e-6 times the "
+        "weight over the forces of the load cases."
     )
     if gap is None:
         return told, meaning

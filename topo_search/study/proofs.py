@@ -80,6 +80,8 @@ class ProofSummary(NamedTuple):
     """None while nobody asked for a proof."""
     gap: float | None
     """How much less than the best a design of this size can cost at most, as a share; None while trees are open."""
+    resumable: bool = False
+    """Whether the same command could prove more of the trees that are open."""
 
 
 def summarize(
@@ -115,7 +117,18 @@ def summarize(
     left = counts[OPEN] + counts["not examined"] + candidates - len(rows)
     if left:
         sentence = f"branch and bound, {candidates} candidates: {told}; nothing new is proven while some are open"
-        return ProofSummary(sentence, None)
+        stuck = [
+            row.key
+            for row, state in zip(rows, states, strict=True)
+            if state.proof == OPEN and is_stuck(proofs[row.key], best.objective)
+        ]
+        if stuck:
+            shown = ", ".join(stuck[:3]) + ", ..." * (len(stuck) > 3)
+            sentence += (
+                f"; the same command cannot close {shown}, where the smallest boxes may hold a better design: "
+                "try a larger --gap or --problem solver"
+            )
+        return ProofSummary(sentence, None, resumable=len(stuck) < left)
     least = min([one.proven_bound for one in states if one.proven_bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
     limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
@@ -125,6 +138,11 @@ def summarize(
         f"({candidates} candidates: {told}); {problem(task, about)}"
     )
     return ProofSummary(sentence, gap)
+
+
+def is_stuck(proof: Proof, best: float) -> bool:
+    """Whether a proof has a chunk that cannot be closed, at the lowest cut that its gap allows."""
+    return proof.open_at is not None and proof.cut <= best * (1 - proof.gap)
 
 
 def subject_of(request: Request, n: int) -> str:

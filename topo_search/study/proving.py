@@ -57,6 +57,8 @@ class _Work:
     kept: float = 0.0
     due: set[str] = field(default_factory=set)
     """Proofs with chunks that are not written yet."""
+    impossible: frozenset[str] = frozenset()
+    """Trees that other rules prove impossible; a record is for `--check` alone."""
 
     def jobs(self) -> Iterator[_Job]:
         """Yield what is due, tree by tree; a tree with a chunk that cannot be closed is left alone."""
@@ -74,6 +76,7 @@ class _Work:
         if isinstance(result, Failed):
             self.observer.note(f"{key}: chunk {job.number} failed, {result.reason}")
             return
+        known_open = self.proofs[key].open_at is not None
         proof = self.proofs[key] = self.proofs[key].with_chunk(result)
         self.due.add(key)
         if proof.complete or time.monotonic() - self.kept > LATEST:
@@ -85,8 +88,9 @@ class _Work:
             self.observer.note(
                 f"{key}: {_cause(result)}; is held to {gap_percent(proof.gap)} under the best instead"
             )
-        elif result.outcome != "closed":
-            self.observer.note(f"{key}: open, for {_cause(result)}")
+        elif result.outcome != "closed" and not known_open:
+            state = "impossible, but without a record to check" if key in self.impossible else "open"
+            self.observer.note(f"{key}: {state}, for {_cause(result)}")
 
     def keep(self) -> None:
         """Write what is not written yet."""
@@ -138,7 +142,8 @@ def prove(
         sizes = _sizes(folder, path, key)
         try:
             for n, best, rows in sizes:
-                work = _Work(folder, observer, best * (1 - gap))
+                impossible = frozenset(row.key for row in rows if row.status == IMPOSSIBLE)
+                work = _Work(folder, observer, best * (1 - gap), impossible=impossible)
                 task = folder.request.contexts(n)[0].task
                 kept, lent = folder.proofs(n), _lend(lender, task)
                 for row in rows:

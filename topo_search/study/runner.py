@@ -319,7 +319,14 @@ def _add_proof(folder: RunFolder, answer: SizeAnswer) -> SizeAnswer:
     if found.gap is not None:
         told = proven_statement(answer.candidates, found.gap)
     of_size = found.gap if answer.covers_size else None
-    return replace(answer, statement=told, proven=found.sentence, candidates_gap=found.gap, proven_gap=of_size)
+    return replace(
+        answer,
+        statement=told,
+        proven=found.sentence,
+        candidates_gap=found.gap,
+        proven_gap=of_size,
+        proof_resumable=found.resumable,
+    )
 
 
 def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
