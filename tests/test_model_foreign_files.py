@@ -297,8 +297,9 @@ def test_a_frame_has_few_triangles_and_pieces(tmp_path: Path) -> None:
     assert len(ball.faces) > FRAME_TRIANGLES
     (tmp_path / "ball.stl").write_bytes(ball.export(file_type="stl"))
     assert "must have at most 5,000 triangles, but has 20,480" in refusal(_frame, tmp_path / "ball.stl")
-    crumbs = "".join(f"v {3 * i} 0 0\nv {3 * i} 1 0\nv {3 * i} 0 1\nf -3 -2 -1\n" for i in range(101))
-    (tmp_path / "crumbs.obj").write_text(crumbs)
+    crumb = trimesh.creation.box((0.1, 0.1, 0.1))
+    crumbs = [crumb.copy().apply_translation([k, 0, 0]) for k in range(101)]
+    trimesh.util.concatenate(crumbs).export(tmp_path / "crumbs.obj")
     assert "must have at most 100 pieces, but has 101" in refusal(_frame, tmp_path / "crumbs.obj")
 
 

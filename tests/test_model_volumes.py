@@ -95,6 +95,7 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(
         ("mesh = 3", "exposure[0].mesh: must be the name of an STL or OBJ file"),
         ('mesh = "empty.stl"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "flat.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
+        ('mesh = "lines.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "far.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "many.obj"', "exposure[0].mesh: must have at most 100 bodies, but has 101"),
         ('mesh = "cube.obj"\nscale = 0.0', "exposure[0].scale: must be greater than 0"),
@@ -117,6 +118,7 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(
 def test_what_is_no_region_is_refused_with_the_reason(tmp_path: Path, text: str, rule: str) -> None:
     (tmp_path / "empty.stl").write_bytes(b"solid nothing")
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n")
+    (tmp_path / "lines.obj").write_text("v 0 0 0\nv 1 0 0\nf 1 1 2\nf 1 2 2\n")
     (tmp_path / "far.obj").write_text("v 0 0 0\nv 1e300 0 0\nv 0 1e300 0\nv 1 1 1e999\n")
     cube = trimesh.creation.box()
     cube.export(tmp_path / "cube.obj")

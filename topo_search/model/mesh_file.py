@@ -162,21 +162,22 @@ def surface(path: Path, scale: float = 1.0, offset: Vector = (0.0, 0.0, 0.0)) ->
 
 
 def parts_of(mesh: Surface) -> list[Surface]:
-    """Return the parts of a surface that share no edge, in the file's order, without triangles that are lines.
+    """Return the closed parts of a surface, which share no edge, in the file's order, then the open ones as one.
 
     Edges are those of the file's own corners if all parts are then closed, else those of corners by position.
+    Triangles that are lines are left out.
     """
     unique, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    own = _parts(mesh.vertices, mesh.triangles)
-    return own if all(part.closed for part in own) else _parts(unique, number.reshape(-1)[mesh.triangles])
+    parts = _parts(mesh.vertices, mesh.triangles)
+    return parts if parts and parts[-1].closed else _parts(unique, number.reshape(-1)[mesh.triangles])
 
 
 def convex_pieces(mesh: Surface) -> tuple[list[Array], list[float]]:
     """Return convex pieces that contain all that a surface encloses, and how far each reaches beyond the surface.
 
-    Every closed part becomes a piece. Open parts become one together; if they have no volume, the whole mesh is one
-    piece. A piece is the hull of its part, or something larger if that has too many corners; one inside another is
-    left out.
+    Every closed part becomes a piece, and all open parts together become one. Where one of these has no volume, the
+    whole mesh is one piece. A piece is the hull of its part, or something larger if that has too many corners; one
+    inside another is left out.
 
     Returns:
         The corners of each piece, shape (k, 3), sorted, and a bound on its excess over its part [m].
@@ -185,11 +186,9 @@ def convex_pieces(mesh: Surface) -> tuple[list[Array], list[float]]:
         ValueError: the surface has no volume, or too many parts.
     """
     parts = parts_of(mesh)
-    closed = [part.closed and has_volume(part.vertices) for part in parts]
-    bodies = [part for part, is_body in zip(parts, closed, strict=True) if is_body]
-    if not all(closed):
-        rest = _join([part for part, is_body in zip(parts, closed, strict=True) if not is_body])
-        bodies = [*bodies, rest] if has_volume(rest.vertices) else [_join(parts)]
+    bodies = [part for part in parts if has_volume(part.vertices)]
+    if len(bodies) < len(parts):
+        bodies = [Surface(*mesh[:2])]
     if not has_volume(bodies[0].vertices):
         raise ValueError(NO_VOLUME)
     if len(bodies) > PIECES:
@@ -201,12 +200,6 @@ def convex_pieces(mesh: Surface) -> tuple[list[Array], list[float]]:
     ]
 
 
-def _join(parts: list[Surface]) -> Surface:
-    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    triangles = [part.triangles + start for part, start in zip(parts, first, strict=False)]
-    return Surface(np.concatenate([part.vertices for part in parts]), np.concatenate(triangles))
-
-
 def _compact(vertices: Array, triangles: Triangles) -> Surface:
     """Return the surface without vertices that no triangle has."""
     used, compact = np.unique(triangles, return_inverse=True)
@@ -214,7 +207,7 @@ def _compact(vertices: Array, triangles: Triangles) -> Surface:
 
 
 def _parts(vertices: Array, triangles: Triangles) -> list[Surface]:
-    """Return the parts that share no edge, by the numbers of corners, without triangles that are lines."""
+    """Return the closed parts by the numbers of corners, and last all open ones as one."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -227,9 +220,12 @@ def _parts(vertices: Array, triangles: Triangles) -> list[Surface]:
     graph = coo_array((np.ones(len(edge)), (face, len(triangles) + edge)), shape=(nodes, nodes))
     number, part = connected_components(graph, directed=False)
     part = part[: len(triangles)]
-    closed = np.bincount(part[face], weights=count[edge] % 2, minlength=number) == 0
-    faces = np.split(triangles[np.argsort(part, kind="stable")], np.cumsum(np.bincount(part))[:-1])
-    return [_compact(vertices, own)._replace(closed=bool(whole)) for own, whole in zip(faces, closed, strict=False)]
+    is_open = np.bincount(part[face], weights=count[edge] % 2, minlength=number) > 0
+    part = np.where(is_open[part], number, part)
+    _, first = np.unique(np.sort(part), return_index=True)
+    faces = np.split(triangles[np.argsort(part, kind="stable")], first[1:])
+    whole = [*[True] * (len(faces) - 1), not is_open.any()]
+    return [_compact(vertices, own)._replace(closed=closed) for own, closed in zip(faces, whole, strict=True)]
 
 
 def _without_inner(bodies: list[Surface]) -> list[Surface]:

@@ -127,9 +127,8 @@ def _region(asked: Local) -> str:
         return f"a box of {vector(asked.box)} m along x, y and z, centred at the end-effector"
     hulls = f"the convex hull of {quantity(len(asked.corners), 'point')} about the end-effector"
     if asked.pieces is not None:
-        hulls = (
-            f"{quantity(len(asked.pieces), 'convex piece')} of {len(asked.corners)} corners about the end-effector"
-        )
+        pieces = quantity(len(asked.pieces), "convex piece")
+        hulls = f"{pieces} about the end-effector, with {len(asked.corners)} corners in all"
     beyond = max(asked.mesh_excess or (0.0,))
     return hulls + (f", up to {length(at_most(beyond, 3))} beyond the mesh" if beyond else "")
 
