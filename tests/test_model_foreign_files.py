@@ -202,6 +202,7 @@ ASCII = "\n".join(
         "slashes.obj": obj(lambda i: f"{i + 1}/1/", "vt 0 0"),
         "mixed.obj": obj(lambda i: f"{i + 1}" + ("//", "/1/", "/", "//1", "/1/1")[i % 5], "vt 0 0", "vn 0 0 1"),
         "nan.obj": obj(lambda i: f"{i - 8}").replace(b"3\nv", b"3 nan nan nan\nv"),
+        "marked.obj": b"\xef\xbb\xbf" + BOX,
         "tabs.obj": BOX.replace(b" ", b"\t"),
         "indented.obj": BOX.replace(b"\n", b"\n  "),
         "old.obj": BOX.replace(b"\n", b"\r"),

@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import math
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -142,7 +143,7 @@ def surface(path: Path, scale: float = 1.0, offset: Vector = (0.0, 0.0, 0.0)) ->
     form = path.suffix.lower()
     if form not in (".stl", ".obj"):
         raise ValueError("must be an .stl or .obj file")
-    content = read_regular(path, most_bytes=MESH_BYTES)
+    content = read_regular(path, most_bytes=MESH_BYTES).removeprefix(BOM_UTF8)
     content, facets = _obj(content) if form == ".obj" else _stl(content)
     if facets > FACETS:
         raise ValueError(f"must have at most {FACETS:,} facets, but has {facets:,}")
