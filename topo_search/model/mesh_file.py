@@ -41,7 +41,7 @@ NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
 COORDINATE = re.compile(NUMBER)
 WORDS = (b"facet", b"endfacet", b"vertex")
 """What an ASCII STL has as many of as facets, or three times as many."""
-NOT_A_VERTEX = re.compile(rb"(?im)^vertex(?!(?:\s+%b){3}[ \t]*$).*" % NUMBER)
+NOT_A_VERTEX = re.compile(rb"(?im)^vertex(?!(?:[ \t]+%b){3}[ \t]*$).*" % NUMBER)
 """A line of an ASCII STL that begins like a vertex but is none."""
 REFERENCE = re.compile(rb"([+-]?\d{1,9})(?:/[+-]?\d{0,9}){0,2}")
 """A corner of an OBJ's facet: its vertex, perhaps with a texture coordinate and a normal, which may be empty."""
@@ -300,7 +300,8 @@ def _stl(content: bytes) -> tuple[bytes, int]:
     if ended <= FACETS and not vertices == 3 * facets == 3 * ended:
         counts = f"{facets:,} `facet`, {vertices:,} `vertex` and {ended:,} `endfacet`"
         raise ValueError(f"must be a whole ASCII STL, with three vertices per facet, but has {counts}")
-    return b"solid\n" + body.decode("ascii", "replace").encode() + b"\nendsolid\n", ended
+    # without normals, which trimesh complains about where they are no numbers
+    return b"\n".join([b"solid", *re.findall(rb"(?im)^vertex.*$", body), b"endsolid\n"]), ended
 
 
 def _obj(content: bytes) -> tuple[bytes, int]:
