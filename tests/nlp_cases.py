@@ -37,6 +37,10 @@ WEDGE: Table = {
     "kind": "local",
     "vertices": [[-0.15, -0.1, 0.1], [0.2, -0.1, 0.1], [-0.1, 0.2, 0.1], [0.0, 0.0, -0.15], [0.1, 0.1, 0.2]],
 }
+PIECES: Table = {
+    "kind": "local",
+    "pieces": [WEDGE["vertices"], [[x + 0.1, y - 0.4, z + 0.3] for x, y, z in WEDGE["vertices"]]],
+}
 PATH: Table = {"kind": "directional", "radius": 0.15, "segments": [[1.0, 0.0, 0.0]]}
 TWO_PATHS: Table = {"kind": "directional", "radius": 0.15, "segments": [[1.0, 0.0, 0.0], [1.0, 1.0, -1.0]]}
 OUTWARDS: Table = {"kind": "directional", "radius": 0.15, "along": "end_effector", "length": 1.0}
@@ -59,6 +63,7 @@ FEATURES: dict[str, Table] = {
     "local": {"exposure": [LOCAL]},
     "box": {"exposure": [BOX]},
     "convex region": {"exposure": [WEDGE]},
+    "several pieces": {"exposure": [PIECES]},
     "one path": {"exposure": [PATH]},
     "two paths": {"exposure": [TWO_PATHS]},
     "a path along the end-effector": {"exposure": [OUTWARDS]},
@@ -90,6 +95,7 @@ FEATURES: dict[str, Table] = {
     "solid paths": {"exposure": [{**TWO_PATHS, "solid": True}]},
     "solid path along the end-effector": {"exposure": [{**OUTWARDS, "solid": True}]},
     "solid convex region": {"exposure": [{**WEDGE, "solid": True}]},
+    "several solid pieces": {"exposure": [{**PIECES, "solid": True}]},
     "solid bent paths": {"exposure": [{**BENT, "solid": True}]},
     "solid planes": {"exposure": [{**BELOW, "solid": True}]},
     "reach": {"end_effector": {"largest_reach": 0.5}},

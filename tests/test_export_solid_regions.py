@@ -57,11 +57,12 @@ def names(model: Any, data: Any) -> list[set[str]]:
         ({"kind": "local", "box": [0.2, 0.3, 0.1]}, 0.0, 0.05 + RADIUS),
         ({"kind": "local", "radius": 0.15}, 0.0, 0.15 + RADIUS),
         ({"kind": "local", "vertices": FRUSTUM}, 0.05, 0.07 + RADIUS),
+        ({"kind": "local", "pieces": [FRUSTUM, [[x + 0.5, y, z] for x, y, z in FRUSTUM]]}, 0.55, 0.07 + RADIUS),
         ({"kind": "directional", "radius": 0.1, "segments": [[0.5, 0.0, 0.0]]}, 0.25, 0.1 + RADIUS),
         ({"kind": "exterior", "half_angle_deg": 60.0, "axis": [0.0, 0.0, 1.0]}, 0.0, RADIUS / np.sin(np.pi / 3)),
         ({"kind": "exterior", "half_angle_deg": 90.0, "axis": [0.0, 0.0, 1.0]}, 0.3, RADIUS),
     ],
-    ids=["plane", "box", "ball", "hull", "path", "cone", "half-space"],
+    ids=["plane", "box", "ball", "hull", "pieces", "path", "cone", "half-space"],
 )
 def test_a_ball_that_falls_on_a_region_comes_to_rest_on_it(region, above, rests_at) -> None:
     design = beside(random_design(Topology.from_key("a300"), 2), region)

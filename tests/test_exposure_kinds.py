@@ -15,6 +15,7 @@ from nlp_cases import (
     HALF_SPACE_DOWN,
     LOCAL,
     OUTWARDS,
+    PIECES,
     TWO_PATHS,
     WEDGE,
     as_design,
@@ -37,6 +38,7 @@ KINDS = {
     "ball": LOCAL,
     "box": BOX,
     "convex region": WEDGE,
+    "pieces": PIECES,
     "paths": TWO_PATHS,
     "bent paths": BENT,
     "path along p_E": OUTWARDS,
@@ -129,7 +131,7 @@ def test_a_polyline_of_one_piece_from_the_end_effector_is_a_segment():
     np.testing.assert_allclose(rows[1:], [rows[0]] * 2, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["bent paths", "planes"])
+@pytest.mark.parametrize("kind", ["bent paths", "planes", "pieces"])
 def test_designs_are_found_and_certified(kind):
     task = push(5, exposure=[KINDS[kind]])
     design = solved(solve(task, Topology.from_key("a11210"), starts=range(4), seed=0))
@@ -153,3 +155,12 @@ def test_every_kind_is_told_drawn_and_stored(kind):
         if pair.analytic_m > 0:
             assert gap == pytest.approx(pair.analytic_m, abs=1e-9)
         assert math.isfinite(gap)
+
+
+def test_a_piece_is_judged_like_a_region_of_its_own():
+    point = random_design("pieces", 3)
+    apart = push(2, exposure=[{"kind": "local", "vertices": points} for points in PIECES["pieces"]])
+    alone = exposed(audit(as_design(point).model_copy(update={"task": apart})))
+    together = exposed(audit(as_design(point)))
+    assert [pair.analytic_m for pair in together] == [pair.analytic_m for pair in alone]
+    assert [(pair.a, pair.b, pair.segment) for pair in together] == [(pair.a, 0, pair.b) for pair in alone]

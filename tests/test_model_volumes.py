@@ -95,8 +95,17 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(
         ("mesh = 3", "exposure[0].mesh: must be the name of an STL or OBJ file"),
         ('mesh = "empty.stl"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "flat.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
+        ('mesh = "lines.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "far.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
-        ('mesh = "ball.stl"', "exposure[0].mesh: must have at most 100 corners, but got 400"),
+        ('mesh = "many.obj"', "exposure[0].mesh: must have at most 100 bodies, but has 101"),
+        ('mesh = "cube.obj"\nscale = 0.0', "exposure[0].scale: must be greater than 0"),
+        ('mesh = "cube.obj"\nscale = -1e-3', "exposure[0].scale: must be greater than 0"),
+        ('mesh = "cube.obj"\noffset = [1.0, 2.0]', "exposure[0].offset: must be a list of three numbers"),
+        ('mesh = "cube.obj"\noffset = [1e300, 0.0, 0.0]', "exposure[0].mesh: must be the mesh of a body"),
+        ("radius = 0.1\nscale = 1e-3", "exposure[0].scale: must be left out where there is no `mesh`"),
+        ("pieces = []", "exposure[0].pieces: must have at least one entry"),
+        ("pieces = [[[0.0, 0.0, 0.0]]]", "exposure[0].pieces[0]: must span a volume"),
+        ('mesh = "cube.obj"\npieces = [[[0.0, 0.0, 0.0]]]', "exposure[0]: must have one of"),
         ("box = [1.0, 1.0]", "exposure[0].box: must be a list of three numbers"),
         ("box = [1.0, 1e-7, 1.0]", "exposure[0].box: must not be thinner than a millionth"),
         ("box = [1.0, 0.0, 1.0]", "exposure[0].box[1]: must be greater than 0"),
@@ -109,9 +118,13 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(
 def test_what_is_no_region_is_refused_with_the_reason(tmp_path: Path, text: str, rule: str) -> None:
     (tmp_path / "empty.stl").write_bytes(b"solid nothing")
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n")
+    (tmp_path / "lines.obj").write_text("v 0 0 0\nv 1 0 0\nf 1 1 2\nf 1 2 2\n")
     (tmp_path / "far.obj").write_text("v 0 0 0\nv 1e300 0 0\nv 0 1e300 0\nv 1 1 1e999\n")
-    points = np.random.default_rng(0).normal(size=(400, 3))
-    (tmp_path / "ball.stl").write_bytes(stl(points / np.linalg.norm(points, axis=1, keepdims=True)))
+    cube = trimesh.creation.box()
+    cube.export(tmp_path / "cube.obj")
+    trimesh.util.concatenate([cube.copy().apply_translation([2 * k, 0, 0]) for k in range(101)]).export(
+        tmp_path / "many.obj"
+    )
     with pytest.raises(BadInput) as refused:
         read_task(written(tmp_path, text))
     (fault,) = refused.value.faults

@@ -128,7 +128,7 @@ def test_a_needle_whose_faces_are_all_slivers_is_refused_by_the_rule():
 @pytest.mark.parametrize(
     ("mesh", "content", "rule"),
     [
-        ("none.stl", None, "must be a file in"),
+        ("none.stl", None, "must be a file that can be read"),
         ("frame.step", b"", "must be an .stl or .obj file"),
         ("frame.stl", b"no mesh at all", "module.body"),
         ("frame.obj", b"v 0 0\nf 1 2 3\n", "module.body"),

@@ -165,3 +165,25 @@ def test_a_region_that_is_not_solid_is_written_and_audited_as_before() -> None:
         | {"exposure": [{**region, "solid": True} for region in REGIONS.values()]}
     )
     assert to_toml(solid).count("solid = true") == len(REGIONS)
+
+
+def test_a_rod_may_pass_between_two_bodies_but_not_through_their_hull() -> None:
+    """Two jaws, 8 cm apart, beside the rod: their hull is in its way, neither of them is."""
+    given = with_rod(random_design(TREE, 2))
+    at = platform(given)
+    start = at.o[given.mount.module] - at.p_e if given.mount else at.p_e
+    axis = start / np.linalg.norm(start)
+    across = np.cross(axis, [1.0, 0.0, 0.0] if abs(axis[0]) < 0.7 else [0.0, 1.0, 0.0])
+    across /= np.linalg.norm(across)
+    frame = np.stack([axis, across, np.cross(axis, across)])
+    corners = np.array([[x, y, z] for x in (0.03, 0.05) for y in (0.04, 0.06) for z in (-0.02, 0.02)])
+    jaws = [(corners * [1, side, 1] @ frame).tolist() for side in (1, -1)]
+    found = {}
+    for name, region in {"hull": {"vertices": jaws[0] + jaws[1]}, "jaws": {"pieces": jaws}}.items():
+        task = Task.model_validate(
+            given.task.model_dump(mode="json") | {"exposure": [{"kind": "local", "solid": True, **region}]}
+        )
+        result = audit(given.model_copy(update={"task": task.resolve(3)}))
+        found[name] = [(pair.segment, pair.status) for pair in result.pairs if pair.kind == "rod-region"]
+    assert found["hull"] == [(None, Status.VIOLATED)]
+    assert found["jaws"] == [(0, Status.CLEAR), (1, Status.CLEAR)]

@@ -33,9 +33,13 @@ FAILURES = 20_000
 REQUIREMENTS = 20
 """Exposure requirements of a task."""
 SEGMENTS = 200
-"""Straight pieces of motion paths and planes of all requirements of a task together."""
+"""Straight pieces of motion paths, planes and convex pieces of all requirements of a task together."""
 CORNERS = 100
-"""Of a convex region: the solver looks at each of them for every module."""
+"""Of a convex region, or of one of its pieces: the solver looks at each of them for every module."""
+ALL_CORNERS = 2_000
+"""Of all convex regions of a task together."""
+PIECES = 100
+"""Convex pieces of a region."""
 LEVELS = 1_000
 """Combinations of the levels of all goals: each takes as long as a run of its own."""
 

@@ -16,7 +16,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from topo_search.model import Audit, Clearance, Design, Module, Status
+from topo_search.model import Audit, Clearance, Design, Local, Module, Status, segment_of
+from topo_search.model.audit import MeshExcess
 from topo_search.model.stated import StatedCheck
 from topo_search.model.value import Vector
 from verify.assembly import assembly, rod_residuals
@@ -109,6 +110,7 @@ def _audit(design: Design, started: float) -> Audit:
         sensitivity=errors,
         flight=measured,
         stated=tuple(StatedCheck(**one.model_dump(), status="not checked") for one in design.stated),
+        mesh_excess=_mesh_excess(design),
         assembly=sheet,
         allowed_contacts=allowed_contacts(design, sheet.mount),
         versions=dict(_versions()),
@@ -175,6 +177,16 @@ def _evidence(requirement: Asked, parts: RigidParts) -> tuple[str, ...]:
     if isinstance(requirement, RigidRequirement):
         return compound_evidence(requirement.body, requirement.against, requirement.bolted)
     return evidence(requirement.body, requirement.against)
+
+
+def _mesh_excess(design: Design) -> tuple[MeshExcess, ...]:
+    return tuple(
+        MeshExcess(exposure=number, segment=segment_of(asked, piece), at_most_m=excess)
+        for number, asked in enumerate(design.task.exposure)
+        if isinstance(asked, Local)
+        for piece, excess in enumerate(asked.mesh_excess or ())
+        if excess
+    )
 
 
 @functools.cache

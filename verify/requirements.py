@@ -82,7 +82,9 @@ class Scene:
         elif requirement.radius is not None:
             yield None, Solid(ball(self.p_E, requirement.radius / self.l_arm))
         else:
-            yield None, hull(requirement.corners / self.l_arm).move(self.p_E)  # far away corners lose their digits
+            for piece, points in enumerate(requirement.polytopes):
+                region = hull(points / self.l_arm).move(self.p_E)  # far away corners lose their digits
+                yield None if requirement.pieces is None else piece, region
 
     def _airflow(self) -> Iterator[Requirement]:
         counts = self.design.task.search.interference == "airflow"

@@ -58,7 +58,7 @@ def _formula(shape: Shape, air: Air, unit: float, segment: int | None) -> Formul
             begin, path = np.array(shape.start), np.array(shape.end) - np.array(shape.start)
             return OffCapsule(air, shape.radius / unit, _vector(begin / unit), _vector(path / unit), segment or 0)
         case Polytope():
-            return OffHull(air, tuple(_vector(np.array(corner) / unit) for corner in shape.corners))
+            return OffHull(air, tuple(_vector(np.array(corner) / unit) for corner in shape.corners), segment)
         case Cone():
             return InCone(air, _cone(shape, unit), segment)
 
@@ -80,7 +80,7 @@ def _solid(shape: Shape, balls: PartBalls, unit: float, segment: int | None) -> 
             begin, path = np.array(start), np.array(end) - np.array(start)
             return PartsOffCapsule(balls, shape.radius / unit, _vector(begin / unit), _vector(path / unit), segment)
         case Polytope():
-            return PartsOffHull(balls, tuple(_vector(np.array(corner) / unit) for corner in shape.corners))
+            return PartsOffHull(balls, tuple(_vector(np.array(corner) / unit) for corner in shape.corners), segment)
         case Cone():
             return PartsInCone(balls, _cone(shape, unit), segment)
 

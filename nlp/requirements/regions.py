@@ -121,8 +121,8 @@ class OffHull:
     air: Air
     corners: tuple[Vector, ...]
     """From p_E."""
+    segment: int | None = None
     local_vectors = (FROM_TIP, Z_I)
-    segment = None
 
     @cached_property
     def _hull(self) -> Hull:

@@ -150,8 +150,8 @@ class PartsOffHull:
     balls: PartBalls
     corners: tuple[Vector, ...]
     """From p_E."""
+    segment: int | None = None
     local_vectors = PARTS
-    segment = None
 
     @cached_property
     def _hull(self) -> Hull:

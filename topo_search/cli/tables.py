@@ -225,6 +225,8 @@ def print_audit(name: str, audit: Audit) -> None:
         if residual.status != "clear":
             off = f"off by {upper_text(residual.value, 3)} {residual.unit}"
             click.echo(f"  {residual.name}: {residual.status}, {off}")
+    for larger in audit.mesh_excess:
+        click.echo(f"  note: {larger.words}")
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
         click.echo(f"  note: {sheet.note}")

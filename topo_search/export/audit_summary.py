@@ -112,6 +112,9 @@ def _section(each: Judged) -> Iterator[str]:
     if audit.flight is not None:
         yield ""
         yield from (f"- {line}" for line in flight_lines(audit.flight))
+    for larger in audit.mesh_excess:
+        yield ""
+        yield f"Note: {escape(larger.words)}."
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
         yield ""

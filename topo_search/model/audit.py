@@ -193,6 +193,23 @@ class AllowedContact(Value):
     """Which of their parts."""
 
 
+class MeshExcess(Value):
+    """By how much a region that was read from a mesh is larger than the mesh."""
+
+    exposure: Index
+    """Number of the requirement."""
+    segment: Index | None
+    """Index of the convex piece; None where there is one alone."""
+    at_most_m: NonNegative
+    """No point of the piece's surface is farther from that of the mesh [m]."""
+
+    @property
+    def words(self) -> str:
+        """What is larger, and by how much."""
+        piece = "" if self.segment is None else f", piece {self.segment},"
+        return f"exposure {self.exposure}{piece} reaches up to {upper_text(self.at_most_m, 3)} m beyond its mesh"
+
+
 class Audit(Value):
     """Everything recomputed from a design alone, and the verdict."""
 
@@ -214,6 +231,8 @@ class Audit(Value):
     """The user's own constraints: evaluated by their functions, not certified.
 
     A violated one makes the verdict `violated`; a met one is not a proof."""
+    mesh_excess: Annotated[tuple[MeshExcess, ...], Field(exclude_if=lambda given: not given)] = ()
+    """What is larger than the mesh that it was read from, as the design's file says."""
     assembly: Assembly
     """What to bolt to what."""
     allowed_contacts: tuple[AllowedContact, ...]

@@ -6,23 +6,22 @@ Points are in metres from the end-effector p_E, in the axes of the task frame.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise, product
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
-from pydantic import AfterValidator, Field, Tag, ValidationInfo, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, Tag, ValidationInfo, model_validator
 
-from topo_search.limits import CORNERS, SEGMENTS
+from topo_search.limits import CORNERS, PIECES, SEGMENTS
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import of_file, show, to_printable
+from topo_search.model.bad_input import show
 from topo_search.model.hulls import has_volume
-from topo_search.model.mesh_file import FARTHEST, hull_corners
+from topo_search.model.mesh_file import FARTHEST, convex_pieces, mesh_schema, take_mesh
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape, unit
 from topo_search.model.value import (
     Flag,
     NonEmpty,
+    NonNegative,
     Positive,
     PositiveVector,
     Value,
@@ -32,13 +31,6 @@ from topo_search.model.value import (
     one_of,
     refuse,
 )
-
-
-@dataclass(frozen=True)
-class Folder:
-    """The context of validation that lets a task name files: the folder that they are looked for in."""
-
-    path: Path
 
 
 def _has_direction(vector: Vector) -> Vector:
@@ -74,6 +66,9 @@ def _check_thickness(box: Vector) -> Vector:
     return box
 
 
+Points = Annotated[tuple[Vector, ...], at_most(CORNERS, "corners"), AfterValidator(_check_volume)]
+
+
 def _not_given(value: object) -> bool:
     return value is None
 
@@ -83,11 +78,14 @@ Solid = Annotated[Flag, Field(exclude_if=lambda given: not given)]
 
 
 class Local(Value):
-    """A region around the end-effector that no envelope may enter: a ball, a box, or the convex hull of points.
+    """A region around the end-effector that no envelope may enter: a ball, a box, or convex hulls of points.
 
-    In a task file `mesh`, the name of an STL or OBJ file in metres with its origin at p_E, may stand for
-    `vertices`: those of its hull. The axes of boxes, points and meshes are those of the task frame.
+    In a task file `mesh`, the name of an STL or OBJ file with its origin at p_E, may stand for `vertices` or, where
+    it has several bodies, for `pieces`: those of their hulls. The axes of boxes, points and meshes are those of the
+    task frame.
     """
+
+    model_config = ConfigDict(json_schema_extra=mesh_schema)
 
     kind: Literal["local"] = "local"
     radius: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
@@ -96,11 +94,16 @@ class Local(Value):
         Annotated[PositiveVector, AfterValidator(_check_thickness)] | None, Field(exclude_if=_not_given)
     ] = None
     """Edges of a box centred at p_E, along x, y and z [m]."""
-    vertices: Annotated[
-        Annotated[tuple[Vector, ...], at_most(CORNERS, "corners"), AfterValidator(_check_volume)] | None,
-        Field(exclude_if=_not_given),
-    ] = None
+    vertices: Annotated[Points | None, Field(exclude_if=_not_given)] = None
     """Points whose convex hull the region is, from p_E [m]."""
+    pieces: Annotated[
+        Annotated[tuple[Points, ...], at_most(PIECES, "pieces"), NonEmpty] | None, Field(exclude_if=_not_given)
+    ] = None
+    """Lists of points, each from p_E [m]: the region is the union of their convex hulls."""
+    mesh_excess: Annotated[
+        Annotated[tuple[NonNegative, ...], at_most(PIECES)] | None, Field(exclude_if=_not_given)
+    ] = None
+    """How far each piece reaches beyond the mesh that it was read from, at most [m]; missing where none does."""
     solid: Solid = False
     """Whether rigid parts must stay outside too, and the rod except its tip unless p_E is inside."""
 
@@ -110,50 +113,40 @@ class Local(Value):
         """Fill in the default, or the corners of a mesh."""
         if not isinstance(data, dict):
             return data
-        given = [name for name in ("radius", "box", "vertices", "mesh") if data.get(name) is not None]
+        given = [name for name in ("radius", "box", "vertices", "pieces", "mesh") if data.get(name) is not None]
         if len(given) > 1:
-            text = f"must have one of `radius`, `box`, `vertices` and `mesh`, but got {' and '.join(given)}"
-            refuse("Local", ((), text))
-        if given == ["mesh"]:
-            rest = {name: value for name, value in data.items() if name != "mesh"}
-            return {**rest, "vertices": _corners_of(data["mesh"], info.context)}
-        return data if given else {**data, "radius": 0.15}
+            rule = "must have one of `radius`, `box`, `vertices`, `pieces` and `mesh`"
+            refuse("Local", ((), f"{rule}, but got {' and '.join(given)}"))
+        data = dict(data)
+        mesh = take_mesh(data, "Local", "vertices", info.context)
+        if mesh is None:
+            return data if given else {**data, "radius": 0.15}
+        try:
+            corners, excess = convex_pieces(mesh)
+        except ValueError as error:
+            refuse("Local", (("mesh",), str(error)))
+        pieces = [points.tolist() for points in corners]
+        shape = {"vertices": pieces[0]} if len(pieces) == 1 else {"pieces": pieces}
+        return {**data, **shape, "mesh_excess": excess if any(excess) else None}
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
         """The region."""
         if self.radius is not None:
             return (Capsule(self.radius),)
-        return (Polytope(tuple((x, y, z) for x, y, z in self.corners.tolist())),)
+        return tuple(Polytope(tuple((x, y, z) for x, y, z in points.tolist())) for points in self.polytopes)
+
+    @property
+    def polytopes(self) -> tuple[Array, ...]:
+        """Points whose convex hulls make up the region, from p_E, shape (k, 3) each [m]; none of a ball."""
+        if self.box is not None:
+            return (np.array(list(product((-0.5, 0.5), repeat=3))) * np.array(self.box),)
+        return tuple(map(np.array, self.pieces or (self.vertices and (self.vertices,)) or ()))
 
     @property
     def corners(self) -> Array:
-        """Corners of a box, or points whose hull the region is, from p_E, shape (k, 3) [m]; none of a ball."""
-        if self.box is not None:
-            corners: Array = np.array(list(product((-0.5, 0.5), repeat=3))) * np.array(self.box)
-            return corners
-        return np.array(self.vertices or ()).reshape(-1, 3)
-
-
-def _corners_of(name: Any, context: Any) -> Any:
-    """Return the corners of a mesh file's hull; a file is only looked for beside a task file."""
-
-    def refuse_mesh(text: str) -> None:
-        refuse("Local", (("mesh",), of_file(text, name)))
-
-    if not isinstance(context, Folder):
-        refuse_mesh("must be given by its `vertices` outside a task file")
-    elif not isinstance(name, str):
-        refuse_mesh("must be the name of an STL or OBJ file")
-    else:
-        path = context.path / name
-        try:
-            return hull_corners(path).tolist()
-        except OSError as error:
-            refuse_mesh(f"must be a file that can be read ({to_printable(path)}: {error.strerror})")
-        except ValueError as error:
-            refuse_mesh(str(error))
-    return None
+        """All points of its polytopes, shape (k, 3) [m]."""
+        return np.concatenate([np.zeros((0, 3)), *self.polytopes])
 
 
 def _path(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
@@ -262,8 +255,8 @@ Exposure = Annotated[AnyExposure, Field(discriminator="kind")]
 
 ExposureKind = Literal["local", "directional", "exterior", "allowed"]
 EXPOSURE_KINDS: tuple[ExposureKind, ...] = get_args(ExposureKind)
-PART_NAMES = {"directional": "segment", "allowed": "plane"}
-"""What the numbered parts of a requirement are called; those of other kinds have one alone."""
+PART_NAMES = {"directional": "segment", "allowed": "plane", "local": "piece"}
+"""What the numbered parts of a requirement are called."""
 
 
 LEAST_OFFSET = 0.1
@@ -277,4 +270,5 @@ def needs_offset(requirement: AnyExposure) -> bool:
 
 def segment_of(requirement: AnyExposure, part: int) -> int | None:
     """Return the `segment` of one of a requirement's shapes in audits: None where there is only ever one."""
-    return part if requirement.kind in PART_NAMES else None
+    one = isinstance(requirement, Exterior) or (isinstance(requirement, Local) and requirement.pieces is None)
+    return None if one else part

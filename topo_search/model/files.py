@@ -15,8 +15,7 @@ from pydantic import BaseModel, ValidationError
 from topo_search.limits import DESIGN_BYTES, RESULT_BYTES, TASK_BYTES
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
 from topo_search.model.design import Design
-from topo_search.model.exposure import Folder
-from topo_search.model.frame import read_frame
+from topo_search.model.mesh_file import Folder
 from topo_search.model.parsing import NotParsed, json_data, toml_data
 from topo_search.model.regular_file import NotReadable, read_text
 from topo_search.model.settings import apply_settings
@@ -69,7 +68,6 @@ def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: 
     if not names_files:
         return validate(Task, data, name)
     folder = Path() if name in examples() else Path(path).parent
-    read_frame(data, folder, name)
     return validate(Task, data, name, Folder(folder))
 
 

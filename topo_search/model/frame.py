@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, Self
 
-import networkx as nx
 import numpy as np
 from pydantic import AfterValidator, model_validator
 
 from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import BadInput, Fault, of_file, to_printable
-from topo_search.model.mesh_file import FARTHEST, surface
+from topo_search.model.mesh_file import FARTHEST, Surface, parts_of
 from topo_search.model.value import Index, Value, Vector, at_most, refuse
 
 FLAT = 1e-6
@@ -20,7 +17,7 @@ FLAT = 1e-6
 
 CLOSED = (
     "must be a closed surface, every edge once in either direction; "
-    "pieces of a mesh that share a corner count as one, so let them overlap"
+    "pieces of a mesh that share an edge count as one, so let them overlap"
 )
 
 
@@ -79,64 +76,15 @@ def _beyond_faces(vertices: Array, faces: Any) -> float:
     return float(beyond.max()) / size
 
 
-def read_frame(data: dict[str, Any], folder: Path, source: str) -> None:
-    """Put the pieces of the file that a task's `module.body.mesh` names in its place, as `module.body.frame`.
-
-    Args:
-        data: the task as its file holds it; changed.
-        folder: where the mesh is looked for.
-        source: the task's file, for messages.
-
-    Raises:
-        BadInput: the mesh cannot be used.
-    """
-    module = data.get("module")
-    body = module.get("body") if isinstance(module, dict) else None
-    if not isinstance(body, dict) or "mesh" not in body:
-        return
-    name = body.pop("mesh")
-
-    def refusal(rule: str) -> BadInput:
-        return BadInput(source, [Fault("module.body.mesh", of_file(rule, name))])
-
-    if not isinstance(name, str):
-        raise refusal("must be the name of an .stl or .obj file")
-    if "frame" in body:
-        raise refusal("must be left out where `frame` is given")
-    try:
-        body["frame"] = pieces(*surface(folder / name))
-    except FileNotFoundError:
-        raise refusal(f"must be a file in {to_printable(folder.absolute())}") from None
-    except OSError as error:
-        raise refusal(f"must be a file that can be read ({error.strerror})") from None
-    except ValueError as error:
-        raise refusal(str(error)) from None
-
-
-def pieces(vertices: Array, faces: Any) -> list[dict[str, Any]]:
-    """Return the connected parts of a surface, corners at one place being one corner, flat triangles left out.
-
-    Args:
-        vertices: corners, shape (v, 3).
-        faces: triangles, shape (f, 3).
+def frame_of(mesh: Surface) -> list[dict[str, Any]]:
+    """Return the convex pieces that a mesh consists of, as data of `ConvexPiece`.
 
     Raises:
         ValueError: there are too many.
     """
-    unique, number = np.unique(vertices, axis=0, return_inverse=True)
-    faces = number.reshape(-1)[faces]
-    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-    if len(faces) > FRAME_TRIANGLES:
-        raise ValueError(f"must have at most {FRAME_TRIANGLES:,} triangles, but has {len(faces):,}")
-    graph: nx.Graph[int] = nx.Graph()
-    graph.add_edges_from(faces[:, :2].tolist())
-    graph.add_edges_from(faces[:, 1:].tolist())
-    found = []
-    parts = sorted(nx.connected_components(graph), key=min)
+    if len(mesh.triangles) > FRAME_TRIANGLES:
+        raise ValueError(f"must have at most {FRAME_TRIANGLES:,} triangles, but has {len(mesh.triangles):,}")
+    parts = parts_of(mesh)
     if len(parts) > FRAME_PIECES:
         raise ValueError(f"must have at most {FRAME_PIECES} pieces, but has {len(parts):,}")
-    for connected in parts:
-        own = faces[np.isin(faces[:, 0], list(connected))]
-        used, compact = np.unique(own, return_inverse=True)
-        found.append({"vertices": unique[used].tolist(), "triangles": compact.reshape(-1, 3).tolist()})
-    return found
+    return [{"vertices": part.vertices.tolist(), "triangles": part.triangles.tolist()} for part in parts]

@@ -1,53 +1,140 @@
-"""STL and OBJ files: the surface that one holds, and the corners of its convex hull.
+"""STL and OBJ files that a task names: their surface, and convex pieces that contain what it encloses.
 
-A mesh is vertices and facets. Everything else that these formats know (normals, colours, textures, materials,
-groups, lines, and the other files that an OBJ may name) is passed over, and no other file is opened. Free-form
-surfaces are refused: what they bound is not among the facets.
+trimesh reads both formats. It passes over much that it does not understand, and counts backwards from the end of an
+OBJ instead of from the line; so the text is checked and brought into the form that trimesh reads in full. Only
+vertices and facets are read, no materials, and no other file is opened. Free-form surfaces are refused: what they
+bound is not among the facets.
 """
 
 from __future__ import annotations
 
+import io
+import math
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterator
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple, Never
 
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.limits import CORNERS, FACETS, MESH_BYTES
+from topo_search.limits import ALL_CORNERS, CORNERS, FACETS, MESH_BYTES, PIECES
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import show
-from topo_search.model.hulls import convex_hull, has_volume
+from topo_search.model.bad_input import of_file, show, to_printable
+from topo_search.model.hulls import has_volume, outer_hull
 from topo_search.model.regular_file import read_regular
+from topo_search.model.value import Positive, Value, Vector, refuse
 
 Triangles = NDArray[np.intp]
 
 FARTHEST = 1e15
 """Largest coordinate, without sign [m]."""
 LINES = 10 * FACETS
-"""Of an OBJ: as many vertices, texture coordinates and normals as there may be, and all facets."""
+"""Most lines of an OBJ: the most vertices, texture coordinates and normals that it may have, and all facets."""
 LINE = 10_000
-"""Bytes of a line, with those that continue it."""
+"""Most bytes of a line, with those that continue it."""
 HEADER, FACET = 84, 50
-"""Bytes of a binary STL before its facets, and of each."""
-RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-"""A facet of a binary STL."""
-ASCII_FACET = b"facet normal x y z outer loop vertex x y z vertex x y z vertex x y z endloop endfacet".split()
-"""The words of a facet in an ASCII STL; x, y and z stand for numbers."""
-NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?")
-REFERENCE = re.compile(rb"([+-]?\d{1,9})(?:/[+-]?\d{1,9}|/[+-]?\d{0,9}/[+-]?\d{1,9})?")
-"""A corner of an OBJ's facet: its vertex, perhaps with a texture coordinate and a normal."""
+"""Bytes of a binary STL before its facets, and of each facet."""
+NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
+COORDINATE = re.compile(NUMBER)
+WORDS = (b"facet", b"endfacet", b"vertex")
+"""What an ASCII STL has as many of as facets, or three times as many."""
+NOT_A_VERTEX = re.compile(rb"(?im)^vertex(?!(?:[ \t]+%b){3}[ \t]*$).*" % NUMBER)
+"""A line of an ASCII STL that begins like a vertex but is none."""
+REFERENCE = re.compile(rb"([+-]?\d{1,9})(?:/[+-]?\d{0,9}){0,2}")
+"""A corner of an OBJ's facet: its vertex, perhaps with a texture coordinate and a normal, which may be empty."""
 PASSED_OVER = frozenset(
     b"vt vn vp o g s mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj trace_obj".split()
 )
 """What an OBJ may say beside vertices and facets."""
+NO_VOLUME = "must be the mesh of a body with a volume"
+CONVEX = 1e-5
+"""A closed body whose hull has at most this share more volume counts as convex: single precision, with room."""
+ROUNDING = 1e-12
+"""What a body may stick out of another, over its size, and still count as inside."""
+SAMPLES = 200_000
+"""Points on a surface, about, from which its distance is measured."""
 
 
-def surface(path: Path) -> tuple[Array, Triangles]:
-    """Return the corners, shape (v, 3), and the triangles, shape (f, 3), of a mesh file.
+@dataclass(frozen=True)
+class Folder:
+    """The context of validation that lets a task name files: the folder where they are looked for."""
 
-    Polygons are cut into triangles from their first corner. Every corner belongs to a triangle.
+    path: Path
+
+
+class MeshFile(Value):
+    """What a task file says of a mesh; `scale` is applied first, then `offset`."""
+
+    mesh: str
+    """In a task file: an STL or OBJ file beside it."""
+    scale: Positive = 1.0
+    """In a task file, with `mesh`: metres per unit of the mesh, 0.001 for millimetres."""
+    offset: Vector = (0.0, 0.0, 0.0)
+    """In a task file, with `mesh`: where the origin of the mesh is [m]."""
+
+
+class Surface(NamedTuple):
+    """The surface of a mesh."""
+
+    vertices: Array
+    """Shape (v, 3); every one is a corner of a triangle."""
+    triangles: Triangles
+    """Numbers of their corners, shape (f, 3)."""
+    closed: bool = False
+    """Whether every edge has an even number of triangles, so that the surface encloses a volume."""
+
+
+def mesh_schema(schema: dict[str, Any]) -> None:
+    """Add the fields of a mesh to the JSON schema of a table that may name one."""
+    schema["properties"] |= MeshFile.model_json_schema()["properties"]
+
+
+def take_mesh(data: dict[str, Any], model: str, replaces: str, context: Any) -> Surface | None:
+    """Return the mesh that a table of a task file names, if it does; its fields are removed from the data.
+
+    Args:
+        data: the table; changed.
+        model: name of the table's class.
+        replaces: the field that the mesh stands for.
+        context: the `Folder` where files are looked for; anything else: no file may be named.
+
+    Raises:
+        ValidationError: a field is wrong, or the file has no surface.
+    """
+    fields = {name: data.pop(name) for name in MeshFile.model_fields if data.get(name) is not None}
+    if "mesh" not in fields:
+        refuse(model, *(((name,), "must be left out where there is no `mesh`") for name in fields))
+        return None
+    name = fields["mesh"]
+
+    def refuse_mesh(text: str) -> Never:
+        refuse(model, (("mesh",), of_file(text, name)))
+        raise AssertionError
+
+    if not isinstance(context, Folder):
+        refuse_mesh(f"must be given by its `{replaces}` outside a task file")
+    if not isinstance(name, str):
+        refuse_mesh("must be the name of an STL or OBJ file")
+    file = MeshFile.model_validate(fields)
+    path = context.path / name
+    try:
+        return surface(path, file.scale, file.offset)
+    except OSError as error:
+        refuse_mesh(f"must be a file that can be read ({to_printable(path)}: {error.strerror})")
+    except ValueError as error:
+        refuse_mesh(str(error))
+
+
+def surface(path: Path, scale: float = 1.0, offset: Vector = (0.0, 0.0, 0.0)) -> Surface:
+    """Return the surface of a mesh file, polygons cut into triangles from their first corner.
+
+    Args:
+        path: the file, .stl or .obj.
+        scale: metres per unit of the file.
+        offset: where the origin of the file is [m].
 
     Raises:
         ValueError: says why the file has no surface.
@@ -56,80 +143,191 @@ def surface(path: Path) -> tuple[Array, Triangles]:
     form = path.suffix.lower()
     if form not in (".stl", ".obj"):
         raise ValueError("must be an .stl or .obj file")
-    content = read_regular(path, most_bytes=MESH_BYTES)
-    vertices, triangles = _obj(content) if form == ".obj" else _stl(content)
-    used, compact = np.unique(triangles, return_inverse=True)
-    vertices, triangles = vertices[used], compact.reshape(-1, 3)
-    if not len(triangles) or not np.all(np.abs(vertices) <= FARTHEST):  # NaN is none of them either
-        raise ValueError("must be the mesh of a body with a volume")
-    return vertices, triangles
+    content = read_regular(path, most_bytes=MESH_BYTES).removeprefix(BOM_UTF8)
+    content, facets = _obj(content) if form == ".obj" else _stl(content)
+    if facets > FACETS:
+        raise ValueError(f"must have at most {FACETS:,} facets, but has {facets:,}")
+    if not facets:
+        raise ValueError(NO_VOLUME)
+    import trimesh  # slow to import, and few tasks need it
+
+    mesh = trimesh.load_mesh(io.BytesIO(content), file_type=form[1:], process=False)
+    if len(mesh.faces) != facets:
+        raise ValueError(
+            f"must have three corners per facet: {facets:,} facets, but has {len(mesh.faces):,} triangles"
+        )
+    result = _compact(mesh.vertices * scale + np.array(offset), np.asarray(mesh.faces, dtype=np.intp))
+    if not np.all(np.abs(result.vertices) <= FARTHEST):  # NaN is none of them either
+        raise ValueError(NO_VOLUME)
+    return result
 
 
-def hull_corners(path: Path) -> Array:
-    """Return the corners of the convex hull of a mesh file's shape, shape (k, 3), sorted.
+def parts_of(mesh: Surface) -> list[Surface]:
+    """Return the closed parts of a surface, which share no edge, in the file's order, then the open ones as one.
+
+    Edges are those of the file's own corners if all parts are then closed, else those of corners by position.
+    Triangles that are lines are left out.
+    """
+    unique, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    parts = _parts(mesh.vertices, mesh.triangles)
+    return parts if parts and parts[-1].closed else _parts(unique, number.reshape(-1)[mesh.triangles])
+
+
+def convex_pieces(mesh: Surface) -> tuple[list[Array], list[float]]:
+    """Return convex pieces that contain all that a surface encloses, and how far each reaches beyond the surface.
+
+    Every closed part becomes a piece, and all open parts together become one. Where one of these has no volume, the
+    whole mesh is one piece. A piece is the hull of its part, or something larger if that has too many corners; one
+    inside another is left out.
+
+    Returns:
+        The corners of each piece, shape (k, 3), sorted, and a bound on its excess over its part [m].
 
     Raises:
-        ValueError: says why the file has no such hull.
-        OSError: it cannot be read.
+        ValueError: the surface has no volume, or too many parts.
     """
-    points = np.unique(surface(path)[0], axis=0)
-    if not has_volume(points):
-        raise ValueError("must be the mesh of a body with a volume")
-    return convex_hull(points, most_corners=CORNERS).corners
+    parts = parts_of(mesh)
+    bodies = [part for part in parts if has_volume(part.vertices)]
+    if len(bodies) < len(parts):
+        bodies = [Surface(*mesh[:2])]
+    if not has_volume(bodies[0].vertices):
+        raise ValueError(NO_VOLUME)
+    if len(bodies) > PIECES:
+        raise ValueError(f"must have at most {PIECES} bodies, but has {len(bodies):,}")
+    bodies = _without_inner(bodies)
+    outer = [outer_hull(body.vertices, min(CORNERS, ALL_CORNERS // len(bodies))) for body in bodies]
+    return [corners for corners, _ in outer], [
+        beyond + _concavity(body) for body, (_, beyond) in zip(bodies, outer, strict=True)
+    ]
 
 
-def _stl(content: bytes) -> tuple[Array, Triangles]:
-    """Read an STL: a binary one has exactly the length that its header states, whatever its first word."""
-    stated = int.from_bytes(content[80:HEADER], "little") if len(content) >= HEADER else -1
-    if len(content) == HEADER + FACET * stated:
-        _few_facets(stated)
-        corners = np.frombuffer(content, RECORD, offset=HEADER)["corners"].astype(float).reshape(-1, 3)
-    elif re.match(rb"(?i)\s*solid\b", content):
-        corners = _ascii_corners(content)
-    else:
-        facets = "too few bytes for a header" if stated < 0 else f"{len(content):,} bytes for {stated:,} facets"
-        raise ValueError(f"must be a whole STL file: {HEADER} bytes and {FACET} per facet; this one has {facets}")
-    return corners, np.arange(len(corners)).reshape(-1, 3)
+def _compact(vertices: Array, triangles: Triangles) -> Surface:
+    """Return the surface without vertices that no triangle has."""
+    used, compact = np.unique(triangles, return_inverse=True)
+    return Surface(vertices[used], compact.reshape(-1, 3))
 
 
-def _ascii_corners(content: bytes) -> Array:
-    """Return the corners of an ASCII STL's facets in order, shape (3 f, 3)."""
-    _few_facets(content.count(b"endfacet") + content.count(b"ENDFACET"))
+def _parts(vertices: Array, triangles: Triangles) -> list[Surface]:
+    """Return the closed parts by the numbers of corners, and last all open ones as one."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    i, j, k = triangles.T
+    triangles = triangles[(i != j) & (j != k) & (k != i)]
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    _, edge, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
+    edge, face = edge.reshape(-1), np.repeat(np.arange(len(triangles)), 3)
+    nodes = len(triangles) + len(count)
+    graph = coo_array((np.ones(len(edge)), (face, len(triangles) + edge)), shape=(nodes, nodes))
+    number, part = connected_components(graph, directed=False)
+    part = part[: len(triangles)]
+    is_open = np.bincount(part[face], weights=count[edge] % 2, minlength=number) > 0
+    part = np.where(is_open[part], number, part)
+    _, first = np.unique(np.sort(part), return_index=True)
+    faces = np.split(triangles[np.argsort(part, kind="stable")], first[1:])
+    whole = [*[True] * (len(faces) - 1), not is_open.any()]
+    return [_compact(vertices, own)._replace(closed=closed) for own, closed in zip(faces, whole, strict=True)]
+
+
+def _without_inner(bodies: list[Surface]) -> list[Surface]:
+    """Return the bodies whose hulls are in no other's hull; of equal ones the first."""
+    hulls = [_hull(body) for body in bodies]
+
+    def inside(one: int, other: int) -> bool:
+        normals, offsets = hulls[other].equations[:, :3], hulls[other].equations[:, 3]
+        heights = hulls[one].points[hulls[one].vertices] @ normals.T + offsets
+        return bool(heights.max() <= ROUNDING * np.ptp(hulls[other].points, axis=0).max())
+
+    def is_inner(one: int) -> bool:
+        others = (other for other in range(len(bodies)) if other != one and inside(one, other))
+        return any(other < one or not inside(other, one) for other in others)
+
+    return [body for one, body in enumerate(bodies) if not is_inner(one)]
+
+
+def _hull(body: Surface) -> Any:
+    from scipy.spatial import ConvexHull  # slow to import, and few tasks need it
+
+    return ConvexHull(body.vertices)
+
+
+def _concavity(body: Surface) -> float:
+    """Return a bound on the distance of the surface of a body's hull from the body [m]; 0 of a convex body.
+
+    Both surfaces are sampled; no point of the hull's is farther than h / sqrt(3) from a sample, h its longest edge.
+    """
+    import trimesh
+    from scipy.spatial import cKDTree
+
+    mesh, hull = trimesh.Trimesh(*body[:2], process=False), _hull(body)
+    if body.closed:
+        trimesh.repair.fix_winding(mesh)
+        if hull.volume <= abs(mesh.volume) * (1 + CONVEX):
+            return 0.0
+    samples, _ = _sample(*body[:2])
+    of_hull, h = _sample(body.vertices, hull.simplices)
+    return float(cKDTree(samples).query(of_hull)[0].max()) + h / math.sqrt(3)
+
+
+def _sample(vertices: Array, triangles: Triangles) -> tuple[Array, float]:
+    """Return about SAMPLES points of a surface, and how long the edges between them are at most."""
+    from trimesh.remesh import subdivide_to_size
+
+    sides = vertices[triangles] - vertices[np.roll(triangles, 1, axis=1)]
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    h = max(float(longest.max()) / 100, math.sqrt(float(np.sum(longest**2)) / SAMPLES))
+    points, _ = subdivide_to_size(vertices, triangles, max_edge=h)
+    return np.asarray(points), h
+
+
+def _stl(content: bytes) -> tuple[bytes, int]:
+    """Return an STL without what trimesh would stumble over, and how many facets it has.
+
+    A binary one is as long as its header says or longer, whatever its first word: bytes behind its facets are cut.
+    """
+    facets = int.from_bytes(content[80:HEADER], "little") if len(content) >= HEADER else -1
+    if facets >= 0 and HEADER + FACET * facets <= len(content):
+        return content[: HEADER + FACET * facets], facets
+    if not re.match(rb"(?i)\s*solid\b", content):
+        given = "too few bytes for a header" if facets < 0 else f"{len(content):,} bytes for {facets:,} facets"
+        raise ValueError(f"must be a whole STL file: {HEADER} bytes and {FACET} per facet; this one has {given}")
     body = re.sub(rb"(?im)^[ \t]*(?:end)?solid\b.*$", b"", content.replace(b"\r", b"\n"))
-    words = body.split()
-    size = len(ASCII_FACET)
-    if len(words) % size:
-        raise ValueError(f"must be a whole ASCII STL, {size} words per facet, but has {len(words):,} words")
-    for place, due in enumerate(ASCII_FACET):
-        if due not in (b"x", b"y", b"z"):
-            facet = next((f for f, word in enumerate(words[place::size]) if word.lower() != due), None)
-            if facet is not None:
-                given = show(_word(words[place + size * facet]))
-                raise ValueError(f"must be an ASCII STL, but facet {facet} has {given} for `{due.decode()}`")
-    places = [place for place, due in enumerate(ASCII_FACET) if due in (b"x", b"y", b"z")][3:]
-    columns = [[_number(word) for word in words[place::size]] for place in places]
-    return np.array(columns).T.reshape(-1, 3)
+    # trimesh reads a vertex to the end of its line
+    body = re.sub(rb"(?i)\s+(facet|vertex|endloop|endfacet)\b", rb"\n\1", body)
+    facets, ended, vertices = (len(re.findall(rb"(?im)^%b\b" % word, body)) for word in WORDS)
+    if ended <= FACETS and (wrong := NOT_A_VERTEX.search(body)):
+        raise ValueError(f"must have three numbers per vertex, but got {show(_text(wrong[0]))}")
+    if ended <= FACETS and not vertices == 3 * facets == 3 * ended:
+        counts = f"{facets:,} `facet`, {vertices:,} `vertex` and {ended:,} `endfacet`"
+        raise ValueError(f"must be a whole ASCII STL, with three vertices per facet, but has {counts}")
+    # without normals, which trimesh complains about where they are no numbers
+    return b"\n".join([b"solid", *re.findall(rb"(?im)^vertex.*$", body), b"endsolid\n"]), ended
 
 
-def _obj(content: bytes) -> tuple[Array, Triangles]:
-    """Read an OBJ."""
-    vertices: list[tuple[float, float, float]] = []
-    triangles: list[tuple[int, int, int]] = []
+def _obj(content: bytes) -> tuple[bytes, int]:
+    """Return an OBJ of vertices and facets alone, its corners counted from 1, and how many triangles it has."""
+    lines: list[bytes] = []
+    vertices = facets = 0
     for number, line in enumerate(_lines(content), start=1):
         word, *rest = line.split() or [b""]
         try:
             if word == b"v":
-                vertices.append(_vertex(rest))
-                _few_facets(len(vertices) / 3)
+                if not 3 <= len(rest) <= 8:  # with a weight, a colour, or both
+                    raise ValueError(f"must have three numbers per vertex, but got {len(rest)}")
+                lines.append(b"v " + b" ".join(map(_coordinate, rest[:3])))
+                vertices += 1
             elif word == b"f":
-                first, *others = _corners(rest, len(vertices))
-                triangles += [(first, i, j) for i, j in pairwise(others)]
-                _few_facets(len(triangles))
+                if len(rest) < 3:
+                    raise ValueError(f"must have at least three corners per facet, but got {len(rest)}")
+                lines.append(b"f " + b" ".join(b"%d" % _corner(corner, vertices) for corner in rest))
+                facets += len(rest) - 2
             elif word and word not in PASSED_OVER:
-                raise ValueError(f"must be an OBJ of vertices and facets, but has {show(_word(word))}")
+                raise ValueError(f"must be an OBJ of vertices and facets, but has {show(_text(word))}")
         except ValueError as error:
             raise ValueError(f"{error} (line {number})") from None
-    return np.array(vertices).reshape(-1, 3), np.array(triangles, dtype=np.intp).reshape(-1, 3)
+        if vertices > 3 * FACETS or facets > FACETS:
+            raise ValueError(f"must have at most {FACETS:,} facets and {3 * FACETS:,} vertices, but has more")
+    return b"\n".join(lines), facets
 
 
 def _lines(content: bytes) -> Iterator[bytes]:
@@ -138,49 +336,32 @@ def _lines(content: bytes) -> Iterator[bytes]:
         raise ValueError(f"must have at most {LINES:,} lines, but has more")
     begun = b""
     for line in content.splitlines():
-        said = begun + line.split(b"#", 1)[0]
-        if len(said) > LINE:
-            raise ValueError(f"must have at most {LINE:,} bytes per line, but has {len(said):,}")
-        begun = said[:-1] + b" " if said.endswith(b"\\") else b""
-        yield b"" if begun else said
+        text = begun + line.split(b"#", 1)[0]
+        if len(text) > LINE:
+            raise ValueError(f"must have at most {LINE:,} bytes per line, but has {len(text):,}")
+        begun = text[:-1] + b" " if text.endswith(b"\\") else b""
+        yield b"" if begun else text
     yield begun
 
 
-def _vertex(words: list[bytes]) -> tuple[float, float, float]:
-    if not 3 <= len(words) <= 8:  # with a weight, a colour, or both
-        raise ValueError(f"must have three numbers per vertex, but got {len(words)}")
-    x, y, z, *_ = map(_number, words)
-    return x, y, z
+def _coordinate(word: bytes) -> bytes:
+    if len(word) > 64 or COORDINATE.fullmatch(word) is None:
+        raise ValueError(f"must have numbers for coordinates, but got {show(_text(word))}")
+    return word
 
 
-def _corners(words: list[bytes], vertices: int) -> list[int]:
-    """Return the numbers of a facet's vertices, from 0; the file counts from 1, or back from the last one."""
-    if len(words) < 3:
-        raise ValueError(f"must have at least three corners per facet, but got {len(words)}")
-    found = []
-    for word in words:
-        match = REFERENCE.fullmatch(word)
-        if match is None:
-            raise ValueError(f"must have the number of a vertex for a corner, but got {show(_word(word))}")
-        given = int(match[1])
-        corner = given + vertices if given < 0 else given - 1
-        if given == 0 or not 0 <= corner < vertices:
-            raise ValueError(f"must have the number of a vertex before it, 1 to {vertices}, but got {given}")
-        found.append(corner)
-    return found
+def _corner(word: bytes, vertices: int) -> int:
+    """Return the number of a facet's vertex, from 1; a negative one counts back from the last vertex so far."""
+    match = REFERENCE.fullmatch(word)
+    if match is None:
+        raise ValueError(f"must have the number of a vertex for a corner, but got {show(_text(word))}")
+    given = int(match[1])
+    corner = given + vertices + 1 if given < 0 else given
+    if not 1 <= corner <= vertices or given == 0:
+        raise ValueError(f"must have the number of a vertex before it, 1 to {vertices}, but got {given}")
+    return corner
 
 
-def _number(word: bytes) -> float:
-    if len(word) > 64 or NUMBER.fullmatch(word) is None:
-        raise ValueError(f"must have numbers for coordinates, but got {show(_word(word))}")
-    return float(word)
-
-
-def _word(word: bytes) -> str:
-    """Return a word of a file to be shown."""
+def _text(word: bytes) -> str:
+    """Return a part of a file as it can be shown."""
     return word[:100].decode("utf-8", "replace")
-
-
-def _few_facets(facets: float) -> None:
-    if facets > FACETS:
-        raise ValueError(f"must have at most {FACETS:,} facets and {3 * FACETS:,} vertices, but has more")

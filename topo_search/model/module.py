@@ -20,11 +20,12 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, model_validator
 
 from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.bracket import Bracket
-from topo_search.model.frame import ConvexPiece
+from topo_search.model.frame import ConvexPiece, frame_of
+from topo_search.model.mesh_file import mesh_schema, take_mesh
 from topo_search.model.value import NonEmpty, Number, Positive, PositiveVector, Value, at_most, refuse
 
 AGREE = 1e-3
@@ -47,6 +48,8 @@ class Airflow(Value):
 class Body(Value):
     """The rigid parts of a module: hub and arms as boxes, rotor discs as cylinders."""
 
+    model_config = ConfigDict(json_schema_extra=mesh_schema)
+
     rotor_radius: Positive = 0.05
     """Radius of a rotor disc [m]."""
     rotor_height: Positive = 0.02
@@ -62,6 +65,23 @@ class Body(Value):
     """Convex pieces that replace hub and arms; a task file may name a `mesh` of them."""
     inertia: PositiveVector | None = None
     """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at uniform density."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _frame_of_a_mesh(cls, data: Any, info: ValidationInfo) -> Any:
+        """Fill in the pieces of a mesh."""
+        if not isinstance(data, dict):
+            return data
+        frame, data = data.get("frame"), dict(data)
+        mesh = take_mesh(data, "Body", "frame", info.context)
+        if mesh is None:
+            return data
+        if frame is not None:
+            refuse("Body", (("mesh",), "must be left out where `frame` is given"))
+        try:
+            return {**data, "frame": frame_of(mesh)}
+        except ValueError as error:
+            refuse("Body", (("mesh",), str(error)))
 
     @model_validator(mode="after")
     def _few_triangles(self) -> Self:

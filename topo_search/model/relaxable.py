@@ -15,6 +15,7 @@ from typing import Any
 from topo_search.model.exposure import Allowed, AnyExposure, Exterior, Local
 from topo_search.model.load_case import LoadCase, Wrench
 from topo_search.model.task import Task
+from topo_search.model.value import Vector
 
 LEAST = 0.2
 """Share of what is asked for that is left at most of all relaxing."""
@@ -140,8 +141,8 @@ def _exposure(task: Task) -> Iterator[Relaxable]:
             value = _entry(number, "radius")
             yield Relaxable(limit, f"{at}.radius", "smaller radius", 1 - LEAST, reduce, value, "m")
         elif isinstance(asked, Local):
-            field = f"{at}.box" if asked.box is not None else f"{at}.vertices"
-            yield Relaxable(limit, field, "smaller region", 1 - LEAST, reduce, lambda _: None)
+            shape = next(name for name in ("box", "vertices", "pieces") if getattr(asked, name) is not None)
+            yield Relaxable(limit, f"{at}.{shape}", "smaller region", 1 - LEAST, reduce, lambda _: None)
 
 
 def _flight(task: Task) -> Iterator[Relaxable]:
@@ -196,7 +197,13 @@ def _shrink(asked: AnyExposure, x: float, length: float) -> dict[str, Any]:
         return {"radius": _round_to_print(asked.radius * (1 - x))}
     if isinstance(asked, Local) and asked.box is not None:
         return {"box": tuple((1 - x) * edge for edge in asked.box)}
-    return {"vertices": tuple(tuple((1 - x) * c for c in point) for point in asked.vertices or ())}
+    if isinstance(asked, Local) and asked.pieces is not None:
+        return {"pieces": tuple(_scale_points(points, 1 - x) for points in asked.pieces)}
+    return {"vertices": _scale_points(asked.vertices or (), 1 - x)}
+
+
+def _scale_points(points: tuple[Vector, ...], factor: float) -> tuple[Vector, ...]:
+    return tuple((factor * x, factor * y, factor * z) for x, y, z in points)
 
 
 def _round_to_print(value: float) -> float:

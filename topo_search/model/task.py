@@ -16,11 +16,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
 
-from topo_search.limits import LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
+from topo_search.limits import ALL_CORNERS, LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
 from topo_search.model.airflow_room import airflow_folds
 from topo_search.model.bad_input import show
 from topo_search.model.end_effector import EndEffector, ResolvedEndEffector
-from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
+from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
 from topo_search.model.folds import Folds, clear_folds, intersect
 from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
@@ -142,6 +142,9 @@ class Task(Value):
             kinds = {asked.kind for asked in numbered}
             what = " and ".join(f"{name}s" for kind, name in PART_NAMES.items() if kind in kinds)
             broken.append((("exposure",), f"must have at most {SEGMENTS} {what} in all, but got {parts:,}"))
+        corners = sum(len(asked.corners) for asked in self.exposure if isinstance(asked, Local))
+        if corners > ALL_CORNERS:
+            broken.append((("exposure",), f"must have at most {ALL_CORNERS:,} corners in all, but got {corners:,}"))
         if self.load_cases != "ten-wrenches" and self.task_seed is not None:
             rule = 'must be left out unless load_cases = "ten-wrenches"'
             broken.append((("task_seed",), f"{rule}, but got {self.task_seed}"))

@@ -12,12 +12,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from topo_search.model.bad_input import show
-from topo_search.model.exposure import Allowed, Directional, Local
+from topo_search.model.exposure import Allowed, Directional, Local, segment_of
 from topo_search.model.folds import in_words
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Module
 from topo_search.model.plausibility import doubts
-from topo_search.model.proven import excess_texts
+from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, OUTWARDS, frame_reach, packed_width
 from topo_search.model.task import Task
 
@@ -55,6 +55,7 @@ def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
         *(TaskWarning(path, words) for path, words in doubts(task)),
         *_module(task.module),
         *_lengths(task, n),
+        *_meshes(task),
         *_thrust(task, n),
         *_load_cases(task, n),
         *_search(task),
@@ -96,6 +97,19 @@ def _lengths(task: Task, n: int) -> Iterator[TaskWarning]:
                 f"{length:g} m is {length / width:.0f} times the width of {n} modules in a square, "
                 f"{width:.3g} m: lengths are in metres",
             )
+
+
+def _meshes(task: Task) -> Iterator[TaskWarning]:
+    """Yield regions that are larger than their mesh."""
+    for e, asked in enumerate(task.exposure):
+        for piece, excess in enumerate((isinstance(asked, Local) and asked.mesh_excess) or ()):
+            if excess:
+                field = f"exposure[{e}]" if segment_of(asked, piece) is None else f"exposure[{e}].pieces[{piece}]"
+                yield TaskWarning(
+                    field,
+                    f"reaches up to {upper_text(excess, 3)} m beyond its mesh, because pieces are convex and have "
+                    "few corners: cut the mesh into closed convex bodies that share no edge to come closer",
+                )
 
 
 def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:

@@ -52,7 +52,9 @@ carries_weight = true
 # radius = 0.15
 # # instead of the radius, one of these:
 # # box = [0.4, 0.4, 0.2]           # edges along x, y and z, centred at the end-effector
-# # mesh = "target.stl"             # the convex hull of an STL or OBJ file beside this one, its origin at the tool
+# # mesh = "target.stl"             # the hulls of the bodies in an STL or OBJ file beside this one
+# # scale = 0.001                   # metres per unit of the mesh
+# # offset = [0.0, 0.0, 0.0]        # where the mesh's origin is, from the end-effector
 
 # [[exposure]]
 # kind = "directional"              # capsules along paths that start at the end-effector

@@ -66,7 +66,7 @@ def _requirement(pair: Clearance) -> str:
     if pair.kind == "rod-airflow":
         return "rod, airflow"
     solid = {"part-region": "solid ", "rod-region": "rod, solid "}.get(pair.kind, "")
-    return f"{solid}exposure {pair.b}" + ("" if pair.segment is None else f", path {pair.segment}")
+    return f"{solid}exposure {pair.b}" + ("" if pair.segment is None else f", part {pair.segment}")
 
 
 def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[str], title: str) -> go.Figure:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from topo_search.model import Allowed, AnyExposure, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
 from topo_search.model.folds import in_words
+from topo_search.model.proven import at_most
 from topo_search.model.shape import unit as unit_vector
 from topo_search.model.task import Tolerances
 from topo_search.model.value import Vector, is_zero
@@ -124,7 +125,12 @@ def _region(asked: Local) -> str:
         return f"a ball of radius {length(asked.radius)} around the end-effector"
     if asked.box is not None:
         return f"a box of {vector(asked.box)} m along x, y and z, centred at the end-effector"
-    return f"the convex hull of {quantity(len(asked.corners), 'point')} about the end-effector"
+    hulls = f"the convex hull of {quantity(len(asked.corners), 'point')} about the end-effector"
+    if asked.pieces is not None:
+        pieces = quantity(len(asked.pieces), "convex piece")
+        hulls = f"{pieces} about the end-effector, with {len(asked.corners)} corners in all"
+    beyond = max(asked.mesh_excess or (0.0,))
+    return hulls + (f", up to {length(at_most(beyond, 3))} beyond the mesh" if beyond else "")
 
 
 def requirement(asked: AnyExposure) -> str:
