@@ -43,6 +43,21 @@ def test_too_little_memory_is_a_line_and_a_status(tmp_path, megabytes, words):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("files", [18, 20])
+def test_too_few_file_descriptors_are_a_line_and_a_status(tmp_path, files):
+    done = subprocess.run(
+        [sys.executable, "-m", "topo_search", *COMMANDS[2]],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (files, files)),
+    )
+    assert done.returncode == 74, done.stderr
+    assert done.stderr.splitlines()[-1].startswith("Too many open files")
+    assert "Traceback" not in done.stderr
+
+
 def test_threads_of_libraries_take_no_memory_unasked(tmp_path):
     code = "import os; from topo_search.supervisor import supervise\n"
     code += "supervise(lambda: print(os.environ['OPENBLAS_NUM_THREADS']))"

@@ -3,8 +3,10 @@
 import os
 import signal
 import socket
+import socketserver
 import subprocess
 import sys
+import threading
 import time
 from importlib import metadata
 
@@ -34,6 +36,24 @@ def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(mute, monkeypatch
         pytest.raises(WorkersLost, match=f"no Dask scheduler answers at {mute}: "),
     ):
         workers.run_one(square, 3, deadline=LONG)
+
+
+@pytest.mark.parametrize("speaks_first", [True, False])
+def test_another_program_at_the_port_is_no_scheduler(monkeypatch, speaks_first):
+    """As a web server, whose answer to Dask's greeting reads as the length of a message that fills all memory."""
+
+    class Web(socketserver.BaseRequestHandler):
+        def handle(self):
+            if speaks_first or self.request.recv(1):
+                self.request.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+    monkeypatch.setattr(dask_connection, "CONNECT", 2.0)
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Web) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.server_address[1]}"
+        with DaskWorkers(address, {}) as workers, pytest.raises(WorkersLost, match="no Dask scheduler answers at"):
+            workers.run_one(square, 3, deadline=LONG)
+        server.shutdown()
 
 
 def test_a_scheduler_that_falls_silent_is_given_up(tmp_path, monkeypatch):

@@ -16,7 +16,7 @@ from toy_problem import toy_run, toy_task
 from topo_search import compose
 from topo_search.cli import main
 from topo_search.model import BadInput, Design
-from topo_search.model.files import to_json, to_toml
+from topo_search.model.files import to_json, to_toml, write_atomically
 from topo_search.study import LedgerLost, RunFolder, answer_of
 from topo_search.study.place import PARTIAL, Place
 
@@ -57,6 +57,30 @@ def test_the_lock_of_another_program_is_left_alone(tmp_path):
     with pytest.raises(BadInput, match=r"has a \.lock of another program"):
         toy_run(tmp_path)
     assert (tmp_path / ".lock").read_text() == "my precious"
+
+
+@pytest.mark.parametrize("name", [".lock", "ledger.sqlite-wal", "ledger.sqlite-shm"])
+def test_a_file_with_a_second_name_elsewhere_is_not_written_through(tmp_path, name):
+    toy_run(tmp_path / "run")
+    text = "123 on host\n" if name == ".lock" else "mine"
+    put(tmp_path, {"elsewhere": text})
+    (tmp_path / "run" / name).unlink(missing_ok=True)
+    os.link(tmp_path / "elsewhere", tmp_path / "run" / name)
+    with pytest.raises(BadInput):
+        toy_run(tmp_path / "run", starts=5)
+    assert (tmp_path / "elsewhere").read_text() == text
+
+
+@pytest.mark.parametrize("mask", [0o077, 0o022, 0o002])
+def test_the_umask_decides_who_may_read_what_a_run_writes(tmp_path, mask):
+    before = os.umask(mask)
+    try:
+        toy_run(tmp_path / "run")
+        write_atomically(tmp_path / "page.html", "page")
+    finally:
+        os.umask(before)
+    for path in (tmp_path / "run" / "candidates.csv", tmp_path / "page.html"):
+        assert path.stat().st_mode & 0o777 == 0o666 & ~mask
 
 
 def test_notes_of_the_user_survive_in_a_run_s_folder(tmp_path):

@@ -7,6 +7,7 @@ import os
 import signal
 import sqlite3
 from collections.abc import Iterator
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import NoReturn
 
@@ -77,6 +78,8 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
         if isinstance(error, sqlite3.OperationalError):
             text = f"cannot write the ledger: {error}; its contents are safe; run the same command to continue"
             _end(text, INPUT_OUTPUT)
+        if isinstance(error, BrokenProcessPool) and isinstance(error.__cause__, OSError):
+            error = error.__cause__  # what kept a worker from starting
         # an error without a number is no file's; with EPIPE the reader of our output left
         if isinstance(error, OSError) and error.errno not in (None, errno.EPIPE):
             where = f" ({error.filename})" if error.filename else ""

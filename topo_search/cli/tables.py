@@ -68,7 +68,7 @@ def _print_size(size: SizeAnswer) -> None:
         _print_near_ties(size)
     if not size.complete:
         reached = f", after {quantity(size.starts, 'start')} of each candidate" if size.starts else ""
-        click.echo(f"time limit reached{reached}; run the same command to continue")
+        click.echo(f"not finished{reached}; run the same command to continue")
     if size.statement is not None and size.best is not None:
         click.echo(f"{size.best.key} is {size.statement}")
     if size.proven is not None:
@@ -102,7 +102,7 @@ def _print_front(answer: Answer) -> None:
             if size.best is not None:
                 click.echo(f"  best {size.best.key}, {_effort(size.best)}")
             if not size.complete:
-                click.echo("  time limit reached; run the same command to continue")
+                click.echo("  not finished; run the same command to continue")
             for remark in (*size.remarks, *([] if size.reason is None else [size.reason])):
                 click.echo(f"  {remark}")
             for sentence in size.relaxed.sentences if size.relaxed else ():

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+import socket
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from topo_search.engine.dask_tls import Certificates, security_of
@@ -19,6 +21,8 @@ T = TypeVar("T")
 
 CONNECT = 60.0
 """How long the scheduler may take to answer: it may only just be starting [s]."""
+LONGEST_GREETING = 1 << 20
+"""Most bytes of a scheduler's first message, which has some hundred."""
 CLOSE = 1.0
 """How long it is told that the connection ends [s]."""
 
@@ -66,6 +70,7 @@ class Connection:
         from distributed import Client
 
         def connect() -> Client:
+            _require_scheduler(self.address)
             return Client(self.address, timeout=CONNECT, set_as_default=False, security=self._security)
 
         try:
@@ -109,6 +114,24 @@ class Connection:
             raise WorkersLost(text) from None
         except OSError:
             raise self.loss() from None
+
+
+def _require_scheduler(address: str) -> None:
+    """Refuse another program's port: a scheduler speaks first, and begins with the length of what it says.
+
+    A port that is closed is left to Dask, which tries again: the scheduler may only just be starting.
+
+    Raises:
+        ValueError: something else answers, or nothing does.
+    """
+    scheme, end = address.split("://")
+    if scheme == "tls":
+        return  # the handshake of TLS refuses other programs
+    host, port = end.rsplit(":", 1)
+    with suppress(ConnectionError), socket.create_connection((host.strip("[]"), int(port)), CONNECT) as stream:
+        greeting = stream.recv(8, socket.MSG_WAITALL)
+        if len(greeting) == 8 and int.from_bytes(greeting, "little") > LONGEST_GREETING:
+            raise ValueError("another program answers there")
 
 
 def _call_within(seconds: float, call: Callable[[], T]) -> T:

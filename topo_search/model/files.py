@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-import tempfile
+import secrets
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -137,17 +137,17 @@ def write_atomically(path: Path, content: str | bytes, *, lasting: bool = True) 
         if path.exists() and not path.is_file():
             raise OSError(errno.EEXIST, "there is something else than a regular file")
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, partial = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+        handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         try:
             with os.fdopen(handle, "wb") as stream:
                 stream.write(content if isinstance(content, bytes) else content.encode("utf-8"))
                 if lasting:
                     stream.flush()
                     os.fsync(stream.fileno())
-            Path(partial).chmod(0o644)
-            Path(partial).replace(path)
+            partial.replace(path)
         except BaseException:
-            Path(partial).unlink(missing_ok=True)
+            partial.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error

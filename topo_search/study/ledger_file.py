@@ -134,11 +134,13 @@ def _check_file(path: Path) -> None:
     """Refuse what is no ledger's file before SQLite looks at it: it would follow links, play back journals."""
     for each in (path, *(path.with_name(f"{path.name}{end}") for end in BESIDE)):
         try:
-            mode = each.lstat().st_mode
+            status = each.lstat()
         except FileNotFoundError:
             continue
-        if not stat.S_ISREG(mode):
-            raise refusal(each, "is a symbolic link" if stat.S_ISLNK(mode) else "is no file")
+        if not stat.S_ISREG(status.st_mode):
+            raise refusal(each, "is a symbolic link" if stat.S_ISLNK(status.st_mode) else "is no file")
+        if each != path and status.st_nlink > 1:
+            raise refusal(each, "has a second name (hard link), and would be written through")
     journal = path.with_name(f"{path.name}-journal")
     if os.path.lexists(journal):
         raise refusal(journal, "is not from this program, which keeps no such file")

@@ -66,7 +66,7 @@ def _lock_file(folder: Path, itself: int) -> int:
             raise _not_ours(folder) from None
         raise ReadOnlyFolder(folder, error.strerror) from None
     status = os.fstat(handle)
-    if not stat.S_ISREG(status.st_mode) or not HOLDER.fullmatch(os.pread(handle, 512, 0)):
+    if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1 or not HOLDER.fullmatch(os.pread(handle, 512, 0)):
         os.close(handle)
         raise _not_ours(folder)
     return handle

@@ -82,14 +82,13 @@ class Place:
             with self._open_parent(name, make=True) as (folder, last):
                 self.tidy()
                 handle = os.open(
-                    PARTIAL, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644, dir_fd=self._handle
+                    PARTIAL, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666, dir_fd=self._handle
                 )
                 try:
                     with os.fdopen(handle, "wb", buffering=0) as stream:
                         rest = memoryview(content)
                         while rest:
                             rest = rest[os.write(handle, rest) :]
-                        os.fchmod(handle, 0o644)
                         if lasting:
                             os.fsync(stream.fileno())
                     os.rename(PARTIAL, last, src_dir_fd=self._handle, dst_dir_fd=folder)
