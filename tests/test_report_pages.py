@@ -11,16 +11,17 @@ from toy_problem import toy_run
 
 from nlp import lower_bound
 from topo_search.compose import audit, read_design, write_report
+from topo_search.compose.pages import write_page
 from topo_search.export import palette
 from topo_search.export.poses import poses
-from topo_search.model import Design, Status, Topology
+from topo_search.model import BadInput, Design, Status, Topology
 from topo_search.model.files import read_json, read_task
 from topo_search.model.proven import gap_percent
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
-from topo_search.report.run_page import run_page
+from topo_search.report.run_page import run_page, write_run_page
 from topo_search.report.scene import scene
 from topo_search.study import RunFolder
 
@@ -217,3 +218,25 @@ def test_a_design_that_is_not_clear_claims_no_gap(audited):
     made, found = audited
     page = Reader(render(design_page(made, found.model_copy(update={"verdict": Status.VIOLATED}), "mine.json")))
     assert "The gap is" not in page.text
+
+
+def test_a_page_is_written_again_only_if_it_would_show_something_else(tmp_path, monkeypatch):
+    page, pages = tmp_path / "run" / "report.html", []
+
+    def spy(folder):
+        pages.append(folder)
+        write_run_page(folder)
+
+    monkeypatch.setattr("topo_search.report.run_page.write_run_page", spy)
+
+    def count(starts):
+        pages.clear()
+        toy_run(tmp_path / "run", starts=starts, report=write_page)
+        return len(pages)
+
+    assert (count(4), count(4), count(5), count(5)) == (1, 0, 1, 0)
+    page.unlink()
+    assert (count(5), count(5)) == (1, 0)
+    page.write_text(page.read_text().replace("toy", "tay", 1))
+    with pytest.raises(BadInput, match="is not the file that this run wrote"):
+        count(5)

@@ -50,7 +50,9 @@ def write_report(source: str | Path, *, out: str | Path | None = None, flight: s
 
 
 def write_page(folder: RunFolder) -> None:
-    """Write a run's page: only the coordinator loads what it takes, not the workers."""
+    """Write a run's page, unless it shows what it would again; only the coordinator loads what it takes."""
+    if folder.page_is_current():
+        return
     from topo_search.report.run_page import write_run_page
 
     write_run_page(folder)

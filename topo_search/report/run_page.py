@@ -61,7 +61,7 @@ PROOF_COLUMNS = (("proof", "text"), ("proven J at least", "number"), ("proven ga
 
 def write_run_page(folder: RunFolder) -> None:
     """Write `report.html` into a run's folder."""
-    folder.keep(REPORT, render(run_page(folder)))
+    folder.keep(REPORT, render(run_page(folder)) + folder.page_mark())
 
 
 def run_page(folder: RunFolder) -> Page:

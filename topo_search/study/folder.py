@@ -23,6 +23,7 @@ from topo_search.model.files import to_json, to_toml
 from topo_search.study.claims import (
     LEDGER,
     PARTS,
+    REPORT,
     RESULTS,
     TASK,
     hold,
@@ -156,6 +157,19 @@ class RunFolder:
         """
         data = content if isinstance(content, bytes) else content.encode()
         self.ledger.files.keep(self._place, [(self._level + name, data)])
+
+    def page_mark(self) -> str:
+        """Return the last line of a page that is written now: a digest of all that it shows."""
+        return f"<!-- {self.ledger.fingerprint(but=REPORT)} -->\n"
+
+    def page_is_current(self) -> bool:
+        """Return whether the page is there, as the run wrote it, and nothing that it shows has changed since."""
+        page = self._place.read(REPORT)
+        return (
+            page is not None
+            and page.endswith(self.page_mark().encode())
+            and not self.ledger.files.is_changed(REPORT, page)
+        )
 
     def drop(self, name: str) -> None:
         """Remove a file of the run's own, if it is there."""

@@ -20,10 +20,10 @@ from typing import Any, Self
 from topo_search.engine import Scored
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_json
-from topo_search.study.identity import Context, Identity, digest
+from topo_search.study.identity import Context, Identity, digest, installed_versions
 from topo_search.study.ledger_file import BESIDE, checked_text, damage, open_database, parse
 from topo_search.study.lost import LedgerLost
-from topo_search.study.own_files import OwnFiles
+from topo_search.study.own_files import OwnFiles, digest_of
 from topo_search.study.row import Row, SolveEvent, flight_of, score
 from topo_search.study.seals import reseal
 
@@ -126,6 +126,13 @@ class Ledger:
         if len(rows) != 1:
             raise damage(self._path, f"its table run has {len(rows)} rows in place of one")
         return parse(self._path, Identity, "run", rows[0][0])
+
+    def fingerprint(self, *, but: str) -> str:
+        """Return a digest of all rows, of all files of the run but one, and of the versions that read them."""
+        tallies = self._database.execute("SELECT * FROM tallies ORDER BY name").fetchall()
+        query = "SELECT name, digest FROM files WHERE name <> ? ORDER BY name"
+        files = self._database.execute(query, (but,)).fetchall()
+        return digest_of(repr((tallies, files, installed_versions())).encode()).hex()
 
     def ask(self, starts: int, trials: int | None) -> None:
         """Record how many starts of each candidate, and how many proposals, were asked for last."""
