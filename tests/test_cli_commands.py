@@ -17,7 +17,6 @@ from topo_search.cli import main
 from topo_search.model import Assembly, Audit, Clearance, Design, EndEffectorSheet, Infeasible
 from topo_search.model.files import examples, read_json, read_task
 from topo_search.model.search import Search
-from topo_search.study import single
 from topo_search.study.place import Place
 from topo_search.topologies import candidates, count, sample
 
@@ -32,8 +31,7 @@ com = { force = [0.0, 0.0, 1.0] }
 @pytest.fixture
 def command(tmp_path, monkeypatch):
     """The command line on the toy problem, in this process and in an empty folder with a task file."""
-    for module in (single, compose.designs, compose.places):
-        monkeypatch.setattr(module, "Workers", toy_problem.InProcess)
+    monkeypatch.setattr(compose.places, "Workers", toy_problem.InProcess)
     monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "toy.toml").write_text(TOY)

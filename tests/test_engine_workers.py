@@ -1,17 +1,20 @@
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from contextlib import suppress
 from multiprocessing import util
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 
 import pytest
-from engine_jobs import LONG, environment, raise_timeout, report_pid, square
+from engine_jobs import LONG, environment, misbehave, raise_timeout, report_pid, square
 from processes import eventually, gone
 
 from topo_search.child import ONE_THREAD
-from topo_search.engine import Failed, Workers, WorkersLost
+from topo_search.engine import CallingProcess, Failed, Workers, WorkersLost
 
 
 def test_killing_a_worker_from_outside_costs_one_retry(tmp_path):
@@ -122,3 +125,36 @@ def test_a_worker_that_starts_while_the_pool_stops_ends_without_a_word(monkeypat
 def test_a_number_of_workers_that_cannot_be(count):
     with pytest.raises(ValueError, match=f"^`1 <= workers <= 256` must hold, but got {count}$"):
         Workers(count)
+
+
+# ---- the calling process
+
+
+def test_the_calling_process_gives_what_workers_give(tmp_path):
+    with CallingProcess() as engine:
+        assert list(engine.run(square, [1, 2, None, 3], deadline=lambda _: LONG)) == [(1, 1), (2, 4)]
+        assert engine.run_one(report_pid, (tmp_path, 0.0), deadline=LONG) == os.getpid()
+        assert engine.run_one(environment, tuple(ONE_THREAD), deadline=LONG) == ONE_THREAD
+        assert list(engine.run(square, [1], deadline=lambda _: LONG, until=time.monotonic())) == []
+        bad = [engine.run_one(misbehave, (kind, 0), deadline=LONG) for kind in ("raise", "memory")]
+    assert [failed.kind for failed in bad] == ["error", "memory"]
+    assert bad[0].reason == "ValueError: `x > 0` must hold, but got x = 0"
+
+
+UNGUARDED = """
+import sys
+sys.path.insert(0, {here!r})
+from engine_jobs import square
+from topo_search.engine import Workers
+with Workers(2) as workers:
+    print(workers.run_one(square, 3, deadline=60.0))
+"""
+
+
+def test_a_script_that_starts_workers_without_a_guard_is_told_so_once(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(UNGUARDED.format(here=str(Path(__file__).parent)))
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.count('under `if __name__ == "__main__":`') == 1
+    assert done.stderr.count("Traceback") == 1

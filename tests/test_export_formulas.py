@@ -46,7 +46,7 @@ def test_tables_of_clearances_name_files_harmlessly() -> None:
 def test_the_audit_command_names_files_harmlessly(tmp_path, monkeypatch) -> None:
     from click.testing import CliRunner
 
-    monkeypatch.setattr(compose.designs, "Workers", toy_problem.InProcess)
+    monkeypatch.setattr(compose.places, "Workers", toy_problem.InProcess)
     monkeypatch.chdir(tmp_path)
     for name in ("=1+1.json", "@x.json"):
         (tmp_path / name).write_text(to_json(fan()))

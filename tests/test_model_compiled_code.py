@@ -1,15 +1,21 @@
-"""What numba keeps of compiled code is dropped when a source that it was made from changes."""
+"""What numba keeps of compiled code: dropped when a source changes, made anew when damaged, and kept somewhere."""
 
+import errno
+import os
+import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 
+import numba
 import pytest
 
 import nlp.assembled
 import nlp.bounds.branch.proof
 import nlp.reduced.platform
 import verify.proof.check
-from topo_search.model.compiled_code import refresh
+from topo_search.model.compiled_code import CACHE_DIR, refresh
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture
@@ -62,3 +68,146 @@ def test_all_rooms_of_compiled_code_are_marked():
     ):
         room = Path(str(module.__file__)).parent
         assert (Path(str(function.stats.cache_path)) / f"{room.name}.sha256").exists()
+
+
+SOURCE = """
+from topo_search.model.compiled_code import njit
+
+@njit(cache=True)
+def double(x):
+    return 2.0 * x
+"""
+
+
+@pytest.fixture
+def load(tmp_path, monkeypatch):
+    """Load a compiled function as a new process does; what is kept of it is in `load.folder`."""
+    source = tmp_path / "doubling.py"
+    source.write_text(SOURCE)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
+
+    def double():
+        names = {}
+        exec(compile(SOURCE, str(source), "exec"), names)
+        return names["double"]
+
+    return double
+
+
+def test_what_is_kept_serves_the_next_process(load):
+    assert load()(21.0) == 42.0
+    again = load()
+    assert again(21.0) == 42.0
+    assert again.stats.cache_hits
+
+
+def flip(position):
+    def damage(contents):
+        at = position % len(contents)
+        return contents[:at] + bytes([contents[at] ^ 1]) + contents[at + 1 :]
+
+    return damage
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda contents: b"",
+        lambda contents: contents[: len(contents) // 2],
+        lambda contents: contents[:-1],
+        lambda contents: contents[:-32],  # as numba itself writes it
+        lambda contents: bytes(len(contents)),
+        lambda contents: contents + b"\0",
+        flip(0),
+        flip(700),
+        flip(-100),
+        flip(-1),
+    ],
+)
+def test_what_is_damaged_is_compiled_anew(load, tmp_path, suffix, damage):
+    assert load()(21.0) == 42.0
+    (kept,) = tmp_path.rglob(f"*.{suffix}")
+    kept.write_bytes(damage(kept.read_bytes()))
+    anew = load()
+    assert anew(21.0) == 42.0
+    assert not anew.stats.cache_hits
+    mended = load()
+    assert mended(21.0) == 42.0
+    assert mended.stats.cache_hits
+
+
+def test_a_mark_that_is_damaged_is_written_anew(place):
+    room, kept, other = place
+    function = SimpleNamespace(stats=SimpleNamespace(cache_path=str(kept)))
+    assert not refresh(function, room, other)
+    (kept / "room.sha256").write_bytes(b"\xff")
+    assert not refresh(function, room, other)
+    assert refresh(function, room, other)
+
+
+# ---- where nothing can be kept
+
+
+@pytest.fixture
+def read_only(load, tmp_path, monkeypatch):
+    """Neither the installation nor the user's cache can be written to."""
+
+    def refuse(locator):
+        raise PermissionError
+
+    for locator in (numba.core.caching.InTreeCacheLocator, numba.core.caching.UserWideCacheLocator):
+        monkeypatch.setattr(locator, "ensure_cache_path", refuse)
+    monkeypatch.delenv(CACHE_DIR, raising=False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    numba.config.reload_config()
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    yield load
+    os.environ.pop(CACHE_DIR, None)
+    numba.config.reload_config()
+
+
+def test_a_temporary_folder_serves_where_nothing_can_be_written_to(read_only, tmp_path, capfd):
+    assert read_only()(21.0) == 42.0
+    folder = tmp_path / f"topo-search-{os.getuid()}"
+    assert os.environ[CACHE_DIR] == str(folder)
+    assert folder.stat().st_mode & 0o777 == 0o700
+    again = read_only()
+    assert again(21.0) == 42.0
+    assert again.stats.cache_hits
+    (line,) = capfd.readouterr().err.splitlines()
+    assert str(folder) in line
+    assert CACHE_DIR in line
+
+
+def test_a_temporary_folder_that_others_can_write_to_is_not_used(read_only, tmp_path):
+    folder = tmp_path / f"topo-search-{os.getuid()}"
+    folder.mkdir()
+    folder.chmod(0o777)
+    assert read_only()(21.0) == 42.0
+    assert os.environ[CACHE_DIR] != str(folder)
+    assert list(folder.iterdir()) == []
+
+
+def test_a_folder_of_that_name_is_not_followed_elsewhere(read_only, tmp_path):
+    (tmp_path / "elsewhere").mkdir(0o700)
+    (tmp_path / f"topo-search-{os.getuid()}").symlink_to(tmp_path / "elsewhere")
+    assert read_only()(21.0) == 42.0
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+def test_no_folder_at_all_is_said(read_only, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", "/dev/null")
+    with pytest.raises(OSError, match=CACHE_DIR) as caught:
+        read_only()
+    assert caught.value.errno == errno.ENOTDIR
+
+
+def test_all_compiled_functions_are_checked():
+    """numba's own decorator would take damaged files on trust."""
+    sources = [source for room in ("nlp", "verify", "topo_search") for source in ROOT.glob(f"{room}/**/*.py")]
+    assert [
+        source.name
+        for source in sources
+        if "import numba" in source.read_text() or "from numba import" in source.read_text()
+    ] == ["compiled_code.py"]

@@ -6,14 +6,15 @@ import tomllib
 import pytest
 import toy_problem
 from ledger_edit import forged
-from toy_problem import BACKENDS, InProcess, toy_run, toy_task
+from toy_problem import BACKENDS, toy_run, toy_task
 
 from topo_search.cli.tables import print_answer
+from topo_search.engine import CallingProcess
 from topo_search.model import BadInput, Design, Task, Tolerances, Topology
 from topo_search.model.files import read_json
 from topo_search.model.reserves import AskedFlight
 from topo_search.model.task import before_requirement
-from topo_search.study import LARGER_MARGINS, Silent, single, solve_single
+from topo_search.study import LARGER_MARGINS, Silent, solve_single
 from topo_search.study.folder import RunFolder
 from topo_search.study.margins import RUNG, margins
 
@@ -225,7 +226,6 @@ def test_one_topology_gets_the_margins_that_it_gets_in_a_run(tmp_path, monkeypat
     keys = keys_by_rank(tmp_path)
     monkeypatch.setenv("TOY_LOSS", "5e-3")
     toy_run(tmp_path / "run", task=tolerant())
-    monkeypatch.setattr(single, "Workers", InProcess)
     found = solve_single(
         tolerant().resolve(3),
         Topology.from_key(keys[0]),
@@ -234,6 +234,7 @@ def test_one_topology_gets_the_margins_that_it_gets_in_a_run(tmp_path, monkeypat
         round_size=2,
         seed=0,
         time_limit=None,
+        engine=CallingProcess(),
         progress=lambda _: None,
     )
     assert found.found

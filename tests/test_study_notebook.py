@@ -3,15 +3,15 @@
 import xml.etree.ElementTree as ElementTree
 from typing import Any
 
-import pytest
-from toy_problem import BACKENDS, InProcess, toy_run, toy_task
+from toy_problem import BACKENDS, toy_run, toy_task
 from verify_cases import changed, fan
 
 from topo_search import figure
+from topo_search.engine import CallingProcess
 from topo_search.export.picture import Picture
 from topo_search.model import Topology
 from topo_search.model.proven import gap_percent, lower_text
-from topo_search.study import Solved, single, solve_single
+from topo_search.study import Solved, solve_single
 from topo_search.study.row import FLIGHT
 from topo_search.study.statements import kind_of
 from verify import audit
@@ -32,12 +32,19 @@ def words(value: Any) -> str:
     return "".join(ElementTree.fromstring(f"<div>{value._repr_html_()}</div>").itertext())
 
 
-def toy_solved(key: str, monkeypatch: pytest.MonkeyPatch) -> Solved:
-    monkeypatch.setattr(single, "Workers", InProcess)
+def toy_solved(key: str) -> Solved:
     topology = Topology.from_key(key)
     task = toy_task(topology.n).resolve(topology.n)
     return solve_single(
-        task, topology, BACKENDS, starts=1, round_size=1, seed=0, time_limit=None, progress=lambda _: None
+        task,
+        topology,
+        BACKENDS,
+        starts=1,
+        round_size=1,
+        seed=0,
+        time_limit=None,
+        engine=CallingProcess(),
+        progress=lambda _: None,
     )
 
 
@@ -92,15 +99,15 @@ def test_an_answer_knows_what_its_candidates_miss_and_when_each_was_solved(tmp_p
 
 
 def test_a_solved_topology_shows_its_design_and_audit_or_the_reason(monkeypatch) -> None:
-    solved = toy_solved("a10", monkeypatch)
+    solved = toy_solved("a10")
     assert solved.design is solved.outcome
     assert "audit: clear" in words(solved)
     monkeypatch.setenv("TOY_NONE", "a10")
-    assert "the only start misses `load case 0, torque` by" in words(toy_solved("a10", monkeypatch))
-    assert toy_solved("a10", monkeypatch).design is None
+    assert "the only start misses `load case 0, torque` by" in words(toy_solved("a10"))
+    assert toy_solved("a10").design is None
     monkeypatch.setenv("TOY_NONE", "")
     monkeypatch.setenv("TOY_VIOLATED", "a10")
-    assert "the audit of the design with margin 0.0001 m is violated" in words(toy_solved("a10", monkeypatch))
+    assert "the audit of the design with margin 0.0001 m is violated" in words(toy_solved("a10"))
 
 
 def test_a_design_shows_what_to_bolt_to_what() -> None:
@@ -125,7 +132,7 @@ def test_an_audit_shows_all_that_is_not_clear_and_the_tightest_of_the_rest() -> 
 
 
 def test_text_is_escaped(monkeypatch) -> None:
-    solved = toy_solved("a10", monkeypatch)
+    solved = toy_solved("a10")
     odd = Solved(solved.outcome, solved.audit, ("`a < b` & so on",))
     assert "`a < b` & so on" in words(odd)
 

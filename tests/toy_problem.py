@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-from topo_search.engine import Backends, DaskWorkers, Engine, Workers
+from topo_search.engine import Backends, CallingProcess, DaskWorkers, Engine, Workers
 from topo_search.model import (
     Audit,
     Design,
@@ -179,28 +179,11 @@ def prove_impossible(task: ResolvedTask) -> Infeasible | None:
 BACKENDS = Backends(solve=solve, audit=audit, lower_bound=lower_bound, prove_impossible=prove_impossible)
 
 
-class InProcess:
+class InProcess(CallingProcess):
     """Stands in for the worker processes where they are not what is tested."""
 
     def __init__(self, count):
         self.count = count
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *error):
-        pass
-
-    def run(self, function, jobs, *, deadline, until=math.inf):
-        for job in jobs:
-            if time.monotonic() >= until:
-                return
-            if job is None:  # all before it are known here
-                return
-            yield job, function(job)
-
-    def run_one(self, function, job, *, deadline, until=math.inf):
-        return function(job)
 
 
 class Hasty(Engine):

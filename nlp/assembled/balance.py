@@ -20,11 +20,11 @@ A force with its torque, a = (f, m), that a module carries is moved by every ang
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nlp.assembled.local_vectors import Indices
 from nlp.assembled.vectors import add_cross, dot
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 
 @njit(cache=True)

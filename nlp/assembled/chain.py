@@ -18,12 +18,12 @@ and, with j inward of k or the same, \partial_j \partial_k p = \omega_j \times (
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nlp.assembled.vectors import cross
 from nlp.numbers.kinematics import Indices, chain
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 
 class Chain:

@@ -9,10 +9,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nlp.assembled.local_vectors import Indices
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 
 @njit(cache=True)

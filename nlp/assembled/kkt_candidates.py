@@ -22,10 +22,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from nlp.symbols.smooth import EPSILON
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 CANDIDATES = 9
 """The stationary point, two on the edges eta = 0, 1, two on the edges gamma = 0, 1, and the corners."""

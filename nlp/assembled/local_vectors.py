@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from nlp.assembled.chain import Links
 from nlp.requirements.statement import LocalVector, PlatformVector
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]

@@ -19,7 +19,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numba import njit
 
 from nlp.assembled.kkt_candidates import smooth_least
 from nlp.assembled.local_vectors import Differences
@@ -28,6 +27,7 @@ from nlp.requirements.distance import Distance
 from nlp.requirements.modules import EnvelopePair
 from nlp.requirements.statement import Formula
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 Jet = list[Array]
 """Values (m,), then as far as asked for gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""

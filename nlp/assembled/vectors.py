@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 
 @njit(cache=True)

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 LEAST_PIVOT = 1e-30
 """A pivot that rounding has made smaller counts as this."""

@@ -17,10 +17,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 Indices = NDArray[np.int64]
 

@@ -18,8 +18,6 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.gaps import FAR, LEAST_DISTANCE, Vector, face_excess, hull_gap, swept_gap
 from nlp.reduced.kinds import (
@@ -42,6 +40,7 @@ from nlp.reduced.kinds import (
 )
 from nlp.reduced.platform import Platform
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 P_I, Z_I, P_J, Z_J, TIP, OFFSET_B, TURN_I = range(7)
 """The vectors that a row depends on: p_i, z_i, p_j, z_j, p'_E, p_E, and small turns of module i."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.draws import draws
 from nlp.reduced.search import descend_all, ends, point_of
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.compiled_code import cache_folder
 from topo_search.model.topology import ROOT
 
 
@@ -19,8 +19,7 @@ def prepare(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         task: a task that the reduced search expresses.
         tell: is told if it takes a while.
     """
-    folder = Path(str(descend_all.stats.cache_path))
-    if not any(folder.glob("search.descend_all*.nbc")):
+    if not any(cache_folder(descend_all).glob("search.descend_all*.nbc")):
         tell("compiling the solver (once per installation, about a minute)")
     chain = Topology((ROOT, *((i, 0, 2) for i in range(task.n - 1))))
     stated = to_arrays(task, chain)

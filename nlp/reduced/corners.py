@@ -7,12 +7,12 @@ hundreds; those that inputs within their limits produce have next to no gradient
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.inputs import columns, find_wrench, inputs
 from nlp.reduced.merit import Evaluated
 from nlp.reduced.platform import platform
+from topo_search.model.compiled_code import njit
 
 MISSED = 1e-6
 """Residual from which a corner counts [m_t g, l_arm m_t g]."""

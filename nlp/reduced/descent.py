@@ -20,12 +20,12 @@ ends to count.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from nlp.numbers.cholesky import solve_in_place
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
 from nlp.reduced.merit import Evaluated, estimates, evaluate, merit
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 LARGEST_TURN = 0.7
 """Most that a step turns an angle [rad]."""

@@ -11,7 +11,6 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from nlp.numbers.hinges import largest_turn, signs
 from nlp.reduced.arrays import ReducedProblem
@@ -19,6 +18,7 @@ from nlp.reduced.platform import platform
 from nlp.starts.random_starts import CONE_SPREAD, LARGEST_SPLAY, cones, entropy, mean_force, upstream_of
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 NEAREST, FARTHEST = 1.0, 10.0
 """Range of the end-effector's distance from the modules' centroid, beyond its stand-off [l_arm]."""

@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 FLAT = 1e-9
 """Share of its largest value under which a determinant or a coefficient of f counts as zero."""

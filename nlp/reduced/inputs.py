@@ -23,12 +23,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from nlp.numbers.cholesky import solve_in_place
 from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.platform import Moved, Platform
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 STEPS = 60
 """Most Newton steps; a warm start takes one to four."""

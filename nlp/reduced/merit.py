@@ -18,7 +18,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, TURN_I, Z_I, Z_J, clearances
@@ -26,6 +25,7 @@ from nlp.reduced.inputs import effort
 from nlp.reduced.kinds import AIR, APART, OFFSET, PARTS
 from nlp.reduced.platform import Moved, Platform, motion, platform
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 NEAR = 4.0
 """Rows with less clearance have a gradient [l_arm]: a step moves no module that far into another's way."""

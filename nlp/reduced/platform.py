@@ -21,13 +21,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from nlp.numbers import cholesky, kinematics
 from nlp.numbers.kinematics import chain
 from nlp.reduced.arrays import ReducedProblem
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import refresh
+from topo_search.model.compiled_code import njit, refresh
 
 
 class Platform(NamedTuple):

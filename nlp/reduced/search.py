@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
@@ -24,6 +23,7 @@ from nlp.reduced.platform import motion, platform
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 LEAST_CURVATURE = 0.1
 """Of the Lagrangian before anything is learnt; more where the first slope is steep, so that a step is a radian."""

@@ -25,10 +25,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 Indices = NDArray[np.int64]
 

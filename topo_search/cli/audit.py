@@ -44,7 +44,8 @@ def audit(
         reading = Reading(files, tell=note)
         judged: list[Judged] = []
         failed: list[tuple[str, str]] = []
-        results = audits(reading.designs(), workers=min(workers or available_cores(), len(files)))
+        apart = min(workers or available_cores(), len(files)) if len(files) > 1 else 0
+        results = audits(reading.designs(), workers=apart)
         for number, result in enumerate(results):
             name, design = reading.read[number]
             if isinstance(result, Failed):

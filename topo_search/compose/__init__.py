@@ -1,6 +1,7 @@
 """Where solver, audit and search meet: the Python interface, and what the command line calls.
 
-These functions start worker processes: in a script, call them under `if __name__ == "__main__":`.
+Most of these functions start worker processes: in a script, call them under `if __name__ == "__main__":`. `solve`
+and `audit` do so only for a time limit or for constraints of your own.
 """
 
 from topo_search.compose.binding import BACKENDS

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import nlp
 from topo_search.compose.binding import backends
-from topo_search.engine import AuditDesign, Failed, Outcome, Workers, audit_deadline
+from topo_search.compose.places import processes
+from topo_search.engine import AuditDesign, Failed, Outcome, audit_deadline
 from topo_search.limits import MODULES, STARTS
 from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
 from topo_search.model.files import read_json, read_task
@@ -33,7 +34,10 @@ def solve(
     progress: Callable[[Outcome], None] = lambda _: None,
     note: Callable[[str], None] = lambda _: None,
 ) -> Solved:
-    """Find the best design of one topology and audit it, both in a child process.
+    """Find the best design of one topology and audit it, both in the calling process.
+
+    With a time limit, or with constraints of your own, which might crash or never end, both happen in a worker
+    process: in a script, call it under `if __name__ == "__main__":` then.
 
     Without `starts` and `time_limit` it ends after three rounds of starts in a row without improvement.
 
@@ -68,17 +72,19 @@ def solve(
     designs, stated = starting_points(near), own_constraints(constraints)
     nlp.refuse_unusable(stated, resolved, tree)
     nlp.prepare(resolved, note)
-    return solve_single(
-        asked,
-        tree,
-        backends(stated),
-        starts=starts,
-        round_size=nlp.default_starts(resolved),
-        seed=seed,
-        time_limit=time_limit,
-        progress=progress,
-        near=designs,
-    )
+    with processes(int(time_limit is not None or bool(stated))) as engine:
+        return solve_single(
+            asked,
+            tree,
+            backends(stated),
+            starts=starts,
+            round_size=nlp.default_starts(resolved),
+            seed=seed,
+            time_limit=time_limit,
+            engine=engine,
+            progress=progress,
+            near=designs,
+        )
 
 
 def read_design(path: str | Path) -> Design:
@@ -167,7 +173,7 @@ def brackets_note(design: Design) -> str:
 
 
 def audit(design: Design, *, constraints: Iterable[OwnConstraint] = ()) -> Audit:
-    """Return the exact audit of a design, made in a child process.
+    """Return the exact audit of a design, made in the calling process; with constraints of your own in a worker.
 
     Args:
         design: the design.
@@ -181,26 +187,26 @@ def audit(design: Design, *, constraints: Iterable[OwnConstraint] = ()) -> Audit
         raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])
     stated = own_constraints(constraints)
     nlp.refuse_unusable(stated, design.task, design.topology)
-    (result,) = audits([design], constraints=stated)
+    (result,) = audits([design], workers=int(bool(stated)), constraints=stated)
     if isinstance(result, Failed):
         raise RuntimeError(f"the audit failed: {result.reason}")
     return result
 
 
 def audits(
-    designs: Iterable[Design], *, workers: int = 1, constraints: Sequence[OwnConstraint] = ()
+    designs: Iterable[Design], *, workers: int = 0, constraints: Sequence[OwnConstraint] = ()
 ) -> Iterator[Audit | Failed]:
-    """Yield the audit of each design in order, made in child processes.
+    """Yield the audit of each design in order.
 
     Args:
         designs: drawn lazily, a few ahead of the audits.
-        workers: number of processes.
+        workers: number of worker processes, where a crash fails one audit; 0: the calling process makes them.
         constraints: as of `audit`.
     """
     ended: dict[int, Audit | Failed] = {}
     due = 0
-    with Workers(workers) as pool:
-        results = pool.run(
+    with processes(workers) as engine:
+        results = engine.run(
             partial(_audit_numbered, backends(constraints).audit),
             enumerate(designs),
             deadline=lambda job: audit_deadline(job[1].topology.n),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 
-from topo_search.engine import Certificates, DaskWorkers, Workers, computing_versions
+from topo_search.engine import CallingProcess, Certificates, DaskWorkers, Workers, computing_versions
 from topo_search.limits import WORKERS
 from topo_search.model import BadInput, Fault
 from topo_search.study import Observer
@@ -27,6 +27,11 @@ def open_engine(
         raise BadInput("workers", [Fault("", "cannot be chosen with dask: all workers of the scheduler are used")])
     same = {**computing_versions(), **versions}
     return DaskWorkers(dask, same, note=observer.note, certificates=certificates)
+
+
+def processes(workers: int) -> Workers | CallingProcess:
+    """Return so many worker processes; 0: the calling process, which then crashes or hangs with a job."""
+    return Workers(workers) if workers else CallingProcess()
 
 
 def available_cores() -> int:

@@ -9,11 +9,12 @@ from topo_search.engine.jobs import Engine, Job, WorkersLost, audit_deadline, so
 from topo_search.engine.space import Listed, Space
 from topo_search.engine.starts import merge, record_of, rounds, scaled_violation
 from topo_search.engine.strategy import CandidateSolver, Proposal, Scored, TimeUp
-from topo_search.engine.workers import Workers
+from topo_search.engine.workers import CallingProcess, Workers
 
 __all__ = [
     "AuditDesign",
     "Backends",
+    "CallingProcess",
     "CandidateSolver",
     "Certificates",
     "DaskWorkers",

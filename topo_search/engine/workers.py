@@ -14,8 +14,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing import resource_tracker
-from multiprocessing.context import SpawnContext
+from multiprocessing import current_process, resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.synchronize import RLock
 from types import TracebackType
 from typing import Any, Generic, Self
@@ -32,10 +32,12 @@ ATTEMPTS = 2
 """How often a job that crashes or hangs is tried."""
 LOOK = 1.0
 """How often the pool itself is looked at while jobs run [s]."""
+UNGUARDED = 78
+"""EX_CONFIG of <sysexits.h>: a worker ends with it if the script that it imports starts workers itself."""
 
 
-class _KeepingLocks(SpawnContext):
-    """A way to start processes that keeps the locks it made.
+class _KeepingContext(SpawnContext):
+    """A way to start processes that keeps the locks it made, and the latest processes.
 
     A pool that stops drops its locks before it ends its workers, which removes them from the system: a worker that
     is just starting would look for them in vain and end with a traceback.
@@ -44,11 +46,16 @@ class _KeepingLocks(SpawnContext):
     def __init__(self) -> None:
         super().__init__()
         self._kept: list[object] = []
+        self.latest: deque[SpawnProcess] = deque(maxlen=8)
 
     def RLock(self) -> RLock:
         lock = super().RLock()
         self._kept.append(lock)
         return lock
+
+    def Process(self, *args: Any, **options: Any) -> SpawnProcess:  # type: ignore[override]
+        self.latest.append(SpawnProcess(*args, **options))
+        return self.latest[-1]
 
 
 @dataclass
@@ -59,7 +66,51 @@ class _Try(Generic[J]):
     """time.monotonic() when it was handed to the pool."""
 
 
-class Workers(Engine):
+class _OneThread(Engine):
+    """An engine whose jobs load libraries that then compute in one thread: more would change sums."""
+
+    def __enter__(self) -> Self:
+        self._environment = {name: os.environ.get(name) for name in ONE_THREAD}
+        os.environ.update(ONE_THREAD)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for name, value in self._environment.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+class CallingProcess(_OneThread):
+    """Runs jobs one by one in the process that calls: none has to start, but deadlines are not kept.
+
+    A job that crashes or never ends takes its caller with it: it is for a single candidate, and for no user's code.
+    """
+
+    def run(
+        self,
+        function: Callable[[J], R],
+        jobs: Iterable[J | None],
+        *,
+        deadline: Callable[[J], float],
+        until: float = math.inf,
+    ) -> Iterator[tuple[J, R | Failed]]:
+        """Yield (job, result) in order."""
+        for job in jobs:
+            if job is None or time.monotonic() >= until:
+                return
+            result: R | Failed
+            try:
+                result = function(job)
+            except Exception as error:  # noqa: BLE001 (as in a worker, it is the result of the job)
+                result = _failure(error, deadline(job))
+            yield job, result
+
+
+class Workers(_OneThread):
     """A pool of worker processes, started with the first job and stopped at the end of the `with` block.
 
     A job that crashes its worker (segmentation fault, kill, out of memory) or passes its deadline is tried
@@ -71,24 +122,19 @@ class Workers(Engine):
             raise ValueError(f"`1 <= workers <= {WORKERS}` must hold, but got {count:,}")
         self.count = count
         self._pool: ProcessPool | None = None
-        self._context = _KeepingLocks()
+        self._context = _KeepingContext()
         self._breaks = 0
-        self._environment: dict[str, str | None] = {}
 
     def __enter__(self) -> Self:
-        self._environment = {name: os.environ.get(name) for name in ONE_THREAD}
-        os.environ.update(ONE_THREAD)
-        return self
+        if getattr(current_process(), "_inheriting", False):  # a worker imports the script that started it
+            raise SystemExit(UNGUARDED)  # without a word: the process that started it has the message
+        return super().__enter__()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stop()
-        for name, value in self._environment.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        super().__exit__(kind, error, trace)
 
     def run(
         self,
@@ -164,11 +210,14 @@ class Workers(Engine):
     def _break(self) -> None:
         """Give up a pool that lost an idle worker or could not start one."""
         self._stop()
+        if any(process.exitcode == UNGUARDED for process in self._context.latest):
+            raise WorkersLost(
+                'worker processes import this script: call what starts them under `if __name__ == "__main__":`'
+            )
         self._breaks += 1
         if self._breaks > 2:
             raise WorkersLost(
-                f"{self._breaks} times in a row all worker processes ended before they finished a job: no memory, "
-                'or a script that calls the search without `if __name__ == "__main__":`'
+                f"{self._breaks} times in a row all worker processes ended before they finished a job: no memory?"
             )
 
     def _stop(self) -> None:

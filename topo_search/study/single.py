@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 from topo_search.engine import (
     Backends,
+    Engine,
     Failed,
     Job,
     Outcome,
-    Workers,
     audit_deadline,
     merge,
     rounds,
@@ -91,10 +91,11 @@ def solve_single(
     round_size: int,
     seed: int,
     time_limit: float | None,
+    engine: Engine,
     progress: Callable[[Outcome], None],
     near: Sequence[Design] = (),
 ) -> Solved:
-    """Find the best design of one topology and audit it, both in a child process.
+    """Find the best design of one topology and audit it.
 
     Args:
         base_task: the task, as the user wrote it.
@@ -104,6 +105,7 @@ def solve_single(
         round_size: starts of a round without a time limit.
         seed: draws the starts.
         time_limit: seconds after which no more is solved.
+        engine: where it is solved and audited.
         progress: is told the best outcome after each round.
         near: designs to start from, besides the first round's starts.
     """
@@ -113,46 +115,45 @@ def solve_single(
     notes: list[str] = []
     tasks = [with_margin(task, margin) for margin in margins(task)]
     ends: list[tuple[Outcome, Audit | Failed | None]] = []
-    with Workers(1) as worker:
 
-        def explain(outcome: Infeasible) -> Infeasible:
-            most = round_size if starts is None else starts
-            relaxed = relax(
-                base_task,
-                [topology],
-                starts=most,
-                seed=seed,
-                backends=backends,
-                engine=worker,
-                observer=Silent(),
-                until=until,
-            )
-            return outcome.model_copy(update={"relaxed": relaxed})
+    def explain(outcome: Infeasible) -> Infeasible:
+        most = round_size if starts is None else starts
+        relaxed = relax(
+            base_task,
+            [topology],
+            starts=most,
+            seed=seed,
+            backends=backends,
+            engine=engine,
+            observer=Silent(),
+            until=until,
+        )
+        return outcome.model_copy(update={"relaxed": relaxed})
 
-        if proof is not None:
-            return Solved(explain(proof), None, ())
+    if proof is not None:
+        return Solved(explain(proof), None, ())
 
-        def judge(step: int, names: Sequence[str]) -> list[tuple[str, Audit]] | None:
-            if step and time.monotonic() >= until:
-                return None
-            ranges = rounds(starts, starts or round_size, timed=time_limit is not None)
-            outcome = _best_of(tasks[step], topology, ranges, seed, backends, worker, until, progress, near)
-            if not isinstance(outcome, Design):
-                if step == 0:
-                    ends.append((explain(outcome) if isinstance(outcome, Infeasible) else outcome, None))
-                return []
-            audit = worker.run_one(backends.audit, outcome, deadline=audit_deadline(topology.n))
-            ends.append((outcome, audit))
-            if isinstance(audit, Failed):
-                notes.append(f"the audit failed: {audit.reason}")
-                return []
-            if audit.verdict == "clear":
-                return []
-            margin = tasks[step].search.margin
-            notes.append(f"the audit of the design with margin {margin:g} m is {audit.verdict}")
-            return [(name, audit) for name in names]
+    def judge(step: int, names: Sequence[str]) -> list[tuple[str, Audit]] | None:
+        if step and time.monotonic() >= until:
+            return None
+        ranges = rounds(starts, starts or round_size, timed=time_limit is not None)
+        outcome = _best_of(tasks[step], topology, ranges, seed, backends, engine, until, progress, near)
+        if not isinstance(outcome, Design):
+            if step == 0:
+                ends.append((explain(outcome) if isinstance(outcome, Infeasible) else outcome, None))
+            return []
+        audit = engine.run_one(backends.audit, outcome, deadline=audit_deadline(topology.n))
+        ends.append((outcome, audit))
+        if isinstance(audit, Failed):
+            notes.append(f"the audit failed: {audit.reason}")
+            return []
+        if audit.verdict == "clear":
+            return []
+        margin = tasks[step].search.margin
+        notes.append(f"the audit of the design with margin {margin:g} m is {audit.verdict}")
+        return [(name, audit) for name in names]
 
-        raise_margins(tasks, [topology.key], judge)
+    raise_margins(tasks, [topology.key], judge)
     return Solved(*ends[-1], tuple(notes))
 
 
@@ -162,7 +163,7 @@ def _best_of(
     ranges: Iterator[range],
     seed: int,
     backends: Backends,
-    worker: Workers,
+    engine: Engine,
     until: float,
     progress: Callable[[Outcome], None],
     near: Sequence[Design],
@@ -173,7 +174,7 @@ def _best_of(
     for starts in ranges:
         job = Job(task, topology, 1, starts, seed, () if starts.start else tuple(near))
         outcome = next(
-            (end for _, end in solve_jobs(iter([job]), solve=backends.solve, engine=worker, until=until)), None
+            (end for _, end in solve_jobs(iter([job]), solve=backends.solve, engine=engine, until=until)), None
         )
         if outcome is None:  # the time limit
             return best

@@ -30,8 +30,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from topo_search.model.compiled_code import njit
 from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
 from verify.proof.arcs import Frames, root_turn

@@ -20,8 +20,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from topo_search.model.compiled_code import njit
 from verify.bodies import Array
 from verify.proof.arcs import Frames
 from verify.proof.platform import Indices, Numbers

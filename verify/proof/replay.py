@@ -10,9 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from topo_search.model.compiled_code import njit
 from verify.bodies import Array
 from verify.proof import arcs, ascent, dual
 from verify.proof.arcs import Frames

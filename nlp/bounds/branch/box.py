@@ -47,12 +47,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Axes, Frames
 from nlp.bounds.branch.multipliers import residual
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 CUBIC = 1 / (9 * math.sqrt(3))
 """Of rho^3, see the module's docstring."""

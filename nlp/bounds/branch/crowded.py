@@ -20,12 +20,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.box import CUBIC
 from nlp.bounds.branch.frames import Axes, Frames
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 MARGIN = 1e-11
 """Share of the largest squared length by which two modules must be too close."""

@@ -6,10 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from nlp.bounds.branch.arrays import Tree
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 
 class Frames(NamedTuple):

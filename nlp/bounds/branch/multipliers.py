@@ -21,12 +21,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Frames
 from nlp.numbers.cholesky import factor, solve_factored, solve_in_place
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 LEAST_WEIGHT = 1e-2
 """That a load case counts with here, in the largest."""

@@ -11,13 +11,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from nlp.bounds.branch import box, frames, multipliers, slopes
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 DUAL, CROWDED, SPLIT = 0, 1, 2
 CLOSED, MANY, OPEN = 0, 1, 2

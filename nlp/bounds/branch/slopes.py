@@ -21,12 +21,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Axes, Frames
 from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, meet, newton_step
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 
 EVEN = 0.02
 """Share of what is enough that a slope counts as at least: below, g^2 stands for |g|."""
