@@ -157,7 +157,8 @@ class LimitOfBestRod:
         gaps = np.stack([limit.exact([q, e, *y[split:]]) for limit in self.limits], axis=1)
         lacking = np.maximum(0.0, self.margin - gaps.min(axis=1))
         lengths = np.linalg.norm(q + self.l_c * e, axis=1)
-        return int(np.lexsort((lengths, lacking))[0]), gaps
+        # equal to as many digits as in the audit, so that of mirror images both choose the same one
+        return int(np.lexsort((np.round(lengths, 9), np.round(lacking, 9)))[0]), gaps
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return the rows of each connector, of which those of the best one count."""
