@@ -121,8 +121,6 @@ class LimitOfBestRod:
     """Free connectors: the module's number in the subject, and the port."""
     limits: tuple[Formula, ...]
     """Limits of a rod as functions of q, e and, if at all, p_E."""
-    margin: float
-    """What a rod keeps from a limit that it meets."""
     segment: int
     """Which of them it is."""
 
@@ -150,12 +148,15 @@ class LimitOfBestRod:
         best, gaps = self.best(y)
         return gaps[best, [self.segment]]
 
-    def best(self, y: Sequence[Array]) -> tuple[int, Array]:
-        """Return which connector is best on one platform, and the exact gaps of all, shape (connectors, limits)."""
+    def best(self, y: Sequence[Array], margin: float = 0.0) -> tuple[int, Array]:
+        """Return which connector is best on one platform, and the exact gaps of all, shape (connectors, limits).
+
+        `margin`: by how much a rod has to meet a limit.
+        """
         split = 2 * len(self.free)
         q, e = np.concatenate(y[0:split:2]), np.concatenate(y[1:split:2])
         gaps = np.stack([limit.exact([q, e, *y[split:]]) for limit in self.limits], axis=1)
-        lacking = np.maximum(0.0, self.margin - gaps.min(axis=1))
+        lacking = np.maximum(0.0, margin - gaps.min(axis=1))
         lengths = np.linalg.norm(q + self.l_c * e, axis=1)
         # equal to as many digits as in the audit, so that of mirror images both choose the same one
         return int(np.lexsort((np.round(lengths, 9), np.round(lacking, 9)))[0]), gaps
@@ -173,12 +174,12 @@ class LimitOfBestRod:
 class BestRod(Requirement):
     """Limits of the rod from some free connector: a round of Ipopt states those of the best one."""
 
-    def best(self, vectors: VectorsByName) -> tuple[LimitOfBestRod, int, Array]:
+    def best(self, vectors: VectorsByName, margin: float = 0.0) -> tuple[LimitOfBestRod, int, Array]:
         """Return a formula, which of its connectors is best, and the gaps of all; see `LimitOfBestRod.best`."""
         first = self.formulas[0]
         assert isinstance(first, LimitOfBestRod)
         columns = self.subjects.T
-        return first, *first.best([vector.at(vectors, columns) for vector in first.local_vectors])
+        return first, *first.best([vector.at(vectors, columns) for vector in first.local_vectors], margin)
 
     def gaps(self, vectors: VectorsByName) -> Array:
         """Return those of the best connector, shape (1, limits)."""
@@ -187,7 +188,7 @@ class BestRod(Requirement):
 
     def restrict(self, vectors: VectorsByName) -> Requirement:
         """Return the limits of the best connector that are near."""
-        first, best, gaps = self.best(vectors)
+        first, best, gaps = self.best(vectors, self.margin)
         i, port = first.free[best]
         near = [limit for limit, gap in zip(first.limits, gaps[best], strict=True) if gap < self.near]
         alone = tuple(replace(first, free=((0, port),), limits=(limit,), segment=0) for limit in near)
@@ -216,7 +217,7 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
                 margin = min(margin, (apart + rod.tip - r) / 2)  # no rod is farther than twice that from the region
     if limits:
         formulas = tuple(
-            LimitOfBestRod(l_c, topology.free_connectors, tuple(limits), margin, k) for k in range(len(limits))
+            LimitOfBestRod(l_c, topology.free_connectors, tuple(limits), k) for k in range(len(limits))
         )
         subjects = np.arange(max(n, 2))[None]  # never fewer than i and j
         yield BestRod(7, lambda _, __, k: listed[k or 0], subjects, formulas, margin, near=NEAR)
