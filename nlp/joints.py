@@ -35,6 +35,8 @@ import numpy as np
 
 from nlp.numbers.geometry import PORTS, Swept, clearance
 from nlp.numbers.point import Point
+from nlp.requirements import clearances
+from nlp.requirements.rod import BestRod
 from nlp.symbols.kinematics import poses
 from nlp.symbols.wrench import scale, thrust, torque_map
 from nlp.units import Units
@@ -82,8 +84,8 @@ def name_of(task: ResolvedTask, load: Load) -> str:
 def holder(point: Point) -> int | None:
     """Return the module that carries the end-effector; None: unknown.
 
-    It is that of the free connector nearest to the end-effector, if a straight rod from there is clear of all
-    airflow and of balls around what parts reach out of it: the audit then bolts the rod there too.
+    It is that of the nearest free connector whose rod meets its limits (`nlp.requirements.rod`), if that rod is
+    clear of all airflow and of balls around what parts reach out of it: the audit then bolts the rod there too.
     """
     (R, p), module, rod = point.poses, point.task.module, point.task.end_effector.rod_radius
     free = np.array(point.topology.free_connectors)
@@ -91,6 +93,11 @@ def holder(point: Point) -> int | None:
     lengths = np.linalg.norm(starts - point.p_E, axis=1)
     # equal to as many digits as in the audit, so that of mirror images both choose the same one
     nearest = int(np.argmin(np.round(lengths / module.arm_length, 9)))
+    for limits in clearances(point.task, point.topology):
+        if isinstance(limits, BestRod):
+            _, nearest, gaps = limits.best(point.vectors)
+            if gaps[nearest].min() < 0:
+                return None
     i, path, cover = int(free[nearest, 0]), point.p_E - starts[nearest], part_cover(module)
     fitted = np.zeros((point.topology.n, 1, 1))
     fitted[i] = min(1.0, FITTING * rod / max(lengths[nearest], rod))  # the fitting may touch what it is bolted to

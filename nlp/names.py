@@ -75,6 +75,12 @@ def solid(number: int, i: int, segment: int | None = None) -> str:
     return f"module {i} and solid exposure {number}{part}"
 
 
+def rod_region(number: int, segment: int | None = None) -> str:
+    """Name the clearance of the end-effector's rod from a solid region."""
+    part = "" if segment is None else f", segment {segment}"
+    return f"the end-effector's rod and solid exposure {number}{part}"
+
+
 def exposure(number: int, requirement: AnyExposure, i: int, segment: int | None = None) -> str:
     """Name the clearance of module i's envelope from one exposure requirement."""
     part = "" if segment is None else f", {PART_NAMES[requirement.kind]} {segment}"

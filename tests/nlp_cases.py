@@ -57,6 +57,14 @@ BELOW: Table = {
     "planes": [{"normal": [0.0, 0.3, 2.0], "offset": 0.05}, {"normal": [1.0, 0.0, 0.5], "offset": 0.2}],
 }
 HALF_SPACE_DOWN: Table = {"kind": "exterior", "half_angle_deg": 90.0, "axis": [0.1, -0.2, -2.0]}
+PANE: Table = {
+    "kind": "local",
+    "vertices": [[x, y, z] for x in (0.0, 0.02) for y in (-0.3, 0.2) for z in (-0.4, 0.3)],
+}
+PILLAR: Table = {
+    "kind": "local",
+    "vertices": [[-0.3, -0.1, -0.5], [-0.2, -0.1, -0.5], [-0.25, 0.1, -0.5], [-0.25, 0.0, 0.4], [-0.2, 0.0, 0.4]],
+}
 
 FEATURES: dict[str, Table] = {
     "push": {},
@@ -99,6 +107,26 @@ FEATURES: dict[str, Table] = {
     "solid bent paths": {"exposure": [{**BENT, "solid": True}]},
     "solid planes": {"exposure": [{**BELOW, "solid": True}]},
     "reach": {"end_effector": {"largest_reach": 0.5}},
+    "rod beside solid bent paths": {"exposure": [{**BENT, "solid": True}], "end_effector": {"rod": "straight"}},
+    "rod on a solid path along the end-effector": {
+        "exposure": [{**OUTWARDS, "radius": 0.004, "solid": True}],
+        "end_effector": {"rod": "straight"},
+    },
+    "rod in a solid cone within reach": {
+        "exposure": [{**CONE, "solid": True}],
+        "end_effector": {"rod": "straight", "largest_reach": 0.6},
+    },
+    "rod in a solid cone with a fixed axis": {
+        "exposure": [{**CONE_DOWN, "solid": True}],
+        "end_effector": {"rod": "straight"},
+    },
+    "rod on a solid pane": {"exposure": [{**PANE, "solid": True}], "end_effector": {"rod": "straight"}},
+    "rod beside a solid pillar": {"exposure": [{**PILLAR, "solid": True}], "end_effector": {"rod": "straight"}},
+    "rod within solid planes": {"exposure": [{**BELOW, "solid": True}], "end_effector": {"rod": "straight"}},
+    "thick rod in a solid ball": {
+        "exposure": [{**LOCAL, "radius": 0.019, "solid": True}],
+        "end_effector": {"rod": "straight", "rod_radius": 0.02},
+    },
 }
 """What a task can ask for: fields laid over the push task."""
 

@@ -1,6 +1,7 @@
 """Solid regions in the model for MuJoCo: things fall on them, the platform pushes against them, nothing bursts."""
 
 import itertools
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -173,3 +174,51 @@ def test_the_command_writes_them(tmp_path, monkeypatch) -> None:
     assert "Bodies `exposure_K` are the solid regions" in text
     model = mujoco.MjModel.from_xml_string(text)
     assert model.body("exposure_0").geomnum[0] == 48
+
+
+def pipe(x: float, z: float) -> dict[str, Any]:
+    """A path across, 5 cm in radius."""
+    return {"kind": "directional", "radius": 0.05, "polylines": [[[x, -0.5, z], [x, 0.5, z]]]}
+
+
+def frustum(z: float) -> dict[str, Any]:
+    """A frustum that stands somewhere above the end-effector."""
+    return {"kind": "local", "vertices": (np.array(FRUSTUM) + np.array([0.0, 0.0, z])).tolist()}
+
+
+def ceiling(z: float) -> dict[str, Any]:
+    """All that is above a plane."""
+    return {"kind": "allowed", "planes": [{"normal": [0.0, 0.0, 1.0], "offset": z}]}
+
+
+@pytest.mark.parametrize(
+    ("region", "where"),
+    [
+        (pipe(-0.3, 0.0), "beside"),
+        (pipe(0.0, 0.05), "on"),
+        (pipe(0.0, 0.053), "on"),
+        (pipe(0.0, 0.04), "inside"),
+        ({"kind": "directional", "radius": 0.05, "along": "end_effector", "length": 0.3}, "inside"),
+        ({"kind": "local", "radius": 0.05}, "inside"),
+        (frustum(0.02), "beside"),
+        (frustum(0.0), "on"),
+        (frustum(-0.02), "inside"),
+        ({"kind": "exterior", "half_angle_deg": 60.0}, "on"),
+        (ceiling(0.02), "beside"),
+        (ceiling(0.003), "on"),
+        (ceiling(-0.01), "inside"),
+    ],
+)
+def test_contacts_are_left_out_only_where_the_end_effector_is_inside(region, where) -> None:
+    design = beside(with_rod(random_design(Topology.from_key("a300"), 2)), region)
+    model = mujoco.MjModel.from_xml_string(mjcf(design, TOUCHED))
+    assert model.nexclude == (where == "inside")
+    assert (model.geom("tip").size[0] == POINT) == (where == "on")
+
+
+def test_a_rod_through_a_pipe_beside_its_tip_touches_it() -> None:
+    text = (Path(__file__).parent / "designs" / "pipe-beside.json").read_text(encoding="utf-8")
+    model = mujoco.MjModel.from_xml_string(mjcf(Design.model_validate_json(text), TOUCHED))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert {"rod_contact", "exposure_0_0"} in names(model, data)

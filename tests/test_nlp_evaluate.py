@@ -192,7 +192,11 @@ def test_solver_and_audit_use_the_same_words(name):
     told = {row.name for row in found.residuals if not row.name.endswith("torque about the end-effector")}
     told |= {pair.name for pair in found.pairs if pair.kind not in measured_only}
     only_told_of_files = {"objective", f'joints against connectors = "{task.search.connectors}"'}
-    assert told - only_told_of_files == {check.name for check in violations(point)} - beside_airflow(point)
+    checked = {check.name for check in violations(point)} - beside_airflow(point)
+    of_rod = {name for name in checked if name.startswith("the end-effector's rod")}
+    assert told - only_told_of_files - {"straight rod to the end-effector"} == checked - of_rod
+    if task.end_effector.rod == "straight" and found.assembly.end_effector.mount is not None:
+        assert of_rod == {pair.name for pair in found.pairs if pair.kind == "rod-region"}
 
 
 @pytest.mark.parametrize("name", [name for name in FEATURES if name.startswith("solid")])

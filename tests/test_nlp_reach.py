@@ -1,17 +1,20 @@
 """How far the end-effector may be from the connector of its rod: default, solver, audit and proofs agree."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from nlp_cases import LOCAL, PUSH, as_design, hover, push, random_point, random_tree
+from nlp_cases import LOCAL, PUSH, as_design, as_point, hover, push, random_point, random_tree
 
 from nlp import solve
 from nlp.bounds import prove_impossible
-from nlp.numbers.evaluate import violations
+from nlp.numbers.evaluate import violations, worst
 from nlp.reduced.expressed import reason_against
 from topo_search.model import Design, Infeasible, Task, Topology
 from topo_search.model.files import read_task
 from verify import audit
 
+DESIGNS = Path(__file__).parent / "designs"
 ROD = "reach of the end-effector's rod"
 FOUR = Topology.from_key("a2300")
 PAPER = ("push", "push-local", "push-directional", "push-two-paths", "push-exterior-60", "push-exterior-90")
@@ -58,6 +61,19 @@ def test_the_evaluation_measures_what_the_audit_does(seed):
     point = random_point(push(topology.n, end_effector={"largest_reach": asked}), topology, rng)
     (found,) = (check for check in violations(point) if check.name == ROD)
     assert asked + found.amount == pytest.approx(nearest(as_design(point)), abs=1e-12)
+
+
+@pytest.mark.parametrize("starts", [range(4), range(3, 6)])
+def test_the_rod_keeps_out_of_a_solid_path_beside_its_tip(starts):
+    """The design in the file is the best one of a solver that does not know of it: its rod runs through."""
+    given = Design.model_validate_json((DESIGNS / "pipe-beside.json").read_text(encoding="utf-8"))
+    through = "the end-effector's rod and solid exposure 0, segment 0"
+    assert worst(violations(as_point(given))).name == through
+    for tree in (given.topology, Topology.from_key("a300")):
+        found = solve(given.task, tree, starts=starts, seed=0)
+        assert isinstance(found, Design)
+        assert {pair.name: pair.status for pair in audit(found).pairs}[through] == "clear"
+        assert audit(found).verdict == "clear"
 
 
 def test_what_keeps_every_connector_away_is_proven_and_named():

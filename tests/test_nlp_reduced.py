@@ -10,6 +10,7 @@ import pytest
 from nlp_cases import BOX, FEATURES, WEDGE, push, random_point, random_tree
 from scipy.optimize import lsq_linear, minimize_scalar, nnls
 
+from nlp.names import ROD
 from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.reduced import kinds as s
@@ -67,6 +68,17 @@ def exact_gaps(task, topology, point):
     return found
 
 
+def of_best_rod(listed, found):
+    """The least finite gap of each limit of rods, all of one rod."""
+    least, numbers = {}, set()
+    for row, g in zip(listed, found, strict=True):
+        if row.data[-1] >= 0 and math.isfinite(g):
+            least[row.name] = min(g, least.get(row.name, math.inf))
+            numbers.add(row.data[-1])
+    assert len(numbers) == any(row.data[-1] >= 0 for row in listed)
+    return least
+
+
 def as_length(value, R):
     """g of f = 2 R value."""
     return math.sqrt(max(0.0, 2 * R * value + R * R)) - R
@@ -96,8 +108,18 @@ def test_clearances_are_those_of_the_printed_problem(name):
             found = evaluated(task, topology, x).g
             printed, exact = printed_gaps(task, topology, x), exact_gaps(task, topology, point)
             assert {row.name for row in listed} == set(printed)
+            of_rods = of_best_rod(listed, found)
+            for limit, g in of_rods.items():
+                assert g == pytest.approx(exact[limit], abs=1e-9) or max(g, exact[limit]) < 0  # deep in a hull
+                if of_rods.keys() == {ROD}:
+                    largest = task.largest_reach(4) / task.module.arm_length
+                    assert printed[ROD][0] == pytest.approx(g - g * g / (2 * largest), abs=1e-6)
+                if min(of_rods.values()) > 0.05:
+                    assert min(printed[limit]) > 0
             for row, g in zip(listed, found, strict=True):
                 values = printed[row.name]
+                if row.data[-1] >= 0:  # of a rod
+                    continue
                 if s.PARTS_CONE <= row.kind <= s.PARTS_HULL:
                     assert g == pytest.approx(exact[row.name], abs=1e-6)
                     assert (min(values) > 0) == (g > 0) or abs(g) < 0.05
@@ -107,20 +129,12 @@ def test_clearances_are_those_of_the_printed_problem(name):
                     assert g < 0 or values[1] > 0.0  # the centre is outside
                     assert (g > 0) == (min(values) > 0) or abs(g) < 0.05
                     continue
-                if row.kind == s.REACH:
-                    if math.isfinite(g):  # the nearest connector's
-                        size = row.data[3]
-                        assert g == pytest.approx(exact[row.name], abs=1e-9)
-                        assert values[0] == pytest.approx(g - g * g / (2 * size), abs=1e-6)
-                    continue
                 if row.kind in (s.CONE, s.CONE_COM):
                     assert g == pytest.approx(values[int(row.data[3])], abs=1e-4)
                     continue
                 least, most = sorted(as_length(values[0], R) for R in lengths_of(row, stated))
                 assert least - 3e-5 <= g
                 assert g <= most + 3e-5 or (math.isinf(g) and least > 8.0)
-            nearest = [g for row, g in zip(listed, found, strict=True) if row.kind == s.REACH and math.isfinite(g)]
-            assert len(nearest) == any(row.kind == s.REACH for row in listed)
 
 
 @pytest.mark.parametrize("name", FEATURES)

@@ -1,33 +1,125 @@
-"""Solid regions in the audit, against points on the surfaces of all parts, and both verdicts."""
+"""Solid regions of every shape, wherever they are, against points on all parts and on the rod."""
 
+import math
+from itertools import pairwise, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from export_cases import random_design, with_rod
+from nlp_cases import as_point
 from numpy.typing import NDArray
 
-from topo_search.model import Audit, Design, Status, Task, Topology
+from nlp.joints import holder
+from nlp.requirements import clearances
+from nlp.requirements.rod import BestRod
+from topo_search.model import Design, Status, Task, Topology
 from topo_search.model.files import to_toml
 from verify import audit, choose_mount
 from verify.bodies import Cone
 from verify.convex import Cylinder, Polyhedron
-from verify.kinematics import platform
+from verify.kinematics import PORT_DIRECTIONS, platform
 from verify.parts import rigid_parts
 from verify.parts_in_cone import certify_parts_inside, lowest_point
 
 Array = NDArray[np.float64]
 TREE = Topology.from_key("a300")
-SLAB = [[x, y, z] for x in (0.0, 0.3) for y in (-0.6, 0.5) for z in (-0.4, 0.7)]
-REGIONS = {
-    "half-space": {"kind": "exterior", "half_angle_deg": 90.0, "axis": [-1.0, 0.2, 0.3]},
-    "cone": {"kind": "exterior", "half_angle_deg": 55.0, "axis": [-1.0, 0.2, 0.3]},
-    "com": {"kind": "exterior", "half_angle_deg": 70.0, "axis": "com"},
-    "slab": {"kind": "local", "vertices": SLAB},
-    "ball": {"kind": "local", "radius": 0.3},
-    "box": {"kind": "local", "box": [0.4, 0.7, 0.5]},
-    "path": {"kind": "directional", "radius": 0.1, "segments": [[0.6, 0.0, 0.1]]},
+RADIUS = 0.005
+"""Of the rod [m]."""
+SAMPLES = 4001
+PLACES = {
+    "far": 1.5,
+    "beside": 0.2,
+    "nearly touching": RADIUS + 1e-4,
+    "within a radius": 0.5 * RADIUS,
+    "touching": 0.0,
+    "within a radius inside": -0.5 * RADIUS,
+    "inside": -3 * RADIUS,
+    "deep inside": -0.3,
 }
+"""How far the end-effector is outside a region [m]."""
+ACROSS = np.array([0.6, 0.0, 0.8])
+BOX = np.array([[-0.1, -0.6, -0.5], [0.1, 0.5, 0.4]])
+SHAPES = ("path", "bent path", "slab", "box", "ball", "along", "plane", "cone", "com", "half-space")
+
+
+def region(shape: str, apart: float) -> dict[str, Any] | None:
+    """A region of a shape that the end-effector is so far outside of; None where the shape cannot be there."""
+    if apart < -0.1 and shape in ("path", "bent path", "slab"):
+        return None
+    if shape in ("path", "bent path"):
+        start = (0.05 + apart) * ACROSS
+        aside = np.array([0.0, 0.4, 0.0])
+        points = [start - aside, start + aside]
+        if shape == "bent path":
+            points.append(start + 0.6 * ACROSS)
+        return {"kind": "directional", "radius": 0.05, "polylines": [[point.tolist() for point in points]]}
+    if shape == "slab":
+        low, high = BOX + np.array([0.1 + apart, 0.0, 0.0])
+        corners = [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+        return {"kind": "local", "vertices": corners}
+    if shape == "plane":
+        return {"kind": "allowed", "planes": [{"normal": (3 * ACROSS).tolist(), "offset": apart}]}
+    if shape in ("box", "ball", "along"):  # about the end-effector, or from there
+        if apart >= 0:
+            return None
+        return {
+            "box": {"kind": "local", "box": [-2 * apart, 0.4, 0.7]},
+            "ball": {"kind": "local", "radius": -apart},
+            "along": {"kind": "directional", "radius": -apart, "along": "end_effector", "length": 0.4},
+        }[shape]
+    cones = {"cone": (50.0, [-1.0, 0.2, 0.3]), "com": (70.0, "com"), "half-space": (90.0, [0.0, -0.4, 1.0])}
+    degrees, axis = cones[shape]
+    return {"kind": "exterior", "half_angle_deg": degrees, "axis": axis} if apart == 0 else None
+
+
+def outside(design: Design, asked: dict[str, Any], x: Array) -> Array:
+    """How far points, in metres from the end-effector, are outside the nearest piece of a region, (pieces, m)."""
+    offset = platform(design).p_e
+    if asked["kind"] == "exterior":
+        axis = -offset if asked["axis"] == "com" else np.array(asked["axis"])
+        d, theta = axis / np.linalg.norm(axis), math.radians(asked["half_angle_deg"])
+        along = x @ d
+        across = np.linalg.norm(x - np.outer(along, d), axis=1)
+        return (along * math.sin(theta) - across * math.cos(theta))[None]
+    if asked["kind"] == "allowed":
+        (plane,) = asked["planes"]
+        n = np.array(plane["normal"])
+        return (plane["offset"] - x @ n / np.linalg.norm(n))[None]
+    if asked["kind"] == "directional":
+        end = asked.get("length", 0.0) * offset / np.linalg.norm(offset)
+        points = np.array(asked["polylines"][0] if "polylines" in asked else [[0.0, 0.0, 0.0], end])
+        found = []
+        for a, b in pairwise(points):
+            t = np.clip((x - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+            found.append(np.linalg.norm(x - a - np.outer(t, b - a), axis=1) - asked["radius"])
+        return np.array(found)
+    if "radius" in asked:
+        return (np.linalg.norm(x, axis=1) - asked["radius"])[None]
+    corners = np.array(asked.get("vertices") or [np.array(asked["box"]) / 2, -np.array(asked["box"]) / 2])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    apart = np.linalg.norm(x - np.clip(x, low, high), axis=1)
+    return np.where(apart > 0, apart, -np.minimum(x - low, high - x).min(axis=1))[None]
+
+
+def by_samples(design: Design, asked: dict[str, Any]) -> dict[int, float]:
+    """The least clearance of the rod from each piece of a region that it need not reach into, of its samples."""
+    at, mount, module = platform(design), design.mount, design.task.module
+    assert mount is not None
+    port = at.poses.R[mount.module] @ PORT_DIRECTIONS[mount.port]
+    start = at.o[mount.module] + module.connector_distance * port - at.p_e
+    tip = 2 * RADIUS / float(np.linalg.norm(start))
+    x = np.outer(np.linspace(0.0, 1.0, SAMPLES), start)
+    found = {}
+    for k, here in enumerate(outside(design, asked, x[:1])[:, 0].tolist()):
+        if here > 1e-8 - RADIUS:
+            kept = x if here > RADIUS + 1e-8 else tip * start + (1 - tip) * x
+            found[k] = float(outside(design, asked, kept)[k].min()) - RADIUS
+    return found
+
+
+CASES = [(shape, place) for shape in SHAPES for place, apart in PLACES.items() if region(shape, apart) is not None]
 
 
 def test_a_rod_that_runs_through_a_solid_path_beside_its_tip_is_violated() -> None:
@@ -53,76 +145,64 @@ def surface(part: Polyhedron | Cylinder, rng: np.random.Generator) -> Array:
     return np.concatenate([part.vertices, np.einsum("fkc,fcx->fkx", weights, corners).reshape(-1, 3)])
 
 
-def inside(design: Design, region: dict, points: Array) -> Array:
-    """How far points (from p_E, in metres) are inside a region; a lower bound of the distance outside."""
-    if region["kind"] == "exterior":
-        axis = -platform(design).p_e if region["axis"] == "com" else np.array(region["axis"])
-        d = axis / np.linalg.norm(axis)
-        theta = np.radians(region["half_angle_deg"])
-        along = points @ d
-        return np.linalg.norm(points - np.outer(along, d), axis=1) * np.cos(theta) - along * np.sin(theta)
-    if region["kind"] == "directional":
-        end = np.array(region["segments"][0])
-        t = np.clip(points @ end / (end @ end), 0, 1)
-        return region["radius"] - np.linalg.norm(points - np.outer(t, end), axis=1)
-    if "radius" in region:
-        return region["radius"] - np.linalg.norm(points, axis=1)
-    low, high = np.min(SLAB, axis=0), np.max(SLAB, axis=0)
-    if "box" in region:
-        high = np.array(region["box"]) / 2
-        low = -high
-    outside = np.linalg.norm(points - np.clip(points, low, high), axis=1)
-    return np.where(outside > 0, -outside, np.minimum(points - low, high - points).min(axis=1))
-
-
-def rows(result: Audit, kind: str) -> dict[int, object]:
-    return {pair.a: pair for pair in result.pairs if pair.kind == kind}
-
-
-@pytest.mark.parametrize("name", REGIONS)
-@pytest.mark.parametrize("seed", range(6))
-def test_rows_are_those_of_points_on_the_parts(name: str, seed: int) -> None:
-    region = REGIONS[name]
-    given = with_rod(random_design(TREE, seed, {"exposure": [{**region, "solid": True}]}))
-    at, rng = platform(given), np.random.default_rng(seed)
-    parts, found = rigid_parts(given, at), rows(audit(given), "part-region")
-    assert set(found) == {0, 1, 2}
-    for a, module in enumerate(parts.modules):
-        points = np.concatenate([surface(part, rng) for part in module.parts]) - parts.p_E
-        deepest = inside(given, region, 0.1 * points).max()
-        pair = found[a]
-        assert pair.analytic_m <= -deepest + 1e-9 or (deepest > 0 and pair.analytic_m < 0)
-        if deepest > 1e-9:
+@pytest.mark.parametrize(("shape", "place"), CASES)
+def test_rows_are_those_of_points_on_the_parts(shape: str, place: str) -> None:
+    asked = region(shape, PLACES[place])
+    given = with_rod(random_design(TREE, len(shape), {"exposure": [{**asked, "solid": True}]}))
+    at, rng = platform(given), np.random.default_rng(0)
+    parts = rigid_parts(given, at)
+    rows = {(pair.a, pair.segment or 0): pair for pair in audit(given).pairs if pair.kind == "part-region"}
+    pieces = len(outside(given, asked, np.zeros((1, 3))))
+    assert rows.keys() == set(product(range(3), range(pieces)))
+    for (a, k), pair in rows.items():
+        points = np.concatenate([surface(part, rng) for part in parts.modules[a].parts]) - parts.p_E
+        least = outside(given, asked, 0.1 * points)[k].min()
+        assert pair.analytic_m <= least + 1e-9 or (least < 0 and pair.analytic_m < 0)
+        if least < -1e-9:
             assert pair.status is Status.VIOLATED
             assert pair.upper_m <= -0.0
-        elif deepest < -0.01:
+        elif least > 0.01:
             assert pair.status is Status.CLEAR
-            assert -0.01 < pair.analytic_m + deepest <= 1e-9
+            assert -0.01 < pair.analytic_m - least <= 1e-9
             assert 0 < pair.lower_m <= pair.analytic_m + 1e-9
 
 
-@pytest.mark.parametrize("name", REGIONS)
-@pytest.mark.parametrize("seed", range(6))
-def test_the_rod_keeps_out_but_for_its_tip(name: str, seed: int) -> None:
-    region = REGIONS[name]
-    given = with_rod(random_design(TREE, seed, {"exposure": [{**region, "solid": True}]}))
-    result, at = audit(given), platform(given)
-    found = [pair for pair in result.pairs if pair.kind == "rod-region"]
-    if name in ("ball", "box", "path"):
-        assert not found
-        return
-    (pair,) = found
-    parts = rigid_parts(given, at)
-    assert given.mount is not None
-    ports = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
-    i, port = given.mount.module, given.mount.port
-    start = 0.1 * (parts.centres[i] + 1.5 * parts.R[i] @ ports[port] - parts.p_E)
-    length, r = np.linalg.norm(start), given.task.end_effector.rod_radius
-    axis = np.linspace(0, 1 - 2 * r / length, 3001)[:, None]
-    deepest = inside(given, region, start * (1 - axis)).max()
-    assert pair.analytic_m == pytest.approx(-deepest - r, abs=2e-3) or (deepest > 0 and pair.analytic_m <= -r)
-    if abs(deepest + r) > 1e-3:
-        assert pair.status is (Status.VIOLATED if deepest + r > 0 else Status.CLEAR)
+@pytest.mark.parametrize(("shape", "place"), CASES)
+def test_rows_of_rods_are_those_of_dense_samples(shape: str, place: str) -> None:
+    asked = region(shape, PLACES[place])
+    for seed in range(3):
+        design = with_rod(random_design(TREE, seed, {"exposure": [{**asked, "solid": True}]}))
+        rows = {pair.segment or 0: pair for pair in audit(design).pairs if pair.kind == "rod-region"}
+        dense = by_samples(design, asked)
+        assert rows.keys() == dense.keys()
+        (limits,) = (one for one in clearances(design.task, TREE) if isinstance(one, BestRod))
+        mount = TREE.free_connectors.index((design.mount.module, design.mount.port))
+        gaps = limits.best(as_point(design).vectors)[2][mount]
+        solved = dict(zip((name for name, *_ in limits.rows()), gaps.tolist(), strict=True))
+        for k, row in rows.items():
+            clearance, solver = dense[k], design.task.module.arm_length * solved[row.name]
+            assert row.lower_m is None or row.lower_m <= clearance + 1e-9
+            if clearance > -RADIUS:
+                assert clearance - 1e-3 < row.analytic_m <= clearance + 1e-9
+                assert solver == pytest.approx(row.analytic_m, abs=1e-9)
+            else:  # the axis runs through
+                assert row.analytic_m <= 1e-9 - RADIUS
+                assert solver <= 1e-9 - RADIUS
+            if abs(row.analytic_m) > 1e-6:
+                assert row.status is (Status.CLEAR if row.analytic_m > 0 else Status.VIOLATED)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_solver_and_audit_bolt_the_rod_to_the_same_module(place: str) -> None:
+    known = 0
+    for shape in SHAPES:
+        asked = region(shape, PLACES[place])
+        for seed in range(4 if asked else 0):
+            design = random_design(TREE, seed, {"exposure": [{**asked, "solid": True}]})
+            held, mount = holder(as_point(design)), choose_mount(design)
+            assert held is None or (mount is not None and held == mount.module)
+            known += held is not None
+    assert known > 2
 
 
 def test_a_rod_is_mounted_where_it_keeps_out_of_a_pane() -> None:
@@ -156,15 +236,15 @@ def test_a_wall_right_behind_a_rotor_is_clear_and_one_right_before_it_is_not() -
 
 
 def test_a_region_that_is_not_solid_is_written_and_audited_as_before() -> None:
-    given = random_design(TREE, 1, {"exposure": [REGIONS["slab"]]})
+    given = random_design(TREE, 1, {"exposure": [region("slab", 0.0)]})
     kinds = {pair.kind for pair in audit(given).pairs}
     assert "part-region" not in kinds
     assert "solid" not in to_toml(given.task)
     solid = Task.model_validate(
         {"name": "t", "modules": 1, "load_cases": [{"carries_weight": True}]}
-        | {"exposure": [{**region, "solid": True} for region in REGIONS.values()]}
+        | {"exposure": [{**asked, "solid": True} for shape in SHAPES if (asked := region(shape, 0.0))]}
     )
-    assert to_toml(solid).count("solid = true") == len(REGIONS)
+    assert to_toml(solid).count("solid = true") == len(solid.exposure) > 5
 
 
 def test_a_rod_may_pass_between_two_bodies_but_not_through_their_hull() -> None:

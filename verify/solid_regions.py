@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from topo_search.model import Mount, Status
+from topo_search.model import Design, Mount, Status
 from topo_search.model.audit import Kind
 from topo_search.model.end_effector import TIP
 from verify.bodies import Array, Cone, ConeSphere, ball
@@ -27,6 +27,7 @@ from verify.contacts import RigidRequirement
 from verify.convex import Convex, Polyhedron, capsule
 from verify.hull_certificate import certify_outside
 from verify.hulls import Hull, approach
+from verify.kinematics import platform
 from verify.parts import RigidParts
 from verify.parts_in_cone import certify_parts_inside
 from verify.requirements import Requirement, Scene
@@ -86,6 +87,15 @@ def _distance(x: Array, region: Solid | Cone | Hull) -> float:
         return -float(region.body.depth(x))
     depth = region.depth(x)
     return -depth if depth > 0 else approach(ball(x, 0.0), region).d
+
+
+def tip_distances(design: Design) -> dict[tuple[int, int | None], float]:
+    """Return how far the end-effector is outside every solid region [m], negative inside.
+
+    Keys are the requirement's number and that of its path or plane, None where it has but one region.
+    """
+    scene, l_arm = Scene(design, platform(design)), design.task.module.arm_length
+    return {(number, segment): l_arm * _distance(scene.p_E, region) for number, segment, region in _regions(scene)}
 
 
 def rod_keeps_out(scene: Scene, parts: RigidParts, mount: Mount) -> bool:

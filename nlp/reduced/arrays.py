@@ -87,6 +87,8 @@ class Rows(NamedTuple):
     data: Array
     """See `Kernel.data`; shape (m, WIDTH)."""
     least: Array
+    rods: int
+    """How many rods have rows; those of one alone count: the shortest that lacks nothing, else what lacks least."""
 
 
 class Hulls(NamedTuple):
@@ -211,4 +213,5 @@ def _columns(listed: list[Row]) -> tuple[Rows, Hulls]:
             _, faced, _, edged = places[id(row.hull)]
         numbers[:4] = places[id(row.hull)]
     tables = Hulls(np.concatenate(planes), np.concatenate(edges))
-    return Rows(kind, i, j, data, np.array([row.least for row in listed])), tables
+    rods = int(data[:, -1].max(initial=-1.0)) + 1
+    return Rows(kind, i, j, data, np.array([row.least for row in listed]), rods), tables

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.gaps import FAR, LEAST_DISTANCE, Vector, face_excess, hull_gap, swept_gap
 from nlp.reduced.kinds import (
@@ -55,8 +57,8 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
     Args:
         stated: the task and topology.
         at: the platform.
-        g: the clearances, shape (m,); an infinite one is more than FAR, or of a connector that is not the nearest,
-            and comes without a gradient.
+        g: the clearances, shape (m,); an infinite one is more than FAR, or of a rod that is not the best,
+            and its gradient means nothing.
         by: the gradients, shape (m, 7, 3).
     """
     kinds, one, other, data = stated.rows.kind, stated.rows.i, stated.rows.j, stated.rows.data
@@ -70,7 +72,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
         x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
         reach = max(reach, math.sqrt(x * x + y * y + zz * zz) + parts[b, 3])
     by[:] = 0.0
-    nearest = -1
+    lacking, lengths = np.zeros(stated.rows.rods), np.empty(stated.rows.rods)
     for r in range(len(kinds)):
         kind, i, j, size = kinds[r], one[r], other[r], data[r, 3]
         if kind == OFFSET:
@@ -80,25 +82,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
         if kind == EXCLUSION:
             g[r] = _distance(px - ex, py - ey, pz - ez, by, r, P_I, TIP) - size
             continue
-        if kind == REACH:
-            x, y, zz = data[r, 0], data[r, 1], data[r, 2]
-            c0 = R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * zz
-            c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
-            c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
-            x, y, zz = px + c0 - ex, py + c1 - ey, pz + c2 - ez
-            apart = max(LEAST_DISTANCE, math.sqrt(x * x + y * y + zz * zz))
-            g[r] = math.inf
-            if nearest >= 0 and size - apart <= g[nearest]:
-                continue
-            if nearest >= 0:
-                g[nearest] = math.inf
-            g[r], nearest = size - apart, r
-            x, y, zz = -x / apart, -y / apart, -zz / apart
-            _to(by, r, P_I, 1.0, x, y, zz)
-            _to(by, r, TIP, -1.0, x, y, zz)
-            _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
-            continue
-        if kind >= PARTS_CONE:
+        if PARTS_CONE <= kind <= PARTS_HULL:
             g[r], w = math.inf, (px - ex - data[r, 6], py - ey - data[r, 7], pz - ez - data[r, 8])
             a0, a1, a2, still, turns = data[r, 0], data[r, 1], data[r, 2], (0.0, 0.0, 0.0), 0.0
             if kind in (PARTS_CONE_COM, PARTS_ALONG):  # what of the gradient lies across p_E turns axis and path
@@ -171,49 +155,73 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
                     _to(by, r, Z_J, length * gamma, x, y, zz)
                     _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
             continue
-        w = (px - ex - data[r, 6], py - ey - data[r, 7], pz - ez - data[r, 8])
-        if kind == HULL:
+        # what is left: a body and a region, the body being the envelope or a rod from p_i + c
+        rod, r_0, growth, skipped = int(data[r, 14]), r_air, dr, 0.0
+        c0, c1, c2, t0, t1, t2 = 0.0, 0.0, 0.0, px - ex, py - ey, pz - ez
+        if rod >= 0:
+            x, y, zz = data[r, 9], data[r, 10], data[r, 11]
+            c0 = R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * zz
+            c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
+            c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
+            t0, t1, t2 = px + c0 - ex, py + c1 - ey, pz + c2 - ez
+            apart = max(LEAST_DISTANCE, math.sqrt(t0 * t0 + t1 * t1 + t2 * t2))
+            r_0, growth, skipped = data[r, 12], 0.0, data[r, 13] / apart
+            lengths[rod] = apart
+            if skipped >= 1.0:  # all of it is tip
+                g[r] = math.inf
+                continue
+            d_i = ((skipped - 1.0) * t0, (skipped - 1.0) * t1, (skipped - 1.0) * t2)
+        w, eta = (t0 - data[r, 6], t1 - data[r, 7], t2 - data[r, 8]), 0.0
+        if kind == REACH:
+            g[r], x, y, zz = size - apart, -t0 / apart, -t1 / apart, -t2 / apart
+        elif kind == HULL:
             planes = stated.hulls.planes[int(data[r, 0]) : int(data[r, 1])]
             edges = stated.hulls.edges[int(data[r, 2]) : int(data[r, 3])]
-            g[r], eta, x, y, zz = hull_gap(w, d_i, r_air, dr, planes, edges)
-            _to(by, r, P_I, 1.0, x, y, zz)
-            _to(by, r, Z_I, -length * eta, x, y, zz)
-            _to(by, r, TIP, -1.0, x, y, zz)
-            continue
-        if kind in (BALL, CAPSULE, ALONG):
+            g[r], eta, x, y, zz = hull_gap(w, d_i, r_0, growth, planes, edges)
+        elif kind in (BALL, CAPSULE, ALONG):
             d_j, path = (data[r, 0], data[r, 1], data[r, 2]), data[r, 0]
             if kind == ALONG:
                 d_j = (path * bx / offset, path * by_ / offset, path * bz / offset)
-            g[r], eta, gamma, x, y, zz = swept_gap(w, d_i, r_air, dr, d_j, size, 0.0)
-            _to(by, r, P_I, 1.0, x, y, zz)
-            _to(by, r, Z_I, -length * eta, x, y, zz)
-            _to(by, r, TIP, -1.0, x, y, zz)
+            g[r], eta, gamma, x, y, zz = swept_gap(w, d_i, r_0, growth, d_j, size, 0.0)
             if kind == ALONG:  # what of the gradient lies across p_E turns the path
                 along = (x * bx + y * by_ + zz * bz) / offset**2
                 scale = -gamma * path / offset
                 _to(by, r, OFFSET_B, scale, x - along * bx, y - along * by_, zz - along * bz)
-            continue
-        # an end ball inside a cone: s - r, s = d . q sin(theta) - |q - (d . q) d| cos(theta)
-        eta, sine, cosine = size, data[r, 4], data[r, 5]
-        q0, q1, q2 = w[0] + eta * d_i[0], w[1] + eta * d_i[1], w[2] + eta * d_i[2]
-        c0, c1, c2 = data[r, 0], data[r, 1], data[r, 2]
-        if kind == CONE_COM:
-            c0, c1, c2 = -bx / offset, -by_ / offset, -bz / offset
-        along = c0 * q0 + c1 * q1 + c2 * q2
-        n0, n1, n2 = q0 - along * c0, q1 - along * c1, q2 - along * c2
-        rho = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-        safe = max(rho, LEAST_DISTANCE)
-        n0, n1, n2 = n0 / safe, n1 / safe, n2 / safe
-        x, y, zz = sine * c0 - cosine * n0, sine * c1 - cosine * n1, sine * c2 - cosine * n2
+        else:  # an end ball inside a cone: s - r, s = d . q sin(theta) - |q - (d . q) d| cos(theta)
+            eta, sine, cosine = size, data[r, 4], data[r, 5]
+            q0, q1, q2 = w[0] + eta * d_i[0], w[1] + eta * d_i[1], w[2] + eta * d_i[2]
+            a0, a1, a2 = data[r, 0], data[r, 1], data[r, 2]
+            if kind == CONE_COM:
+                a0, a1, a2 = -bx / offset, -by_ / offset, -bz / offset
+            along = a0 * q0 + a1 * q1 + a2 * q2
+            n0, n1, n2 = q0 - along * a0, q1 - along * a1, q2 - along * a2
+            rho = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+            safe = max(rho, LEAST_DISTANCE)
+            n0, n1, n2 = n0 / safe, n1 / safe, n2 / safe
+            if kind == CONE_COM:  # along changes by q . dd, rho by -along n . dd; d turns across p_E alone
+                x, y = sine * q0 + cosine * along * n0, sine * q1 + cosine * along * n1
+                zz = sine * q2 + cosine * along * n2
+                across = x * a0 + y * a1 + zz * a2
+                _to(by, r, OFFSET_B, -1.0 / offset, x - across * a0, y - across * a1, zz - across * a2)
+            x, y, zz = sine * a0 - cosine * n0, sine * a1 - cosine * n1, sine * a2 - cosine * n2
+            g[r] = sine * along - cosine * rho - r_0 - eta * growth
+        if rod >= 0:  # at eta, (1 - eta) t + eta tip t / |t|
+            lacking[rod] = max(lacking[rod], stated.rows.least[r] - g[r])
+            along = eta * skipped * (x * t0 + y * t1 + zz * t2) / apart**2
+            scale = 1.0 - eta + eta * skipped
+            x, y, zz = scale * x - along * t0, scale * y - along * t1, scale * zz - along * t2
+            _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
+        else:
+            _to(by, r, Z_I, -length * eta, x, y, zz)
         _to(by, r, P_I, 1.0, x, y, zz)
-        _to(by, r, Z_I, -length * eta, x, y, zz)
         _to(by, r, TIP, -1.0, x, y, zz)
-        if kind == CONE_COM:  # along changes by q . dd, rho by -along n . dd; d turns across p_E alone
-            x, y = sine * q0 + cosine * along * n0, sine * q1 + cosine * along * n1
-            zz = sine * q2 + cosine * along * n2
-            across = x * c0 + y * c1 + zz * c2
-            _to(by, r, OFFSET_B, -1.0 / offset, x - across * c0, y - across * c1, zz - across * c2)
-        g[r] = sine * along - cosine * rho - r_air - eta * dr
+    best = 0
+    for rod in range(1, len(lacking)):
+        if lacking[rod] < lacking[best] or (lacking[rod] == lacking[best] and lengths[rod] < lengths[best]):
+            best = rod
+    for r in range(len(kinds)):
+        if data[r, 14] >= 0.0 and data[r, 14] != best:
+            g[r] = math.inf
 
 
 @njit(cache=True, forceinline=True)

@@ -12,9 +12,9 @@ near there, one along p_E, the hull of points near there; an end ball of an enve
 the COM; the length of p_E; the parts of one module and the envelope of another."""
 PARTS_CONE, PARTS_CONE_COM, PARTS_CAPSULE, PARTS_ALONG, PARTS_HULL, REACH = range(11, 17)
 """The parts of a module in a cone, its axis fixed or to the COM; off a capsule near p'_E, one along p_E, a hull;
-p'_E and a free connector, the nearest of which alone counts."""
+p'_E and a free connector. This and the rows of regions may be about rods: those of the best rod alone count."""
 
-WIDTH = 9
+WIDTH = 15
 """Numbers of a row."""
 
 
@@ -23,7 +23,7 @@ class Kernel(NamedTuple):
 
     kind: int
     vector: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """A path or an axis; a path along p_E has its length first; a connector, in its module's frame."""
+    """A path or an axis; a path along p_E has its length first."""
     size: float = 0.0
     """A radius or distance; of a cone, the end of the envelope that is to be inside: eta, 0 or 1."""
     sine: float = 0.0
@@ -35,8 +35,17 @@ class Kernel(NamedTuple):
     """Its corners from p'_E; in the row stand its places in the tables of planes and edges (`Hulls`)."""
     of: int = 0
     """Which module of the subject it is about."""
+    connector: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where a rod starts, in its module's frame: the row is about the rod, not about the envelope."""
+    radius: float = 0.0
+    """Of the rod."""
+    tip: float = 0.0
+    """Length at its end that does not count."""
+    number: int = -1
+    """Which of the rods that may carry the end-effector it is about; -1: none."""
 
     @property
     def data(self) -> tuple[float, ...]:
         """Its numbers in a row, WIDTH of them."""
-        return (*self.vector, self.size, self.sine, self.cosine, *self.start)
+        shape = (*self.vector, self.size, self.sine, self.cosine, *self.start)
+        return (*shape, *self.connector, self.radius, self.tip, self.number)

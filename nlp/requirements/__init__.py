@@ -4,7 +4,7 @@
 |---|---|---|
 | `balances` | force and torque of every load case, reserves among them | (2), (3) |
 | `modules` | airflow pairs, bodies, parts beside airflow | (4), (5), (6) |
-| `end_effector`, `reach` | exclusion, reach of the rod, the end-effector beside airflow | (7), (8) |
+| `end_effector`, `rod` | exclusion, reach and course of the rod, the end-effector beside airflow | (7), (8) |
 | `exposure`, `regions` | every kind of exposure | (9) |
 | `bounds` | inputs, hinges, root, place of the end-effector | (10) |
 
@@ -27,7 +27,7 @@ from nlp.requirements.bounds import Bound, bounds, variable_bounds
 from nlp.requirements.end_effector import end_effector_clearances
 from nlp.requirements.exposure import exposure
 from nlp.requirements.modules import module_clearances
-from nlp.requirements.reach import reach_clearances
+from nlp.requirements.rod import rod_clearances
 from nlp.requirements.statement import Formula, Requirement
 from topo_search.model import ResolvedTask, Topology
 
@@ -47,5 +47,5 @@ __all__ = [
 @lru_cache(maxsize=16)
 def clearances(task: ResolvedTask, topology: Topology) -> tuple[Requirement, ...]:
     """Return (4) to (9) of the printed problem, in its order."""
-    reach = reach_clearances(task, topology)
-    return (*module_clearances(task, topology), *end_effector_clearances(task), *reach, *exposure(task))
+    rod = rod_clearances(task, topology)
+    return (*module_clearances(task, topology), *end_effector_clearances(task), *rod, *exposure(task))

@@ -1,16 +1,20 @@
-"""An airflow envelope as symbols and as numbers."""
+"""What regions at the end-effector are compared with, as symbols and as numbers: an airflow envelope, a rod."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from nlp.numbers.geometry import Swept
 from nlp.symbols.envelope import ConeSphere
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
+
+SHORT = 1e-9
+"""A rod that is shorter has no direction [l_arm]."""
 
 
 class Air(NamedTuple):
@@ -33,3 +37,23 @@ class Air(NamedTuple):
     def number(self, o: Array, z: Array) -> Swept:
         """Return the envelopes of modules at o with the axes z, shape (m, 3) each."""
         return Swept(o, -self.length * z, self.start_radius, self.growth)
+
+
+class Rod(NamedTuple):
+    """The sizes of a rod from a connector to the end-effector, which lacks its tip [l_arm]."""
+
+    l_c: float
+    radius: float
+    tip: float
+
+    def symbol(self, q: ca.SX, outward: ca.SX) -> ConeSphere:
+        """Return the rod of a module at q from the end-effector, from the connector in a direction."""
+        start = q + self.l_c * outward
+        skipped = self.tip / ca.norm_2(start) if self.tip else 0.0
+        return ConeSphere(start, (skipped - 1) * start, self.radius)
+
+    def number(self, q: Array, outward: Array) -> Swept:
+        """Return the rods of modules at q, shape (m, 3) each; a rod that is all tip has no length."""
+        start = q + self.l_c * outward
+        length = np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), SHORT)
+        return Swept(start, (np.minimum(self.tip / length, 1.0) - 1) * start, self.radius)

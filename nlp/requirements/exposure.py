@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from functools import partial
 
@@ -13,14 +12,12 @@ from nlp.reduced.kinds import OFFSET
 from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
 from nlp.requirements.end_effector import all_modules
-from nlp.requirements.regions import InCone, InfiniteCone, OffBall, OffCapsule, OffCapsuleAlong, OffHull
+from nlp.requirements.regions import scaled, to_cone, to_formula
 from nlp.requirements.solid import PartBalls, PartsInCone, PartsOffCapsule, PartsOffCapsuleAlong, PartsOffHull
 from nlp.requirements.statement import FROM_COM, Formula, Requirement
 from nlp.units import Units
 from topo_search.model import LEAST_OFFSET, AnyExposure, ResolvedTask, needs_offset, segment_of
-from topo_search.model.arrays import Array
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape
-from topo_search.model.value import Vector
 
 
 def exposure(task: ResolvedTask) -> Iterator[Requirement]:
@@ -29,7 +26,8 @@ def exposure(task: ResolvedTask) -> Iterator[Requirement]:
     margin = task.search.margin / unit
     for number, asked in enumerate(task.exposure):
         formulas = tuple(
-            _formula(shape, Air.of(task), unit, segment_of(asked, part)) for part, shape in enumerate(asked.shapes)
+            to_formula(shape, Air.of(task), unit, segment_of(asked, part))
+            for part, shape in enumerate(asked.shapes)
         )
         yield Requirement(9, partial(_name, number, asked), subjects, formulas, margin)
         if asked.solid:
@@ -47,26 +45,6 @@ def _name(number: int, asked: AnyExposure, i: int, _: int, segment: int | None) 
     return names.exposure(number, asked, i, segment)
 
 
-def _formula(shape: Shape, air: Air, unit: float, segment: int | None) -> Formula:
-    """Return the clearance of one shape of a requirement; `unit`: l_arm [m]."""
-    match shape:
-        case Capsule(radius=radius, length=float(length)):
-            return OffCapsuleAlong(air, radius / unit, length / unit)
-        case Capsule(radius=radius, start=start, end=end) if start == end:
-            return OffBall(air, radius / unit)
-        case Capsule():
-            begin, path = np.array(shape.start), np.array(shape.end) - np.array(shape.start)
-            return OffCapsule(air, shape.radius / unit, _vector(begin / unit), _vector(path / unit), segment or 0)
-        case Polytope():
-            return OffHull(air, tuple(_vector(np.array(corner) / unit) for corner in shape.corners), segment)
-        case Cone():
-            return InCone(air, _cone(shape, unit), segment)
-
-
-def _cone(shape: Cone, unit: float) -> InfiniteCone:
-    return InfiniteCone(math.radians(shape.half_angle_deg), shape.axis, _vector(np.array(shape.apex) / unit))
-
-
 def _solid_name(number: int, i: int, _: int, segment: int | None) -> str:
     return names.solid(number, i, segment)
 
@@ -77,14 +55,9 @@ def _solid(shape: Shape, balls: PartBalls, unit: float, segment: int | None) -> 
         case Capsule(radius=radius, length=float(length)):
             return PartsOffCapsuleAlong(balls, radius / unit, length / unit)
         case Capsule(start=start, end=end):
-            begin, path = np.array(start), np.array(end) - np.array(start)
-            return PartsOffCapsule(balls, shape.radius / unit, _vector(begin / unit), _vector(path / unit), segment)
+            path = np.array(end) - np.array(start)
+            return PartsOffCapsule(balls, shape.radius / unit, scaled(start, unit), scaled(path, unit), segment)
         case Polytope():
-            return PartsOffHull(balls, tuple(_vector(np.array(corner) / unit) for corner in shape.corners), segment)
+            return PartsOffHull(balls, tuple(scaled(corner, unit) for corner in shape.corners), segment)
         case Cone():
-            return PartsInCone(balls, _cone(shape, unit), segment)
-
-
-def _vector(values: Array) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
+            return PartsInCone(balls, to_cone(shape, unit), segment)

@@ -1,4 +1,4 @@
-"""Regions at the end-effector that an airflow envelope keeps out of, or in (paper, Sec. III-B to III-D).
+"""Regions at the end-effector that an airflow envelope or a rod keeps out of, or in (paper, Sec. III-B to III-D).
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -18,42 +18,50 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from nlp.numbers.geometry import Swept, cone_clearance, hull_clearance
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.reduced.kinds import ALONG, BALL, CAPSULE, CONE, CONE_COM, HULL, Kernel
-from nlp.requirements.air import Air
-from nlp.requirements.statement import FROM_COM, FROM_TIP, Z_I, LocalVector
+from nlp.requirements.air import Air, Rod
+from nlp.requirements.statement import FROM_COM, FROM_TIP, Z_I, Formula, LocalVector
 from nlp.symbols.envelope import Ball, ConeSphere, clearance
 from nlp.symbols.hull import hull_clearances
 from topo_search.model.arrays import Array
 from topo_search.model.hulls import Hull, convex_hull
+from topo_search.model.shape import Capsule, Cone, Polytope, Shape
 from topo_search.model.value import Vector
 
 ROUNDING = 1e-8
 """Added to ||rho||^2 so that its root is smooth on the axis [l_arm^2]; asks for more clearance, never for less."""
 
 
+@lru_cache(maxsize=64)
+def hull_of(corners: tuple[Vector, ...]) -> Hull:
+    """Return the hull of points; rows of the compiled search that share it have it once."""
+    return convex_hull(np.array(corners))
+
+
 @dataclass(frozen=True)
 class OffBall:
-    """An envelope keeps out of a ball around the end-effector."""
+    """A body keeps out of a ball around the end-effector."""
 
-    air: Air
+    body: Air | Rod
     radius: float
     local_vectors = (FROM_TIP, Z_I)
     segment = None
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the paper's log-sum-exp over three KKT candidates."""
-        return clearance(self.air.symbol(*y), Ball(ca.SX.zeros(3), self.radius), beta)
+        return clearance(self.body.symbol(*y), Ball(ca.SX.zeros(3), self.radius), beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the gap where f is least."""
-        return exact_clearance(self.air.number(*y), Swept(np.zeros(3), np.zeros(3), self.radius))
+        return exact_clearance(self.body.number(*y), Swept(np.zeros(3), np.zeros(3), self.radius))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
@@ -62,9 +70,9 @@ class OffBall:
 
 @dataclass(frozen=True)
 class OffCapsule:
-    """An envelope keeps out of a capsule along a path near the end-effector."""
+    """A body keeps out of a capsule along a path near the end-effector."""
 
-    air: Air
+    body: Air | Rod
     radius: float
     start: Vector
     """From p_E."""
@@ -76,11 +84,11 @@ class OffCapsule:
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the paper's log-sum-exp over nine KKT candidates."""
         capsule = ConeSphere(ca.SX(ca.DM(self.start)), ca.SX(ca.DM(self.path)), self.radius)
-        return clearance(self.air.symbol(*y), capsule, beta)
+        return clearance(self.body.symbol(*y), capsule, beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the gap where f is least."""
-        return exact_clearance(self.air.number(*y), Swept(np.array(self.start), np.array(self.path), self.radius))
+        return exact_clearance(self.body.number(*y), Swept(np.array(self.start), np.array(self.path), self.radius))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
@@ -89,9 +97,9 @@ class OffCapsule:
 
 @dataclass(frozen=True)
 class OffCapsuleAlong:
-    """An envelope keeps out of a capsule from the end-effector away from the COM."""
+    """A body keeps out of a capsule from the end-effector away from the COM."""
 
-    air: Air
+    body: Air | Rod
     radius: float
     length: float
     local_vectors = (FROM_TIP, Z_I, FROM_COM)
@@ -101,13 +109,13 @@ class OffCapsuleAlong:
         """Return the paper's log-sum-exp over nine KKT candidates."""
         q, z, p_E = y
         capsule = ConeSphere(ca.SX.zeros(3), self.length * p_E / ca.norm_2(p_E), self.radius)
-        return clearance(self.air.symbol(q, z), capsule, beta)
+        return clearance(self.body.symbol(q, z), capsule, beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the gap where f is least."""
         q, z, p_E = y
         path = self.length * p_E / np.linalg.norm(p_E, axis=-1, keepdims=True)
-        return exact_clearance(self.air.number(q, z), Swept(np.zeros(3), path, self.radius))
+        return exact_clearance(self.body.number(q, z), Swept(np.zeros(3), path, self.radius))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
@@ -116,29 +124,25 @@ class OffCapsuleAlong:
 
 @dataclass(frozen=True)
 class OffHull:
-    """An envelope keeps out of the convex hull of points."""
+    """A body keeps out of the convex hull of points."""
 
-    air: Air
+    body: Air | Rod
     corners: tuple[Vector, ...]
     """From p_E."""
     segment: int | None = None
     local_vectors = (FROM_TIP, Z_I)
 
-    @cached_property
-    def _hull(self) -> Hull:
-        return convex_hull(np.array(self.corners))
-
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return two rows: the log-sum-exp, and how far the centre is outside (`nlp.symbols.hull`)."""
-        return hull_clearances(self.air.symbol(*y), ca.SX.zeros(3), self._hull, beta)
+        return hull_clearances(self.body.symbol(*y), ca.SX.zeros(3), hull_of(self.corners), beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the gap where f is least."""
-        return hull_clearance(self.air.number(*y), np.zeros(3), self._hull)
+        return hull_clearance(self.body.number(*y), np.zeros(3), hull_of(self.corners))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (Kernel(HULL, hull=self._hull),)
+        return (Kernel(HULL, hull=hull_of(self.corners)),)
 
 
 @dataclass(frozen=True)
@@ -184,28 +188,55 @@ class InfiniteCone:
 
 @dataclass(frozen=True)
 class InCone:
-    """An envelope stays in an infinite cone."""
+    """A body stays in an infinite cone."""
 
-    air: Air
+    body: Air | Rod
     cone: InfiniteCone
     segment: int | None = None
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
-        """Those of the envelope and of the cone."""
+        """Those of the body and of the cone."""
         return (FROM_TIP, Z_I, *self.cone.local_vectors)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return s - r of both end balls."""
-        envelope = self.air.symbol(y[0], y[1])
-        ends = [Ball(envelope.o + eta * envelope.d, envelope.r_0 + eta * envelope.dr) for eta in (0.0, 1.0)]
+        body = self.body.symbol(y[0], y[1])
+        ends = [Ball(body.o + eta * body.d, body.r_0 + eta * body.dr) for eta in (0.0, 1.0)]
         return self.cone.smooth(ends, y[2:])
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the lesser s - r of both end balls."""
-        return self.cone.exact(self.air.number(y[0], y[1]), y[2:])
+        return self.cone.exact(self.body.number(y[0], y[1]), y[2:])
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return a row for each end ball."""
         kind = CONE_COM if self.cone.axis is None else CONE
         return tuple(self.cone.kernel(kind, eta) for eta in (0.0, 1.0))
+
+
+def to_formula(shape: Shape, body: Air | Rod, unit: float, segment: int | None) -> Formula:
+    """Return the clearance of a body from one shape of a requirement; `unit`: l_arm [m]."""
+    match shape:
+        case Capsule(radius=radius, length=float(length)):
+            return OffCapsuleAlong(body, radius / unit, length / unit)
+        case Capsule(radius=radius, start=start, end=end) if start == end:
+            return OffBall(body, radius / unit)
+        case Capsule(radius=radius, start=start, end=end):
+            path = np.array(end) - np.array(start)
+            return OffCapsule(body, radius / unit, scaled(start, unit), scaled(path, unit), segment or 0)
+        case Polytope(corners=corners):
+            return OffHull(body, tuple(scaled(corner, unit) for corner in corners), segment)
+        case Cone():
+            return InCone(body, to_cone(shape, unit), segment)
+
+
+def to_cone(shape: Cone, unit: float) -> InfiniteCone:
+    """Return a cone; `unit`: l_arm [m]."""
+    return InfiniteCone(math.radians(shape.half_angle_deg), shape.axis, scaled(shape.apex, unit))
+
+
+def scaled(vector: ArrayLike, unit: float) -> Vector:
+    """Return a vector in other units, as numbers that hash."""
+    x, y, z = (np.array(vector) / unit).tolist()
+    return x, y, z

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -17,13 +16,12 @@ import numpy as np
 from nlp.numbers.geometry import Swept
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.reduced.kinds import PARTS_ALONG, PARTS_CAPSULE, PARTS_CONE, PARTS_CONE_COM, PARTS_HULL, Kernel
-from nlp.requirements.regions import InfiniteCone
+from nlp.requirements.regions import InfiniteCone, hull_of
 from nlp.requirements.statement import FROM_COM, FROM_TIP, X_I, Y_I, Z_I, LocalVector
 from nlp.symbols.envelope import Ball, ConeSphere, clearance_of_all
 from topo_search.model import Module
 from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
-from topo_search.model.hulls import Hull, convex_hull
 from topo_search.model.value import Vector
 
 PARTS = (FROM_TIP, X_I, Y_I, Z_I)
@@ -153,13 +151,10 @@ class PartsOffHull:
     segment: int | None = None
     local_vectors = PARTS
 
-    @cached_property
-    def _hull(self) -> Hull:
-        return convex_hull(np.array(self.corners))
-
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the log-sum-exp of the heights over all faces, for every ball."""
-        normals, offsets = self._hull.normals, self._hull.offsets
+        hull = hull_of(self.corners)
+        normals, offsets = hull.normals, hull.offsets
         gaps = []
         for ball in self.balls.symbols(y):
             heights = ca.DM(normals) @ ball.o - ca.DM(offsets)
@@ -168,10 +163,11 @@ class PartsOffHull:
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the least of the largest heights."""
-        normals, offsets = self._hull.normals, self._hull.offsets
+        hull = hull_of(self.corners)
+        normals, offsets = hull.normals, hull.offsets
         gaps = [(ball.o @ normals.T - offsets).max(axis=-1) - ball.r_0 for ball in self.balls.numbers(y)]
         return np.asarray(np.min(gaps, axis=0))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (Kernel(PARTS_HULL, hull=self._hull),)
+        return (Kernel(PARTS_HULL, hull=hull_of(self.corners)),)

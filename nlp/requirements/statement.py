@@ -47,14 +47,14 @@ class PlatformVector(NamedTuple):
 
 
 class LocalVector(NamedTuple):
-    """A local vector: the difference of two vectors of the platform, or one of them."""
+    """A local vector: the difference of two vectors of the platform, or one of them with either sign."""
 
-    plus: PlatformVector
+    plus: PlatformVector | None
     minus: PlatformVector | None = None
 
     def at(self, vectors: VectorsByName, subject: Any) -> Any:
         """Return it; see `PlatformVector.at`."""
-        plus = self.plus.at(vectors, subject)
+        plus = 0.0 if self.plus is None else self.plus.at(vectors, subject)
         return plus if self.minus is None else plus - self.minus.at(vectors, subject)
 
 

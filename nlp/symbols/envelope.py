@@ -47,7 +47,12 @@ def clearance(one: ConeSphere, other: ConeSphere | Ball, beta: ca.SX) -> ca.SX:
     length, above the true clearance c > 0 by c^2 / (2 sum) at most and equal to it at contact.
     """
     f = _against_ball(one, other) if isinstance(other, Ball) else _against_segment(one, other)
-    return log_sum_exp(f, beta) / (2 * (one.end_radius + other.end_radius))
+    return as_length(f, one.end_radius + other.end_radius, beta)
+
+
+def as_length(f: Sequence[ca.SX], R: float, beta: ca.SX) -> ca.SX:
+    """Return the log-sum-exp of squares over 2 R; sharper where R is small, or it would ask for too much."""
+    return log_sum_exp(f, beta * max(1.0, 1 / (2 * R))) / (2 * R)
 
 
 def clearance_of_all(one: ConeSphere, balls: Sequence[Ball], beta: ca.SX) -> ca.SX:

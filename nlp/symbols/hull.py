@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from nlp.symbols.envelope import ConeSphere
+from nlp.symbols.envelope import ConeSphere, as_length
 from nlp.symbols.smooth import EPSILON, log_sum_exp, smooth_clamp, smooth_max, smooth_min
 from topo_search.model.arrays import Array
 from topo_search.model.hulls import Hull
@@ -37,7 +37,7 @@ def hull_clearances(envelope: ConeSphere, origin: ca.SX, hull: Hull, beta: ca.SX
     """Return two rows: the smooth clearance, in l_arm near contact, and how far the first centre is outside.
 
     Args:
-        envelope: the airflow envelope of a module.
+        envelope: the airflow envelope of a module, or a rod.
         origin: where the hull's origin is.
         hull: Q, lengths in l_arm.
         beta: sharpness of the log-sum-exp.
@@ -50,7 +50,7 @@ def hull_clearances(envelope: ConeSphere, origin: ca.SX, hull: Hull, beta: ca.SX
         f += _at_face(seen, triangle, normal, float(offset))
     outside = [ca.dot(ca.DM(normal), seen.o) - offset for *normal, offset in hull.planes.tolist()]
     return ca.vertcat(
-        log_sum_exp(f, beta) / (2 * envelope.end_radius),
+        as_length(f, envelope.end_radius, beta),
         -log_sum_exp([-height for height in outside], beta),
     )
 

@@ -8,8 +8,8 @@ r"""Solid regions of a task as bodies of the world for MuJoCo: walls, panes, obj
 
 Balls, capsules and hulls are themselves. What is beyond a plane is a plane of MuJoCo, which is solid all the way
 down. What is beyond a cone is the union of SIDES such planes, n_k = sin(theta) a - cos(theta) e_k with e_k across
-a: there the cone is wider than the task's by up to 1 / cos(pi / SIDES) - 1 = 0.2 % of its radius. As in the audit,
-rod and tip have no contact with a region that p_E is inside of, nor with paths, which begin there.
+a: there the cone is wider than the task's by up to 1 / cos(pi / SIDES) - 1 = 0.2 % of its radius. Rod and tip
+have no contact with a region that p_E is inside of, but with all others.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.exposure import segment_of
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape
+from verify.solid_regions import tip_distances
 
 TOUCHES = 1e-7
 """Depth of p_E in a region up to which it touches the region rather than being inside [m]."""
@@ -40,9 +41,9 @@ def add_solid_regions(model: Element, asset: Element, world: Element, design: De
     """Add every solid region as a body `exposure_K`, or `exposure_K_P` where it has several parts.
 
     Returns:
-        Whether the end-effector meets one of them from outside.
+        Whether the end-effector begins on the surface of one of them, or nearer to it than the rod is thick.
     """
-    met = False
+    met, distances = False, tip_distances(design)
     for number, requirement in enumerate(design.task.exposure):
         if not requirement.solid:
             continue
@@ -52,11 +53,12 @@ def add_solid_regions(model: Element, asset: Element, world: Element, design: De
             shape = stated.at(at.p_E)
             body = SubElement(world, "body", name=name, pos=numbers(*at.p_E))
             _add(body, asset, name, shape)
-            if _holds_end_effector(shape):
+            distance = distances[number, segment]
+            if distance < -TOUCHES:
                 contact = model.find("contact")
                 contact = SubElement(model, "contact") if contact is None else contact
                 SubElement(contact, "exclude", body1=name, body2="end_effector")
-            else:
+            elif distance <= design.task.end_effector.rod_radius:
                 met = True
     return met
 
@@ -94,14 +96,3 @@ def _inward_normals(cone: Cone) -> Array:
     s, t, _ = rotation_to(a).T
     e = np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)
     return np.asarray(math.sin(theta) * a - math.cos(theta) * e)
-
-
-def _holds_end_effector(shape: Shape) -> bool:
-    """Whether the rod has to reach into a shape: p_E is inside, or a path begins there."""
-    match shape:
-        case Capsule():
-            return True
-        case Polytope():
-            return bool(hull(shape).offsets.min() > TOUCHES)
-        case Cone():  # p_E is the apex, or the cone is a half-space
-            return bool(np.dot(shape.apex, np.array(shape.axis)) > TOUCHES)
