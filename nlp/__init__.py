@@ -6,10 +6,10 @@
 from nlp.bounds import lower_bound, prove_impossible
 from nlp.bounds.branch.arrays import centre as proof_root
 from nlp.own import check_stated, refuse_unusable, refuse_wrong_claims
-from nlp.prove import prove_chunk
+from nlp.prove import prepare_proof, prove_chunk
 from nlp.solve import default_starts, prepare, solve
 
 __all__ = [
-    "check_stated", "default_starts", "lower_bound", "prepare", "proof_root", "prove_chunk", "prove_impossible",
-    "refuse_unusable", "refuse_wrong_claims", "solve",
+    "check_stated", "default_starts", "lower_bound", "prepare", "prepare_proof", "proof_root", "prove_chunk",
+    "prove_impossible", "refuse_unusable", "refuse_wrong_claims", "solve",
 ]  # fmt: skip

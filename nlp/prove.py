@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.proof import Problem
 
@@ -32,3 +34,10 @@ def prove_chunk(
 
     most = proof.MOST_BOXES if most_boxes is None else most_boxes
     return proof.prove_chunk(task, topology, number, cut, problem, most_boxes=most)
+
+
+def prepare_proof(task: ResolvedTask, tell: Callable[[str], None]) -> None:
+    """Compile what a proof takes, so that no worker has to; `tell` is told if that takes a while."""
+    from nlp.bounds.branch import proof
+
+    proof.prepare(task, tell)

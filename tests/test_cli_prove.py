@@ -21,6 +21,7 @@ def run(tmp_path, log):
 
 def prove(monkeypatch, prover, *arguments):
     monkeypatch.setattr("nlp.prove_chunk", prover)
+    monkeypatch.setattr("nlp.prepare_proof", lambda *_: None)
     monkeypatch.setattr(compose.searching, "open_engine", lambda *_: InProcess(1))
     monkeypatch.setattr(compose.searching, "write_page", lambda folder: None)
     return CliRunner().invoke(main, ["prove", *map(str, arguments)])
@@ -67,6 +68,7 @@ def test_bad_input_ends_with_2(run, monkeypatch, arguments, told):
 
 def check(monkeypatch, checker, *arguments):
     monkeypatch.setattr("verify.check_chunk", checker, raising=False)
+    monkeypatch.setattr("verify.prepare_check", lambda *_: None, raising=False)
     monkeypatch.setattr("verify.audit", toy_problem.audit, raising=False)
     monkeypatch.setattr(compose.searching, "open_engine", lambda *_: InProcess(1))
     return CliRunner().invoke(main, ["prove", *map(str, arguments), "--check"])

@@ -20,7 +20,8 @@ def toy(monkeypatch, log):
     def proves(prover):
         monkeypatch.setattr(compose.binding, "BACKENDS", BACKENDS)
         monkeypatch.setattr("nlp.prove_chunk", prover)
-        monkeypatch.setattr("nlp.prepare", lambda *_: None)
+        for name in ("prepare", "prepare_proof"):
+            monkeypatch.setattr(f"nlp.{name}", lambda *_: None)
         monkeypatch.setattr(compose.searching, "open_engine", lambda *_: InProcess(1))
         monkeypatch.setattr(compose.searching, "write_page", lambda folder: None)
 

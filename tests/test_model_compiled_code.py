@@ -13,7 +13,7 @@ import nlp.assembled
 import nlp.bounds.branch.proof
 import nlp.reduced.platform
 import verify.proof.check
-from topo_search.model.compiled_code import CACHE_DIR, refresh
+from topo_search.model.compiled_code import CACHE_DIR, is_kept, refresh
 
 ROOT = Path(__file__).parents[1]
 
@@ -87,7 +87,7 @@ def load(tmp_path, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
 
     def double():
-        names = {}
+        names = {"__name__": "doubling"}
         exec(compile(SOURCE, str(source), "exec"), names)
         return names["double"]
 
@@ -95,8 +95,11 @@ def load(tmp_path, monkeypatch):
 
 
 def test_what_is_kept_serves_the_next_process(load):
-    assert load()(21.0) == 42.0
+    first = load()
+    assert not is_kept(first)
+    assert first(21.0) == 42.0
     again = load()
+    assert is_kept(again)
     assert again(21.0) == 42.0
     assert again.stats.cache_hits
 
@@ -130,6 +133,7 @@ def test_what_is_damaged_is_compiled_anew(load, tmp_path, suffix, damage):
     (kept,) = tmp_path.rglob(f"*.{suffix}")
     kept.write_bytes(damage(kept.read_bytes()))
     anew = load()
+    assert not is_kept(anew)
     assert anew(21.0) == 42.0
     assert not anew.stats.cache_hits
     mended = load()

@@ -1,19 +1,25 @@
-"""The reduced search is compiled before the first solve, and says so once."""
+"""The reduced search, proofs and their check are compiled before the first job, and that is said once."""
 
+import hashlib
 from types import SimpleNamespace
 
 import pytest
 from nlp_cases import push
 
 import nlp
+from nlp.bounds.branch import proof
 from nlp.reduced import compiled
 from topo_search.model import Task
+from topo_search.model.topology import straight_chain
+from verify.proof import check
 
 
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
     """A folder for what is kept, in the place of the installation's."""
-    monkeypatch.setattr(compiled, "descend_all", SimpleNamespace(stats=SimpleNamespace(cache_path=str(tmp_path))))
+    stats = SimpleNamespace(cache_path=str(tmp_path))
+    function = SimpleNamespace(__module__="nlp.reduced.search", __qualname__="descend_all", stats=stats)
+    monkeypatch.setattr(compiled, "descend_all", function)
     return tmp_path
 
 
@@ -27,8 +33,11 @@ def test_it_is_told_once_that_code_is_compiled(kept):
     (kept / "other.function-1.py311.nbc").touch()
     (first,) = told(push(3))
     assert "compiling the solver" in first
-    (kept / "search.descend_all-1.py311.1.nbc").touch()  # as numba would
+    file = kept / "search.descend_all-1.py311.1.nbc"
+    file.write_bytes(b"code" + hashlib.sha256(b"code").digest())
     assert told(push(3)) == []
+    file.write_bytes(b"c0de" + hashlib.sha256(b"code").digest())
+    assert told(push(3)) == [first]
     assert (kept / "other.function-1.py311.nbc").exists()
 
 
@@ -36,3 +45,26 @@ def test_nothing_is_compiled_for_a_task_that_the_reduced_search_does_not_express
     (reason,) = told(push(21))
     assert "without the reduced search: more than 20 modules" in reason
     assert list(kept.iterdir()) == []
+
+
+@pytest.mark.parametrize(("module", "prepare"), [(proof, nlp.prepare_proof), (check, check.prepare_check)])
+def test_proofs_and_their_check_tell_that_they_are_compiled(module, prepare, monkeypatch):
+    found: list[str] = []
+    monkeypatch.setattr(module, "is_kept", lambda function: False)
+    prepare(push(3), found.append)
+    assert ["compiling" in text for text in found] == [True]
+    monkeypatch.setattr(module, "is_kept", lambda function: True)
+    prepare(push(3), found.append)
+    assert len(found) == 1
+
+
+def test_all_that_a_proof_takes_is_compiled_before():
+    """Other types of arguments would be compiled in every worker."""
+    task = push(4)
+    nlp.prepare_proof(push(3), print)
+    check.prepare_check(push(3), print)
+    before = proof.search.signatures, check.ends.replay.signatures
+    tree = straight_chain(4)
+    chunk = nlp.prove_chunk(task, tree, 0, 1e9)
+    check.check_chunk(task, tree, nlp.proof_root(task, tree), 1e9, chunk)
+    assert (proof.search.signatures, check.ends.replay.signatures) == before

@@ -54,6 +54,17 @@ def test_proofs_that_hold_are_checked_and_nothing_is_written(run):
     assert before == {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
 
 
+def test_what_compiles_is_called_before_the_first_chunk(run):
+    checker, prepared = Checker(), []
+
+    def prepare(task):
+        assert not checker.seen
+        prepared.append(task.n)
+
+    checked(run, checker, prepare=prepare)
+    assert prepared == [3]
+
+
 def test_a_chunk_that_does_not_hold_is_named_with_its_box(run):
     key = list(table(run))[-1]
     found = checked(run, Checker(refuses=key))

@@ -72,6 +72,23 @@ def test_what_is_proven_is_not_searched_again_and_a_smaller_gap_is(run):
     assert finer.asked
 
 
+def test_what_compiles_is_called_once_before_the_first_chunk_and_spends_no_time_limit(run, monkeypatch):
+    now, prepared, prover = 0.0, [], Prover()
+    monkeypatch.setattr("time.monotonic", lambda: now)
+
+    def prepare(task):
+        nonlocal now
+        assert not prover.asked
+        prepared.append(task.n)
+        now += 500.0
+
+    answer = proven(run, prover, prepare=prepare, time_limit=200.0)
+    assert prepared == [3]
+    assert answer.sizes[0].proven_gap == pytest.approx(0.01)
+    proven(run, Prover(), prepare=prepare)  # nothing is due
+    assert prepared == [3]
+
+
 def test_a_stopped_proof_goes_on_where_it_was(run):
     class Stopped(InProcess):
         def run(self, function, jobs, *, deadline, until=math.inf):

@@ -313,3 +313,17 @@ def test_a_folder_of_something_else_is_refused_untouched(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["task.toml"]
     with pytest.raises(BadInput, match="is a file"):
         toy_run(tmp_path / "task.toml")
+
+
+def test_what_compiles_spends_no_time_limit(tmp_path, monkeypatch):
+    now = 0.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+
+    def prepare():
+        nonlocal now
+        now += 500.0
+
+    answer = toy_run(tmp_path / "run", prepare=prepare, time_limit=200.0)
+    assert now == 500.0
+    assert answer.complete
+    assert answer.best is not None

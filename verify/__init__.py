@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from verify.assembly import choose_mount
     from verify.design_audit import audit
     from verify.kinematics import Poses, poses
-    from verify.proof.check import check_chunk
+    from verify.proof.check import check_chunk, prepare_check
 
-__all__ = ["Poses", "audit", "check_chunk", "choose_mount", "poses"]
+__all__ = ["Poses", "audit", "check_chunk", "choose_mount", "poses", "prepare_check"]
 
 
 def __getattr__(name: str) -> Any:
@@ -28,10 +28,10 @@ def __getattr__(name: str) -> Any:
         from verify.assembly import choose_mount
 
         return choose_mount
-    if name == "check_chunk":
-        from verify.proof.check import check_chunk
+    if name in {"check_chunk", "prepare_check"}:
+        from verify.proof import check
 
-        return check_chunk
+        return getattr(check, name)
     if name in {"Poses", "poses"}:
         from verify import kinematics
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from topo_search.compose.pages import write_page
 from topo_search.compose.places import open_engine
 from topo_search.engine import Certificates, Workers
 from topo_search.limits import CANDIDATES, GAPS
-from topo_search.model import BadInput, Design, Fault, Task
+from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
 from topo_search.model.files import read_task
 from topo_search.model.proof import Problem
 from topo_search.own import AnySampler, collect_own
@@ -142,8 +142,10 @@ def search(
     observer, until = observer or Silent(), time.monotonic() + time_limit
 
     def prepare() -> None:
+        nonlocal until
         if dask is None:  # else every worker compiles where it is
             nlp.prepare(asked, observer.note)
+        until = time.monotonic() + time_limit
 
     with open_engine(workers, dask, dask_tls, request.versions, observer) as engine:
         answer = run(
@@ -168,6 +170,7 @@ def search(
             engine=engine,
             observer=observer,
             time_limit=until - time.monotonic(),
+            prepare=_compiling(nlp.prepare_proof, dask, observer),
             report=write_page,
         )
 
@@ -225,6 +228,7 @@ def prove(
             problem=problem,
             lender=None if lender is None else Path(lender),
             time_limit=time_limit,
+            prepare=_compiling(nlp.prepare_proof, dask, observer),
             report=write_page,
         )
 
@@ -262,8 +266,21 @@ def check_proofs(
     observer = observer or Silent()
     with open_engine(workers, dask, dask_tls, _versions(folder), observer) as engine:
         return check_run(
-            Path(folder), verify.check_chunk, verify.audit, key=topology, engine=engine, observer=observer
+            Path(folder),
+            verify.check_chunk,
+            verify.audit,
+            key=topology,
+            engine=engine,
+            observer=observer,
+            prepare=_compiling(verify.prepare_check, dask, observer),
         )
+
+
+def _compiling(
+    prepare: Callable[[ResolvedTask, Callable[[str], None]], None], dask: str | None, observer: Observer
+) -> Callable[[ResolvedTask], None]:
+    """Return what compiles before workers of this machine would; those of a cluster compile where they are."""
+    return lambda task: prepare(task, observer.note) if dask is None else None
 
 
 def _versions(folder: str | Path) -> Mapping[str, str]:

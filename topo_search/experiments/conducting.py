@@ -11,6 +11,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import nlp
 from topo_search.compose import BACKENDS, available_cores
 from topo_search.engine import Backends, Failed, Workers, audit_deadline, solve_deadline
 from topo_search.experiments.cell import Cell
@@ -91,6 +92,7 @@ def conduct(
             todo = [cell for cell in size if not rows.has(cell)]
             if not todo:
                 continue
+            nlp.prepare(todo[0].resolve(), told.note)
             told.phase(Phase("searching", n, len(todo), settings.starts))
             try:
                 for cell, row in pool.run(partial(measure, backends), todo, deadline=_deadline):

@@ -113,9 +113,11 @@ def _temporary_folder() -> str:
     return str(folder)
 
 
-def cache_folder(dispatcher: Any) -> Path:
-    """Return the folder in which numba keeps a compiled function."""
-    return Path(str(dispatcher.stats.cache_path))
+def is_kept(dispatcher: Any) -> bool:
+    """Whether a function was compiled before, and nothing that is kept of it is damaged."""
+    name = f"{dispatcher.__module__.rpartition('.')[2]}.{dispatcher.__qualname__}"
+    files = list(Path(dispatcher.stats.cache_path).glob(f"{name}-*.nb[ci]"))
+    return bool(files) and all(_is_whole(str(file)) for file in files)
 
 
 def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
@@ -135,7 +137,7 @@ def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
     own = sorted(room.glob("*.py"))
     contents = b"".join(source.read_bytes() for source in (*own, *_files(others)))
     digest = hashlib.sha256(contents).hexdigest().encode()
-    folder = cache_folder(dispatcher)
+    folder = Path(dispatcher.stats.cache_path)
     mark = folder / f"{room.name}.sha256"
     if mark.exists() and mark.read_bytes() == digest:
         return True

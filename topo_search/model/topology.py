@@ -203,3 +203,8 @@ def _read(key: str) -> Topology:
     if topology.key != key:
         raise ValueError(f"{key!r} is not canonical: the same tree has the key {topology.key!r}")
     return topology
+
+
+def straight_chain(n: int) -> Topology:
+    """Return the tree of n modules that follow each other along +x."""
+    return Topology((ROOT, *((i, 0, 2) for i in range(n - 1))))

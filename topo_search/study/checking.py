@@ -96,6 +96,7 @@ def check(
     key: str | None,
     engine: Engine,
     observer: Observer,
+    prepare: Callable[[ResolvedTask], None] = lambda _: None,
 ) -> Checked:
     """Check the proofs of a run, and the audit of the design that they are against.
 
@@ -106,6 +107,7 @@ def check(
         key: of the one tree to look at; None: all.
         engine: where chunks are checked.
         observer: is told of the progress.
+        prepare: is called before the first chunk of a task is checked, if any is.
 
     Raises:
         BadInput: it is not a run folder, has no audited design or no such tree.
@@ -125,7 +127,7 @@ def check(
             sizes += 1
             looked_at = [row for row in rows if key in (None, row.key)]
             if looked_at:
-                _check_size(folder, n, best, looked_at, check_chunk, audit, engine, observer, checked)
+                _check_size(folder, n, best, looked_at, check_chunk, audit, engine, observer, prepare, checked)
         checked.faults += [
             f"{name} is not the file that this run wrote"
             for name in folder.changed_files()
@@ -147,6 +149,7 @@ def _check_size(
     audit: AuditDesign,
     engine: Engine,
     observer: Observer,
+    prepare: Callable[[ResolvedTask], None],
     checked: Checked,
 ) -> None:
     """Check the trees of one size."""
@@ -178,6 +181,8 @@ def _check_size(
             tree.bound, tree.problem = proof.cut, proof.problem
             root = proof.root_module
             jobs += [_Job(task, proof.topology, root, proof.cut, chunk, proof.problem) for chunk in proof.chunks]
+    if jobs:
+        prepare(task)
     for tree in _replay(jobs, trees, check_chunk, engine, observer):
         observer.note(_describe(tree))
     checked.trees += trees.values()

@@ -112,6 +112,7 @@ def prove(
     problem: Problem = "task",
     lender: Path | None = None,
     time_limit: float = math.inf,
+    prepare: Callable[[ResolvedTask], None] = lambda _: None,
     report: Callable[[RunFolder], None] = lambda _: None,
 ) -> Answer:
     """Prove what can be proven of the trees of a run against its best audited design, and return its answer.
@@ -127,7 +128,8 @@ def prove(
         problem: which designs the proof is about; what is proven of the task's is not proven again of the solver's.
         lender: folder of another run, whose proofs are taken where they hold for this one and prove as much as the
             gap asks for.
-        time_limit: seconds after which no more is searched.
+        time_limit: seconds after which no more is searched; `prepare` does not count.
+        prepare: is called before the first chunk of a task is searched, if any is.
         report: is handed the folder once all its files are written.
 
     Raises:
@@ -175,6 +177,10 @@ def prove(
                     due = sum(
                         len(list(proof.due_chunks())) for proof in work.proofs.values() if proof.open_at is None
                     )
+                    if due:
+                        begun = time.monotonic()
+                        prepare(task)
+                        until += time.monotonic() - begun
                     observer.phase(Phase("proving", n, due, seconds=CHUNK_SECONDS))
                     ended = engine.run(
                         partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: CHUNK_DEADLINE, until=until

@@ -60,7 +60,8 @@ def run(
         engine: where jobs run; it changes nothing but the time it takes.
         observer: is told of the progress.
         workers: how many jobs the engine runs at a time; None where that is not known.
-        time_limit: seconds after which no more is solved; the best designs are audited all the same.
+        time_limit: seconds after which no more is solved, from the end of `prepare`; the best designs are audited
+            all the same.
         prepare: is called before the first candidate is solved, if any is.
         report: is handed the folder once all its files are written.
 
@@ -70,13 +71,13 @@ def run(
         WorkersLost: the engine has no workers any more; likewise.
         LedgerLost: the folder or its ledger vanished; it has what can still be read of the answer.
     """
-    until = time.monotonic() + time_limit
     try:
         with RunFolder.open(path, request) as folder, refuse_lost(folder):
             try:
                 plan = remaining_plan(folder, workers, time_limit)
                 if plan.solves:
                     prepare()
+                until = time.monotonic() + time_limit
                 observer.plan(plan)
                 for number, level in enumerate(folder.levels()):
                     left = len(request.levels) - number

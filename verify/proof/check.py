@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from topo_search.model import CheckedChunk, Chunk, ResolvedTask, Topology, tolerances
-from topo_search.model.compiled_code import refresh
+from topo_search.model.compiled_code import is_kept, refresh
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
+from topo_search.model.topology import straight_chain
 from verify.bodies import Array
 from verify.proof import replay as ends
 from verify.proof.platform import all_angles, effort_unit, hang, numbers
@@ -58,6 +60,13 @@ def check_chunk(
         where = _words(found.lower, found.upper)
         fault = f"box {found.position + 1} of {len(record)}: {REASONS[found.how]} ({where})"
     return CheckedChunk(number=chunk.number, fault=fault, boxes=len(record), halved=found.extra)
+
+
+def prepare_check(task: ResolvedTask, tell: Callable[[str], None]) -> None:
+    """Compile the check of a chunk, unless it is kept and up to date; `tell` is told if it takes a while."""
+    if not is_kept(ends.replay):
+        tell("compiling the checker of proofs (once per installation, about two minutes)")
+    check_chunk(task, straight_chain(task.n), 0, 0.0, Chunk.of(0, "closed", b"", ()))
 
 
 def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ What a chunk is, `topo_search.model.proof` says.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -15,8 +16,9 @@ from nlp.bounds.branch.search import CLOSED, MANY, search
 from nlp.numbers import cholesky
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import refresh
+from topo_search.model.compiled_code import is_kept, refresh
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
+from topo_search.model.topology import straight_chain
 
 refresh(search, Path(__file__).parent, Path(cholesky.__file__))
 
@@ -74,3 +76,10 @@ def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
         else:
             upper[axis] = middle
     return lower, upper
+
+
+def prepare(task: ResolvedTask, tell: Callable[[str], None]) -> None:
+    """Compile the search of a chunk, unless it is kept and up to date; `tell` is told if it takes a while."""
+    if not is_kept(search):
+        tell("compiling the prover (once per installation, about two minutes)")
+    prove_chunk(task, straight_chain(task.n), 0, 0.0, most_boxes=1)
