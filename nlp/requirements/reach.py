@@ -29,9 +29,6 @@ from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
-NEAR = 6.0
-"""A reach that leaves at least so much is not stated in a round [l_arm]."""
-
 
 @dataclass(frozen=True)
 class WithinReach:
@@ -102,18 +99,20 @@ class AnyWithinReach:
 
 @dataclass(frozen=True, eq=False)
 class NearestConnector(Requirement):
-    """A reach that any free connector may meet: a round of Ipopt asks the nearest one for it."""
+    """A reach that any free connector may meet: a round of Ipopt holds the nearest one to it.
+
+    It is never left out: where the effort is flat in the rod's length, nothing else keeps the end-effector near.
+    """
 
     def restrict(self, vectors: VectorsByName) -> Requirement:
-        """Return the nearest connector's alone, or nothing where that is far within reach."""
+        """Return the nearest connector's alone."""
         (asked,) = self.formulas
         assert isinstance(asked, AnyWithinReach)
         columns = self.subjects.T
         y = [[vector.at(vectors, columns) for vector in one.local_vectors] for one in asked.connectors]
         gaps = [one.exact(of_one)[0] for one, of_one in zip(asked.connectors, y, strict=True)]
         nearest = asked.connectors[int(np.argmax(gaps))]
-        subjects = self.subjects[: int(max(gaps) < self.near)]
-        return Requirement(self.equation, self.name, subjects, (nearest,), self.margin)
+        return Requirement(self.equation, self.name, self.subjects, (nearest,), self.margin)
 
 
 def reach_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
@@ -126,7 +125,7 @@ def reach_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Require
         tuple(WithinReach(port, l_c, largest / unit, i) for i, port in topology.free_connectors)
     )
     subjects = np.arange(max(n, 2))[None]  # never fewer than i and j
-    yield NearestConnector(7, lambda *_: names.ROD, subjects, (formula,), task.search.margin / unit, near=NEAR)
+    yield NearestConnector(7, lambda *_: names.ROD, subjects, (formula,), task.search.margin / unit)
 
 
 def _pairs(y: Sequence[Any]) -> list[Sequence[Any]]:
