@@ -132,8 +132,22 @@ def beside_a_deck(reach):
 
 
 def test_a_longer_reach_loses_no_design():
+    """Neither from the same starts nor where the design of the shorter reach is carried over."""
     tree = Topology.from_key("a7000")
-    short, long = (solve(beside_a_deck(reach), tree, starts=range(8), seed=0) for reach in (0.8, 4.0))
+    short, long = (solve(beside_a_deck(reach), tree, starts=range(4), seed=0) for reach in (0.8, 4.0))
     assert isinstance(short, Design)
-    assert isinstance(long, Design)
-    assert long.objective <= short.objective * (1 + 5e-4)
+    carried = solve(beside_a_deck(4.0), tree, starts=range(0), seed=0, near=[short])
+    for found in (long, carried):
+        assert isinstance(found, Design)
+        assert found.objective <= short.objective * (1 + 5e-4)
+
+
+def test_a_design_carried_over_is_never_lost():
+    """A descent from there ends in one that costs 1e-4 more."""
+    task, tree = beside_a_deck(0.8), Topology.from_key("a3040")
+    source = solve(task, tree, starts=range(8), seed=0)
+    assert isinstance(source, Design)
+    again = solve(task, tree, starts=range(0), seed=0, near=[source])
+    assert isinstance(again, Design)
+    assert again.objective <= source.objective * (1 + 1e-9)
+    assert audit(again).verdict == audit(source).verdict
