@@ -10,16 +10,17 @@ from importlib.metadata import version
 import numpy as np
 
 from nlp.bounds import bound_of, prove_impossible
-from nlp.corners import take_in_corners, without_corners
+from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits
+from nlp.numbers.correction import correct
 from nlp.numbers.evaluate import Violation
 from nlp.numbers.point import Point
 from nlp.own import OwnConstraints
 from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
-from nlp.starts.warm_start import warm_start
+from nlp.starts.warm_start import common_subtrees, warm_start
 from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Task, Topology
 from topo_search.model.corners import to_corners
 from topo_search.protocols import OwnConstraint
@@ -89,7 +90,12 @@ def solve(
         return proof
     task, began = to_corners(task), time.perf_counter()
     solve_starts = _whole_problem if reason_against(task) else _reduced_search
-    found = solve_starts(task, topology, starts=starts, seed=seed, near=near, own=tuple(constraints))
+    own = tuple(constraints)
+    found = solve_starts(task, topology, starts=starts, seed=seed, near=near, own=own)
+    for k, source in enumerate(near):
+        found[k] = min(
+            (found[k], *_carried_over(task, topology, source, found[k].start, seed, own)), key=lambda one: one.rank
+        )
     best = min(found, key=lambda one: one.rank)
     corners = len(task.load_cases) - len(task.declared.load_cases)
     record = SolverRecord(
@@ -106,6 +112,28 @@ def solve(
         versions=_versions(),
     )
     return _design(best, record, constraints) if best.worst.met else _infeasible(found, best, record)
+
+
+def _carried_over(
+    task: ResolvedTask, topology: Topology, source: Design, start: int, seed: int, own: OwnConstraints
+) -> list[StartResult]:
+    """Return where a design of the same tree leads that is one of this task too, else nothing.
+
+    A descent at low prices may lose what it begins with; Ipopt begins with the design itself, which stays if that
+    fails.
+    """
+    from nlp.assembled import polish_with  # compiled code, which other commands need not load
+
+    if len(common_subtrees(topology, source.topology)[0]) < max(topology.n, source.topology.n):
+        return []
+    plain = without_corners(task)
+    point = warm_start(plain, topology, source=source, rng=generator(plain, topology, start, seed))
+    point = correct(point, refit=True)
+    kept = StartResult.at(start, with_all(point, task, own), IpoptResult(point, "carried over", 0), own=own)
+    if not kept.worst.met:
+        return []
+    polished = take_in_corners(task, start, point, polish_with(own), own)
+    return [polished if polished.worst.met else kept]
 
 
 def _reduced_search(

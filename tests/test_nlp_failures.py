@@ -16,7 +16,7 @@ from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, missed_w
 from nlp.requirements.bounds import running_rotors
 from topo_search.model import BadInput, Design, Status, Task, Topology
 from topo_search.model.corners import CorneredTask, to_corners
-from topo_search.model.files import validate
+from topo_search.model.files import read_task, validate
 from topo_search.topologies.task_symmetry import improper_isometry
 from verify import audit
 
@@ -212,3 +212,11 @@ def test_a_program_that_takes_in_corners_ends_where_one_with_all_of_them_does() 
     assert found[1].worst.met
     assert found[0].objective == pytest.approx(found[1].objective, rel=1e-5)
     assert len(found[0].corners) < len(found[1].corners) == 8
+
+
+def test_a_task_that_asks_for_less_finds_no_worse_design() -> None:
+    """Without ball, rod and exclusion few of the best ends of the descents become good designs."""
+    text = read_task("survives-a-rotor").model_dump(mode="json", exclude={"exposure"})
+    text["end_effector"].update(exclusion=False, rod="none", largest_reach=False)
+    found = solved(solve(Task.model_validate(text).resolve(3), TREE, starts=range(8), seed=0))
+    assert found.objective < 8.63e13  # 8.784e13 where only the best ends go on

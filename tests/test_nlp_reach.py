@@ -112,3 +112,58 @@ def test_the_proof_is_sharp():
         for reach, possible in ((0.4 + 1e-5, True), (0.4 - 1e-5, False)):
             found = prove_impossible(hover(n, end_effector={"position": [p_E, 0, 0], "largest_reach": reach}))
             assert (found is None or found.worst_constraint != ROD) == possible
+
+
+BESIDE_A_DECK = {
+    "modules": 4,
+    "module": {
+        "mass": 0.9,
+        "arm_length": 0.22,
+        "connector_distance": 0.3,
+        "torque_to_thrust": 0.016,
+        "min_input": 0.02,
+        "max_thrust_to_weight": 2.2,
+        "body": {"rotor_radius": 0.127},
+    },
+    "load_cases": [
+        {"carries_weight": True, "units": "SI", "end_effector": {"force": [0.0, 0.0, 5.0]}},
+        {"carries_weight": True},
+    ],
+    "exposure": [
+        {
+            "kind": "directional",
+            "radius": 0.1,
+            "polylines": [[[-1.0, 0.4, 0.0], [1.0, 0.4, 0.0], [1.0, 0.4, 0.3]]],
+        },
+        {"kind": "allowed", "planes": [{"normal": [0.0, 0.0, 1.0]}], "solid": True},
+    ],
+    "flight": {"units": "SI", "force_reserve": 1.0, "torque_reserve": 0.1},
+}
+"""A touch from below, next to an edge: efforts are nearly flat in the length of the rod."""
+
+
+def beside_a_deck(reach):
+    end_effector = {"mass": 0.15, "largest_reach": reach}
+    return Task.model_validate({"name": "deck", **BESIDE_A_DECK, "end_effector": end_effector}).resolve(4)
+
+
+def test_a_longer_reach_loses_no_design():
+    """Neither from the same starts nor where the design of the shorter reach is carried over."""
+    tree = Topology.from_key("a7000")
+    short, long = (solve(beside_a_deck(reach), tree, starts=range(4), seed=0) for reach in (0.8, 4.0))
+    assert isinstance(short, Design)
+    carried = solve(beside_a_deck(4.0), tree, starts=range(0), seed=0, near=[short])
+    for found in (long, carried):
+        assert isinstance(found, Design)
+        assert found.objective <= short.objective * (1 + 5e-4)
+
+
+def test_a_design_carried_over_is_never_lost():
+    """A descent from there ends in one that costs 1e-4 more."""
+    task, tree = beside_a_deck(0.8), Topology.from_key("a3040")
+    source = solve(task, tree, starts=range(8), seed=0)
+    assert isinstance(source, Design)
+    again = solve(task, tree, starts=range(0), seed=0, near=[source])
+    assert isinstance(again, Design)
+    assert again.objective <= source.objective * (1 + 1e-9)
+    assert audit(again).verdict == audit(source).verdict

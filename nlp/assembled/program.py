@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -129,6 +130,18 @@ class AssembledProgram:
     def _merit(self, point: Point) -> _Merit:
         reason = worst(violations_of(correct_point(point, self._own), self._own))
         return _Merit(reason.met, point.objective if reason.met else reason.rank)
+
+
+def polish_with(own: OwnConstraints) -> Callable[[Point, Limits | None], IpoptResult]:
+    """Return a function that polishes a point of any task and tree, under limits of what joints bear."""
+
+    def polish(point: Point, limits: Limits | None) -> IpoptResult:
+        program = AssembledProgram(point.task, point.topology, own, limits)
+        if own or limits is not None:  # the search did not know of them: they may pull far from the point
+            return program.solve(point)
+        return program.polish(point)
+
+    return polish
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ STIFFNESS = 1e10
 """Price of a squared residual where least inputs are sought, in squared inputs; what is missed is corrected."""
 
 
-def correct(point: Point, *, settled: int = 0) -> Point:
+def correct(point: Point, *, settled: int = 0, refit: bool = False) -> Point:
     """Return the point with its root angles in range and its inputs on the wrench balance.
 
     Every load case's inputs are moved by the least-norm correction over the rotors that are not at a bound, then
@@ -32,12 +32,14 @@ def correct(point: Point, *, settled: int = 0) -> Point:
     Args:
         point: where Ipopt ended.
         settled: the first load cases that keep their inputs even if they weigh nothing.
+        refit: whether every load case gets the least inputs, whatever it weighs.
     """
     A, b, alive = wrench_matrix(point), asked_wrenches(point), running_rotors(point.task)
     limits = point.task.min_input * alive, point.task.max_input * alive
     u = _balance(A, b, np.clip(point.u.reshape(len(b), -1), *limits), limits)
     weightless = np.array([case.weight == 0 for case in point.task.load_cases])
     weightless[:settled] = False
+    weightless |= refit
     if weightless.any():
         low, high = (limit[weightless] for limit in limits)
         u[weightless] = _least(point, A, b[weightless], u[weightless], (low, high))

@@ -187,10 +187,18 @@ class BestRod(Requirement):
         return gaps[[best]]
 
     def restrict(self, vectors: VectorsByName) -> Requirement:
-        """Return the limits of the best connector that are near."""
+        """Return the reach of the best connector, and the regions that its rod is near.
+
+        The reach is never left out: where the effort is flat in the rod's length, nothing else keeps the
+        end-effector near.
+        """
         first, best, gaps = self.best(vectors, self.margin)
         i, port = first.free[best]
-        near = [limit for limit, gap in zip(first.limits, gaps[best], strict=True) if gap < self.near]
+        near = [
+            limit
+            for limit, gap in zip(first.limits, gaps[best], strict=True)
+            if gap < self.near or isinstance(limit, WithinReach)
+        ]
         alone = tuple(replace(first, free=((0, port),), limits=(limit,), segment=0) for limit in near)
         return Requirement(self.equation, self.name, np.array([[i, i]]), alone, self.margin)
 
