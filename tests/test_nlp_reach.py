@@ -1,5 +1,6 @@
 """How far the end-effector may be from the connector of its rod: default, solver, audit and proofs agree."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -21,16 +22,52 @@ PAPER = ("push", "push-local", "push-directional", "push-two-paths", "push-exter
 TEN = ("ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional", "ten-wrenches-exterior-60")
 
 
+CONE_OF_FORCES = {"axis": [1, 0, 0], "half_angle_deg": 20.0, "force": 5.0}
+
+
 def nearest(design):
     """The distance from the end-effector to the nearest free connector [m], as the audit measures it."""
     return audit(design).assembly.end_effector.connectors[0].length_m
 
 
-def test_by_default_it_grows_with_the_platform_and_a_rod_is_asked_for():
-    task = Task.model_validate({"name": "t", "modules": [4, 9], "load_cases": PUSH})
-    assert task.resolve(4).end_effector.largest_reach == pytest.approx(4 * 2 * 0.15 * 2)
-    assert task.resolve(9).end_effector.largest_reach == pytest.approx(4 * 2 * 0.15 * 3)
-    assert task.resolve(4).end_effector.rod == "straight"
+def bent(length, *, force, torque, fields):
+    """The deflection of a clamped tube's tip [m], by integrating moment over stiffness twice."""
+    rod = {"rod_radius": 0.005, "rod_linear_density": 0.045, "rod_modulus": 70e9, "mass": 0.048, **fields}
+    inner = math.sqrt(rod["rod_radius"] ** 2 - rod["rod_linear_density"] / 1600 / math.pi)
+    stiffness = rod["rod_modulus"] * math.pi / 4 * (rod["rod_radius"] ** 4 - inner**4)
+    left = np.linspace(length, 0.0, 20001)  # from the clamp to the tip
+    moment = (force + 9.81 * rod["mass"]) * left + torque + rod["rod_linear_density"] * 9.81 * left**2 / 2
+    return np.trapezoid(moment * left, -left) / stiffness
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"rod_modulus": 200e9},
+        {"rod_radius": 0.008, "rod_linear_density": 0.08},
+        {"rod_deflection": 0.02},
+        {"mass": 0.5},
+    ],
+)
+def test_by_default_it_ends_where_the_rod_bends_too_far(fields):
+    case = {"units": "SI", "carries_weight": True, "end_effector": {"force": [2.0, 0, 0], "torque": [0, 0, 0.3]}}
+    table = {"name": "t", "modules": [4, 9], "load_cases": [case, {"carries_weight": True}], "end_effector": fields}
+    task = Task.model_validate(table)
+    for n in (4, 9):
+        reach = task.resolve(n).end_effector.largest_reach
+        deflection = fields.get("rod_deflection", 0.005)
+        assert bent(reach, force=2.0, torque=0.3, fields=fields) == pytest.approx(deflection, rel=1e-6)
+    pushes = Task.model_validate({**table, "load_cases": [{**case, "cone": CONE_OF_FORCES}]})
+    assert pushes.largest_reach(4) < task.largest_reach(4)  # up to 5 N
+
+
+def test_by_default_it_is_at_most_four_widths_of_the_platform_and_a_rod_is_asked_for():
+    for fields in ({"rod_deflection": 100.0}, {"rod_linear_density": 0.0}):
+        task = Task.model_validate({"name": "t", "modules": [4, 9], "load_cases": PUSH, "end_effector": fields})
+        assert task.resolve(4).end_effector.largest_reach == pytest.approx(4 * 2 * 0.15 * 2)
+        assert task.resolve(9).end_effector.largest_reach == pytest.approx(4 * 2 * 0.15 * 3)
+        assert task.resolve(4).end_effector.rod == "straight"
 
 
 @pytest.mark.parametrize("name", PAPER + TEN)

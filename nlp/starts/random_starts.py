@@ -54,7 +54,9 @@ def entropy(task: ResolvedTask, topology: Topology, seed: str) -> int:
 
     A point without a rod, and how far a rod reaches, draw nothing: what does not bind leaves the result as it is.
     """
-    nothing = {"largest_reach", "rod"} if task.end_effector.rod == "none" else {"largest_reach"}
+    nothing = {"largest_reach", "rod_modulus", "rod_deflection"}
+    if task.end_effector.rod == "none":
+        nothing.add("rod")
     asked = task.declared.model_dump_json(exclude={"end_effector": nothing})
     text = f"{asked}\n{topology.key}\n{seed}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")

@@ -269,7 +269,19 @@ class Task(Value):
     def largest_reach(self, n: int) -> float | None:
         """Return how far p_E may be from the connector of its rod on n modules [m]; None where that is free."""
         given = self.end_effector.largest_reach
-        return None if given is False else given or LARGE * packed_width(self.module, n)
+        if given is not None:
+            return given or None
+        longest = LARGE * packed_width(self.module, n)
+        return longest if self.end_effector.rod == "none" else min(longest, self.stiff_length(n))
+
+    def stiff_length(self, n: int) -> float:
+        """Return the length at which a rod bends by `rod_deflection` under the largest loads at its tip [m]."""
+        units = self.force_unit(n), self.torque_unit(n)
+        every = [each.to_si(*units) for case in self.cases for each in (case, *case.corners)]
+        force, torque = (
+            max(math.hypot(*getattr(case.at_end_effector, part)) for case in every) for part in ("force", "torque")
+        )
+        return self.end_effector.stiff_length(force, torque, self.gravity)
 
     @property
     def max_thrust_to_weight(self) -> float:

@@ -54,6 +54,7 @@ def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
         *_gravity(task),
         *(TaskWarning(path, words) for path, words in doubts(task)),
         *_module(task.module),
+        *_rod(task, n),
         *_lengths(task, n),
         *_meshes(task),
         *_thrust(task, n),
@@ -110,6 +111,19 @@ def _meshes(task: Task) -> Iterator[TaskWarning]:
                     f"reaches up to {upper_text(excess, 3)} m beyond its mesh, because pieces are convex and have "
                     "few corners: cut the mesh into closed convex bodies that share no edge to come closer",
                 )
+
+
+def _rod(task: Task, n: int) -> Iterator[TaskWarning]:
+    """Yield a reach at which the rod bends farther than it may."""
+    rod, stiff = task.end_effector, task.stiff_length(n)
+    if rod.rod == "straight" and rod.largest_reach is not None and (rod.largest_reach or math.inf) > stiff:
+        allowed = f"{rod.largest_reach:g} m allows" if rod.largest_reach else "false allows"
+        yield TaskWarning(
+            "end_effector.largest_reach",
+            f"{allowed} rods longer than {stiff:.3g} m: at that length one of {2000 * rod.rod_radius:g} mm "
+            f"diameter bends by rod_deflection = {1000 * rod.rod_deflection:g} mm under the largest load of the "
+            "task and its own weight",
+        )
 
 
 def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
