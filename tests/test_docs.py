@@ -17,7 +17,7 @@ from topo_search.model.files import read_task, to_toml
 
 
 def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
-    (first, own), (exposures, wall), (goals,), (tolerances,) = (
+    (first, own), (exposures, mesh, wall), (goals,), (tolerances,) = (
         [tomllib.loads(block) for block in blocks("toml", page)]
         for page in ("tutorials/first-search.md", "how-to/exposure.md", "how-to/goals.md", "explanation/audit.md")
     )
@@ -30,6 +30,7 @@ def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
         *("clearance", "stand_off", "peak_input"),
         *("force_reserve", "rotor_out", "joint_moment", "hinge_angle_deg"),
     )
+    assert mesh["exposure"][0].keys() == {"kind", "mesh", "scale", "offset"}
     (solid,) = Task.model_validate({**first, **wall}).exposure
     assert solid.solid
 

@@ -141,6 +141,28 @@ def test_the_calling_process_gives_what_workers_give(tmp_path):
     assert bad[0].reason == "ValueError: `x > 0` must hold, but got x = 0"
 
 
+def interrupted(times):
+    """Take so many interrupts for a failure of one step, as CasADi does."""
+    for step in range(times):
+        with suppress(KeyboardInterrupt):
+            if step == 0:
+                signal.raise_signal(signal.SIGINT)
+            time.sleep(LONG)
+    time.sleep(LONG)
+
+
+def test_an_interrupt_of_a_script_arrives_though_a_library_swallows_it():
+    handlers = [signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGALRM)]
+    try:
+        with CallingProcess() as engine, pytest.raises(KeyboardInterrupt):
+            engine.run_one(interrupted, 3, deadline=LONG)
+        assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        for number, handler in zip((signal.SIGINT, signal.SIGALRM), handlers, strict=True):
+            signal.signal(number, handler)
+
+
 UNGUARDED = """
 import sys
 sys.path.insert(0, {here!r})

@@ -27,10 +27,10 @@ def out_of_reach(task: ResolvedTask) -> Refutation | None:
     if largest is None:
         return None
     farthest, why = max(_distances(task), default=(0.0, ""))
-    shown, limit = excess_texts(farthest, largest)
     unseen = TOLERANCE * module.arm_length * (2 + task.total_mass(n) / (n * module.mass))
     if farthest <= largest + unseen:
         return None
+    shown, limit = excess_texts(farthest, largest)
     return Refutation(
         "reach of the end-effector's rod",
         farthest - largest,

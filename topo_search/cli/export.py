@@ -229,7 +229,9 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
     if angle_step is not None:
         found = round_angles(design, angle_step)
         design, notes = found.design, found.notes
-    _warn_unless_clear(audit(design))
+        _warn_unless_clear(found.audit)
+    else:
+        _warn_unless_clear(audit(design))
     for text in notes:
         click.echo(text)
     if kind in ("kit", "sheet"):

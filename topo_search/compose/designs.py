@@ -88,12 +88,16 @@ def solve(
 
 
 def read_design(path: str | Path) -> Design:
-    """Return the design in a file, with its lower bound and gap computed anew: a file proves neither.
+    """Return the design in a file, with its lower bound and gap computed anew.
 
     Raises:
         BadInput: the file cannot be read, or is no design.
     """
-    design = read_json(Design, path)
+    return add_bound(read_json(Design, path))
+
+
+def add_bound(design: Design) -> Design:
+    """Return a design with its lower bound and gap computed anew: what its file says of them is no proof."""
     bound = nlp.lower_bound(design.task)
     gap = Design.gap_of(design.objective, min(bound, design.objective))
     return design.model_copy(update={"lower_bound": bound, "gap": gap})

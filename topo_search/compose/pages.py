@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from topo_search.compose.designs import audit, read_design
+from topo_search.compose.designs import add_bound, audit
 from topo_search.model import Audit, BadInput, Design, Fault
-from topo_search.model.files import write_atomically
+from topo_search.model.files import read_json, write_atomically
 from topo_search.study import REPORT, RunFolder
 
 
@@ -41,9 +41,9 @@ def write_report(source: str | Path, *, out: str | Path | None = None, flight: s
         with RunFolder.load(source) as folder:
             page = run_page(folder)
     else:
-        design = read_design(source)
+        design = read_json(Design, source)
         simulated = None if flight is None else read_simulated(Path(flight), design)
-        page = design_page(design, audit(design), source.name, simulated)
+        page = design_page(add_bound(design), audit(design), source.name, simulated)
     path = Path(out or source.with_suffix(".html"))
     write_atomically(path, render(page))
     return path

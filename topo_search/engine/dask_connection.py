@@ -22,7 +22,7 @@ T = TypeVar("T")
 CONNECT = 60.0
 """How long the scheduler may take to answer: it may only just be starting [s]."""
 LONGEST_GREETING = 1 << 20
-"""Most bytes of a scheduler's first message, which has some hundred."""
+"""Longest first message of a scheduler [bytes]; it has a few hundred."""
 CLOSE = 1.0
 """How long it is told that the connection ends [s]."""
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from multiprocessing import current_process, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.synchronize import RLock
-from types import TracebackType
+from types import FrameType, TracebackType
 from typing import Any, Generic, Self
 
 from pebble import ProcessExpired, ProcessPool
@@ -26,7 +26,7 @@ from topo_search.child import ONE_THREAD, call_pickled, die_with_parent
 from topo_search.engine.backends import Failed
 from topo_search.engine.jobs import Engine, J, R, WorkersLost
 from topo_search.limits import WORKERS
-from topo_search.supervisor import STOPS, is_out_of_memory
+from topo_search.supervisor import AGAIN, STOPS, is_out_of_memory
 
 ATTEMPTS = 2
 """How often a job that crashes or hangs is tried."""
@@ -104,7 +104,8 @@ class CallingProcess(_OneThread):
                 return
             result: R | Failed
             try:
-                result = function(job)
+                with _interrupts_repeated():
+                    result = function(job)
             except Exception as error:  # noqa: BLE001 (as in a worker, it is the result of the job)
                 result = _failure(error, deadline(job))
             yield job, result
@@ -226,6 +227,29 @@ class Workers(_OneThread):
             self._pool = None
             pool.stop()
             pool.join()
+
+
+@contextmanager
+def _interrupts_repeated() -> Iterator[None]:
+    """Raise KeyboardInterrupt of a script again until it arrives here: CasADi takes it for a failed evaluation."""
+    if (
+        threading.current_thread() is not threading.main_thread()
+        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler  # a command is killed if it goes on
+    ):
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGALRM)}
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

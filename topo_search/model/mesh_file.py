@@ -233,14 +233,14 @@ def _without_inner(bodies: list[Surface]) -> list[Surface]:
     """Return the bodies whose hulls are in no other's hull; of equal ones the first."""
     hulls = [_hull(body) for body in bodies]
 
-    def inside(one: int, other: int) -> bool:
+    def is_inside(one: int, other: int) -> bool:
         normals, offsets = hulls[other].equations[:, :3], hulls[other].equations[:, 3]
         heights = hulls[one].points[hulls[one].vertices] @ normals.T + offsets
         return bool(heights.max() <= ROUNDING * np.ptp(hulls[other].points, axis=0).max())
 
     def is_inner(one: int) -> bool:
-        others = (other for other in range(len(bodies)) if other != one and inside(one, other))
-        return any(other < one or not inside(other, one) for other in others)
+        others = (other for other in range(len(bodies)) if other != one and is_inside(one, other))
+        return any(other < one or not is_inside(other, one) for other in others)
 
     return [body for one, body in enumerate(bodies) if not is_inner(one)]
 
