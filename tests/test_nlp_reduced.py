@@ -20,6 +20,7 @@ from nlp.reduced.gaps import hull_gap
 from nlp.reduced.merit import evaluate
 from nlp.requirements import clearances, exposure
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
+from nlp.requirements.rod import BestRod
 from nlp.units import Units
 from topo_search.model import LoadCase, Topology
 
@@ -60,11 +61,15 @@ def lengths_of(row, stated):
 
 
 def exact_gaps(task, topology, point):
-    """The exact clearances by their names."""
+    """The exact clearances by their names; of rods those of the one that keeps the margin, as in the search."""
     found = {}
     for requirement in clearances(task, topology):
         names = [name for name, *_ in requirement.rows()]
-        found |= dict(zip(names, requirement.gaps(point.vectors).ravel().tolist(), strict=True))
+        gaps = requirement.gaps(point.vectors)
+        if isinstance(requirement, BestRod):
+            _, best, of_rods = requirement.best(point.vectors, requirement.margin)
+            gaps = of_rods[best]
+        found |= dict(zip(names, gaps.ravel().tolist(), strict=True))
     return found
 
 

@@ -39,6 +39,7 @@ PLACES = {
     "deep inside": -0.3,
 }
 """How far the end-effector is outside a region [m]."""
+LONG_REACH = {"end_effector": {"largest_reach": 3.0}}
 ACROSS = np.array([0.6, 0.0, 0.8])
 BOX = np.array([[-0.1, -0.6, -0.5], [0.1, 0.5, 0.4]])
 SHAPES = ("path", "bent path", "slab", "box", "ball", "along", "plane", "cone", "com", "half-space")
@@ -148,7 +149,7 @@ def surface(part: Polyhedron | Cylinder, rng: np.random.Generator) -> Array:
 @pytest.mark.parametrize(("shape", "place"), CASES)
 def test_rows_are_those_of_points_on_the_parts(shape: str, place: str) -> None:
     asked = region(shape, PLACES[place])
-    given = with_rod(random_design(TREE, len(shape), {"exposure": [{**asked, "solid": True}]}))
+    given = with_rod(random_design(TREE, len(shape), {"exposure": [{**asked, "solid": True}], **LONG_REACH}))
     at, rng = platform(given), np.random.default_rng(0)
     parts = rigid_parts(given, at)
     rows = {(pair.a, pair.segment or 0): pair for pair in audit(given).pairs if pair.kind == "part-region"}
@@ -171,7 +172,7 @@ def test_rows_are_those_of_points_on_the_parts(shape: str, place: str) -> None:
 def test_rows_of_rods_are_those_of_dense_samples(shape: str, place: str) -> None:
     asked = region(shape, PLACES[place])
     for seed in range(3):
-        design = with_rod(random_design(TREE, seed, {"exposure": [{**asked, "solid": True}]}))
+        design = with_rod(random_design(TREE, seed, {"exposure": [{**asked, "solid": True}], **LONG_REACH}))
         rows = {pair.segment or 0: pair for pair in audit(design).pairs if pair.kind == "rod-region"}
         dense = by_samples(design, asked)
         assert rows.keys() == dense.keys()
@@ -198,7 +199,7 @@ def test_solver_and_audit_bolt_the_rod_to_the_same_module(place: str) -> None:
     for shape in SHAPES:
         asked = region(shape, PLACES[place])
         for seed in range(4 if asked else 0):
-            design = random_design(TREE, seed, {"exposure": [{**asked, "solid": True}]})
+            design = random_design(TREE, seed, {"exposure": [{**asked, "solid": True}], **LONG_REACH})
             held, mount = holder(as_point(design)), choose_mount(design)
             assert held is None or (mount is not None and held == mount.module)
             known += held is not None
