@@ -117,10 +117,9 @@ def solve(
 def _carried_over(
     task: ResolvedTask, topology: Topology, source: Design, start: int, seed: int, own: OwnConstraints
 ) -> list[StartResult]:
-    """Return where a design of the same tree leads that is one of this task too, else nothing.
+    """Return a design of the same tree that is one of this task too, and where it leads; else nothing.
 
-    A descent at low prices may lose what it begins with; Ipopt begins with the design itself, which stays if that
-    fails.
+    A descent at low prices may lose what it begins with; Ipopt begins with the design itself.
     """
     from nlp.assembled import polish_with  # compiled code, which other commands need not load
 
@@ -130,10 +129,7 @@ def _carried_over(
     point = warm_start(plain, topology, source=source, rng=generator(plain, topology, start, seed))
     point = correct(point, refit=True)
     kept = StartResult.at(start, with_all(point, task, own), IpoptResult(point, "carried over", 0), own=own)
-    if not kept.worst.met:
-        return []
-    polished = take_in_corners(task, start, point, polish_with(own), own)
-    return [polished if polished.worst.met else kept]
+    return [kept, take_in_corners(task, start, point, polish_with(own), own)] if kept.worst.met else []
 
 
 def _reduced_search(

@@ -299,3 +299,13 @@ def test_a_rod_that_may_bend_far_is_warned_about() -> None:
             f"{allows} rods longer than 0.714 m: at that length one of 10 mm diameter bends by"
         )
         assert "rod_deflection = 10 mm" in message
+
+
+def test_a_position_that_needs_a_long_rod_is_warned_about() -> None:
+    """A fixed position limits no rod by its deflection: the user chose how far away it is."""
+    for x, warned in ((0.3, False), (0.9, True)):
+        table = {"name": "t", "modules": 3, "load_cases": [HOVER], "end_effector": {"position": [x, 0.0, 0.0]}}
+        task = Task.model_validate(table)
+        paths = [found.path for found in task_warnings(task)]
+        assert ("end_effector.position" in paths) is warned
+        assert task.largest_reach(3) == pytest.approx(4 * 2 * 0.15 * 3**0.5)

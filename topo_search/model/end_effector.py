@@ -62,7 +62,7 @@ class EndEffector(Value):
     """`straight`: requires a straight rod, clear of all parts and airflow; `none`: a missing rod is only noted."""
     largest_reach: Reach | None = None
     """Largest distance of p_E from its rod's connector [m]; false: any. Default: the length at which the rod bends
-    by rod_deflection, at most four times the width of the modules in a square."""
+    by rod_deflection, at most four times the width of the modules in a square; of a fixed position that alone."""
     rod_radius: Positive = 0.005
     """Radius of the rod that carries the end-effector [m]."""
     rod_linear_density: NonNegative = 0.045

@@ -271,8 +271,10 @@ class Task(Value):
         given = self.end_effector.largest_reach
         if given is not None:
             return given or None
-        longest = LARGE * packed_width(self.module, n)
-        return longest if self.end_effector.rod == "none" else min(longest, self.stiff_length(n))
+        longest, rod = LARGE * packed_width(self.module, n), self.end_effector
+        # a fixed position may need a longer rod: `check` then warns of it
+        limited = rod.rod == "straight" and rod.fixed_position is None
+        return min(longest, self.stiff_length(n)) if limited else longest
 
     def stiff_length(self, n: int) -> float:
         """Return the length at which a rod bends by `rod_deflection` under the largest loads at its tip [m]."""

@@ -115,11 +115,16 @@ def _meshes(task: Task) -> Iterator[TaskWarning]:
 
 def _rod(task: Task, n: int) -> Iterator[TaskWarning]:
     """Yield a reach at which the rod bends farther than it may."""
-    rod, stiff = task.end_effector, task.stiff_length(n)
-    if rod.rod == "straight" and rod.largest_reach is not None and (rod.largest_reach or math.inf) > stiff:
-        allowed = f"{rod.largest_reach:g} m allows" if rod.largest_reach else "false allows"
+    rod, stiff, reach = task.end_effector, task.stiff_length(n), task.largest_reach(n)
+    if rod.rod == "straight" and (reach or math.inf) > stiff:
+        if rod.largest_reach is not None:
+            field, allowed = "end_effector.largest_reach", f"{reach:g} m allows" if reach else "false allows"
+        elif math.hypot(*(rod.fixed_position or ())) > stiff:
+            field, allowed = "end_effector.position", "needs or allows"
+        else:
+            return
         yield TaskWarning(
-            "end_effector.largest_reach",
+            field,
             f"{allowed} rods longer than {stiff:.3g} m: at that length one of {2000 * rod.rod_radius:g} mm "
             f"diameter bends by rod_deflection = {1000 * rod.rod_deflection:g} mm under the largest load of the "
             "task and its own weight",
