@@ -4,6 +4,7 @@ import os
 import signal
 import socket
 import struct
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -329,3 +330,35 @@ def test_a_time_limit_is_a_number_of_seconds(tmp_path: Path, value: str) -> None
     result = CliRunner().invoke(main, ["run", "push", "--time-limit", value, "--out", str(tmp_path / "run")])
     assert (result.exit_code, list(tmp_path.iterdir())) == (2, [])
     assert "--time-limit" in result.stderr
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from topo_search.model.files import write_atomically
+os.fsync = lambda handle: os.kill(os.getpid(), signal.SIGKILL)
+write_atomically(Path(sys.argv[1]), "half of it")
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files without a name are Linux's")
+def test_a_killed_process_leaves_no_part_of_a_file(tmp_path: Path) -> None:
+    """The old file stays as it was, and nothing is beside it."""
+    path = tmp_path / "design.csv"
+    path.write_text("old")
+    killed = subprocess.run([sys.executable, "-c", KILLED, path], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("design.csv", "old")]
+
+
+def test_without_unnamed_files_a_file_is_replaced_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("topo_search.model.files.DESCRIPTORS", tmp_path / "none")
+    for text in ("first", "second"):
+        write_atomically(tmp_path / "design.csv", text)
+        assert [each.read_text() for each in tmp_path.iterdir()] == [text]
+
+
+@pytest.mark.skipif(not os.access("/proc/kmsg", os.R_OK), reason="the kernel's log is for root")
+def test_a_log_that_calls_itself_a_regular_file_is_refused() -> None:
+    with pytest.raises(BadInput, match="reading it would wait"):
+        read_json(Design, Path("/proc/kmsg"))

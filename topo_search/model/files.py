@@ -23,6 +23,9 @@ from topo_search.model.task import Task
 
 Model = TypeVar("Model", bound=BaseModel)
 
+DESCRIPTORS = Path("/proc/self/fd")
+"""Open files of this process, on Linux."""
+
 
 def validate(model: type[Model], data: Any, source: str, folder: Folder | None = None) -> Model:
     """Return `data` as a model; BadInput names every fault, `source` first.
@@ -138,19 +141,32 @@ def write_atomically(path: Path, content: str | bytes, *, lasting: bool = True) 
             raise OSError(errno.EEXIST, "there is something else than a regular file")
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-        handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         try:
-            with os.fdopen(handle, "wb") as stream:
+            with os.fdopen(_open_unnamed(path.parent) or _open_new(partial), "wb") as stream:
                 stream.write(content if isinstance(content, bytes) else content.encode("utf-8"))
+                stream.flush()
                 if lasting:
-                    stream.flush()
                     os.fsync(stream.fileno())
+                if not partial.exists():  # with a folder's descriptor, links are followed: the file gets its name
+                    os.link(DESCRIPTORS / str(stream.fileno()), partial, src_dir_fd=stream.fileno())
             partial.replace(path)
         except BaseException:
             partial.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _open_new(path: Path) -> int:
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+
+
+def _open_unnamed(folder: Path) -> int | None:
+    """Open a file without a name, which vanishes with a killed process; None where the system has none."""
+    try:
+        return os.open(folder, os.O_WRONLY | os.O_TMPFILE, 0o666) if DESCRIPTORS.exists() else None
+    except OSError:  # the file system cannot, or the folder is not writable, which the other way reports
+        return None
 
 
 def load_text(path: str | Path, *, most_bytes: int) -> str:

@@ -45,6 +45,8 @@ def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
     with os.fdopen(handle, "rb") as stream:
         _require_regular(os.fstat(handle), most_bytes)  # what is there now
         content = stream.read(most_bytes + 1)
+    if content is None:  # a log of the kernel calls itself regular
+        raise NotReadable("must be a regular file, but reading it would wait")
     if len(content) > most_bytes:  # it grows
         raise NotReadable(f"must have at most {most_bytes:,} bytes, but has more")
     return content

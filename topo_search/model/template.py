@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import textwrap
+import tomllib
 from collections.abc import Iterator
 
 from pydantic import BaseModel
@@ -85,8 +86,7 @@ LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "t
 
 def task_template(name: str) -> str:
     """Return the text of a task file with every field, its default and what it means."""
-    hover = {"com": {"force": [0.0, 0.0, 1.0]}}
-    stated = Task.model_validate({"name": name, "modules": 5, "load_cases": [hover]})
+    stated = Task.model_validate(tomllib.loads(HEAD.format(name=name) + TASK))
     filled = stated.resolve(5)
     module, k_f = filled.module, filled.module.thrust_coefficient
     forms = {
