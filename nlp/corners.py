@@ -6,7 +6,7 @@ given angles produces it is a small convex problem of its own, so that all are j
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import replace
 
 import numpy as np
@@ -68,7 +68,7 @@ def take_in_corners(
             near, lacking = _near(reached, either=limits is not None), lacking - overloaded
         if lacking or (not more and near is limits):
             return outcome
-        point, limits = _with_more(whole, point.task, more) if more else reached, near
+        point, limits = with_some(whole, _labels(point.task) | more) if more else reached, near
     return outcome
 
 
@@ -90,32 +90,28 @@ def with_all(point: Point, task: ResolvedTask, own: OwnConstraints = ()) -> Poin
     return correct_point(replace(point, task=task, u=u), own)
 
 
-def _most_missed(whole: Point, had: ResolvedTask) -> list[int]:
-    """Return the corners that are missed most and were not had, by their places among all, one of a set."""
-    task, taken = whole.task, list[int]()
+def _most_missed(whole: Point, had: ResolvedTask) -> set[str]:
+    """Return the labels of the corners that are missed most and were not had, one of a set."""
+    task, taken = whole.task, dict[int, str]()
     if not isinstance(task, CorneredTask):
-        return taken
+        return set()
     declared = len(task.stated.load_cases)
     missed = missed_wrenches(whole).max(axis=1)[declared:]
     missed[_places(had, task)[declared:] - declared] = 0.0
-    groups: set[int] = set()
     for c in np.argsort(-missed, kind="stable").tolist():
         if missed[c] <= WRENCH_TOLERANCE or len(taken) == TAKEN:
             break
-        if task.groups[c] not in groups:
-            taken.append(c)
-            groups.add(task.groups[c])
-    return taken
+        taken.setdefault(task.groups[c], task.corners[c].label)
+    return set(taken.values())
 
 
-def _with_more(whole: Point, had: ResolvedTask, more: list[int]) -> Point:
-    """Return a point of all corners as one of those that were had and some more."""
+def with_some(whole: Point, named: Set[str]) -> Point:
+    """Return a point of all corners as one of those with some labels alone."""
     task = whole.task
     if not isinstance(task, CorneredTask):
-        raise TypeError("a task without corners has no more of them")
-    declared = len(task.stated.load_cases)
-    kept = sorted([*(_places(had, task)[declared:] - declared).tolist(), *more])
-    cases = [*range(declared), *(declared + c for c in kept)]
+        return whole
+    kept, declared = [c for c, corner in enumerate(task.corners) if corner.label in named], task.stated.load_cases
+    cases = [*range(len(declared)), *(len(declared) + c for c in kept)]
     return replace(whole, task=task.with_corners(kept), u=whole.u[cases])
 
 

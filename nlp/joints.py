@@ -81,13 +81,9 @@ def name_of(task: ResolvedTask, load: Load) -> str:
     return f"{task.case_labels[load.case]}, {what} in the joint of module {load.child} and its parent"
 
 
-def holder(point: Point) -> int | None:
-    """Return the module that carries the end-effector; None: unknown.
-
-    It is that of the nearest free connector whose rod meets its limits (`nlp.requirements.rod`), if that rod is
-    clear of all airflow and of balls around what parts reach out of it: the audit then bolts the rod there too.
-    """
-    (R, p), module, rod = point.poses, point.task.module, point.task.end_effector.rod_radius
+def rod_of(point: Point) -> tuple[int, Array] | None:
+    """Return the module and the connector of the nearest rod that meets its limits; None: there is no such rod."""
+    (R, p), module = point.poses, point.task.module
     free = np.array(point.topology.free_connectors)
     starts = p[free[:, 0]] + module.connector_distance * np.einsum("iab,ib->ia", R[free[:, 0]], PORTS[free[:, 1]])
     lengths = np.linalg.norm(starts - point.p_E, axis=1)
@@ -98,13 +94,26 @@ def holder(point: Point) -> int | None:
             _, nearest, gaps = limits.best(point.vectors)
             if gaps[nearest].min() < 0:
                 return None
-    i, path, cover = int(free[nearest, 0]), point.p_E - starts[nearest], part_cover(module)
-    fitted = np.zeros((point.topology.n, 1, 1))
-    fitted[i] = min(1.0, FITTING * rod / max(lengths[nearest], rod))  # the fitting may touch what it is bolted to
+    return int(free[nearest, 0]), starts[nearest]
+
+
+def holder(point: Point) -> int | None:
+    """Return the module that carries the end-effector; None: unknown.
+
+    It is that of the nearest free connector whose rod meets its limits (`nlp.requirements.rod`), if that rod is
+    clear of all airflow and of balls around what parts reach out of it: the audit then bolts the rod there too.
+    """
+    rod, cover = rod_of(point), part_cover(point.task.module)
+    if rod is None:
+        return None
+    (R, p), radius, (i, start) = point.poses, point.task.end_effector.rod_radius, rod
+    path = point.p_E - start
+    fitted, length = np.zeros((point.topology.n, 1, 1)), float(np.linalg.norm(path))
+    fitted[i] = min(1.0, FITTING * radius / max(length, radius))  # the fitting may touch what it is bolted to
     balls = p[:, None] + np.einsum("iab,mb->ima", R, cover.centres)
-    beyond = Swept(starts[nearest] + fitted * path, (1 - fitted) * path, rod)
+    beyond = Swept(start + fitted * path, (1 - fitted) * path, radius)
     clear = np.all(clearance(beyond, Swept(balls, np.zeros(3), 0.0)) > cover.radii)
-    return i if clear and np.all(clearance(Swept(starts[nearest], path, rod), point.envelopes) > 0) else None
+    return i if clear and np.all(clearance(Swept(start, path, radius), point.envelopes) > 0) else None
 
 
 def loads(point: Point) -> Array:

@@ -96,7 +96,11 @@ def solve(
         found[k] = min(
             (found[k], *_carried_over(task, topology, source, found[k].start, seed, own)), key=lambda one: one.rank
         )
-    best = min(found, key=lambda one: one.rank)
+    best, shorter = min(found, key=lambda one: one.rank), None
+    if best.worst.met and task.end_effector.rod == "straight" and task.end_effector.fixed_position is None:
+        from nlp.shortest_rod import shorten_rod  # compiled code, which other commands need not load
+
+        best, shorter = shorten_rod(best, own)
     corners = len(task.load_cases) - len(task.declared.load_cases)
     record = SolverRecord(
         status=best.result.status,
@@ -109,6 +113,7 @@ def solve(
         objectives=tuple(one.objective for one in found if one.worst.met),
         corners=corners or None,
         corners_active=len(frozenset[str]().union(*(one.corners for one in found))) if corners else None,
+        shorter_rod=shorter,
         versions=_versions(),
     )
     return _design(best, record, constraints) if best.worst.met else _infeasible(found, best, record)

@@ -32,7 +32,7 @@ def print_answer(answer: Answer) -> None:
     """Print what a run found, and where it is."""
     print_found(answer)
     click.echo(f"everything is in {answer.folder}")
-    for words in (answer.weakest_point, answer.tolerances):
+    for words in (answer.weakest_point, answer.tolerances, answer.shorter_rod):
         if answer.best is not None and words is not None:
             click.echo(f"{answer.best.key}: {words}")
 
@@ -198,6 +198,8 @@ def print_solved(solved: Solved, out: Path | None) -> None:
             sheet = solved.audit.assembly.end_effector
             if sheet is None or not sheet.clear_rod:
                 click.echo(f"{solved.outcome.topology.key}{NO_CLEAR_ROD}")
+        if (words := solved.outcome.shorter_rod) is not None:
+            click.echo(f"{solved.outcome.topology.key}: {words}")
         if out is not None:
             click.echo(f"the design is in {out}")
 

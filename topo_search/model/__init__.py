@@ -14,7 +14,7 @@ from topo_search.model.audit import (
     WorstCase,
 )
 from topo_search.model.bad_input import BadInput, Fault
-from topo_search.model.design import Design, Mount, SolverRecord
+from topo_search.model.design import Design, Mount, ShorterRod, SolverRecord
 from topo_search.model.end_effector import EndEffector
 from topo_search.model.exposure import (
     LEAST_OFFSET,
@@ -79,6 +79,7 @@ __all__ = [
     "RotorsOut",
     "Search",
     "Sensitivity",
+    "ShorterRod",
     "Shortfall",
     "SolverRecord",
     "Status",

@@ -12,6 +12,7 @@ from pydantic import (
     ConfigDict,
     Field,
     PlainSerializer,
+    ValidationError,
     ValidatorFunctionWrapHandler,
     field_validator,
     model_validator,
@@ -54,6 +55,24 @@ SAME_OPTIMUM = 1.0e-4
 """Relative difference of objectives up to which two starts are said to have reached the same optimum."""
 
 
+class ShorterRod(Value):
+    """What a rod shorter than a design's costs."""
+
+    length_m: Number
+    """[m]"""
+    cost: Number | None
+    """Effort over that of the design, less one; None where no such design was found from there."""
+
+    @property
+    def words(self) -> str:
+        """Say it in a sentence's part."""
+        if self.cost is None:
+            return f"no design with a rod of at most {self.length_m:.2f} m was reached from this one"
+        return (
+            f"a rod of at most {self.length_m:.2f} m adds {100 * self.cost:.2g} % effort, solved from this design"
+        )
+
+
 class SolverRecord(Value):
     """How a result came about; informative."""
 
@@ -76,6 +95,8 @@ class SolverRecord(Value):
     """Number of corners of sets of wrenches, reserves and failures that must be possible besides the load cases."""
     corners_active: Annotated[Index | None, Field(exclude_if=lambda given: given is None)] = None
     """How many of them were ever stated in a program; all others were met without."""
+    shorter_rod: Annotated[ShorterRod | None, Field(exclude_if=lambda given: given is None)] = None
+    """What a shorter rod costs, where one was tried: the design's is the shortest at its effort, to a tenth."""
     versions: dict[str, str]
     """Versions of the libraries that fix the result."""
 
@@ -127,6 +148,14 @@ class Design(Value):
     stated: Annotated[tuple[Stated, ...], Field(exclude_if=lambda given: not given)] = ()
     """The user's own constraints when it was solved, without their functions: evaluated, not certified."""
     solver: dict[str, Any] | None = None
+
+    @property
+    def shorter_rod(self) -> str | None:
+        """What a shorter rod costs, if the solver's record says it."""
+        try:
+            return ShorterRod.model_validate((self.solver or {}).get("shorter_rod")).words
+        except ValidationError:
+            return None
 
     @field_validator("task", mode="before")
     @classmethod

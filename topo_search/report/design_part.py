@@ -46,7 +46,7 @@ def design_part(design: Design, audit: Audit | None) -> DesignPart:
             for number, (caption, figure) in enumerate(clearance_matrices(design, audit))
         ),
         nearest=nearest(pairs) if pairs else None,
-        findings=() if audit is None else _findings(audit),
+        findings=() if audit is None else _findings(design, audit),
         errors=None if audit is None else _errors(audit),
         residuals=None if audit is None else _residuals(audit),
         stated=_stated_constraints(design, audit),
@@ -101,8 +101,8 @@ def nearest(pairs: tuple[Clearance, ...]) -> Table:
     return Table(columns, rows, frozenset({2, 3, 4}))
 
 
-def _findings(audit: Audit) -> tuple[str, ...]:
-    """Return how severely airflow envelopes overlap, if they do, and what the task's tolerances do."""
+def _findings(design: Design, audit: Audit) -> tuple[str, ...]:
+    """Return how severely airflow envelopes overlap, what tolerances do, and what a shorter rod costs."""
     found = []
     if (overlaps := audit.interference) is not None and overlaps.colliding_pairs:
         sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
@@ -110,8 +110,7 @@ def _findings(audit: Audit) -> tuple[str, ...]:
             f"{quantity(overlaps.colliding_pairs, 'pair')} of airflow envelopes overlap, in clusters of {sizes} "
             f"modules; the deepest by {figures(at_most(overlaps.deepest_percent, 3), 3)} % of the deepest possible."
         )
-    if (words := audit.tolerances_words) is not None:
-        found.append(f"{words[0].upper()}{words[1:]}.")
+    found += [f"{words[0].upper()}{words[1:]}." for words in (audit.tolerances_words, design.shorter_rod) if words]
     return tuple(found)
 
 

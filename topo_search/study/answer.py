@@ -205,6 +205,11 @@ class Answer:
         return None if audited is None else audited.tolerances_words
 
     @property
+    def shorter_rod(self) -> str | None:
+        """What a shorter rod of the best design costs."""
+        return None if self.design is None else self.design.shorter_rod
+
+    @property
     def candidates(self) -> pd.DataFrame:
         """A row for every candidate, with the columns of `candidates.csv`, best first."""
         from topo_search.study.frame import candidates

@@ -1,0 +1,73 @@
+"""The shortest rod at a design's effort, and what a shorter one costs."""
+
+import numpy as np
+import pytest
+
+from nlp import solve
+from topo_search.model import Design, Task, Topology
+from verify import audit
+
+TREE = Topology.from_key("a300")
+
+
+def rod_of(design: Design) -> float:
+    """The rod of the best design from the audit's own sheet [m]."""
+    sheet = audit(design).assembly.end_effector
+    assert sheet is not None
+    return sheet.connectors[0].length_m
+
+
+def solved(task: Task, *, near: tuple[Design, ...] = ()) -> Design:
+    design = solve(task.resolve(3), TREE, starts=range(0 if near else 2), seed=0, near=near)
+    assert isinstance(design, Design)
+    return design
+
+
+def with_reach(task: Task, metres: float) -> Task:
+    return task.model_copy(update={"end_effector": task.end_effector.model_copy(update={"largest_reach": metres})})
+
+
+def test_where_the_effort_does_not_depend_on_it_the_rod_is_short() -> None:
+    """A platform that only hovers, above a ball that must stay out of its airflow: any longer rod does as well."""
+    fields = {"mass": 0.0, "stand_off": 0.3, "largest_reach": 2.5}
+    case = {"carries_weight": True}
+    task = Task.model_validate(
+        {"name": "hover", "modules": 3, "end_effector": fields, "load_cases": [case], "exposure": []}
+    )
+    design = solved(task)
+    record = (design.solver or {})["shorter_rod"]
+    assert rod_of(design) < 0.4
+    assert record is None or record["length_m"] < rod_of(design)
+    assert audit(design).verdict == "clear"
+
+
+def test_what_a_shorter_rod_costs_is_what_a_shorter_reach_costs() -> None:
+    push = {"units": "SI", "carries_weight": True, "end_effector": {"force": [2.0, 0.0, 0.0]}}
+    ball = {"kind": "local", "radius": 0.2}
+    task = Task.model_validate({"name": "push", "modules": 3, "load_cases": [push], "exposure": [ball]})
+    design = solved(task)
+    shorter = (design.solver or {})["shorter_rod"]
+    assert shorter["length_m"] == pytest.approx(0.9 * rod_of(design), rel=1e-6)
+    narrow = solved(with_reach(task, shorter["length_m"]), near=(design,))
+    assert narrow.objective / design.objective - 1 == pytest.approx(shorter["cost"], rel=1e-2)
+    assert shorter["cost"] > 0
+    assert design.shorter_rod == (
+        f"a rod of at most {shorter['length_m']:.2f} m adds {100 * shorter['cost']:.2g} % effort, "
+        "solved from this design"
+    )
+
+
+@pytest.mark.parametrize("fields", [{"rod": "none"}, {"position": [0.35, 0.0, 0.0]}])
+def test_without_a_rod_of_free_length_nothing_is_said(fields: dict[str, object]) -> None:
+    case = {"carries_weight": True, "end_effector": {"force": [0.1, 0.0, 0.0]}}
+    design = solved(Task.model_validate({"name": "t", "modules": 3, "end_effector": fields, "load_cases": [case]}))
+    assert design.shorter_rod is None
+
+
+def test_a_record_that_cannot_be_read_says_nothing() -> None:
+    task = Task.model_validate({"name": "t", "modules": 3, "load_cases": [{"carries_weight": True}]})
+    design = solved(task)
+    for unreadable in (1, "long", {"length_m": "x"}, {"length_m": 1.0}, None):
+        record = {**(design.solver or {}), "shorter_rod": unreadable}
+        assert design.model_copy(update={"solver": record}).shorter_rod is None
+    assert np.isfinite(design.objective)
