@@ -14,9 +14,9 @@ import numpy as np
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
-from nlp.own import OwnConstraints, correct_point, violations_of
 from nlp.requirements.balances import WRENCH_TOLERANCE, missed_wrenches
 from nlp.start_result import StartResult
+from nlp.user_constraints import UserConstraints, correct_point, violations_of
 from topo_search.model import ResolvedTask
 from topo_search.model.corners import CorneredTask
 
@@ -39,7 +39,7 @@ def take_in_corners(
     start: int,
     origin: Point,
     solve: SolveFrom,
-    own: OwnConstraints = (),
+    constraints: UserConstraints = (),
 ) -> StartResult:
     """Return the result of a start whose program takes in corners, and loads in joints, until none is missed.
 
@@ -48,20 +48,20 @@ def take_in_corners(
         start: index of the start.
         origin: of a task with some of them.
         solve: solves the program of a point's own task from there, with limits of what joints bear if it has any.
-        own: own constraints, to which the point is held as well.
+        constraints: constraints of the user, to which the point is held as well.
     """
     point, iterations, limits = origin, 0, None
     for _ in range(ROUNDS):
         result = solve(point, limits)
         iterations += result.iterations
         result = replace(result, iterations=iterations)
-        reached = correct_point(result.point if result.finite else point, own)
-        whole = with_all(reached, task, own)
-        outcome = StartResult.at(start, whole, result, _labels(point.task), own)
+        reached = correct_point(result.point if result.finite else point, constraints)
+        whole = with_all(reached, task, constraints)
+        outcome = StartResult.at(start, whole, result, _labels(point.task), constraints)
         if outcome.worst.met:
             return outcome
         more, near = _most_missed(whole, point.task), limits
-        lacking = {check.name for check in violations_of(reached, own) if not check.met}
+        lacking = {check.name for check in violations_of(reached, constraints) if not check.met}
         overloaded = lacking & {name_of(task, load) for load in limited_loads(task, origin.topology)}
         if overloaded and (limits is None or limits.held not in (None, holder(reached))):
             # another holder than the limits are of: of both sides they hold whichever it is
@@ -81,13 +81,13 @@ def _near(point: Point, *, either: bool) -> Limits:
     return Limits(None if either else holder(point), near)
 
 
-def with_all(point: Point, task: ResolvedTask, own: OwnConstraints = ()) -> Point:
+def with_all(point: Point, task: ResolvedTask, constraints: UserConstraints = ()) -> Point:
     """Return a corrected point of a task with some corners as one of all, those with inputs of their own."""
     if len(point.task.load_cases) == len(task.load_cases):
         return point
     u = np.zeros((len(task.load_cases), *point.u.shape[1:]))
     u[_places(point.task, task)] = point.u
-    return correct_point(replace(point, task=task, u=u), own)
+    return correct_point(replace(point, task=task, u=u), constraints)
 
 
 def _most_missed(whole: Point, had: ResolvedTask) -> set[str]:

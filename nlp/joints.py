@@ -33,16 +33,18 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from nlp.numbers.geometry import PORTS, Swept, clearance
+from nlp.numbers.geometry import Swept, clearance
 from nlp.numbers.point import Point
+from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
 from nlp.symbols.kinematics import poses
-from nlp.symbols.wrench import scale, thrust, torque_map
+from nlp.symbols.wrench import scale, thrust
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
+from topo_search.model.layout import PORT_DIRECTIONS
 
 FITTING = 2.0
 """Length over which a rod is fixed to its mount, in radii of the rod."""
@@ -85,7 +87,9 @@ def rod_of(point: Point) -> tuple[int, Array] | None:
     """Return the module and the connector of the nearest rod that meets its limits; None: there is no such rod."""
     (R, p), module = point.poses, point.task.module
     free = np.array(point.topology.free_connectors)
-    starts = p[free[:, 0]] + module.connector_distance * np.einsum("iab,ib->ia", R[free[:, 0]], PORTS[free[:, 1]])
+    starts = p[free[:, 0]] + module.connector_distance * np.einsum(
+        "iab,ib->ia", R[free[:, 0]], PORT_DIRECTIONS[free[:, 1]]
+    )
     lengths = np.linalg.norm(starts - point.p_E, axis=1)
     # equal to as many digits as in the audit, so that of mirror images both choose the same one
     nearest = int(np.argmin(np.round(lengths / module.arm_length, 9)))
@@ -180,8 +184,8 @@ def _vectors(
     inertia = ca.diag(ca.DM(module.inertia)) / (module.mass * unit.length**2)
     turning = [pose.R @ inertia @ pose.R.T for pose in placed]
     whole = sum((_spread(at) for at in o), start=m_E * _spread(q)) + sum(turning[1:], start=turning[0])
-    own, beyond = torque_map(module), _outward_modules(topology)
-    joints = {i: o[h] + l_c * placed[h].R @ ca.DM(PORTS[a]) for h, i, a, _ in topology.edges()}
+    torques, beyond = ca.DM(torque_map(module)), _outward_modules(topology)
+    joints = {i: o[h] + l_c * placed[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
     vectors = []
     for load in listed:
         case, c = task.load_cases[load.case], joints[load.child]
@@ -198,7 +202,7 @@ def _vectors(
             u_j = u[load.case][4 * j : 4 * j + 4]
             pull = a + ca.cross(spin, o[j]) + up - thrust(u_j) * placed[j].z
             force += pull
-            moment += turning[j] @ spin - placed[j].R @ (own @ u_j) + ca.cross(o[j] - c, pull)
+            moment += turning[j] @ spin - placed[j].R @ (torques @ u_j) + ca.cross(o[j] - c, pull)
         pull = m_E * (a + ca.cross(spin, q) + up) + f_E
         without = moment if load.moment else force
         with_tip = moment + ca.cross(q - c, pull) + tau_E if load.moment else force + pull

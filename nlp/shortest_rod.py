@@ -14,8 +14,8 @@ from nlp.assembled import polish_with
 from nlp.corners import take_in_corners, with_some
 from nlp.joints import rod_of
 from nlp.numbers.point import Point
-from nlp.own import OwnConstraints
 from nlp.start_result import StartResult
+from nlp.user_constraints import UserConstraints
 from topo_search.model import ShorterRod
 from topo_search.model.corners import to_corners
 
@@ -25,14 +25,14 @@ STEP = 0.9
 """Length of a shorter rod relative to the present one, in the first step and in the last."""
 
 
-def shorten_rod(design: StartResult, own: OwnConstraints) -> tuple[StartResult, ShorterRod | None]:
+def shorten_rod(design: StartResult, constraints: UserConstraints) -> tuple[StartResult, ShorterRod | None]:
     """Return a design of the same effort with the shortest rod, to a tenth, and what a shorter one costs.
 
     Rods up to the length of an arm are short enough: for them, nothing is said of shorter ones.
     """
     shortest, step = design, STEP
     while (length := rod_length(shortest.point)) > design.point.task.module.arm_length:
-        shorter = _within(shortest, step * length, own)
+        shorter = _within(shortest, step * length, constraints)
         cost = shorter.objective / design.objective - 1 if shorter.worst.met else None
         if cost is not None and cost <= SAME_EFFORT:
             shortest, step = shorter, step**2
@@ -49,11 +49,13 @@ def rod_length(point: Point) -> float:
     return 0.0 if rod is None else float(np.linalg.norm(point.p_E - rod[1]))
 
 
-def _within(design: StartResult, reach: float, own: OwnConstraints) -> StartResult:
+def _within(design: StartResult, reach: float, constraints: UserConstraints) -> StartResult:
     """Return where a design leads with less reach, judged by its own task; it need not become a design again."""
     task = design.point.task
     shorter = {"end_effector": task.end_effector.model_copy(update={"largest_reach": reach})}
     narrow = to_corners(task.declared.model_copy(update=shorter))
     origin = with_some(replace(design.point, task=narrow), design.corners)
-    solved = take_in_corners(narrow, design.start, origin, polish_with(own), own)
-    return StartResult.at(design.start, replace(solved.point, task=task), solved.result, solved.corners, own)
+    solved = take_in_corners(narrow, design.start, origin, polish_with(constraints), constraints)
+    return StartResult.at(
+        design.start, replace(solved.point, task=task), solved.result, solved.corners, constraints
+    )

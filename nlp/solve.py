@@ -11,16 +11,16 @@ import numpy as np
 
 from nlp.bounds import bound_of, prove_impossible
 from nlp.corners import take_in_corners, with_all, without_corners
+from nlp.evaluation.correction import correct
+from nlp.evaluation.violations import Violation
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits
-from nlp.numbers.correction import correct
-from nlp.numbers.evaluate import Violation
 from nlp.numbers.point import Point
-from nlp.own import OwnConstraints
 from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import common_subtrees, warm_start
+from nlp.user_constraints import UserConstraints
 from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Task, Topology
 from topo_search.model.corners import to_corners
 from topo_search.protocols import OwnConstraint
@@ -49,7 +49,7 @@ def prepare(task: Task, tell: Callable[[str], None]) -> None:
         tell(f"without the reduced search: {reason}")
     least = task.resolve(min(task.sizes))
     if reason_against(least) is None:
-        from nlp.reduced.compiled import prepare as compile_reduced
+        from nlp.multistart import compile_reduced
 
         compile_reduced(least, tell)
 
@@ -90,17 +90,18 @@ def solve(
         return proof
     task, began = to_corners(task), time.perf_counter()
     solve_starts = _whole_problem if reason_against(task) else _reduced_search
-    own = tuple(constraints)
-    found = solve_starts(task, topology, starts=starts, seed=seed, near=near, own=own)
+    user_constraints = tuple(constraints)
+    found = solve_starts(task, topology, starts=starts, seed=seed, near=near, constraints=user_constraints)
     for k, source in enumerate(near):
         found[k] = min(
-            (found[k], *_carried_over(task, topology, source, found[k].start, seed, own)), key=lambda one: one.rank
+            (found[k], *_carried_over(task, topology, source, found[k].start, seed, user_constraints)),
+            key=lambda one: one.rank,
         )
     best, shorter = min(found, key=lambda one: one.rank), None
     if best.worst.met and task.end_effector.rod == "straight" and task.end_effector.fixed_position is None:
         from nlp.shortest_rod import shorten_rod  # compiled code, which other commands need not load
 
-        best, shorter = shorten_rod(best, own)
+        best, shorter = shorten_rod(best, user_constraints)
     corners = len(task.load_cases) - len(task.declared.load_cases)
     record = SolverRecord(
         status=best.result.status,
@@ -120,7 +121,7 @@ def solve(
 
 
 def _carried_over(
-    task: ResolvedTask, topology: Topology, source: Design, start: int, seed: int, own: OwnConstraints
+    task: ResolvedTask, topology: Topology, source: Design, start: int, seed: int, constraints: UserConstraints
 ) -> list[StartResult]:
     """Return a design of the same tree that is one of this task too, and where it leads; else nothing.
 
@@ -133,8 +134,12 @@ def _carried_over(
     plain = without_corners(task)
     point = warm_start(plain, topology, source=source, rng=generator(plain, topology, start, seed))
     point = correct(point, refit=True)
-    kept = StartResult.at(start, with_all(point, task, own), IpoptResult(point, "carried over", 0), own=own)
-    return [kept, take_in_corners(task, start, point, polish_with(own), own)] if kept.worst.met else []
+    kept = StartResult.at(
+        start, with_all(point, task, constraints), IpoptResult(point, "carried over", 0), constraints=constraints
+    )
+    return (
+        [kept, take_in_corners(task, start, point, polish_with(constraints), constraints)] if kept.worst.met else []
+    )
 
 
 def _reduced_search(
@@ -144,12 +149,12 @@ def _reduced_search(
     starts: range,
     seed: int,
     near: Sequence[Design],
-    own: OwnConstraints,
+    constraints: UserConstraints,
 ) -> list[StartResult]:
     """Return the results of the reduced search."""
-    from nlp.reduced.starts import solve_starts  # compiled code, which other commands need not load
+    from nlp.multistart import solve_starts  # compiled code, which other commands need not load
 
-    return solve_starts(task, topology, starts=starts, seed=seed, near=near, own=own)
+    return solve_starts(task, topology, starts=starts, seed=seed, near=near, constraints=constraints)
 
 
 def _whole_problem(
@@ -159,7 +164,7 @@ def _whole_problem(
     starts: range,
     seed: int,
     near: Sequence[Design],
-    own: OwnConstraints,
+    constraints: UserConstraints,
 ) -> list[StartResult]:
     """Return the results of Ipopt on the whole problem, from untangled starts."""
     from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
@@ -167,14 +172,14 @@ def _whole_problem(
     plain, found = without_corners(task), []
 
     def solve_from(point: Point, limits: Limits | None) -> IpoptResult:
-        return AssembledProgram(point.task, topology, own, limits).solve(point)
+        return AssembledProgram(point.task, topology, constraints, limits).solve(point)
 
     draws: list[tuple[int, Callable[..., Point]]]
     draws = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(near)]
     draws += [(s, draw) for s in starts]
     for s, start in draws:
         origin = start(plain, topology, rng=generator(plain, topology, s, seed))
-        found.append(take_in_corners(task, s, origin, solve_from, own))
+        found.append(take_in_corners(task, s, origin, solve_from, constraints))
     return found
 
 

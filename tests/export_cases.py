@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import Design, Mount, Task, Topology
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.topologies import sample
-from verify.kinematics import PORT_DIRECTIONS, platform
+from verify.kinematics import platform
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from nlp_cases import (
     solved,
 )
 
-from nlp.numbers.evaluate import violations
+from nlp.evaluation.violations import violations
 from nlp.solve import solve
 from topo_search.export.poses import poses
 from topo_search.export.regions import mesh, shapes

@@ -9,9 +9,9 @@ from nlp_cases import FEATURES, push, random_point, random_tree
 
 from nlp.assembled import AssembledProgram
 from nlp.assembled.problem import AssembledProblem
+from nlp.evaluation.correction import correct
+from nlp.evaluation.violations import violations, worst
 from nlp.ipopt import BETA, OPTIONS
-from nlp.numbers.correction import correct
-from nlp.numbers.evaluate import violations, worst
 from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.requirements import clearances, variable_bounds

@@ -18,10 +18,11 @@ from nlp.bounds.branch.proof import chunk_box, prove_chunk
 from nlp.units import Units
 from topo_search.model import Design, Topology
 from topo_search.model.files import read_task
+from topo_search.model.layout import ROTOR_DIRECTIONS
 from topo_search.model.proof import chunk_count
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
-from verify.kinematics import ROTOR_DIRECTIONS, Platform, poses
+from verify.kinematics import Platform, poses
 from verify.wrench import required_wrench, wrench_map
 
 

@@ -8,7 +8,7 @@ import pytest
 from nlp_cases import push
 from test_nlp_untangling import least_clearance
 
-from nlp.numbers.evaluate import violations
+from nlp.evaluation.violations import violations
 from nlp.numbers.geometry import Swept, cone_reach, root_rotation, rotation
 from nlp.numbers.point import Point
 from nlp.requirements.balances import asked_wrenches, wrench_matrix

@@ -8,8 +8,8 @@ from nlp_cases import hover, push, random_point, random_tree, solved
 
 from nlp import lower_bound, solve
 from nlp.assembled import AssembledProgram
-from nlp.numbers.correction import correct
-from nlp.numbers.evaluate import violations
+from nlp.evaluation.correction import correct
+from nlp.evaluation.violations import violations
 from nlp.numbers.geometry import root_angles, root_rotation, rotation
 from nlp.requirements.balances import WRENCH_TOLERANCE
 from nlp.starts.random_starts import draw, generator

@@ -7,13 +7,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from nlp.user_constraints.joined import JoinedProgram
 from nlp_cases import GENTLE_PUSH, HOVER, as_design, push, random_point, random_tree, solved
 
 from nlp import joints, solve
 from nlp.assembled.problem import AssembledProblem
 from nlp.joints import LimitRows, Limits, holder, limit_of, limited_loads, loads
 from nlp.numbers.point import Point
-from nlp.own.joined import JoinedProgram
 from nlp.requirements import clearances
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
 from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology

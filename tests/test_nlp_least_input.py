@@ -9,9 +9,9 @@ from scipy.optimize import linprog, lsq_linear
 
 from nlp import lower_bound, solve
 from nlp.assembled import AssembledProgram
-from nlp.numbers.correction import correct
-from nlp.numbers.evaluate import violations, worst
-from nlp.reduced.starts import solve_starts
+from nlp.evaluation.correction import correct
+from nlp.evaluation.violations import violations, worst
+from nlp.multistart import solve_starts
 from nlp.requirements.balances import wrench_matrix
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, ResolvedTask, Topology

@@ -10,8 +10,8 @@ from nlp_cases import HOVER, as_design, hover, push, random_point, random_tree, 
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.assembled.problem import AssembledProblem
+from nlp.evaluation.violations import violations
 from nlp.ipopt import BETA
-from nlp.numbers.evaluate import violations
 from nlp.problem import problem
 from nlp.requirements import clearances
 from topo_search.model import Design, Infeasible, ResolvedTask, Topology

@@ -9,7 +9,7 @@ from nlp_cases import LOCAL, PUSH, as_design, as_point, hover, push, random_poin
 
 from nlp import solve
 from nlp.bounds import prove_impossible
-from nlp.numbers.evaluate import violations, worst
+from nlp.evaluation.violations import violations, worst
 from nlp.reduced.expressed import reason_against
 from topo_search.model import Design, Infeasible, Task, Topology
 from topo_search.model.files import read_task

@@ -7,8 +7,8 @@ import pytest
 from nlp_cases import push
 
 import nlp
+from nlp import multistart
 from nlp.bounds.branch import proof
-from nlp.reduced import compiled
 from topo_search.model import Task
 from topo_search.model.topology import straight_chain
 from verify.proof import check
@@ -19,7 +19,7 @@ def kept(tmp_path, monkeypatch):
     """A folder for what is kept, in the place of the installation's."""
     stats = SimpleNamespace(cache_path=str(tmp_path))
     function = SimpleNamespace(__module__="nlp.reduced.search", __qualname__="descend_all", stats=stats)
-    monkeypatch.setattr(compiled, "descend_all", function)
+    monkeypatch.setattr(multistart, "descend_all", function)
     return tmp_path
 
 

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from nlp_cases import GENTLE_PUSH, HOVER, placed, push
 
-from nlp import solve
-from nlp.numbers.evaluate import violations, worst
-from nlp.reduced import starts as reduced_starts
+from nlp import multistart, solve
+from nlp.evaluation.violations import violations, worst
+from nlp.multistart import DEEP, solve_starts
 from nlp.reduced.arrays import to_arrays
-from nlp.reduced.draws import draws
 from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
-from nlp.reduced.search import ends, point_of
-from nlp.reduced.starts import DEEP, DEEP_BATCH, solve_starts
+from nlp.reduced.search import local_minima, point_of
 from nlp.start_result import StartResult
+from nlp.starts.reduced_starts import draws
 from topo_search.model import Design, Topology
 from topo_search.study import phases
 
@@ -33,7 +32,7 @@ def best(found: list[StartResult]) -> StartResult:
 def test_ends_are_next_to_designs() -> None:
     task = push(4, load_cases=GENTLE_PUSH)
     stated = to_arrays(task, TREE)
-    first, _ = ends(stated, draws(task, TREE, stated, range(40), "0"))
+    first, _ = local_minima(stated, draws(task, TREE, stated, range(40), "0"))
     near = [end for end in first if end.missing < 1e-2]
     assert near
     for end in near:
@@ -100,7 +99,7 @@ def test_a_deep_search_is_made_once_and_counts_as_its_start(monkeypatch) -> None
         drawn.append((seed, anyhow))
         return draws(task, topology, stated, starts, seed, anyhow=anyhow)
 
-    monkeypatch.setattr(reduced_starts, "draws", watched)
+    monkeypatch.setattr(multistart, "draws", watched)
     task, tree = push(2), Topology.from_key("a10")
     assert len(searched(task, range(3), tree=tree)) == 3
     assert drawn == [("0", False)]
@@ -108,7 +107,7 @@ def test_a_deep_search_is_made_once_and_counts_as_its_start(monkeypatch) -> None
     assert [outcome.start for outcome in found] == [3, 4]
     assert drawn[1] == ("0", False)
     assert set(drawn[2:]) == {("0 deep", True)}
-    assert 1 < len(drawn[2:]) <= DEEP / DEEP_BATCH
+    assert 1 < len(drawn[2:]) <= DEEP.most_starts / DEEP.batch
 
 
 def test_a_task_that_it_does_not_express_is_named() -> None:

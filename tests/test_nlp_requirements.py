@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from nlp_cases import FEATURES, push, random_point, random_tree
 
-from nlp.numbers.evaluate import violations
+from nlp.evaluation.violations import violations
 from nlp.problem import problem
 from nlp.reduced.arrays import rows
 from nlp.reduced.expressed import reason_against

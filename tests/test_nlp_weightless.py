@@ -10,7 +10,7 @@ from scipy.optimize import lsq_linear
 from nlp import lower_bound, solve
 from nlp.bounds.duality import dual_value
 from nlp.bounds.effort import closed_form
-from nlp.reduced.starts import solve_starts
+from nlp.multistart import solve_starts
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.topologies.task_symmetry import improper_isometry

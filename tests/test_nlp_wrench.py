@@ -8,11 +8,12 @@ from hypothesis import strategies as st
 from nlp_cases import as_design, hover, push, random_point, random_tree, trees
 
 from nlp import names
-from nlp.numbers.evaluate import violations
+from nlp.evaluation.violations import violations
 from nlp.numbers.point import Point
 from nlp.problem import problem
-from nlp.requirements.balances import asked_wrenches, rotor_positions, wrench_matrix
+from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from topo_search.model import Topology
+from topo_search.model.layout import ROTOR_DIRECTIONS
 from verify.kinematics import platform
 from verify.residuals import residuals
 from verify.wrench import wrench_errors, wrench_map
@@ -117,7 +118,7 @@ def test_an_odd_kappa_flips_the_yaw_torque_of_the_childs_rotors(kappa, turns_yaw
     drag = {}
     for point in (aligned, turned):
         (R, p), A = point.poses, wrench_matrix(point)
-        places = p[1] + rotor_positions(point.task.module) @ R[1].T
+        places = p[1] + (point.task.module.arm_length * ROTOR_DIRECTIONS) @ R[1].T
         lift = np.cross(places, A[:3, 4:].T)
         own = (A[3:, 4:].T - lift) @ R[1][:, 2]  # about the thrust axis, without the lift's moment
         order = np.lexsort(np.round(places, 9).T)

@@ -9,9 +9,9 @@ import own_code
 import pytest
 from own_code import EQUAL_FOLDS, UPRIGHT, height, lifted, nonsense, sideways, span, spans, words
 
-from nlp.own import refuse_unusable
-from nlp.own.rows import OwnRows
 from nlp.starts.random_starts import draw, generator
+from nlp.user_constraints import refuse_unusable
+from nlp.user_constraints.rows import UserRows
 from topo_search import BadInput, OwnConstraint, Topology, audit, read_task, search, solve, to_json, write_report
 
 
@@ -197,7 +197,7 @@ def test_a_constraint_that_bounds_nothing_is_refused(fields, words):
 def test_what_has_no_number_is_missed(task, expression):
     topology, stated = Topology.from_key("a500"), OwnConstraint("c", expression, lower=-1.0, upper=2.0, unit="m")
     resolved = task.resolve(3)
-    rows = OwnRows([stated], resolved, topology)
+    rows = UserRows([stated], resolved, topology)
     point = draw(resolved, topology, generator(resolved, topology, 0, 0))
     (missed,) = rows.violations(point)
     assert not missed.met

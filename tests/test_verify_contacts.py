@@ -11,10 +11,11 @@ from scipy.spatial import ConvexHull
 from verify_cases import design, unit
 
 from topo_search.model import Status, Topology
+from topo_search.model.layout import PORT_DIRECTIONS
 from verify import audit
 from verify.clipping import SLICE, clip
 from verify.convex import Polyhedron, box
-from verify.kinematics import PORT_DIRECTIONS, platform
+from verify.kinematics import platform
 from verify.parts import rigid_parts
 
 ANGLES = (-90, -60, -30, 0, 15, 45, 75, 90)

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from verify_cases import FAN, fan
 
 from topo_search.model import Topology
+from topo_search.model.layout import ROTOR_SPINS
 from verify import poses
-from verify.kinematics import ROTOR_SPINS, platform, quarter_turns, rotation
+from verify.kinematics import platform, quarter_turns, rotation
 
 angles = st.floats(-math.pi / 2, math.pi / 2)
 

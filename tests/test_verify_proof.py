@@ -13,11 +13,12 @@ from nlp import proof_root, prove_chunk, solve
 from nlp.bounds.branch.arrays import to_arrays
 from nlp.bounds.branch.crowded import ALL_OVER, crowding
 from topo_search.model import Chunk, Design, Topology
+from topo_search.model.layout import ROTOR_DIRECTIONS
 from topo_search.model.proof import chunk_count
 from verify import check_chunk
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
-from verify.kinematics import ROTOR_DIRECTIONS, Platform, poses
+from verify.kinematics import Platform, poses
 from verify.proof import arcs, ascent, dual, nearness
 from verify.proof.check import chunk_box
 from verify.proof.platform import all_angles, hang, numbers

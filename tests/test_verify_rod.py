@@ -6,9 +6,10 @@ from verify_cases import FAN, changed, design, fan, unit
 
 from topo_search.model import BadInput, Design, Mount, Status, Topology
 from topo_search.model.files import validate
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.topologies import sample
 from verify import audit, choose_mount
-from verify.kinematics import PORT_DIRECTIONS, platform, poses
+from verify.kinematics import platform, poses
 from verify.parts import rigid_parts
 from verify.rod import free_connectors, straight_rod
 

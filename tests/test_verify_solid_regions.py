@@ -16,10 +16,11 @@ from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
 from topo_search.model import Design, Status, Task, Topology
 from topo_search.model.files import to_toml
+from topo_search.model.layout import PORT_DIRECTIONS
 from verify import audit, choose_mount
 from verify.bodies import Cone
 from verify.convex import Cylinder, Polyhedron
-from verify.kinematics import PORT_DIRECTIONS, platform
+from verify.kinematics import platform
 from verify.parts import rigid_parts
 from verify.parts_in_cone import certify_parts_inside, lowest_point
 

@@ -18,10 +18,11 @@ from topo_search.model import (
     Rod,
     Status,
 )
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.room import LARGE, packed_width
 from topo_search.model.value import Vector
 from verify.bodies import Array
-from verify.kinematics import PORT_DIRECTIONS, Platform, platform
+from verify.kinematics import Platform, platform
 from verify.parts import RigidParts, rigid_parts
 from verify.requirements import Scene
 from verify.residuals import clamp

@@ -19,13 +19,13 @@ from itertools import product
 import numpy as np
 
 from topo_search.model import Design
+from topo_search.model.layout import PORT_DIRECTIONS
 from verify.bodies import Array
 from verify.certificate import Solid
 from verify.compounds import Compound
 from verify.contacts import RigidRequirement
 from verify.convex import Polyhedron
 from verify.hulls import Hull, hull
-from verify.kinematics import PORT_DIRECTIONS
 from verify.parts import RigidParts
 from verify.requirements import Requirement
 

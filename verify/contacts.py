@@ -22,11 +22,11 @@ from itertools import combinations
 
 from topo_search.model import AllowedContact, Design, Mount
 from topo_search.model.audit import Kind
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.room import INWARDS, OUTWARDS
 from verify.clipping import SLICE, clip
 from verify.compounds import Compound
 from verify.convex import Convex, Polyhedron
-from verify.kinematics import PORT_DIRECTIONS
 from verify.parts import RigidParts
 from verify.rod import FITTING, straight_rod
 

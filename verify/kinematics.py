@@ -26,17 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import Design, Topology
+from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 
 Array = NDArray[np.float64]
-
-PORT_DIRECTIONS: Array = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""e_a of the ports 0..3."""
-ROTOR_DIRECTIONS: Array = np.array(
-    [[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]]
-) / math.sqrt(2)
-"""delta_q / l_arm of the rotors q = 1..4 (X layout)."""
-ROTOR_SPINS: Array = np.array([-1.0, 1.0, -1.0, 1.0])
-"""(-1)^q of the rotors q = 1..4."""
 
 
 class Poses(NamedTuple):

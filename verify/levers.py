@@ -31,8 +31,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from topo_search.model import Topology
+from topo_search.model.layout import PORT_DIRECTIONS
 from verify.bodies import Array
-from verify.kinematics import PORT_DIRECTIONS, Poses
+from verify.kinematics import Poses
 from verify.meshes import Indices
 
 CHUNK = 500_000

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from topo_search.model import Design, Module
+from topo_search.model.layout import ROTOR_DIRECTIONS
 from verify.bodies import Array
 from verify.compounds import Compound
 from verify.convex import Convex, Polyhedron, box, cylinder
 from verify.fcl_queries import FARTHEST
-from verify.kinematics import ROTOR_DIRECTIONS, Platform
+from verify.kinematics import Platform
 
 UP = np.array([0.0, 0.0, 1.0])
 

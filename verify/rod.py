@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from topo_search.model import Design, FreeConnector, Mount, Obstacle
+from topo_search.model.layout import PORT_DIRECTIONS
 from verify.bodies import Array, Rows
 from verify.certificate import FLOOR
 from verify.clearance import clearances_of
 from verify.compounds import Compound, proximities
 from verify.convex import capsule
-from verify.kinematics import PORT_DIRECTIONS
 from verify.parts import RigidParts
 
 TIES = 9

@@ -14,8 +14,9 @@ from __future__ import annotations
 import numpy as np
 
 from topo_search.model import Design, LoadCase, Module
+from topo_search.model.layout import ROTOR_SPINS
 from verify.bodies import Array
-from verify.kinematics import ROTOR_SPINS, Platform
+from verify.kinematics import Platform
 
 
 def wrench_map(platform: Platform, module: Module) -> Array:

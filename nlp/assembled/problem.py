@@ -23,8 +23,8 @@ from nlp.assembled.chain import Chain
 from nlp.assembled.chain_rule import add_curvature, add_gradients, chain_rule
 from nlp.assembled.local_vectors import Differences, Indices, Mask, PlatformVectors, VectorLayout
 from nlp.assembled.terms import Term, derived_rows
+from nlp.numbers.rotors import torque_map
 from nlp.requirements import Requirement
-from nlp.symbols.wrench import torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -60,7 +60,7 @@ class AssembledProblem:
         self.n, self.K = topology.n, len(task.load_cases)
         self._chain = Chain(topology, module.connector_distance / unit.length)
         self._fixed = task.end_effector.fixed_position
-        self._torque_map = np.array(torque_map(module))
+        self._torque_map = torque_map(module)
         self.g = self.n + 2 + (3 if self._fixed is None else 0)
         self.size = self.g + 4 * self.n * self.K
         m_E = task.end_effector.mass / module.mass

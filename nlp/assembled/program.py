@@ -11,13 +11,13 @@ import numpy as np
 
 from nlp.assembled.callbacks import Evaluated, Function
 from nlp.assembled.problem import AssembledProblem
+from nlp.evaluation.violations import worst
 from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
 from nlp.joints import LimitRows, Limits
-from nlp.numbers.evaluate import worst
 from nlp.numbers.point import Point
-from nlp.own import OwnConstraints, correct_point, rows_of, violations_of
-from nlp.own.joined import Assembled, JoinedProgram
 from nlp.requirements import clearances, variable_bounds
+from nlp.user_constraints import UserConstraints, correct_point, rows_of, violations_of
+from nlp.user_constraints.rows import Assembled, JoinedProgram
 from topo_search.model import ResolvedTask, Topology
 
 Options = dict[str, int | float | str]
@@ -55,10 +55,14 @@ class AssembledProgram:
     """The nonlinear program of one task and topology, solved in rounds with move limits on the hinges."""
 
     def __init__(
-        self, task: ResolvedTask, topology: Topology, own: OwnConstraints = (), limits: Limits | None = None
+        self,
+        task: ResolvedTask,
+        topology: Topology,
+        constraints: UserConstraints = (),
+        limits: Limits | None = None,
     ) -> None:
         """Keep what a solve needs; nothing expensive is built. `limits`: the loads in joints that are stated."""
-        self._task, self._topology, self._own, self._limits = task, topology, own, limits
+        self._task, self._topology, self._constraints, self._limits = task, topology, constraints, limits
         self._clearances = clearances(task, topology)
 
     def solve(self, start: Point) -> IpoptResult:
@@ -109,7 +113,7 @@ class AssembledProgram:
         printed: Assembled = AssembledProblem(self._task, self._topology, stated, BETA)
         if self._limits is not None:
             printed = JoinedProgram(printed, LimitRows(self._task, self._topology, self._limits))
-        assembled = rows_of(self._own, self._task, self._topology).append_to(printed)
+        assembled = rows_of(self._constraints, self._task, self._topology).append_to(printed)
         solver, functions = _ipopt(assembled, options)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
         hinges = slice(3, 3 + len(start.alpha))
@@ -128,16 +132,16 @@ class AssembledProgram:
         return result_of(solver, solution, self._task, self._topology)
 
     def _merit(self, point: Point) -> _Merit:
-        reason = worst(violations_of(correct_point(point, self._own), self._own))
+        reason = worst(violations_of(correct_point(point, self._constraints), self._constraints))
         return _Merit(reason.met, point.objective if reason.met else reason.rank)
 
 
-def polish_with(own: OwnConstraints) -> Callable[[Point, Limits | None], IpoptResult]:
+def polish_with(constraints: UserConstraints) -> Callable[[Point, Limits | None], IpoptResult]:
     """Return a function that polishes a point of any task and tree, under limits of what joints bear."""
 
     def polish(point: Point, limits: Limits | None) -> IpoptResult:
-        program = AssembledProgram(point.task, point.topology, own, limits)
-        if own or limits is not None:  # the search did not know of them: they may pull far from the point
+        program = AssembledProgram(point.task, point.topology, constraints, limits)
+        if constraints or limits is not None:  # the search did not know of them: they may pull far from the point
             return program.solve(point)
         return program.polish(point)
 

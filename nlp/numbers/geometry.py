@@ -18,9 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from topo_search.model import AirflowEnvelope, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.hulls import Hull
+from topo_search.model.layout import PORT_DIRECTIONS
 
-PORTS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""e_a of the ports 0..3."""
 QUARTER_TURNS = np.array(
     [[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]] for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
 )
@@ -56,7 +55,7 @@ def poses(topology: Topology, R_root: Array, alpha: Array, l_c: float) -> tuple[
     ports = np.array([a for _, _, a, _ in edges], dtype=int)
     hinges = _hinge_rotations(ports, np.asarray(alpha, dtype=float))
     turned = hinges @ QUARTER_TURNS[np.array(topology.kappas[1:], dtype=int)]
-    arms = l_c * (PORTS[ports] + np.einsum("iab,ib->ia", hinges, PORTS[ports]))
+    arms = l_c * (PORT_DIRECTIONS[ports] + np.einsum("iab,ib->ia", hinges, PORT_DIRECTIONS[ports]))
     R, p = np.empty((n, 3, 3)), np.zeros((n, 3))
     R[0] = R_root
     for (h, i, _, _), turn, arm in zip(edges, turned, arms, strict=True):

@@ -11,15 +11,15 @@ Dimensionless as `nlp.problem`: lengths in l_arm, forces in m g, inputs in u_hov
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.reduced.kinds import WIDTH
+from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances, variable_bounds
+from nlp.requirements.kinds import WIDTH
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.airflow_room import part_cover
@@ -54,7 +54,7 @@ class Rotors(NamedTuple):
 
     l_c: float
     m_E: float
-    own: Array
+    torques: Array
     """Torque of each rotor about its module's centre at unit input, shape (4, 3)."""
     u_min: float
     u_max: float
@@ -135,13 +135,9 @@ class Row(NamedTuple):
 def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     """Return the numbers of a task and a topology."""
     n, unit, module = topology.n, Units.of(task), task.module
-    arm = 1 / math.sqrt(2)
-    drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
-    corners = ((1, -1), (-1, -1), (-1, 1), (1, 1))
-    own = np.array([[arm * y, -arm * x, (-1) ** (q + 1) * drag] for q, (x, y) in enumerate(corners)]) / 4
     m_E, fixed = task.end_effector.mass / module.mass, task.end_effector.fixed_position
     limits = task.min_thrust_to_weight, task.max_thrust_to_weight
-    rotors = Rotors(module.connector_distance / unit.length, m_E, own, *limits)
+    rotors = Rotors(module.connector_distance / unit.length, m_E, torque_map(module).T.copy(), *limits)
     air = module.envelope
     geometric = n + 2 + (3 if fixed is None else 0)
     lower, upper = (np.array(side[:geometric]) for side in variable_bounds(task, topology))

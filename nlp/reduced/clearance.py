@@ -22,7 +22,8 @@ import numpy as np
 
 from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.gaps import FAR, LEAST_DISTANCE, Vector, face_excess, hull_gap, swept_gap
-from nlp.reduced.kinds import (
+from nlp.reduced.platform import Platform
+from nlp.requirements.kinds import (
     AIR,
     ALONG,
     APART,
@@ -40,7 +41,6 @@ from nlp.reduced.kinds import (
     PARTS_HULL,
     REACH,
 )
-from nlp.reduced.platform import Platform
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 

@@ -123,7 +123,7 @@ def inputs(stated: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: A
 @njit(cache=True)
 def columns(stated: ReducedProblem, at: Platform) -> Array:
     """Return A transposed, shape (4n, 6)."""
-    n, own = len(at.p), stated.rotors.own
+    n, torques = len(at.p), stated.rotors.torques
     m = n + stated.rotors.m_E
     A = np.empty((4 * n, 6))
     for i in range(n):
@@ -133,7 +133,9 @@ def columns(stated: ReducedProblem, at: Platform) -> Array:
         for q in range(4):
             for k in range(3):
                 A[4 * i + q, k] = at.z[i, k] / 4 / m
-                turned = at.R[i, k, 0] * own[q, 0] + at.R[i, k, 1] * own[q, 1] + at.R[i, k, 2] * own[q, 2]
+                turned = (
+                    at.R[i, k, 0] * torques[q, 0] + at.R[i, k, 1] * torques[q, 1] + at.R[i, k, 2] * torques[q, 2]
+                )
                 A[4 * i + q, 3 + k] = (lever[k] + turned) / m
     return A
 
@@ -143,16 +145,16 @@ def _add_gradient(
     stated: ReducedProblem, at: Platform, scale: float, mu: Array, u: Array, F: Array, T: Array
 ) -> None:
     """Add what -c mu . dA u is by the places o_i and by turns of the modules."""
-    own = stated.rotors.own
+    torques = stated.rotors.torques
     fx, fy, fz, tx, ty, tz = mu
     for i in range(len(at.p)):
         s, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0
         for q in range(4):
             v = u[4 * i + q]
             s += v / 4
-            m0 += v * own[q, 0]
-            m1 += v * own[q, 1]
-            m2 += v * own[q, 2]
+            m0 += v * torques[q, 0]
+            m1 += v * torques[q, 1]
+            m2 += v * torques[q, 2]
         x, y, z = at.z[i]
         F[i, 0] -= scale * s * (y * tz - z * ty)
         F[i, 1] -= scale * s * (z * tx - x * tz)

@@ -22,8 +22,8 @@ import numpy as np
 from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, TURN_I, Z_I, Z_J, clearances
 from nlp.reduced.inputs import effort
-from nlp.reduced.kinds import AIR, APART, OFFSET, PARTS
 from nlp.reduced.platform import Moved, Platform, motion, platform
+from nlp.requirements.kinds import AIR, APART, OFFSET, PARTS
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 

@@ -1,7 +1,7 @@
 """Many cheap starts of one topology, and where they end.
 
 All starts descend at low prices of residuals and of missing clearance; after a few steps the worse half is given up
-(a rung of successive halving: Jamieson and Talwalkar, AISTATS 2016). Ends of one merit are one; only the best of
+(a rung of successive halving: Jamieson and Talwalkar, AISTATS 2016). Minima of one merit are one; only the best of
 them descend on at high prices, with multipliers: what they reach is next to a minimum of the printed problem.
 """
 
@@ -32,7 +32,7 @@ LEAST_CURVATURE = 0.1
 TAKEN_IN = 3
 """How often a round goes on with corners that were missed at its end."""
 MOST_MISSED = 0.2
-"""What an end may miss without corners and still be asked about them [l_arm, m_t g, l_arm m_t g]."""
+"""What a minimum may miss without corners and still be asked about them [l_arm, m_t g, l_arm m_t g]."""
 
 
 class Phase(NamedTuple):
@@ -56,17 +56,17 @@ STIFF = FIRST._replace(sigma=3000.0), SECOND._replace(sigma=3000.0)
 """Both phases where clearance counts for more than any effort: low prices lead to where some cheap platform misses
 little, and may pull those back that miss nothing."""
 SAME = 1e-5
-"""Ends of the first phase whose merits agree so far, relatively, are one."""
+"""Local minima of the first phase whose merits agree so far, relatively, are one."""
 SAME_AFTER = 1e-4
 """Those of the second."""
 KEPT = 0.1
-"""Share of the starts whose ends go on, the best ones first.
+"""Share of the starts whose minima go on, the best ones first.
 
 Of 24 trees of eight modules on push all 22 designs are within 0.1 % of the best known effort, of 40 of seven 36 of
 37, with 0.1 as with 0.2; with 0.06 one more of seven modules is not, by 2.7 %.
 """
 LEAST_KEPT = 3
-"""Fewest distinct ends that go on."""
+"""Fewest distinct minima that go on."""
 HALVED_AFTER = 8
 """Steps after which the worse half of the starts is given up."""
 LEAST_HALVED = 64
@@ -100,7 +100,7 @@ class Descents(NamedTuple):
 
 
 @dataclass(frozen=True)
-class End:
+class LocalMinimum:
     """Where some starts ended."""
 
     x: Array
@@ -115,16 +115,16 @@ class End:
     """The load cases that counted, shape (K,)."""
 
 
-def ends(
+def local_minima(
     stated: ReducedProblem, starts: Array, phases: tuple[Phase, Phase] = (FIRST, SECOND), *, least: int = LEAST_KEPT
-) -> tuple[list[End], list[End]]:
-    """Return the best distinct ends of starts, by merit, and those of the first phase that did not go on.
+) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
+    """Return the best distinct local minima of starts, by merit, and those of the first phase that did not go on.
 
     Args:
         stated: the task and topology.
         starts: unknowns, shape (starts, N).
         phases: how they descend.
-        least: fewest distinct ends that go on, if there are as many.
+        least: fewest distinct minima that go on, if there are as many.
     """
     begun = begin(starts, np.repeat(initial_cases(stated)[None], len(starts), axis=0))
     first, given_up = _halve(stated, begun, phases[0])
@@ -135,9 +135,9 @@ def ends(
     return _one_of_each(second, [end.starts for end in kept], SAME_AFTER), first[count:] + given_up
 
 
-def _halve(stated: ReducedProblem, begun: Descents, phase: Phase) -> tuple[list[End], list[End]]:
-    """Return the distinct ends of the better starts, and where the others were given up."""
-    left, given_up = np.arange(len(begun.x)), list[End]()
+def _halve(stated: ReducedProblem, begun: Descents, phase: Phase) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
+    """Return the distinct minima of the better starts, and where the others were given up."""
+    left, given_up = np.arange(len(begun.x)), list[LocalMinimum]()
     if len(left) > LEAST_HALVED:
         begun = descend_all(stated, begun, phase._replace(steps=HALVED_AFTER))
         order, half = np.argsort(begun.merit, kind="stable"), max(LEAST_HALVED, len(left) // 2)
@@ -148,20 +148,22 @@ def _halve(stated: ReducedProblem, begun: Descents, phase: Phase) -> tuple[list[
     return _one_of_each(begun, [(s,) for s in left.tolist()], SAME), given_up
 
 
-def _one_of_each(found: Descents, starts: list[tuple[int, ...]], same: float) -> list[End]:
-    """Return ends by merit, one for all whose merits agree."""
-    result: list[End] = []
+def _one_of_each(found: Descents, starts: list[tuple[int, ...]], same: float) -> list[LocalMinimum]:
+    """Return minima by merit, one for all whose merits agree."""
+    result: list[LocalMinimum] = []
     merits = found.merit
     for s in np.argsort(merits, kind="stable").tolist():
         if result and merits[s] - result[-1].merit <= same * abs(merits[s]):
             end = result.pop()
             result.append(replace(end, starts=end.starts + starts[s]))
         else:
-            result.append(End(found.x[s], float(merits[s]), float(found.missing[s]), starts[s], found.counting[s]))
+            result.append(
+                LocalMinimum(found.x[s], float(merits[s]), float(found.missing[s]), starts[s], found.counting[s])
+            )
     return result
 
 
-def point_of(task: ResolvedTask, topology: Topology, stated: ReducedProblem, end: End) -> Point:
+def point_of(task: ResolvedTask, topology: Topology, stated: ReducedProblem, end: LocalMinimum) -> Point:
     """Return the point of an end, with the inputs of the second phase.
 
     Args:

@@ -9,12 +9,12 @@
 | `bounds` | inputs, hinges, root, place of the end-effector | (10) |
 
 A statement has the constraint's name, the bodies, a smooth form for Ipopt, the exact value, margin and unit. The
-printed problem (`nlp.problem`), its exact evaluation (`nlp.numbers.evaluate`), the assembled terms, the untangling
-of starts, and the rows of the reduced search with the choice of what it expresses all go through these statements;
-none of them has cases of its own.
+printed problem (`nlp.problem`), its exact evaluation (`nlp.evaluation.violations`), the assembled terms, the
+untangling of starts, and the rows of the reduced search with the choice of what it expresses all go through these
+statements; none of them has cases of its own.
 
 To add a clearance, write a `Formula` (`statement`): its `local_vectors`, its smooth and exact forms, and
-its rows of the compiled search (`nlp.reduced.kinds`). Then yield a `Requirement` with it.
+its rows of the compiled search (`nlp.requirements.kinds`). Then yield a `Requirement` with it.
 `tests/test_nlp_requirements.py` holds its forms together.
 """
 

@@ -11,7 +11,6 @@ What a task asks to be possible besides (reserves, cones and sets of wrenches) a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -25,6 +24,7 @@ from nlp.symbols.wrench import force_residual, torque_residual
 from nlp.units import Units
 from topo_search.model import LoadCase, Module, ResolvedTask
 from topo_search.model.arrays import Array
+from topo_search.model.layout import ROTOR_DIRECTIONS, ROTOR_SPINS
 
 WRENCH_TOLERANCE = 1e-8
 """Largest wrench residual of a design [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
@@ -85,19 +85,12 @@ def wrench_matrix(point: Point) -> Array:
     """Return A about W's origin, shape (6, 4n): force [N] and torque [N m] of every rotor at unit input."""
     module, (R, p) = point.task.module, point.poses
     z = R[:, :, 2]
-    rotors = p[:, None] + np.einsum("iab,qb->iqa", R, rotor_positions(module))
+    rotors = p[:, None] + np.einsum("iab,qb->iqa", R, module.arm_length * ROTOR_DIRECTIONS)
     thrust_axis = np.broadcast_to(z[:, None], rotors.shape)
-    spin = np.array([-1.0, 1.0, -1.0, 1.0])[None, :, None]
     torque = module.thrust_coefficient * np.cross(rotors, thrust_axis)
-    torque += spin * module.torque_coefficient * thrust_axis
+    torque += ROTOR_SPINS[:, None] * module.torque_coefficient * thrust_axis
     columns = np.concatenate([module.thrust_coefficient * thrust_axis, torque], axis=-1)
     return columns.reshape(-1, 6).T
-
-
-def rotor_positions(module: Module) -> Array:
-    """Return delta_1..delta_4 in the module frame, shape (4, 3) [m]."""
-    signs = np.array([[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
-    return signs * module.arm_length / math.sqrt(2)
 
 
 def asked_wrenches(point: Point) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from nlp.reduced.kinds import Kernel
+from nlp.requirements.kinds import Kernel
 from nlp.requirements.statement import LocalVector
 from topo_search.model.arrays import Array
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from nlp import names
-from nlp.reduced.kinds import EXCLUSION
 from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
+from nlp.requirements.kinds import EXCLUSION
 from nlp.requirements.regions import OffBall
 from nlp.requirements.statement import FROM_TIP, Requirement, Subjects
 from nlp.units import Units

@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 
 from nlp import names
-from nlp.reduced.kinds import OFFSET
 from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
 from nlp.requirements.end_effector import all_modules
+from nlp.requirements.kinds import OFFSET
 from nlp.requirements.regions import scaled, to_cone, to_formula
 from nlp.requirements.solid import PartBalls, PartsInCone, PartsOffCapsule, PartsOffCapsuleAlong, PartsOffHull
 from nlp.requirements.statement import FROM_COM, Formula, Requirement

@@ -13,10 +13,10 @@ import numpy as np
 from nlp import names
 from nlp.numbers.geometry import Swept
 from nlp.numbers.geometry import clearance as exact_clearance
-from nlp.reduced.kinds import AIR, PARTS, Kernel
-from nlp.reduced.kinds import APART as TWO_CENTRES
 from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
+from nlp.requirements.kinds import AIR, PARTS, Kernel
+from nlp.requirements.kinds import APART as TWO_CENTRES
 from nlp.requirements.statement import APART, X_I, Y_I, Z_I, Z_J, Requirement, Subjects
 from nlp.symbols.envelope import Ball, clearance, clearance_of_all
 from nlp.units import Units

@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike
 
 from nlp.numbers.geometry import Swept, cone_clearance, hull_clearance
 from nlp.numbers.geometry import clearance as exact_clearance
-from nlp.reduced.kinds import ALONG, BALL, CAPSULE, CONE, CONE_COM, HULL, Kernel
 from nlp.requirements.air import Air, Rod
+from nlp.requirements.kinds import ALONG, BALL, CAPSULE, CONE, CONE_COM, HULL, Kernel
 from nlp.requirements.statement import FROM_COM, FROM_TIP, Z_I, Formula, LocalVector
 from nlp.symbols.envelope import Ball, ConeSphere, clearance
 from nlp.symbols.hull import hull_clearances

@@ -27,9 +27,8 @@ import casadi as ca
 import numpy as np
 
 from nlp import names
-from nlp.numbers.geometry import PORTS
-from nlp.reduced.kinds import REACH, Kernel
 from nlp.requirements.air import Rod
+from nlp.requirements.kinds import REACH, Kernel
 from nlp.requirements.regions import OffHull, hull_of, scaled, to_formula
 from nlp.requirements.statement import (
     FROM_COM,
@@ -45,6 +44,7 @@ from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology, segment_of
 from topo_search.model.arrays import Array
 from topo_search.model.end_effector import TIP
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.shape import Shape
 
 NEAR = 6.0
@@ -164,7 +164,7 @@ class LimitOfBestRod:
     def kernels(self) -> tuple[Kernel, ...]:
         """Return the rows of each connector, of which those of the best one count."""
         return tuple(
-            kernel._replace(of=i, connector=scaled(self.l_c * PORTS[port], 1.0), number=number)
+            kernel._replace(of=i, connector=scaled(self.l_c * PORT_DIRECTIONS[port], 1.0), number=number)
             for number, (i, port) in enumerate(self.free)
             for kernel in self.limits[self.segment].kernels()
         )

@@ -15,7 +15,7 @@ import numpy as np
 
 from nlp.numbers.geometry import Swept
 from nlp.numbers.geometry import clearance as exact_clearance
-from nlp.reduced.kinds import PARTS_ALONG, PARTS_CAPSULE, PARTS_CONE, PARTS_CONE_COM, PARTS_HULL, Kernel
+from nlp.requirements.kinds import PARTS_ALONG, PARTS_CAPSULE, PARTS_CONE, PARTS_CONE_COM, PARTS_HULL, Kernel
 from nlp.requirements.regions import InfiniteCone, hull_of
 from nlp.requirements.statement import FROM_COM, FROM_TIP, X_I, Y_I, Z_I, LocalVector
 from nlp.symbols.envelope import Ball, ConeSphere, clearance_of_all

@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.reduced.kinds import Kernel
+from nlp.requirements.kinds import Kernel
 from topo_search.model.arrays import Array
 
 Subjects = NDArray[np.intp]

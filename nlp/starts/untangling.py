@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 
-from nlp.numbers.geometry import PORTS, cone_reach, envelopes, poses
+from nlp.numbers.geometry import cone_reach, envelopes, poses
 from nlp.numbers.hinges import largest_turn, nearest_angles, signs
 from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
@@ -29,6 +29,7 @@ from nlp.requirements.modules import EnvelopePair, module_clearances
 from nlp.starts.tabu_search import Poses, Rules, Tree, straighten, tabu_search
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
+from topo_search.model.layout import PORT_DIRECTIONS
 
 CLEAR = 0.02
 """Clearance at which a pair counts as free [l_arm]."""
@@ -152,7 +153,7 @@ def _platform(topology: Topology, alpha: Array, l_c: float, order: list[int]) ->
     R, p = poses(topology, np.eye(3), alpha, l_c)
     c, omega = np.zeros_like(p), np.zeros_like(p)
     for h, i, a, _ in topology.edges():
-        c[i] = p[h] + l_c * R[h] @ PORTS[a]
+        c[i] = p[h] + l_c * R[h] @ PORT_DIRECTIONS[a]
         omega[i] = R[h][:, 1 - a % 2]
     return Poses(p[order], R[order, :, 2], c[order], omega[order])
 

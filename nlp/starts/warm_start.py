@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.numbers.evaluate import violations, worst
+from nlp.evaluation.violations import violations, worst
 from nlp.numbers.geometry import poses, root_rotation, rotation
 from nlp.numbers.hinges import nearest_angles
 from nlp.numbers.point import Point, fixed_end_effector

@@ -23,9 +23,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from topo_search.model import Topology
-
-PORTS = ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0))
-"""e_a of the ports 0..3."""
+from topo_search.model.layout import PORT_DIRECTIONS
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: float) -> list[Pos
     psi, alpha_0, alpha_1 = root[0], root[1], root[2]
     result = [Pose(R=Rz(psi) @ Rx(alpha_0) @ Ry(alpha_1), p=ca.SX.zeros(3))]
     for (h, i, a, _), kappa in zip(topology.edges(), topology.kappas[1:], strict=True):
-        parent, e_a = result[h], ca.DM(PORTS[a])
+        parent, e_a = result[h], ca.DM(PORT_DIRECTIONS[a])
         hinge = Ry(alpha[i - 1]) if a % 2 == 0 else Rx(alpha[i - 1])
         R_hinge = parent.R @ hinge
         p_i = parent.p + l_c * (parent.R @ e_a) + l_c * (R_hinge @ e_a)

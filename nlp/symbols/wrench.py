@@ -13,32 +13,18 @@ m_i = sum_q (u_iq / 4) (delta_q x e_z + (-1)^q k_tau / (k_f l_arm) e_z).
 
 from __future__ import annotations
 
-import math
-
 import casadi as ca
 
+from nlp.numbers.rotors import torque_map
 from nlp.symbols.kinematics import Pose
 from nlp.units import Units
 from topo_search.model import LoadCase, Module
 from topo_search.model.value import Vector
 
-DELTA = ((1, -1), (-1, -1), (-1, 1), (1, 1))
-"""x and y of delta_1..delta_4, in l_arm / sqrt(2)."""
-SPIN = (-1, 1, -1, 1)
-"""(-1)^q for q = 1..4."""
-
 
 def thrust(u_i: ca.SX) -> ca.SX:
     """Return s_i, from the four inputs of module i."""
     return ca.sum1(u_i) / 4
-
-
-def torque_map(module: Module) -> ca.DM:
-    """Return the 3 x 4 matrix from the inputs of a module to m_i."""
-    arm = 1 / math.sqrt(2)
-    drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
-    columns = [[arm * y, -arm * x, spin * drag] for (x, y), spin in zip(DELTA, SPIN, strict=True)]
-    return ca.DM(columns).T / 4
 
 
 def force_residual(case: LoadCase, modules: list[Pose], u: ca.SX, unit: Units) -> ca.SX:
@@ -54,11 +40,11 @@ def torque_residual(
     case: LoadCase, modules: list[Pose], u: ca.SX, unit: Units, *, p_E: ca.SX, p_COM: ca.SX, module: Module
 ) -> ca.SX:
     """Return what the rotors' torque about W's origin exceeds the asked torque by [l_arm m g], equation (3)."""
-    own = torque_map(module)
+    own_torque = ca.DM(torque_map(module))
     produced = ca.SX.zeros(3)
     for i, pose in enumerate(modules):
         u_i = u[4 * i : 4 * i + 4]
-        produced += ca.cross(pose.p, thrust(u_i) * pose.z) + pose.R @ (own @ u_i)
+        produced += ca.cross(pose.p, thrust(u_i) * pose.z) + pose.R @ (own_torque @ u_i)
     tip, com = case.at_end_effector, case.at_com
     asked = scale(tip.torque, unit.torque) + ca.cross(p_E, scale(tip.force, unit.force))
     asked += scale(com.torque, unit.torque) + ca.cross(p_COM, scale(com.force, unit.force))

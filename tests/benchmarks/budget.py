@@ -26,8 +26,8 @@ from random import Random
 
 import nlp
 from nlp.assembled import AssembledProgram
-from nlp.numbers.correction import correct
-from nlp.numbers.evaluate import violations, worst
+from nlp.evaluation.correction import correct
+from nlp.evaluation.violations import violations, worst
 from nlp.starts.random_starts import draw, generator
 from topo_search.engine import Space
 from topo_search.model import ResolvedTask, Topology

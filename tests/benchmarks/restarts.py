@@ -21,8 +21,8 @@ import numpy as np
 
 from nlp.assembled import AssembledProgram
 from nlp.bounds import prove_impossible
-from nlp.numbers.correction import correct
-from nlp.numbers.evaluate import violations, worst
+from nlp.evaluation.correction import correct
+from nlp.evaluation.violations import violations, worst
 from nlp.numbers.hinges import nearest_angles
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.starts.random_starts import UNTANGLED_FROM, draw, generator, with_inputs

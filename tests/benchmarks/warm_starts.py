@@ -21,8 +21,8 @@ import numpy as np
 
 import nlp
 from nlp.assembled import AssembledProgram
-from nlp.numbers.correction import correct
-from nlp.numbers.evaluate import violations, worst
+from nlp.evaluation.correction import correct
+from nlp.evaluation.violations import violations, worst
 from nlp.numbers.point import Point
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start

@@ -8,7 +8,8 @@ import numpy as np
 
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.design import Design
-from verify.kinematics import PORT_DIRECTIONS, platform, rotation
+from topo_search.model.layout import PORT_DIRECTIONS
+from verify.kinematics import platform, rotation
 
 __all__ = ["PORTS", "Poses", "poses", "rotation", "rotation_to"]
 

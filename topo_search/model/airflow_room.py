@@ -38,13 +38,11 @@ import numpy as np
 
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.folds import Folds, join
+from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.module import Module
 from topo_search.model.room import body_radius
 
 UP = np.array([0.0, 0.0, 1.0])
-PORTS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-ROTORS = np.array([[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]]) / math.sqrt(2)
-"""Directions of the arms, from the centre to the rotors."""
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 FINEST = 0.25
 """Radius of the balls that cover what rotors' balls and the own envelope leave [l_arm], unless that makes many."""
@@ -86,7 +84,10 @@ def part_cover(module: Module) -> Balls:
 
     The union of the balls and of the module's own envelope holds all rigid parts.
     """
-    radius, rotors = math.hypot(module.body.rotor_radius, module.body.rotor_height / 2), module.arm_length * ROTORS
+    radius, rotors = (
+        math.hypot(module.body.rotor_radius, module.body.rotor_height / 2),
+        module.arm_length * ROTOR_DIRECTIONS,
+    )
     pieces, finest = _pieces(module), FINEST * module.arm_length
     most = max(MOST_BALLS, len(pieces))
     while len(cells := list(islice(_uncovered_boxes(module, pieces, rotors, radius, finest), most + 1))) > most:
@@ -138,7 +139,7 @@ def _pieces(module: Module) -> list[_Box]:
             found.append(_Box((low + high) / 2, np.eye(3), (high - low) / 2, normals, offsets))
         return found
     boxes = [(np.zeros(3), np.eye(3), np.array(body.hub) / 2)]
-    for along in ROTORS:
+    for along in ROTOR_DIRECTIONS:
         axes = np.stack([along, np.cross(UP, along), UP])
         boxes.append((l_arm / 2 * along, axes, np.array([l_arm, width, width]) / 2))
     return [_Box(centre, axes, half, axes[:1], (half + axes @ centre)[:1]) for centre, axes, half in boxes]
@@ -174,7 +175,7 @@ def _spare(module: Module, phi: Array) -> Array:
     """Return the least clearance of all parts from the neighbour's airflow at any port, shape (t,) [m]."""
     air, body, l_c, pieces = module.envelope, module.body, module.connector_distance, _pieces(module)
     # All but a frame of its own looks the same from opposite ports, and with a square hub from all four.
-    ports = PORTS[: 4 if body.frame is not None else 2 - (body.hub[0] == body.hub[1])]
+    ports = PORT_DIRECTIONS[: 4 if body.frame is not None else 2 - (body.hub[0] == body.hub[1])]
     sine, cosine = np.sin(phi)[:, None, None], np.cos(phi)[:, None, None]
     o = l_c * ports + l_c * (cosine * ports + sine * UP)  # (t, ports, 3)
     d = air.length * (sine * ports - cosine * UP)
@@ -182,13 +183,13 @@ def _spare(module: Module, phi: Array) -> Array:
     def clearances(eta: Array) -> Array:
         """Return those of rotors, then of pieces; eta of shape (t, ports, m)."""
         P = o[:, :, None] + eta[..., None] * d[:, :, None]  # (t, ports, m, 3)
-        across = np.linalg.norm((P[:, :, :4] - module.arm_length * ROTORS)[..., :2], axis=-1)
+        across = np.linalg.norm((P[:, :, :4] - module.arm_length * ROTOR_DIRECTIONS)[..., :2], axis=-1)
         beside = np.maximum(0.0, across - body.rotor_radius)
         apart = [np.hypot(beside, np.maximum(0.0, np.abs(P[:, :, :4, 2]) - body.rotor_height / 2))]
         apart += [_from_piece(P[:, :, k], piece)[..., None] for k, piece in enumerate(pieces, start=4)]
         return np.concatenate(apart, axis=-1) - air.start_radius - eta * air.growth
 
-    low = np.zeros((len(phi), len(ports), len(ROTORS) + len(pieces)))
+    low = np.zeros((len(phi), len(ports), len(ROTOR_DIRECTIONS) + len(pieces)))
     high = np.ones_like(low)
     first, second = high - GOLDEN, low + GOLDEN
     at_first, at_second = clearances(first), clearances(second)

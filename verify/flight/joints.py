@@ -21,8 +21,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from topo_search.model import Design, JointLoad, LoadCase
+from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_SPINS
 from verify.bodies import Array
-from verify.kinematics import PORT_DIRECTIONS, ROTOR_SPINS, Platform
+from verify.kinematics import Platform
 from verify.residuals import clamp
 
 

@@ -32,10 +32,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.layout import ROTOR_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.proof import Problem
 from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
-from verify.kinematics import ROTOR_DIRECTIONS, ROTOR_SPINS
 
 Indices = NDArray[np.int64]
 

@@ -21,6 +21,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
+from nlp.numbers.rotors import torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -108,7 +109,7 @@ class BranchProblem(NamedTuple):
     loads: Loads
     slack: Slack
     separation: Separation
-    own: Array
+    torques: Array
     """Torque of each rotor about its module's centre at unit thrust, shape (4, 3)."""
     l_c: float
     u_max: float
@@ -126,9 +127,6 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
     n, unit, module = topology.n, Units.of(task), task.module
     l_c = module.connector_distance / unit.length
     drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
-    arm = 1 / math.sqrt(2)
-    corners = ((1, -1), (-1, -1), (-1, 1), (1, 1))
-    own = np.array([[arm * y, -arm * x, (-1) ** (q + 1) * drag] for q, (x, y) in enumerate(corners)])
     tree = _tree(topology)
     levers = _levers(tree, l_c, drag)
     loads = _loads(task, n, unit)
@@ -146,7 +144,7 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
         loads,
         _slack(task, tree, levers, loads, l_c, U),
         Separation(airflow, *(x / unit.length for x in lengths)),
-        own,
+        4 * torque_map(module).T,
         l_c,
         U * (1 + TOLERANCE),
     )

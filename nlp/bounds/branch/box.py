@@ -211,7 +211,10 @@ def _psi(stated: BranchProblem, y: Array, at: Frames, v: int, E: Array) -> float
         weight = stated.loads.weight[k]
         for q in range(4):
             t = 0.25 * (
-                force + stated.own[q, 0] * about_x + stated.own[q, 1] * about_y + stated.own[q, 2] * about_z
+                force
+                + stated.torques[q, 0] * about_x
+                + stated.torques[q, 1] * about_y
+                + stated.torques[q, 2] * about_z
             )
             t += E[k, q]
             if t > 0.0:
@@ -273,7 +276,7 @@ def _remainders(stated: BranchProblem, i: int, work: Sums, middle: Frames, axes:
             most = work.away[a] + mu * lever[a]
             flat, cubic = 1 - math.cos(rho[a]), CUBIC * rho[a] ** 3
             for q in range(4):
-                own_x, own_y, own_z = stated.own[q]
+                own_x, own_y, own_z = stated.torques[q]
                 al = alpha + own_x * (ox * xx + oy * xy + oz * xz)
                 al += own_y * (ox * yx + oy * yy + oz * yz) + own_z * (ox * zx + oy * zy + oz * zz)
                 be = beta + own_x * (vx * xx + vy * xy + vz * xz)
@@ -287,7 +290,7 @@ def _remainders(stated: BranchProblem, i: int, work: Sums, middle: Frames, axes:
         force = (nx + my * pz - mz * py) * zx + (ny + mz * px - mx * pz) * zy + (nz + mx * py - my * px) * zz
         weight = stated.loads.weight[k]
         for q in range(4):
-            own_x, own_y, own_z = stated.own[q]
+            own_x, own_y, own_z = stated.torques[q]
             t[q] = 0.25 * (force + own_x * about_x + own_y * about_y + own_z * about_z)
             E = 0.0
             for at in range(count):

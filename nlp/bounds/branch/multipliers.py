@@ -92,7 +92,7 @@ def wrenches(stated: BranchProblem, R: Array, at: Frames, work: Workspace) -> No
         force = (zx, zy, zz)
         about = (py * zz - pz * zy, pz * zx - px * zz, px * zy - py * zx)
         for q in range(4):
-            ox, oy, oz = stated.own[q]
+            ox, oy, oz = stated.torques[q]
             for k in range(3):
                 f, t = 0.0, 0.0
                 for l in range(3):

@@ -21,7 +21,7 @@ import networkx as nx
 import numpy as np
 
 from nlp.numbers.geometry import poses, root_rotation, rotation
-from nlp.own.expressions import platform_of, rows
+from nlp.user_constraints.expressions import platform_of, rows
 from topo_search.model import BadInput, Fault, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.protocols import OwnConstraint, SymbolicPlatform

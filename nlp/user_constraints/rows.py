@@ -11,16 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 
-from nlp.numbers.correction import correct
-from nlp.numbers.evaluate import Violation, violations
+from nlp.evaluation.correction import correct
+from nlp.evaluation.violations import Violation, violations
 from nlp.numbers.point import Point
-from nlp.own.expressions import rows, scale_of, symbolic_platform
-from nlp.own.joined import Assembled, JoinedProgram
 from nlp.units import Units
+from nlp.user_constraints.expressions import rows, scale_of, symbolic_platform
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.protocols import OwnConstraint
@@ -29,26 +29,68 @@ TOLERANCE = 1e-6
 """By how much of its scale an own constraint may be missed: the audit's own tolerance for residuals."""
 IMPOSED = 0.1
 """Share of that which Ipopt leaves of a bound, so that what it reaches to its tolerance is within it."""
-OwnConstraints = tuple[OwnConstraint, ...]
+UserConstraints = tuple[OwnConstraint, ...]
 """What a user states; mostly nothing."""
 
 
-def violations_of(point: Point, own: OwnConstraints) -> list[Violation]:
+def violations_of(point: Point, constraints: UserConstraints) -> list[Violation]:
     """Return how far a point is from meeting everything: the printed problem, and own constraints."""
-    return [*violations(point), *rows_of(own, point.task, point.topology).violations(point)]
+    return [*violations(point), *rows_of(constraints, point.task, point.topology).violations(point)]
 
 
-def correct_point(point: Point, own: OwnConstraints) -> Point:
+def correct_point(point: Point, constraints: UserConstraints) -> Point:
     """Return a point as a file can hold it; own constraints may bound inputs that cost nothing."""
-    return correct(point, settled=len(point.task.declared.load_cases) if own else 0)
+    return correct(point, settled=len(point.task.declared.load_cases) if constraints else 0)
 
 
-def rows_of(own: OwnConstraints, task: ResolvedTask, topology: Topology) -> OwnRows:
+def rows_of(constraints: UserConstraints, task: ResolvedTask, topology: Topology) -> UserRows:
     """Return own constraints as rows; those of the last few programs are kept."""
-    return _kept_rows(own, task, topology) if own else OwnRows((), task, topology)
+    return _kept_rows(constraints, task, topology) if constraints else UserRows((), task, topology)
 
 
-class OwnRows:
+class Assembled(Protocol):
+    """A program in numbers, as Ipopt is handed it (`nlp.assembled`)."""
+
+    size: int
+    rows: int
+    lower: Array
+    upper: Array
+    jacobian_pattern: ca.Sparsity
+    hessian_pattern: ca.Sparsity
+
+    def objective(self, variables: Array) -> float:
+        """Return the objective."""
+
+    def gradient(self, variables: Array) -> Array:
+        """Return its gradient."""
+
+    def constraints(self, variables: Array) -> Array:
+        """Return the rows."""
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the entries of their Jacobian."""
+
+    def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
+        """Return the entries of the Hessian of the Lagrangian."""
+
+
+class ConstraintRows(Protocol):
+    """Rows of a program as expressions of all its unknowns."""
+
+    @property
+    def x(self) -> ca.SX:
+        """The unknowns."""
+
+    @property
+    def g(self) -> ca.SX:
+        """The rows."""
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest value of each."""
+
+
+class UserRows:
     """The own constraints of one task and topology; there may be none."""
 
     def __init__(self, constraints: Sequence[OwnConstraint], task: ResolvedTask, topology: Topology) -> None:
@@ -98,12 +140,12 @@ class OwnRows:
         """Bounds on g; those of inequalities a little closer, so that they are met where Ipopt ends."""
         sides = []
         for sign, name in ((1.0, "lower"), (-1.0, "upper")):
-            own = [getattr(one, name) / scale for one, scale in zip(self.constraints, self._scales, strict=True)]
+            limits = [getattr(one, name) / scale for one, scale in zip(self.constraints, self._scales, strict=True)]
             room = [
                 one.upper - one.lower > 4 * TOLERANCE * s
                 for one, s in zip(self.constraints, self._scales, strict=True)
             ]
-            closer = [bound + sign * IMPOSED * TOLERANCE * wide for bound, wide in zip(own, room, strict=True)]
+            closer = [bound + sign * IMPOSED * TOLERANCE * wide for bound, wide in zip(limits, room, strict=True)]
             sides.append(np.repeat(np.array(closer, dtype=float), self.counts))
         return sides[0], sides[1]
 
@@ -137,5 +179,66 @@ def _violation(constraint: OwnConstraint, scale: float, values: Array) -> Violat
 
 
 @lru_cache(maxsize=32)
-def _kept_rows(own: OwnConstraints, task: ResolvedTask, topology: Topology) -> OwnRows:
-    return OwnRows(own, task, topology)
+def _kept_rows(constraints: UserConstraints, task: ResolvedTask, topology: Topology) -> UserRows:
+    return UserRows(constraints, task, topology)
+
+
+class JoinedProgram:
+    """A program in numbers with other rows below its own; their derivatives are CasADi's."""
+
+    def __init__(self, program: Assembled, rows: ConstraintRows) -> None:
+        """Derive the rows, and find where entries go."""
+        self._program = program
+        x, multipliers = rows.x, ca.SX.sym("multipliers", rows.g.numel())
+        jacobian = ca.jacobian(rows.g, x)
+        hessian = ca.triu(ca.hessian(ca.dot(multipliers, rows.g), x)[0])
+        self._g = ca.Function("g", [x], [rows.g])
+        self._jacobian = ca.Function("jacobian", [x], [jacobian])
+        self._hessian = ca.Function("hessian", [x, multipliers], [hessian])
+        lower, upper = rows.bounds
+        self.size, self.rows = program.size, program.rows + len(lower)
+        self.lower = np.concatenate([program.lower, lower])
+        self.upper = np.concatenate([program.upper, upper])
+        above, below = program.jacobian_pattern, jacobian.sparsity()
+        self.jacobian_pattern = ca.vertcat(above, below)
+        counted = [
+            ca.DM(part, list(range(first, first + part.nnz())))
+            for part, first in ((above, 0), (below, above.nnz()))
+        ]
+        self._order = np.array(ca.vertcat(*counted).nonzeros(), dtype=np.intp)
+        self.hessian_pattern = program.hessian_pattern.unite(hessian.sparsity())
+        self._places = [
+            _places(self.hessian_pattern, part) for part in (program.hessian_pattern, hessian.sparsity())
+        ]
+
+    def objective(self, variables: Array) -> float:
+        """Return that of the program."""
+        return self._program.objective(variables)
+
+    def gradient(self, variables: Array) -> Array:
+        """Return that of the program."""
+        return self._program.gradient(variables)
+
+    def constraints(self, variables: Array) -> Array:
+        """Return all rows."""
+        further = np.asarray(self._g(variables), dtype=float).ravel()
+        return np.concatenate([self._program.constraints(variables), further])
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the entries of their Jacobian."""
+        further = np.array(self._jacobian(variables).nonzeros())
+        result: Array = np.concatenate([self._program.jacobian(variables), further])[self._order]
+        return result
+
+    def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
+        """Return the entries of the Hessian of the Lagrangian."""
+        m = self._program.rows
+        entries = np.zeros(self.hessian_pattern.nnz())
+        entries[self._places[0]] = self._program.hessian(variables, of_objective, multipliers[:m])
+        entries[self._places[1]] += np.array(self._hessian(variables, multipliers[m:]).nonzeros())
+        return entries
+
+
+def _places(whole: ca.Sparsity, part: ca.Sparsity) -> Any:
+    """Return where the entries of a pattern are among those of one that holds it."""
+    return np.array(whole.get_nz(part.find()), dtype=np.intp)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from nlp.own.expressions import platform_of, rows, scale_of
-from nlp.own.rows import TOLERANCE, OwnRows
+from nlp.user_constraints.expressions import platform_of, rows, scale_of
+from nlp.user_constraints.rows import TOLERANCE, UserRows
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.stated import StatedCheck
@@ -71,7 +71,7 @@ def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, to
     rng = np.random.default_rng(0)
     for constraint in constraints:
         try:
-            own = OwnRows([constraint], task, topology)
+            own = UserRows([constraint], task, topology)
             known = {symbol.element_hash() for symbol in ca.symvar(own.x)}
             foreign = [symbol.name() for symbol in ca.symvar(own.g) if symbol.element_hash() not in known]
             if foreign:

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from nlp.numbers.correction import correct
+from nlp.evaluation.correction import correct
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, wrench_matrix
 from topo_search.model import Design
