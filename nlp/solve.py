@@ -134,7 +134,12 @@ def _carried_over(
     point = warm_start(plain, topology, source=source, rng=generator(plain, topology, start, seed))
     point = correct(point, refit=True)
     kept = StartResult.at(start, with_all(point, task, own), IpoptResult(point, "carried over", 0), own=own)
-    return [kept, take_in_corners(task, start, point, polish_with(own), own)] if kept.worst.met else []
+    if not kept.worst.met:
+        return []
+    polished = take_in_corners(task, start, point, polish_with(own), own)
+    # a design of a task with a smaller margin is not as good as it looks: the judgement of designs knows no margin
+    comparable = source.task.search.margin >= task.search.margin or not polished.worst.met
+    return [kept, polished] if comparable else [polished]
 
 
 def _reduced_search(
