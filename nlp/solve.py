@@ -134,12 +134,14 @@ def _carried_over(
     plain = without_corners(task)
     point = warm_start(plain, topology, source=source, rng=generator(plain, topology, start, seed))
     point = correct(point, refit=True)
-    kept = StartResult.at(
-        start, with_all(point, task, constraints), IpoptResult(point, "carried over", 0), constraints=constraints
-    )
-    return (
-        [kept, take_in_corners(task, start, point, polish_with(constraints), constraints)] if kept.worst.met else []
-    )
+    whole, carried = with_all(point, task, constraints), IpoptResult(point, "carried over", 0)
+    kept = StartResult.at(start, whole, carried, constraints=constraints)
+    if not kept.worst.met:
+        return []
+    polished = take_in_corners(task, start, point, polish_with(constraints), constraints)
+    # a design of a task with a smaller margin is not as good as it looks: the judgement of designs knows no margin
+    comparable = source.task.search.margin >= task.search.margin or not polished.worst.met
+    return [kept, polished] if comparable else [polished]
 
 
 def _reduced_search(
