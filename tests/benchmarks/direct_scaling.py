@@ -60,7 +60,7 @@ def measured(cell: Cell, cap: int) -> Measured:
     overrides = (*cell.variant.overrides, f"module.connector_distance={cell.distance_m}")
     stated = Stated(cell.task, cell.n, (*overrides, f"task_seed={cell.task_seed}"))
     row = Measured(**cell.identity, status="infeasible", method=METHOD)
-    with Child(attempts, METHOD, "ours", stated, [cell.key], range(cell.starts), cap=cap) as child:
+    with Child(attempts, METHOD, "ours", stated, [cell.key], range(cell.settings.starts), cap=cap) as child:
         while row.status == "infeasible" and (answer := next(child, None)) is not None:
             row = _with(row, answer)
     if not row.starts:

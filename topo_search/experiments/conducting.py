@@ -59,14 +59,6 @@ class Experiment:
     """The rows drawn; needs matplotlib."""
 
 
-def experiment(name: str) -> Experiment:
-    """Return an experiment: `scaling`, `ablation`, `placement`, `root` or `body`."""
-    from topo_search.experiments.comparisons import BODY, PLACEMENT, ROOT
-    from topo_search.experiments.paper import ABLATION, SCALING
-
-    return {one.name: one for one in (SCALING, ABLATION, PLACEMENT, ROOT, BODY)}[name]
-
-
 def conduct(
     experiment: Experiment,
     settings: Settings,
@@ -120,7 +112,7 @@ def conduct(
 
 def _deadline(cell: Cell) -> float:
     """Return the time after which a cell counts as hung [s]."""
-    return cell.time_limit + solve_deadline(cell.n, len(cell.rounds[0])) + audit_deadline(cell.n)
+    return cell.settings.time_limit + solve_deadline(cell.n, len(cell.rounds[0])) + audit_deadline(cell.n)
 
 
 def measure(backends: Backends, cell: Cell) -> Measured:
@@ -130,15 +122,15 @@ def measure(backends: Backends, cell: Cell) -> Measured:
     clock, spent, iterations = Clock(), 0.0, 0
     best: Design | Infeasible | None = None
     for starts in cell.rounds:
-        outcome = backends.solve(task, topology, starts=starts, seed=cell.seed)
+        outcome = backends.solve(task, topology, starts=starts, seed=cell.settings.seed)
         best = outcome if best is None else merge(best, outcome, task)
         spent += clock.lap()
         record = record_of(outcome)
         iterations += 0 if record is None else record.iterations
-        if isinstance(outcome, Design) or outcome.status == "impossible" or spent > cell.time_limit:
+        if isinstance(outcome, Design) or outcome.status == "impossible" or spent > cell.settings.time_limit:
             break
     if best is None:
-        raise ValueError(f"`starts >= 1` must hold, but got {cell.starts}")
+        raise ValueError(f"`starts >= 1` must hold, but got {cell.settings.starts}")
     record = record_of(best)
     row = Measured(
         **cell.identity,

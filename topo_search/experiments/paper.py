@@ -19,6 +19,7 @@ modules themselves.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ import pandas as pd
 
 from topo_search.experiments.conducting import Experiment
 from topo_search.experiments.folder import METHOD
-from topo_search.experiments.plan import AIRFLOW_ALONE, IDENTITY, Cell, Settings, Variant, plan
+from topo_search.experiments.plan import AIRFLOW_ALONE, IDENTITY, Settings, Variant, plan
 from topo_search.export.palette import SERIES
 from topo_search.model.proven import gap_percent
 
@@ -48,11 +49,6 @@ ABOUT_HALF = (0.4, 0.6)
 """Shares of the modules that count as about half."""
 OFTEN = 0.25
 """Smallest share of the designs that counts as often."""
-
-
-def scaling_cells(settings: Settings) -> list[Cell]:
-    """Return the plan of the scaling study."""
-    return plan(settings, (Variant("airflow", (AIRFLOW_ALONE,)),), first=True)
 
 
 def scaling_summary(rows: pd.DataFrame) -> pd.DataFrame:
@@ -199,16 +195,11 @@ SCALING = Experiment(
     question="How do time, memory and success grow with the number of modules?",
     full=Settings(tasks=tuple((task, SIZES) for task in EXPOSURES), topologies=(50, 10), starts=5),
     small=Settings(tasks=tuple((task, (3, 5)) for task in EXPOSURES), topologies=(2, 2), starts=2),
-    cells=scaling_cells,
+    cells=partial(plan, variants=(Variant("airflow", (AIRFLOW_ALONE,)),), first=True),
     summary=scaling_summary,
     findings=scaling_findings,
     figure=scaling_figure,
 )
-
-
-def ablation_cells(settings: Settings) -> list[Cell]:
-    """Return the plan of the ablation."""
-    return plan(settings, (Variant("separation", ('search.interference="separation"',)),), first=True)
 
 
 def ablation_summary(rows: pd.DataFrame) -> pd.DataFrame:
@@ -316,7 +307,7 @@ ABLATION = Experiment(
     question="How severely does airflow interfere when only a minimum distance keeps modules apart?",
     full=Settings(tasks=(("ten-wrenches", SIZES),), topologies=(50, 10), starts=5),
     small=Settings(tasks=(("ten-wrenches", (3, 5)),), topologies=(3, 3), starts=2),
-    cells=ablation_cells,
+    cells=partial(plan, variants=(Variant("separation", ('search.interference="separation"',)),), first=True),
     summary=ablation_summary,
     findings=ablation_findings,
     figure=ablation_figure,

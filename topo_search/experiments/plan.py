@@ -58,10 +58,9 @@ class Settings:
         }
         for option, (values, most) in numbers.items():
             for value in dict.fromkeys(values):
-                if not 0 < value < math.inf or value > most:
-                    rule = (
-                        "must be positive and finite" if not 0 < value < math.inf else f"must be at most {most:,}"
-                    )
+                positive = 0 < value < math.inf
+                if not positive or value > most:
+                    rule = f"must be at most {most:,}" if positive else "must be positive and finite"
                     text = f"{value:g}" if isinstance(value, float) else show(value)
                     faults.append(Fault(f"--{option}", f"{rule}, but got {text}"))
         if not 0 <= self.seed <= LARGEST_SEED:
@@ -140,10 +139,7 @@ class Cell:
     """The topology."""
     task_seed: int | None
     """Seed of the ten wrenches; None for a task whose wrenches are given."""
-    starts: int
-    seed: int
-    time_limit: float
-    """CPU seconds after which no further round begins."""
+    settings: Settings
     first: bool
     """Whether the first design ends the cell; otherwise the best of all starts counts."""
 
@@ -155,7 +151,8 @@ class Cell:
     @property
     def rounds(self) -> list[range]:
         """The starts, in the portions in which they are solved; those of a portion share compiled programs."""
-        return [range(s, s + 1) for s in range(self.starts)] if self.first else [range(self.starts)]
+        starts = self.settings.starts
+        return [range(s, s + 1) for s in range(starts)] if self.first else [range(starts)]
 
     def resolve(self) -> ResolvedTask:
         """Return the task; BadInput if its variant does not fit it."""
@@ -176,19 +173,9 @@ def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> l
     """
     require_few(cell_count(settings, lambda _: len(variants)))
     tasks = {name: read_task(name) for name, _ in settings.tasks}
+    drawn = {name for name, task in tasks.items() if task.task_seed is not None}
     return [
-        Cell(
-            variant=variant,
-            task=name,
-            distance_m=distance,
-            n=n,
-            key=key,
-            task_seed=None if tasks[name].task_seed is None else settings.seed + number,
-            starts=settings.starts,
-            seed=settings.seed,
-            time_limit=settings.time_limit,
-            first=first,
-        )
+        Cell(variant, name, distance, n, key, settings.seed + number if name in drawn else None, settings, first)
         for n in sorted({n for _, sizes in settings.tasks for n in sizes})
         for number, key in enumerate(trees(n, settings.trees(n), settings.seed))
         for name, sizes in settings.tasks
