@@ -41,8 +41,8 @@ from nlp.symbols.kinematics import poses
 from nlp.symbols.wrench import scale, thrust, torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
+from topo_search.model.room import part_cover
 
 FITTING = 2.0
 """Length over which a rod is fixed to its mount, in radii of the rod."""

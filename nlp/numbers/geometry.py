@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from topo_search.model import AirflowEnvelope, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.hulls import Hull
+from topo_search.model.shape import Hull
 
 PORTS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """e_a of the ports 0..3."""

@@ -142,7 +142,7 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     """
     from topo_search.model import BadInput, Fault
     from topo_search.model.files import read_task
-    from topo_search.model.settings import PAPER
+    from topo_search.model.parsing import PAPER
 
     given = {name.replace("__", "."): value for name, value in fields.items() if value is not None}
     changes = (*settings, *(f"{name}={value}" for name, value in given.items()))
@@ -169,7 +169,7 @@ def warn(task: Task) -> tuple[TaskWarning, ...]:
 
 def _meets(setting: str, others: tuple[str, ...]) -> bool:
     """Whether a setting sets a field that one of others sets too, or a table with it."""
-    from topo_search.model.settings import field_of
+    from topo_search.model.parsing import field_of
 
     mine = field_of(setting)
     return bool(mine) and any(all(a == b for a, b in zip(mine, field_of(other), strict=False)) for other in others)

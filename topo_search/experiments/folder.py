@@ -22,9 +22,9 @@ from topo_search.experiments.plan import IDENTITY, Cell
 from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import show
-from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import load_json
-from topo_search.model.regular_file import NotReadable, read_regular
+from topo_search.model.parsing import NotReadable, read_regular
+from topo_search.model.tables import escape_formula
 from topo_search.study.identity import installed_versions
 from topo_search.study.lock import hold_lock
 from topo_search.study.lost import LedgerLost

@@ -15,9 +15,8 @@ from pydantic import AfterValidator, ConfigDict, Field, Tag, ValidationInfo, mod
 from topo_search.limits import CORNERS, PIECES, SEGMENTS
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import show
-from topo_search.model.hulls import has_volume
 from topo_search.model.mesh_file import FARTHEST, convex_pieces, mesh_schema, take_mesh
-from topo_search.model.shape import Capsule, Cone, Polytope, Shape, unit
+from topo_search.model.shape import Capsule, Cone, Polytope, Shape, has_volume, unit
 from topo_search.model.value import (
     Flag,
     NonEmpty,

@@ -16,9 +16,7 @@ from topo_search.limits import DESIGN_BYTES, RESULT_BYTES, TASK_BYTES
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
 from topo_search.model.design import Design
 from topo_search.model.mesh_file import Folder
-from topo_search.model.parsing import NotParsed, json_data, toml_data
-from topo_search.model.regular_file import NotReadable, read_text
-from topo_search.model.settings import apply_settings
+from topo_search.model.parsing import NotParsed, NotReadable, apply_settings, json_data, read_text, toml_data
 from topo_search.model.task import Task
 
 Model = TypeVar("Model", bound=BaseModel)

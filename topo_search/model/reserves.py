@@ -26,7 +26,7 @@ from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.value import Flag, NonNegative, Positive, Value, one_of
 
 if TYPE_CHECKING:
-    from topo_search.model.goals import Level
+    from topo_search.model.search import Level
     from topo_search.model.task import ResolvedTask
 
 SIDES = 8

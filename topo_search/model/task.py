@@ -17,17 +17,13 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
 
 from topo_search.limits import ALL_CORNERS, LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
-from topo_search.model.airflow_room import airflow_folds
 from topo_search.model.bad_input import show
-from topo_search.model.end_effector import EndEffector, ResolvedEndEffector
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
-from topo_search.model.folds import Folds, clear_folds, intersect
-from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
-from topo_search.model.module import AGREE, Module
+from topo_search.model.module import AGREE, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.reserves import AskedFlight, broken_reserves
-from topo_search.model.room import LARGE, body_radius, packed_width
-from topo_search.model.search import Search
+from topo_search.model.room import LARGE, Folds, airflow_folds, body_radius, clear_folds, intersect, packed_width
+from topo_search.model.search import Goals, Level, Search
 from topo_search.model.tolerances import FARTHEST
 from topo_search.model.value import (
     Angle,
