@@ -9,8 +9,6 @@ import click
 from topo_search.cli import options
 from topo_search.cli.errors import BAD_INPUT, explain_errors, note
 
-NOT_CLEAR = 1
-
 
 @click.command(epilog="Example: topo-search audit runs/push-*/best.json --markdown audit.md")
 @click.argument("designs", nargs=-1, required=True, metavar="DESIGN.json|FOLDER...")
@@ -71,4 +69,4 @@ def audit(
         if reading.refused:
             raise SystemExit(BAD_INPUT)
         if failed or any(each.audit.verdict != Status.CLEAR for each in judged):
-            raise SystemExit(NOT_CLEAR)
+            raise SystemExit(1)

@@ -11,8 +11,6 @@ from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, needs_extras, note
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from topo_search.export.physics import Physics
     from topo_search.model import Audit, Design
 
@@ -30,19 +28,13 @@ SUFFIXES = {
     ".urdf": "urdf",
 }
 """The kind of file that a name's end stands for, besides those of installed packages."""
-FOLDERS = ("kit", "brackets")
-"""Kinds that are folders."""
 PICTURES = ("png", "svg")
 SOLIDS = ("glb", "stl")
 TABLES = ("assembly", "csv", "parquet")
 KIT = ("kit", "allocation", "rotors", "px4", "brackets", "sheet", "parts")
 """The lab kit, and its parts that are files of their own."""
-SIMULATED = ("mjcf", "kit")
-"""Kinds that hold a model for MuJoCo."""
 OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
 """All kinds of this package."""
-AUDIT = "topo-search/audit"
-"""`format` of an audit's file."""
 
 
 def _require_known(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -141,7 +133,7 @@ def export(
         from topo_search.model.files import read_json
 
         asked: Any = kind or SUFFIXES.get(out.suffix.lower()) or _of_packages(out)
-        if kind not in FOLDERS and out.is_dir():
+        if kind not in ("kit", "brackets") and out.is_dir():
             rule = f"must be a file unless --format is kit or brackets, but {out} is a directory"
             raise BadInput("--out", [Fault("", rule)])
         if asked is None:
@@ -153,7 +145,7 @@ def export(
             rule = f"applies only to a kit and its parts, but got --format {asked}"
             raise BadInput("--angle-step", [Fault("", rule)])
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
-        if physics != Physics() and asked not in SIMULATED:
+        if physics != Physics() and asked not in ("mjcf", "kit"):
             rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {asked}"
             raise BadInput("--motor-lag, --rod-mass, --contacts", [Fault("", rule)])
         if asked in KIT:
@@ -167,16 +159,8 @@ def export(
                 design = read_design(source)
                 _write(design, asked, parts, physics, out)
                 _warn_unless_clear(audit(design))
-        what = (
-            "sheet"
-            if asked == "sheet"
-            else "table"
-            if asked in (*TABLES, *KIT)
-            else "picture"
-            if asked in PICTURES
-            else "design"
-        )
-        click.echo(f"the {what} is in {out}")
+        kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
+        click.echo(f"the {kinds.get(asked, 'design')} is in {out}")
 
 
 def _warn_unless_clear(audit: Audit) -> None:
@@ -252,27 +236,21 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
 
 
 def _write_table(source: str, kind: Any, out: Path) -> None:
-    """Write the table of a run's folder, an audit or a design."""
+    """Write the candidates of a run's folder, or the clearances of an audit or a design."""
     from topo_search.export import tables
     from topo_search.model.files import write_atomically
+    from topo_search.study.frame import candidates
 
     if kind == "assembly":
         write_atomically(out, _audit_of(source).assembly.csv())
         return
-    frame = _table(source)
+    frame = candidates(Path(source)) if Path(source).is_dir() else tables.clearances(_audit_of(source))
     write_atomically(out, tables.parquet(frame) if kind == "parquet" else tables.csv(frame))
-
-
-def _table(source: str) -> pd.DataFrame:
-    """Return the candidates of a run's folder, or the clearances of an audit or a design."""
-    from topo_search.export.tables import clearances
-    from topo_search.study.frame import candidates
-
-    return candidates(Path(source)) if Path(source).is_dir() else clearances(_audit_of(source))
 
 
 def _audit_of(source: str) -> Audit:
     """Return the audit that a file holds, or that of the design that it holds."""
+    from topo_search.cli.design_files import AUDIT
     from topo_search.compose import audits
     from topo_search.engine import Failed
     from topo_search.model import Audit, BadInput, Design, Fault

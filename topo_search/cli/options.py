@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from topo_search.cli.errors import note
+from topo_search.cli.errors import needs_extras, note
 from topo_search.limits import LARGEST_INTEGER, SECONDS, STARTS, WORKERS
 
 if TYPE_CHECKING:
@@ -117,12 +117,14 @@ def dask(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-def certificates(ca: Path | None, cert: Path | None, key: Path | None) -> Certificates | None:
+def certificates(dask: str | None, ca: Path | None, cert: Path | None, key: Path | None) -> Certificates | None:
     """Return the certificates that the options of `dask` name: all of them, or none."""
-    from topo_search.engine import Certificates
-
     if ca is None and cert is None and key is None:
         return None
+    if dask is None:
+        raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
+    from topo_search.engine import Certificates
+
     if ca is None or cert is None or key is None:
         raise click.UsageError("--dask-ca, --dask-cert and --dask-key must be given together")
     return Certificates(ca, cert, key)
@@ -187,6 +189,23 @@ def echo_json_list(values: Iterable[Any]) -> None:
         click.echo(f"{before}{json.dumps(value, allow_nan=False)}", nl=False)
         before = ",\n "
     click.echo("[]" if before.startswith("[") else "\n]")
+
+
+def picture(text: str) -> Callable[..., Any]:
+    """Return the option for a picture; `require_drawable` refuses what cannot be drawn."""
+    path = click.Path(path_type=Path, dir_okay=False)
+    return click.option("--picture", type=path, metavar="FILE", help=f"{text}; needs the extra `viz`.")
+
+
+def require_drawable(out: Path) -> None:
+    """Refuse a picture that cannot be drawn, before any work is done for it."""
+    from topo_search.model import BadInput, Fault
+
+    if out.suffix.lower() not in (".png", ".svg"):
+        raise BadInput("--picture", [Fault("", f"must end in .png or .svg, but got {out.name}")])
+    require_writable(out, "--picture")
+    with needs_extras("--picture"):
+        import matplotlib  # noqa: F401 (pandas and numpy are always there, it is not)
 
 
 def require_writable(out: Path, option: str = "--out") -> None:

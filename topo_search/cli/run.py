@@ -116,8 +116,7 @@ def run(
     """
     if strategy == "exhaustive" and (sampler or trials or round_size):
         raise click.UsageError("--sampler, --trials and --round require --strategy optuna")
-    if dask is None and (dask_ca or dask_cert or dask_key):
-        raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
+    tls = options.certificates(dask, dask_ca, dask_cert, dask_key)
     if strategy == "optuna" and prune:
         raise click.UsageError("--prune requires --strategy exhaustive")
     if strategy == "optuna" and topologies:
@@ -150,7 +149,7 @@ def run(
                 seed=seed,
                 workers=workers,
                 dask=dask,
-                dask_tls=options.certificates(dask_ca, dask_cert, dask_key),
+                dask_tls=tls,
                 time_limit=math.inf if time_limit is None else time_limit,
                 near=designs,
                 topologies=listed,

@@ -20,10 +20,6 @@ from topo_search.report.near_ties import near_tie_cells, near_tie_columns
 from topo_search.report.wording import length, modules, quantity
 from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
 
-NARROW = 100
-"""Width of tables that do not go to a terminal."""
-
-
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
 """What follows a design whose end-effector no such rod carries."""
 
@@ -80,10 +76,9 @@ def _print_size(size: SizeAnswer) -> None:
     _print_relaxed(size.relaxed)
 
 
-def _print_relaxed(relaxed: Relaxed | None) -> None:
-    """Print which limits to relax."""
+def _print_relaxed(relaxed: Relaxed | None, indent: str = "") -> None:
     for sentence in relaxed.sentences if relaxed else ():
-        click.echo(sentence)
+        click.echo(f"{indent}{sentence}")
 
 
 def _counts(size: SizeAnswer) -> str:
@@ -105,14 +100,11 @@ def _print_front(answer: Answer) -> None:
                 click.echo("  not finished; run the same command to continue")
             for remark in (*size.remarks, *([] if size.reason is None else [size.reason])):
                 click.echo(f"  {remark}")
-            for sentence in size.relaxed.sentences if size.relaxed else ():
-                click.echo(f"  {sentence}")
+            _print_relaxed(size.relaxed, "  ")
     if not answer.points:
         return
     click.echo(f"front, {quantity(len(answer.points), 'design')}, none better than another in every goal:")
-    table = Table(box=None, pad_edge=False)
-    for name in ("key", "modules", "objective", "clearance", "stand-off", "peak input", "level"):
-        table.add_column(name, justify="left" if name == "key" else "right")
+    table = _table("key", "modules", "objective", "clearance", "stand-off", "peak input", "level")
     for point in answer.points:
         reached = ["" if x is None else length(at_least(x, 3)) for x in (point.clearance, point.stand_off)]
         row = point.row
@@ -130,9 +122,7 @@ def _print_front(answer: Answer) -> None:
 
 
 def _print_rows(rows: tuple[Row, ...]) -> None:
-    table = Table(box=None, pad_edge=False)
-    for name in ("key", "objective", "over bound", "gap", "starts at best", "stands for", "audit"):
-        table.add_column(name, justify="left" if name in ("key", "audit") else "right")
+    table = _table("key", "objective", "over bound", "gap", "starts at best", "stands for", "audit")
     for row in rows:
         table.add_row(
             row.key,
@@ -151,9 +141,7 @@ def _print_near_ties(size: SizeAnswer) -> None:
     if size.best is None or len(size.near_ties) < 2:
         return
     click.echo(f"within {100 * NEAR:g} % of the least effort, largest force reserve in hover first:")
-    table = Table(box=None, pad_edge=False)
-    for name in near_tie_columns():
-        table.add_column(name, justify="left" if name == "key" else "right")
+    table = _table(*near_tie_columns())
     for row in size.near_ties:
         table.add_row(*near_tie_cells(row, size.best))
     _print(table)
@@ -161,10 +149,17 @@ def _print_near_ties(size: SizeAnswer) -> None:
         click.echo(f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}")
 
 
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for name in columns:
+        table.add_column(name, justify="left" if name in ("key", "audit") else "right")
+    return table
+
+
 def _print(table: Table) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
-        console = Console(highlight=False, width=NARROW)
+        console = Console(highlight=False, width=100)
     console.print(table)
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -39,14 +39,10 @@ EXPOSURES = ("ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional", "
 SIZES = tuple(range(10, 101, 10))
 GROUP = ["method", "distance_m", "task", "n"]
 """The columns that the scaling study is grouped by."""
-SIMILAR = 3.0
-"""Largest factor between times of a similar range."""
 REACHED = 95.0
 """Percent of the deepest overlap from which it counts as nearly reached."""
 FULLY = 99.9
 """Percent of the deepest overlap from which it counts as reached."""
-ABOUT_HALF = (0.4, 0.6)
-"""Shares of the modules that count as about half."""
 OFTEN = 0.25
 """Smallest share of the designs that counts as often."""
 
@@ -81,7 +77,7 @@ def growth(rows: pd.DataFrame) -> pd.DataFrame:
     for group, designs in _solved_rows(rows).groupby(GROUP[:-1]):
         law = fit(designs["n"], designs["seconds"])
         if law is not None:
-            fits.append((*group, len(designs), law.exponent, law.at_100))
+            fits.append((*group, len(designs), *law))
     return pd.DataFrame(fits, columns=[*GROUP[:-1], "designs", "exponent", "seconds_at_100"])
 
 
@@ -133,7 +129,7 @@ def scaling_findings(rows: pd.DataFrame) -> list[str]:
             sentences.append(
                 "At one size the medians of the exposure settings differ by a factor of "
                 f"{spread.median():.1f} in the median over sizes, {spread.max():.1f} at most: that they are of a "
-                f"similar range, as the paper finds, is {_confirmation(spread.median() <= SIMILAR)}."
+                f"similar range, as the paper finds, is {_confirmation(spread.median() <= 3)}."
             )
     for (method, distance), table in slowdown(rows).groupby(["method", "distance_m"]):
         times = ", ".join(f"{row.times_median:.1f} with {row.n} modules" for row in table.itertuples(index=False))
@@ -231,7 +227,8 @@ def ablation_findings(rows: pd.DataFrame) -> list[str]:
     designs = _designs(rows)
     if designs.empty:
         return ["No design was found."]
-    deepest, depths, (low, high) = designs["deepest_percent"], _pairs(rows)["depth_percent"], ABOUT_HALF
+    deepest, depths = designs["deepest_percent"], _pairs(rows)["depth_percent"]
+    low, high = 0.4, 0.6  # shares of the modules that count as about half
     share = designs["cluster_share"]
     reached, fully = ((deepest >= depth).mean() for depth in (REACHED, FULLY))
     sentences = [
@@ -253,10 +250,11 @@ def ablation_findings(rows: pd.DataFrame) -> list[str]:
     pairs = designs.groupby("n")["colliding_pairs"].median()
     law = fit(designs["n"], designs["colliding_pairs"])
     if law is not None:
+        exponent, _ = law
         sentences.append(
             f"The median number of colliding pairs goes from {pairs.iloc[0]:.0f} with {pairs.index[0]} modules to "
-            f"{pairs.iloc[-1]:.0f} with {pairs.index[-1]}: it grows as n^{law.exponent:.1f}. That the number "
-            f"grows with n, as the paper finds, is {_confirmation(law.exponent > 0)}."
+            f"{pairs.iloc[-1]:.0f} with {pairs.index[-1]}: it grows as n^{exponent:.1f}. That the number "
+            f"grows with n, as the paper finds, is {_confirmation(exponent > 0)}."
         )
     return sentences
 
@@ -314,22 +312,16 @@ ABLATION = Experiment(
 )
 
 
-class PowerLaw(NamedTuple):
-    """A fit y = c n^p by least squares: a straight line through the logarithms."""
+def fit(n: pd.Series, y: pd.Series) -> tuple[float, float] | None:
+    """Return p and y(100) of y = c n^p through points of positive y; None where they are all of one size.
 
-    exponent: float
-    """p."""
-    at_100: float
-    """The value for a hundred modules, in the unit of y."""
-
-
-def fit(n: pd.Series, y: pd.Series) -> PowerLaw | None:
-    """Return the power law through points of positive y; None where they are all of one size."""
+    The fit is by least squares: a straight line through the logarithms.
+    """
     n, y = n[y > 0], y[y > 0].astype("float64")
     if n.nunique() < 2:
         return None
     slope, intercept = np.polyfit(np.log(n), np.log(y), 1)
-    return PowerLaw(float(slope), float(np.exp(intercept + slope * np.log(100))))
+    return float(slope), float(np.exp(intercept + slope * np.log(100)))
 
 
 def style(number: int) -> dict[str, str]:

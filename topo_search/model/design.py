@@ -112,10 +112,6 @@ TopologyRows = Annotated[
 """A topology that a file writes as rows [parent, parent_port, child_port]."""
 
 
-SAME_OPTIMUM = 1.0e-4
-"""Relative difference of objectives up to which two starts are said to have reached the same optimum."""
-
-
 class SolverRecord(Value):
     """How a result came about; informative."""
 
@@ -144,7 +140,8 @@ class SolverRecord(Value):
     @property
     def starts_at_best(self) -> int:
         """Number of starts that reached the same optimum."""
-        return sum(J - min(self.objectives) <= SAME_OPTIMUM * J for J in self.objectives)
+        same = 1.0e-4  # relative difference of objectives at one optimum
+        return sum(J - min(self.objectives) <= same * J for J in self.objectives)
 
 
 class Mount(Value):

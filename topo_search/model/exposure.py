@@ -47,10 +47,6 @@ Axis = Annotated[
 ]
 
 
-FLAT_BOX = 1e-6
-"""Least edge of a box, over its longest."""
-
-
 def _check_volume(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
     if max((abs(x) for vertex in vertices for x in vertex), default=0.0) > FARTHEST:
         raise ValueError(f"must be at most {FARTHEST:g} m away")
@@ -60,7 +56,7 @@ def _check_volume(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
 
 
 def _check_thickness(box: Vector) -> Vector:
-    if min(box) <= FLAT_BOX * max(box):
+    if min(box) <= 1e-6 * max(box):
         raise ValueError(f"must not be thinner than a millionth of its length, but got {show(box)}")
     return box
 

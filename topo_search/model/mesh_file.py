@@ -51,8 +51,6 @@ PASSED_OVER = frozenset(
 )
 """What an OBJ may say beside vertices and facets."""
 NO_VOLUME = "must be the mesh of a body with a volume"
-CONVEX = 1e-5
-"""A closed body whose hull has at most this share more volume counts as convex: single precision, with room."""
 ROUNDING = 1e-12
 """What a body may stick out of another, over its size, and still count as inside."""
 SAMPLES = 200_000
@@ -263,7 +261,7 @@ def _concavity(body: Surface) -> float:
     mesh, hull = trimesh.Trimesh(*body[:2], process=False), _hull(body)
     if body.closed:
         trimesh.repair.fix_winding(mesh)
-        if hull.volume <= abs(mesh.volume) * (1 + CONVEX):
+        if hull.volume <= abs(mesh.volume) * (1 + 1e-5):  # convex up to single precision, with room
             return 0.0
     samples, _ = _sample(*body[:2])
     of_hull, h = _sample(body.vertices, hull.simplices)

@@ -84,11 +84,6 @@ Reach = Annotated[
     one_of("must be a length in metres or false"),
 ]
 
-BISECTIONS = 50
-"""Of an interval of lengths, down to rounding."""
-LAMINATE = 1600.0
-"""Density of a carbon-fibre tube [kg/m^3]: with it a rod's wall follows from its mass per metre."""
-
 
 class EndEffector(Value):
     """The rigid end-effector."""
@@ -124,7 +119,8 @@ class EndEffector(Value):
             torque: largest one there [N m].
             gravity: g [m/s^2].
         """
-        area = min(self.rod_linear_density / LAMINATE, math.pi * self.rod_radius**2)
+        laminate = 1600.0  # density of a carbon-fibre tube [kg/m^3]: the wall follows from the mass per metre
+        area = min(self.rod_linear_density / laminate, math.pi * self.rod_radius**2)
         stiffness = self.rod_modulus * area / 4 * (2 * self.rod_radius**2 - area / math.pi)
         if stiffness == 0.0:
             return math.inf
@@ -134,7 +130,7 @@ class EndEffector(Value):
         for amount, power in loads:
             if amount > 0.0:
                 length = min(length, (self.rod_deflection * stiffness / amount) ** (1 / power))
-        for _ in range(BISECTIONS):
+        for _ in range(50):  # bisections, down to rounding
             middle = (least + length) / 2
             bent = sum(amount * middle**power for amount, power in loads) / stiffness
             least, length = (middle, length) if bent <= self.rod_deflection else (least, middle)

@@ -36,8 +36,6 @@ AXES, DIAGONALS = math.sqrt(5) / 2, math.sqrt(5 / 3)
 truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and sqrt(3/2) from its centre."""
 UNSEEN = 5 * TOLERANCE
 """By how much a reserve may be less than asked in what an audit calls clear, and more [m_t g, l_arm m_t g]."""
-SAME = 1e-9
-"""Share of the weight by which a force that carries it may be less."""
 LEFT = 0.01
 """Torque that can be added with a rotor dead when nobody says otherwise [l_arm m_t g]."""
 
@@ -133,7 +131,7 @@ def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[Centr
     found = [(0, "hover", hover)]
     if which == "all":
         for k, (label, case) in enumerate(zip(task.case_labels, task.load_cases, strict=True)):
-            if case.at_com.force[2] >= weight * (1 - SAME):
+            if case.at_com.force[2] >= weight * (1 - 1e-9):  # up to rounding
                 plain = {"name": None, "weight": 0.0, "cone": None, "vertices": ()}
                 found.append((k + 1, label, case.model_copy(update=plain)))
     return found

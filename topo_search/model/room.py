@@ -177,8 +177,6 @@ FOLD = (-1.0, 1.0, 1.0, -1.0)
 """Sign of the fold of a positive hinge angle at the parent's port +x, +y, -x, -y."""
 FIRST_INTERVALS = 16
 """Intervals of +-pi/2 that a search begins with."""
-FOLD_HALVINGS = 8
-"""Times that an interval is halved which is clear in the middle but not yet all over: to 0.8 mrad."""
 AIMS = 40
 """Rounds in which a direction u is turned to where two parts are farther apart."""
 RING = 0.5
@@ -263,7 +261,7 @@ def _search(module: Module, margin: float) -> Folds:
     even = module.body.frame is None  # hubs, arms and rotors are the same upside down
     phi = phi[phi > 0] if even else phi
     clear: list[tuple[float, float]] = []
-    for _ in range(FOLD_HALVINGS + 1):
+    for _ in range(9):  # eight halvings of what is clear in the middle but not yet all over: to 0.8 mrad
         slack = np.full(len(phi), math.inf)  # what is left of all pairs' clearances where they are least, scaled
         for A, B in pairs:
             room = min(A.rho, B.rho) * h + ROUNDING * (A.rho + B.rho)
@@ -373,15 +371,7 @@ PORTS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0
 ROTORS = np.array([[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]]) / math.sqrt(2)
 """Directions of the arms, from the centre to the rotors."""
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-FINEST = 0.25
-"""Radius of the balls that cover what rotors' balls and the own envelope leave [l_arm], unless that makes many."""
-MOST_BALLS = 24
-"""More balls than this are replaced by larger ones."""
-SECTIONS = 44
-"""Golden sections of the axis: to a billionth."""
 GOLDEN = (math.sqrt(5) - 1) / 2
-AIRFLOW_HALVINGS = 11
-"""Times that an interval is halved which is clear in the middle but not yet all over: to 0.1 mrad."""
 
 
 class Balls(NamedTuple):
@@ -412,8 +402,8 @@ def part_cover(module: Module) -> Balls:
     The union of the balls and of the module's own envelope holds all rigid parts.
     """
     radius, rotors = math.hypot(module.body.rotor_radius, module.body.rotor_height / 2), module.arm_length * ROTORS
-    pieces, finest = _pieces(module), FINEST * module.arm_length
-    most = max(MOST_BALLS, len(pieces))
+    pieces, finest = _pieces(module), 0.25 * module.arm_length  # radius of the balls, unless that makes many
+    most = max(24, len(pieces))
     while len(cells := list(islice(_uncovered_boxes(module, pieces, rotors, radius, finest), most + 1))) > most:
         finest *= math.sqrt(2)
     centres = np.concatenate([rotors, *(cell.centre[None] for cell in cells)])
@@ -484,7 +474,7 @@ def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
     rate = module.connector_distance + body_radius(module)
     h = math.pi / 2 / FIRST_INTERVALS
     phi, found = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, FIRST_INTERVALS), np.empty((0, 2))
-    for _ in range(AIRFLOW_HALVINGS + 1):
+    for _ in range(12):  # eleven halvings of what is clear in the middle but not yet all over: to 0.1 mrad
         spare = _spare(module, phi) - margin
         clear, open_ = phi[spare >= rate * h], phi[np.abs(spare) < rate * h]
         found = np.concatenate([found, np.stack([clear - h, clear + h], axis=1)])
@@ -518,7 +508,7 @@ def _spare(module: Module, phi: Array) -> Array:
     first, second = high - GOLDEN, low + GOLDEN
     at_first, at_second = clearances(first), clearances(second)
     least = np.minimum(clearances(low), clearances(high))
-    for _ in range(SECTIONS):
+    for _ in range(44):  # golden sections of the axis, to a billionth
         less = at_first < at_second
         low, high = np.where(less, low, first), np.where(less, second, high)
         new = np.where(less, high - GOLDEN * (high - low), low + GOLDEN * (high - low))

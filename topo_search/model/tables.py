@@ -8,9 +8,6 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any, TypeVar
 
-FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""What a text begins with that a spreadsheet takes for a formula, and runs."""
-
 Cell = TypeVar("Cell")
 
 
@@ -19,7 +16,8 @@ def escape_formula(cell: Cell) -> Cell | str:
 
     Numbers stay numbers, also those that are given as texts.
     """
-    if not isinstance(cell, str) or not cell.startswith(FORMULA):
+    # a spreadsheet takes a text that begins like this for a formula, and runs it
+    if not isinstance(cell, str) or not cell.startswith(("=", "+", "-", "@", "\t", "\r")):
         return cell
     try:
         float(cell)

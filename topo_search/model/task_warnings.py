@@ -36,22 +36,10 @@ from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, OUTWARDS, frame_reach, in_words, packed_width
 from topo_search.model.task import Task
 
-AIR_DENSITY = 1.225
-"""rho, at sea level [kg/m^3]."""
-THRUST_COEFFICIENT = 0.01, 1.0
-"""Usual range of C_T: a fifth of the least measured to five times the largest."""
-DISC_LOADING = 3.0, 1000.0
-"""Usual range in hover [N/m^2]."""
 MOST_THRUST = 20.0
 """Largest usual thrust over weight of a module; racing quadrotors reach 15."""
-GYRATION = 0.1, 3.0
-"""Usual radius of gyration of a module [l_arm]; a ring of four rotors has 1."""
-DENSEST = 20_000.0
-"""Density of a rod that no usual material has; tungsten's is 19,300 [kg/m^3]."""
 LEAST_ANGLE_DEG = 1.6
 """Angles of cones up to here may be radians: a right angle is 1.571."""
-LEAST_TOLERANCE_DEG = 0.05
-"""Errors of hinges below that are seldom meant: 1 mm at 1.1 m."""
 
 Doubts = Iterator[tuple[str, str]]
 """Fields with what is suspicious about them."""
@@ -106,14 +94,16 @@ def _radius(module: Module) -> float:
 
 def _mass(task: Task) -> Doubts:
     r = _radius(task.module)
-    low, high = (loading * 4 * math.pi * r**2 / task.gravity for loading in DISC_LOADING)
+    usual = 3.0, 1000.0  # disc loading in hover [N/m^2]
+    low, high = (loading * 4 * math.pi * r**2 / task.gravity for loading in usual)
     yield from _usual("module.mass", task.module.mass, low, high, "kg", f", usual with rotors of {r:g} m radius")
 
 
 def _thrust_coefficient(task: Task) -> Doubts:
     module, r = task.module, _radius(task.module)
-    low, high = THRUST_COEFFICIENT
-    C_T = 4 * math.pi**2 * module.thrust_coefficient / (AIR_DENSITY * (2 * r) ** 4)
+    low, high = 0.01, 1.0  # usual C_T: a fifth of the least measured to five times the largest
+    air_density = 1.225  # at sea level [kg/m^3]
+    C_T = 4 * math.pi**2 * module.thrust_coefficient / (air_density * (2 * r) ** 4)
     if module.thrust_coefficient != Module().thrust_coefficient and not low <= C_T <= high:
         speed = math.sqrt(module.max_input(task.gravity))
         yield (
@@ -150,13 +140,15 @@ def _by_mass(task: Task) -> Doubts:
     if tip.mass > n * module.mass:
         modules = "the module" if n == 1 else f"all {n} modules"
         yield "end_effector.mass", f"{tip.mass:g} kg is more than {modules}, {n * module.mass:g} kg: is it in kg?"
-    if (density := tip.rod_linear_density / (math.pi * tip.rod_radius**2)) > DENSEST:
+    # no usual material is as dense; tungsten has 19,300 kg/m^3
+    if (density := tip.rod_linear_density / (math.pi * tip.rod_radius**2)) > 20_000.0:
         yield (
             "end_effector.rod_linear_density",
             f"{tip.rod_linear_density:g} kg/m of {tip.rod_radius:g} m radius is {density:.3g} kg/m^3, denser than "
             "tungsten: is it in kg/m?",
         )
-    least, most = (module.mass * (share * module.arm_length) ** 2 for share in GYRATION)
+    usual = 0.1, 3.0  # radius of gyration [l_arm]; a ring of four rotors has 1
+    least, most = (module.mass * (share * module.arm_length) ** 2 for share in usual)
     basis = f", usual of {module.mass:g} kg with arms of {module.arm_length:g} m"
     for k, moment in enumerate(module.body.inertia or ()):
         yield from _usual(f"module.body.inertia[{k}]", moment, least, most, "kg m^2", basis)
@@ -172,7 +164,7 @@ def _angles(task: Task) -> Doubts:
             for e, asked in enumerate(task.exposure)
             if isinstance(asked, Exterior)
         ),
-        ("tolerances.hinge_angle_deg", task.tolerances.hinge_angle_deg, LEAST_TOLERANCE_DEG),
+        ("tolerances.hinge_angle_deg", task.tolerances.hinge_angle_deg, 0.05),  # 1 mm at 1.1 m
     )
     for path, angle, least in angles:
         if 0 < angle < least:
@@ -182,12 +174,6 @@ def _angles(task: Task) -> Doubts:
             )
 
 
-EARTH = (9.76, 9.84)
-"""Gravity at the Earth's surface, from the equator to the poles [m/s^2]."""
-LARGEST_RATIO = 1000.0
-"""Of the weights of two load cases; effort then counts for the heavier one alone."""
-LARGEST_MARGIN = 0.01
-"""[m]"""
 LONG_PATH = 20.0
 """Paths are seldom meant to be longer, in packed widths."""
 SAME = 1e-9
@@ -225,7 +211,7 @@ def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
 
 
 def _gravity(task: Task) -> Iterator[TaskWarning]:
-    if not EARTH[0] <= task.gravity <= EARTH[1]:
+    if not 9.76 <= task.gravity <= 9.84:  # from the equator to the poles
         yield TaskWarning("gravity", f"{task.gravity:g} m/s^2 is not that of the Earth's surface")
 
 
@@ -354,7 +340,7 @@ def _load_cases(task: Task, n: int) -> Iterator[TaskWarning]:
             "load_cases", "none is plain hover (carries_weight = true alone): a design need not be able to hover"
         )
     weights = [case.weight for case in cases if case.weight]
-    if max(weights) > LARGEST_RATIO * min(weights):
+    if max(weights) > 1000 * min(weights):  # effort then counts for the heavier load case alone
         yield TaskWarning(
             "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {show(weights)}"
         )
@@ -384,7 +370,7 @@ def _search(task: Task) -> Iterator[TaskWarning]:
         yield TaskWarning(
             "search.margin", "with 0, clearances may be too close to zero for the audit to prove them"
         )
-    elif margin > LARGEST_MARGIN:
+    elif margin > 0.01:
         yield TaskWarning(
             "search.margin", f"{margin:g} m beyond every clearance that the task asks for costs effort"
         )

@@ -75,10 +75,7 @@ carries_weight = true
 # planes = [{ normal = [1.0, 0.0, 0.0], offset = 0.0 }]  # normal . x <= offset, x from the end-effector
 """
 
-IN_OTHER_WORDS = {"name", "modules", "load_cases", "exposure", "task_seed"}
-"""Fields of a task that HEAD and TASK explain, or that belong to the shipped random family."""
 
-RATED = {"joint_moment": 4.0, "joint_force": 60.0}
 LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "tolerances": True}
 """Examples of fields of a module and of [flight] that have no default."""
 
@@ -95,11 +92,12 @@ def task_template(name: str) -> str:
         "bracket": module.bracket_sizes,
     }
     changed = {
-        "module": module.model_copy(update={**forms, **RATED}),
+        "module": module.model_copy(update={**forms, "joint_moment": 4.0, "joint_force": 60.0}),
         "flight": filled.flight.model_copy(update=LIMITS),
     }
     filled = filled.model_copy(update=changed)
-    top = "\n".join(_fields(stated, filled, IN_OTHER_WORDS))
+    explained = {"name", "modules", "load_cases", "exposure", "task_seed"}  # or of a random family
+    top = "\n".join(_fields(stated, filled, explained))
     tables = "\n".join(_tables(stated, filled, ""))
     return f"{HEAD.format(name=name)}{top}\n{TASK}{tables}\n"
 

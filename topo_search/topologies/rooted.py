@@ -37,8 +37,6 @@ DIGITS = "0123456789abcdef"
 CHILDREN = {digit: (mask & 7).bit_count() for mask, digit in enumerate(DIGITS)}
 """Number of children that a digit announces."""
 _MIRRORED = {digit: DIGITS[mask & 0b1010 | (mask & 1) << 2 | (mask >> 2) & 1] for mask, digit in enumerate(DIGITS)}
-LONGEST_KEPT = 5
-"""Lists of codes up to this many modules are kept (343 aligned codes, 9,726 of any port), longer ones made anew."""
 
 
 def plant(slots: tuple[str, str, str], odd: int = 0) -> str:
@@ -74,7 +72,7 @@ def mirror_code(code: str) -> str:
 
 def codes(least: int, most: int, connectors: Connectors) -> Iterable[str]:
     """Return the codes of `least` to `most` modules in ascending order."""
-    if most <= LONGEST_KEPT:
+    if most <= 5:  # 343 aligned codes, 9,726 of any port: kept; longer lists are made anew
         return _kept_codes(least, most, connectors)
     return _grow(least, most, connectors)
 
