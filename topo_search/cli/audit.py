@@ -54,9 +54,9 @@ def audit(
             if not as_json:
                 print_audit(name, result)
         if as_json:
-            found = [{"file": each.name, **each.audit.model_dump(mode="json")} for each in judged]
-            alone = len(designs) == 1 and not files[0].listed and found
-            options.echo_json(found[0] if alone else found)
+            values = [{"file": each.name, **each.audit.model_dump(mode="json")} for each in judged]
+            alone = len(designs) == 1 and not files[0].listed and values
+            options.echo_json(values[0] if alone else values)
         elif len(files) > 1:
             verdicts = [each.audit.verdict for each in judged]
             print_tally(verdicts, len(failed), len(reading.refused), reading.passed_over)

@@ -42,20 +42,20 @@ def check(
     with explain_errors():
         from topo_search.model.task_warnings import task_warnings
 
-        asked = options.task_of(task, settings, paper=paper, modules=modules)
+        problem = options.task_of(task, settings, paper=paper, modules=modules)
         if picture is not None:
             options.require_drawable(picture)
             from topo_search.export.figure_file import save
             from topo_search.export.task_picture import task_figure
 
-            save(task_figure(asked.resolve(asked.sizes[0])), picture)
-        sizes = [_size(asked, n) for n in asked.sizes]
-        warnings = task_warnings(asked)
+            save(task_figure(problem.resolve(problem.sizes[0])), picture)
+        sizes = [_size(problem, n) for n in problem.sizes]
+        warnings = task_warnings(problem)
         if as_json:
-            first = asked.resolve(asked.sizes[0]).model_dump(mode="json")
+            first = problem.resolve(problem.sizes[0]).model_dump(mode="json")
             options.echo_json({"task": first, "sizes": sizes, "warnings": [asdict(one) for one in warnings]})
             return
-        _explain(asked)
+        _explain(problem)
         for size in sizes:
             _group(f"search of {quantity(size['modules'], 'module')}", _expectations(size))
         if warnings:

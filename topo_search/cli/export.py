@@ -132,35 +132,35 @@ def export(
         from topo_search.model import BadInput, Design, Fault
         from topo_search.model.files import read_json
 
-        asked: Any = kind or SUFFIXES.get(out.suffix.lower()) or _of_packages(out)
+        form: Any = kind or SUFFIXES.get(out.suffix.lower()) or _of_packages(out)
         if kind not in ("kit", "brackets") and out.is_dir():
             rule = f"must be a file unless --format is kit or brackets, but {out} is a directory"
             raise BadInput("--out", [Fault("", rule)])
-        if asked is None:
+        if form is None:
             rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
             raise BadInput("--out", [Fault("", rule)])
-        if parts is not None and asked not in SOLIDS:
+        if parts is not None and form not in SOLIDS:
             raise BadInput("--parts", [Fault("", f"applies only to glb and stl, but got {parts}")])
-        if angle_step is not None and asked not in KIT:
-            rule = f"applies only to a kit and its parts, but got --format {asked}"
+        if angle_step is not None and form not in KIT:
+            rule = f"applies only to a kit and its parts, but got --format {form}"
             raise BadInput("--angle-step", [Fault("", rule)])
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
-        if physics != Physics() and asked not in ("mjcf", "kit"):
-            rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {asked}"
+        if physics != Physics() and form not in ("mjcf", "kit"):
+            rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {form}"
             raise BadInput("--motor-lag, --rod-mass, --contacts", [Fault("", rule)])
-        if asked in KIT:
-            _write_kit(read_json(Design, source), asked, out, angle_step, physics)
+        if form in KIT:
+            _write_kit(read_json(Design, source), form, out, angle_step, physics)
             return
         options.require_writable(out)
-        with needs_extras(f"--format {asked}"):
-            if asked in TABLES:
-                _write_table(source, asked, out)
+        with needs_extras(f"--format {form}"):
+            if form in TABLES:
+                _write_table(source, form, out)
             else:
                 design = read_design(source)
-                _write(design, asked, parts, physics, out)
+                _write(design, form, parts, physics, out)
                 _warn_unless_clear(audit(design))
         kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
-        click.echo(f"the {kinds.get(asked, 'design')} is in {out}")
+        click.echo(f"the {kinds.get(form, 'design')} is in {out}")
 
 
 def _warn_unless_clear(audit: Audit) -> None:
@@ -178,7 +178,7 @@ def _of_packages(out: Path) -> str | None:
     """Return the format of an installed package that a name's end stands for."""
     from topo_search.export.formats import formats
 
-    return next((own.name for own in formats().values() if out.suffix.lower() in own.suffixes), None)
+    return next((form.name for form in formats().values() if out.suffix.lower() in form.suffixes), None)
 
 
 def _write(design: Design, kind: Any, parts: Any, physics: Physics, out: Path) -> None:
@@ -211,9 +211,9 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
         options.require_writable(out)
     notes: tuple[str, ...] = ()
     if angle_step is not None:
-        found = round_angles(design, angle_step)
-        design, notes = found.design, found.notes
-        _warn_unless_clear(found.audit)
+        rounded = round_angles(design, angle_step)
+        design, notes = rounded.design, rounded.notes
+        _warn_unless_clear(rounded.audit)
     else:
         _warn_unless_clear(audit(design))
     for text in notes:

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli.errors import needs_extras, note
-from topo_search.limits import LARGEST_INTEGER, SECONDS, STARTS, WORKERS
+from topo_search.limits import KEYS_BYTES, LARGEST_INTEGER, SECONDS, STARTS, WORKERS
 
 if TYPE_CHECKING:
     from topo_search.engine import Certificates
-    from topo_search.model import Task
+    from topo_search.model import Design, Task
     from topo_search.model.task_warnings import TaskWarning
 
 SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
@@ -83,6 +83,19 @@ paper = click.option(
     "--paper", is_flag=True, help="The paper's literal problem: its root, no margin, no body clearance, no rod."
 )
 as_json = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
+
+
+near = click.option(
+    "--near",
+    multiple=True,
+    metavar="DESIGN.json",
+    help="Add starts from this design of any tree, written by a run or `solve` (repeatable).",
+)
+topologies = click.option(
+    "--topologies",
+    metavar="FILE",
+    help="Solve only the trees in this file, one key per line as `topologies` prints them; each as given.",
+)
 
 
 def starts(text: str) -> Callable[..., Any]:
@@ -159,14 +172,37 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     return posed
 
 
+def read_near(files: tuple[str, ...]) -> list[Design]:
+    """Return the designs of some files; BadInput names every fault."""
+    from topo_search.model import Design
+    from topo_search.model.files import read_json
+
+    return [read_json(Design, file) for file in files]
+
+
+def read_topologies(file: str, task: Task) -> tuple[str, ...]:
+    """Return the keys of a file that lists the candidates of a task.
+
+    Raises:
+        BadInput: it cannot be read or is too long; or names every line that is no key, or not one of the task.
+    """
+    from topo_search.model.files import load_text
+    from topo_search.topologies import own_candidates
+
+    lines = enumerate(load_text(file, most_bytes=KEYS_BYTES).splitlines(), start=1)
+    keys = [(number, key) for number, line in lines if (key := line.strip())]
+    places = {k: f"line {number}" for k, (number, _) in enumerate(keys)}
+    return own_candidates([key for _, key in keys], task, source=file, places=places)
+
+
 def warn(task: Task) -> tuple[TaskWarning, ...]:
     """Print the warnings about a task, as `check` does, on stderr; and return them."""
     from topo_search.model.task_warnings import task_warnings
 
-    found = task_warnings(task)
-    for warning in found:
+    warnings = task_warnings(task)
+    for warning in warnings:
         note(f"warning: {warning}")
-    return found
+    return warnings
 
 
 def _meets(setting: str, others: tuple[str, ...]) -> bool:

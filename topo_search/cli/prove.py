@@ -151,22 +151,22 @@ def _check(
         from topo_search.model.proven import lower_text
 
         with shown_progress() as observer, needs_extras("--dask"):
-            found = check_proofs(
+            result = check_proofs(
                 folder, topology=topology, workers=workers, dask=dask, dask_tls=dask_tls, observer=observer
             )
     if as_json:
-        trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in found.trees]
-        options.echo_json({"sentences": found.sentences, "faults": found.faults, "trees": trees})
+        trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in result.trees]
+        options.echo_json({"sentences": result.sentences, "faults": result.faults, "trees": trees})
     else:
-        for fault in found.faults:
+        for fault in result.faults:
             click.echo(f"refused: {fault}")
-        for tree in found.trees:
+        for tree in result.trees:
             by = "" if tree.bound is None or tree.fault else f", J >= {lower_text(tree.bound)} rad^4/s^4"
             click.echo(f"{tree.key}: {tree.verdict}{by}" + (f": {tree.fault}" if tree.fault else ""))
-        for sentence in found.sentences:
+        for sentence in result.sentences:
             click.echo(sentence)
-    if found.refused:
+    if result.refused:
         raise SystemExit(1)
-    if not found.settled:
+    if not result.settled:
         note("some trees are still open; run `topo-search prove` to continue")
         raise SystemExit(OPEN)

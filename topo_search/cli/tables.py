@@ -43,11 +43,11 @@ def print_found(answer: Answer) -> None:
     best = answer.best
     if best is not None:
         smallest = f", {answer.smallest}" if answer.smallest else ""
-        found = f"best design: {best.key}, {modules(best.modules)}{smallest}"
+        line = f"best design: {best.key}, {modules(best.modules)}{smallest}"
         rod = "" if answer.clear_rod else NO_CLEAR_ROD
         if (note := answer.note) is not None:
             click.echo(f"note on {best.key}: {note}")
-        click.echo(f"{found}, {_effort(best)}, audit {best.audit}{rod}")
+        click.echo(f"{line}, {_effort(best)}, audit {best.audit}{rod}")
     elif answer.exit_status == 1:
         click.echo("designs were found, but none passed its audit")
     else:
@@ -84,15 +84,15 @@ def _print_relaxed(relaxed: Relaxed | None, indent: str = "") -> None:
 def _counts(size: SizeAnswer) -> str:
     """Return how many candidates of one size ended how."""
     counts = ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items()))
-    told = f"{modules(size.modules)}: {size.settled} of {quantity(size.candidates, 'candidate')}"
-    return f"{told} ({counts})" if counts else told
+    text = f"{modules(size.modules)}: {size.settled} of {quantity(size.candidates, 'candidate')}"
+    return f"{text} ({counts})" if counts else text
 
 
 def _print_front(answer: Answer) -> None:
     """Print what became of each level of the goals, and the front."""
-    for at in answer.levels:
-        click.echo(f"level {at.number}: {at.level.words}")
-        for size in at.sizes:
+    for outcome in answer.levels:
+        click.echo(f"level {outcome.number}: {outcome.level.words}")
+        for size in outcome.sizes:
             click.echo(f"  {_counts(size)}")
             if size.best is not None:
                 click.echo(f"  best {size.best.key}, {_effort(size.best)}")
@@ -214,8 +214,8 @@ def print_audit(name: str, audit: Audit) -> None:
             click.echo(f"  {pair.name}: {pair.status}, {lower_text(pair.analytic_m)} m")
             for finding in pair.evidence:
                 click.echo(f"    {finding}")
-    for own in audit.stated:
-        click.echo(f"  {own.name} ({NOT_CERTIFIED}): {own.words}, bounds: {own.bounds}")
+    for constraint in audit.stated:
+        click.echo(f"  {constraint.name} ({NOT_CERTIFIED}): {constraint.words}, bounds: {constraint.bounds}")
     for residual in audit.residuals:
         if residual.status != "clear":
             off = f"off by {upper_text(residual.value, 3)} {residual.unit}"
@@ -235,7 +235,7 @@ def print_audit(name: str, audit: Audit) -> None:
 def print_tally(verdicts: Sequence[Status], failed: int, refused: int, passed_over: int) -> None:
     """Print how many designs of a whole command ended how."""
     counts = {**Counter(map(str, verdicts)), "failed": failed, "bad input": refused}
-    told = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
-    click.echo(f"{quantity(len(verdicts) + failed, 'design')}: {told or 'none'}")
+    text = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
+    click.echo(f"{quantity(len(verdicts) + failed, 'design')}: {text or 'none'}")
     if passed_over:
         click.echo(f"{quantity(passed_over, 'audit')} in the folders skipped")

@@ -138,8 +138,8 @@ class Results:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _refusal(folder, f"cannot be made: {error.strerror}") from None
-        with hold_lock(folder), Place.open(folder) as place:
-            place.tidy()
+        with hold_lock(folder), Place.open(folder) as directory:
+            directory.tidy()
             if (folder / ABOUT).exists():
                 _compare(folder, load_json(folder / ABOUT), about)
             else:
@@ -149,9 +149,9 @@ class Results:
                     "machine": platform.machine(),
                     "cores": os.cpu_count(),
                 }
-                place.write(ABOUT, f"{json.dumps({**about, **machine}, indent=1)}\n".encode())
+                directory.write(ABOUT, f"{json.dumps({**about, **machine}, indent=1)}\n".encode())
             if not (folder / RESULTS).exists():
-                place.write(RESULTS, f"{','.join(COLUMNS)}\n".encode())
+                directory.write(RESULTS, f"{','.join(COLUMNS)}\n".encode())
             path = folder / RESULTS
             size, done = _rows(path)
             handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC)

@@ -393,10 +393,10 @@ class Audit(Value):
         ]
         residuals = table(checked, rows)
         title = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
-        told = title + pairs + (heading("not met:") + residuals if broken else "")
+        html = title + pairs + (heading("not met:") + residuals if broken else "")
         if self.stated:
-            own = table(
+            checks = table(
                 ("constraint", "bounds", "it came to"), [(one.name, one.bounds, one.words) for one in self.stated]
             )
-            told += heading(f"{NOT_CERTIFIED}:") + own
-        return told
+            html += heading(f"{NOT_CERTIFIED}:") + checks
+        return html

@@ -246,13 +246,13 @@ class Design(Value):
         joints = zip(self.topology.edges(), self.hinge_angles_rad, strict=True)
         rows = [(h, PORT_NAMES[a], i, PORT_NAMES[b], math.degrees(alpha)) for (h, i, a, b), alpha in joints]
         psi, alpha_0, alpha_1 = (f"{math.degrees(angle):.6g}" for angle in self.root_orientation_rad)
-        place = ", ".join(f"{x:.6g}" for x in self.end_effector_m)
+        position = ", ".join(f"{x:.6g}" for x in self.end_effector_m)
         return (
             title
             + effort
             + table(("module", "port", "child", "its port", "hinge angle [deg]"), rows)
             + paragraph(f"root module: psi = {psi}, alpha_0 = {alpha_0}, alpha_1 = {alpha_1} deg")
-            + paragraph(f"end-effector at [{place}] m from the root module's centre")
+            + paragraph(f"end-effector at [{position}] m from the root module's centre")
         )
 
     @staticmethod
@@ -326,23 +326,23 @@ class Relaxed(Value):
         """What to relax first, what else helps or does not, and what could not be tried, a sentence each."""
         starts = min(self.starts, STARTS)
         solved = f"from {starts} start{'s' * (starts > 1)}"
-        told = []
+        sentences = []
         if self.relaxations:
             first, *others = self.relaxations
             verb, end = "relax", "a smaller change may be enough"
             if first.tightens:
                 verb, end = "try", "the design is one of the task as it is"
-            told.append(f"{verb} first: {first.words}; solved again {solved}, its audit is clear; {end}")
-            told += [f"or {other.words}" for other in others]
+            sentences.append(f"{verb} first: {first.words}; solved again {solved}, its audit is clear; {end}")
+            sentences += [f"or {other.words}" for other in others]
         elif self.in_vain:
             of = f" of {' or '.join(self.topologies)}" if self.topologies else ""
             tried = "; ".join(self.in_vain)
-            told.append(
+            sentences.append(
                 f"no single limit, relaxed alone, led to a design{of} with a clear audit {solved} ({tried})"
             )
         if self.untried:
-            told.append(f"could not be tried, so nothing is known: {'; '.join(self.untried)}")
-        return tuple(told)
+            sentences.append(f"could not be tried, so nothing is known: {'; '.join(self.untried)}")
+        return tuple(sentences)
 
 
 NAMED = 3

@@ -88,8 +88,8 @@ def format_of(path: str | Path) -> str | None:
 
 def stated_format(data: Any) -> str | None:
     """Return what the data of a JSON file say that they are."""
-    stated = data.get("format") if isinstance(data, dict) else None
-    return stated if isinstance(stated, str) else None
+    name = data.get("format") if isinstance(data, dict) else None
+    return name if isinstance(name, str) else None
 
 
 def load_json(path: str | Path, *, most_bytes: int = RESULT_BYTES) -> Any:

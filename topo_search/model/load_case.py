@@ -148,9 +148,9 @@ class LoadCase(Value):
     @property
     def corners(self) -> tuple[LoadCase, ...]:
         """The corners of the set of wrenches that it stands for, but its own: load cases without weight."""
-        own = self.at_end_effector
-        cone = [own.model_copy(update={"force": force}) for force in (self.cone.corners if self.cone else ())]
-        others = dict.fromkeys(wrench for wrench in (*cone, *self.vertices) if wrench != own)
+        tool = self.at_end_effector
+        cone = [tool.model_copy(update={"force": force}) for force in (self.cone.corners if self.cone else ())]
+        others = dict.fromkeys(wrench for wrench in (*cone, *self.vertices) if wrench != tool)
         plain = {"name": None, "weight": 0.0, "cone": None, "vertices": ()}
         return tuple(self.model_copy(update={**plain, "end_effector": wrench}) for wrench in others)
 

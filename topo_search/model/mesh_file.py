@@ -333,14 +333,14 @@ def _lines(content: bytes) -> Iterator[bytes]:
     """Yield the lines without comments; of those that a backslash continues the last, with all of them."""
     if content.count(b"\n") + content.count(b"\r") > LINES:
         raise ValueError(f"must have at most {LINES:,} lines, but has more")
-    begun = b""
+    unfinished = b""
     for line in content.splitlines():
-        text = begun + line.split(b"#", 1)[0]
+        text = unfinished + line.split(b"#", 1)[0]
         if len(text) > LINE:
             raise ValueError(f"must have at most {LINE:,} bytes per line, but has {len(text):,}")
-        begun = text[:-1] + b" " if text.endswith(b"\\") else b""
-        yield b"" if begun else text
-    yield begun
+        unfinished = text[:-1] + b" " if text.endswith(b"\\") else b""
+        yield b"" if unfinished else text
+    yield unfinished
 
 
 def _coordinate(word: bytes) -> bytes:
@@ -422,11 +422,11 @@ def _beyond_faces(vertices: Array, faces: Any) -> float:
     area = np.linalg.norm(normals, axis=1)
     if float(np.einsum("fx,fx->", normals, corners[:, 0] - vertices.mean(axis=0))) <= 1e-12 * size**3:
         return 1.0
-    told = area > 1e-9 * size * size  # of slivers the direction is lost
-    if not np.any(told):
+    large = area > 1e-9 * size * size  # of slivers the direction is lost
+    if not np.any(large):
         return 1.0
-    unit = normals[told] / area[told, None]
-    beyond = vertices @ unit.T - np.einsum("fx,fx->f", unit, corners[told, 0])
+    unit = normals[large] / area[large, None]
+    beyond = vertices @ unit.T - np.einsum("fx,fx->f", unit, corners[large, 0])
     return float(beyond.max()) / size
 
 

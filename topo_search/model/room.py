@@ -219,10 +219,10 @@ def in_words(folds: Folds, unit: str) -> str:
     """Return how far hinges turn, in degrees with a unit as it is to be written."""
     mirrored = tuple((-high, -low) for low, high in reversed(folds)) == folds
     ways = [(max(low, 0.0), high) for low, high in folds if high > 0] if mirrored else folds
-    told = [f"{math.degrees(low):.3g} to {math.degrees(high):.3g}{unit}" for low, high in ways]
+    texts = [f"{math.degrees(low):.3g} to {math.degrees(high):.3g}{unit}" for low, high in ways]
     if mirrored and ways[0][0] == 0:
-        told[0] = f"at most {math.degrees(ways[0][1]):.3g}{unit}"
-    text = " or ".join(told)
+        texts[0] = f"at most {math.degrees(ways[0][1]):.3g}{unit}"
+    text = " or ".join(texts)
     return text if mirrored else f"{text}, counted positive where airflows lean apart"
 
 
@@ -233,7 +233,7 @@ class _Part:
     corners: Array
     """(k, 3) [m]"""
     radius: float = 0.0
-    """Of the discs, across z [m]."""
+    """Radius of the discs, across z [m]."""
 
     @property
     def rho(self) -> float:
@@ -276,15 +276,15 @@ def _search(module: Module, margin: float) -> Folds:
 
 def join(intervals: list[tuple[float, float]]) -> Folds:
     """Return intervals with those that share an end put together."""
-    found: list[tuple[float, float]] = []
+    joined: list[tuple[float, float]] = []
     for low, high in sorted(intervals):
-        if found and low - found[-1][1] < ROUNDING:
-            low, _ = found.pop()
-        found.append((low, high))
+        if joined and low - joined[-1][1] < ROUNDING:
+            low, _ = joined.pop()
+        joined.append((low, high))
     right = math.pi / 2
     return tuple(
         (-right if right + low < ROUNDING else low, right if right - high < ROUNDING else high)
-        for low, high in found
+        for low, high in joined
     )
 
 
@@ -439,19 +439,19 @@ def _pieces(module: Module) -> list[_Box]:
     """Return hub and arms, or boxes around the pieces of the module's own frame."""
     body, l_arm, width = module.body, module.arm_length, module.body.arm_width
     if body.frame is not None:
-        found = []
+        result = []
         for piece in body.frame:
             vertices = np.array(piece.vertices)
             corners = vertices[np.array(piece.triangles)]
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             size = np.linalg.norm(normals, axis=1)
-            told = size > 1e-9 * np.ptp(vertices, axis=0).max() ** 2  # of slivers the direction is lost
-            normals = normals[told] / size[told, None]
+            large = size > 1e-9 * np.ptp(vertices, axis=0).max() ** 2  # of slivers the direction is lost
+            normals = normals[large] / size[large, None]
             low, high = vertices.min(axis=0), vertices.max(axis=0)
             # Faces as far out as the farthest corner: then half-spaces hold the piece to the last digit.
             offsets = (normals @ vertices.T).max(axis=1)
-            found.append(_Box((low + high) / 2, np.eye(3), (high - low) / 2, normals, offsets))
-        return found
+            result.append(_Box((low + high) / 2, np.eye(3), (high - low) / 2, normals, offsets))
+        return result
     boxes = [(np.zeros(3), np.eye(3), np.array(body.hub) / 2)]
     for along in ROTORS:
         axes = np.stack([along, np.cross(UP, along), UP])
@@ -473,16 +473,16 @@ def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
     """
     rate = module.connector_distance + body_radius(module)
     h = math.pi / 2 / FIRST_INTERVALS
-    phi, found = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, FIRST_INTERVALS), np.empty((0, 2))
+    phi, intervals = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, FIRST_INTERVALS), np.empty((0, 2))
     for _ in range(12):  # eleven halvings of what is clear in the middle but not yet all over: to 0.1 mrad
         spare = _spare(module, phi) - margin
         clear, open_ = phi[spare >= rate * h], phi[np.abs(spare) < rate * h]
-        found = np.concatenate([found, np.stack([clear - h, clear + h], axis=1)])
+        intervals = np.concatenate([intervals, np.stack([clear - h, clear + h], axis=1)])
         h /= 2
         phi = np.concatenate([open_ - h, open_ + h])
         if not len(phi):
             break
-    return join([(low, high) for low, high in found.tolist()])
+    return join([(low, high) for low, high in intervals.tolist()])
 
 
 def _spare(module: Module, phi: Array) -> Array:

@@ -58,16 +58,16 @@ def convex_hull(points: Array) -> Hull:
     Raises:
         ValueError: the points are too nearly flat to tell the hull.
     """
-    found = _qhull(points)
-    kept, triangles = np.unique(found.simplices, return_inverse=True)
+    qhull = _qhull(points)
+    kept, triangles = np.unique(qhull.simplices, return_inverse=True)
     triangles, corners = triangles.reshape(-1, 3), points[kept]
-    normals = found.equations[:, :3] / np.linalg.norm(found.equations[:, :3], axis=1, keepdims=True)
+    normals = qhull.equations[:, :3] / np.linalg.norm(qhull.equations[:, :3], axis=1, keepdims=True)
     first, second, third = corners[triangles].transpose(1, 0, 2)
     inwards = np.sum(np.cross(second - first, third - first) * normals, axis=1) < 0
     triangles[inwards] = triangles[inwards][:, ::-1]
-    f, across = np.nonzero(found.neighbors > np.arange(len(triangles))[:, None])  # all pairs of adjacent faces
-    folded = np.linalg.norm(normals[f] - normals[found.neighbors[f, across]], axis=1) > FLAT
-    sides = zip(found.simplices[f], found.simplices[found.neighbors[f, across]], strict=True)
+    f, across = np.nonzero(qhull.neighbors > np.arange(len(triangles))[:, None])  # all pairs of adjacent faces
+    folded = np.linalg.norm(normals[f] - normals[qhull.neighbors[f, across]], axis=1) > FLAT
+    sides = zip(qhull.simplices[f], qhull.simplices[qhull.neighbors[f, across]], strict=True)
     shared = [np.intersect1d(one, other) for one, other in sides]
     edges = np.searchsorted(kept, np.array(shared)[folded])
     return Hull(corners, triangles, normals, edges)
@@ -89,8 +89,8 @@ def outer_hull(points: Array, most_corners: int) -> tuple[Array, float]:
     Raises:
         ValueError: the points are too nearly flat to tell the hull, or too far from the origin for their size.
     """
-    found = _qhull(points)
-    hull = points[np.unique(found.simplices)]
+    qhull = _qhull(points)
+    hull = points[np.unique(qhull.simplices)]
     if len(hull) <= most_corners:
         return hull, 0.0
     from scipy.spatial import HalfspaceIntersection, QhullError

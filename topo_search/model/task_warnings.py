@@ -48,9 +48,9 @@ Doubts = Iterator[tuple[str, str]]
 def doubts(task: Task) -> Doubts:
     """Yield the fields of a task whose unit is doubtful, with the reason."""
     for step in (_absolute(task.module), _arm_lengths(task), chain(_mass(task), _thrust_coefficient(task))):
-        found = tuple(step)
-        yield from found
-        if found:
+        doubtful = tuple(step)
+        yield from doubtful
+        if doubtful:
             break
     else:
         yield from _by_mass(task)
@@ -160,9 +160,9 @@ def _angles(task: Task) -> Doubts:
         ("module.airflow.spread_angle_deg", task.module.airflow.spread_angle_deg, LEAST_ANGLE_DEG),
         *((f"{path}.half_angle_deg", cone.half_angle_deg, LEAST_ANGLE_DEG) for path, cone in cones.items()),
         *(
-            (f"exposure[{e}].half_angle_deg", asked.half_angle_deg, LEAST_ANGLE_DEG)
-            for e, asked in enumerate(task.exposure)
-            if isinstance(asked, Exterior)
+            (f"exposure[{e}].half_angle_deg", requirement.half_angle_deg, LEAST_ANGLE_DEG)
+            for e, requirement in enumerate(task.exposure)
+            if isinstance(requirement, Exterior)
         ),
         ("tolerances.hinge_angle_deg", task.tolerances.hinge_angle_deg, 0.05),  # 1 mm at 1.1 m
     )
@@ -249,10 +249,12 @@ def _lengths(task: Task, n: int) -> Iterator[TaskWarning]:
 
 def _meshes(task: Task) -> Iterator[TaskWarning]:
     """Yield regions that are larger than their mesh."""
-    for e, asked in enumerate(task.exposure):
-        for piece, excess in enumerate((isinstance(asked, Local) and asked.mesh_excess) or ()):
+    for e, requirement in enumerate(task.exposure):
+        for piece, excess in enumerate((isinstance(requirement, Local) and requirement.mesh_excess) or ()):
             if excess:
-                field = f"exposure[{e}]" if segment_of(asked, piece) is None else f"exposure[{e}].pieces[{piece}]"
+                field = (
+                    f"exposure[{e}]" if segment_of(requirement, piece) is None else f"exposure[{e}].pieces[{piece}]"
+                )
                 yield TaskWarning(
                     field,
                     f"reaches up to {upper_text(excess, 3)} m beyond its mesh, because pieces are convex and have "
@@ -283,23 +285,23 @@ def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
     yield "end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,))), LARGE
     yield "end_effector.stand_off", task.end_effector.stand_off, LARGE
     yield "end_effector.largest_reach", task.end_effector.largest_reach or 0.0, LARGE
-    for e, asked in enumerate(task.exposure):
-        if isinstance(asked, Local | Directional):
-            yield f"exposure[{e}].radius", asked.radius or 0.0, LARGE
-        if isinstance(asked, Local):
+    for e, requirement in enumerate(task.exposure):
+        if isinstance(requirement, Local | Directional):
+            yield f"exposure[{e}].radius", requirement.radius or 0.0, LARGE
+        if isinstance(requirement, Local):
             yield (
                 f"exposure[{e}]",
-                max((math.hypot(*corner) for corner in asked.corners.tolist()), default=0.0),
+                max((math.hypot(*corner) for corner in requirement.corners.tolist()), default=0.0),
                 LARGE,
             )
-        if isinstance(asked, Directional):
-            for k, end in enumerate(asked.segments or ()):
+        if isinstance(requirement, Directional):
+            for k, end in enumerate(requirement.segments or ()):
                 yield f"exposure[{e}].segments[{k}]", math.hypot(*end), LONG_PATH
-            for k, points in enumerate(asked.polylines or ()):
+            for k, points in enumerate(requirement.polylines or ()):
                 yield f"exposure[{e}].polylines[{k}]", max(math.hypot(*point) for point in points), LONG_PATH
-            yield f"exposure[{e}].length", asked.length or 0.0, LONG_PATH
-        if isinstance(asked, Allowed):
-            for k, plane in enumerate(asked.planes):
+            yield f"exposure[{e}].length", requirement.length or 0.0, LONG_PATH
+        if isinstance(requirement, Allowed):
+            for k, plane in enumerate(requirement.planes):
                 yield f"exposure[{e}].planes[{k}].offset", abs(plane.offset), LARGE
 
 

@@ -83,8 +83,8 @@ LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "t
 def task_template(name: str) -> str:
     """Return the text of a task file with every field, its default and what it means."""
     hover = {"com": {"force": [0.0, 0.0, 1.0]}}
-    stated = Task.model_validate({"name": name, "modules": 5, "load_cases": [hover]})
-    filled = stated.resolve(5)
+    task = Task.model_validate({"name": name, "modules": 5, "load_cases": [hover]})
+    filled = task.resolve(5)
     module, k_f = filled.module, filled.module.thrust_coefficient
     forms = {
         "max_thrust": k_f * filled.max_input,
@@ -97,29 +97,29 @@ def task_template(name: str) -> str:
     }
     filled = filled.model_copy(update=changed)
     explained = {"name", "modules", "load_cases", "exposure", "task_seed"}  # or of a random family
-    top = "\n".join(_fields(stated, filled, explained))
-    tables = "\n".join(_tables(stated, filled, ""))
+    top = "\n".join(_fields(task, filled, explained))
+    tables = "\n".join(_tables(task, filled, ""))
     return f"{HEAD.format(name=name)}{top}\n{TASK}{tables}\n"
 
 
-def _tables(stated: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:
+def _tables(task: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:
     """Yield the lines of every table below a value."""
     for field in type(filled).model_fields:
         inside = getattr(filled, field)
         if isinstance(inside, BaseModel):
-            optional, path = getattr(stated, field) is None, f"{above}{field}"
-            given = inside if optional else getattr(stated, field)
+            optional, path = getattr(task, field) is None, f"{above}{field}"
+            given = inside if optional else getattr(task, field)
             head = f"# [{path}]" if optional else f"[{path}]"
             yield from ("", head, *_fields(given, inside, set()), *_tables(given, inside, f"{path}."))
 
 
-def _fields(stated: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[str]:
+def _fields(task: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[str]:
     """Yield a line for every field with a plain value by default, commented out, its meaning beside it."""
     for field, known in type(filled).model_fields.items():
         value = getattr(filled, field)
         if field in without or value is None or isinstance(value, BaseModel):
             continue
-        if getattr(stated, field) is None and not isinstance(value, bool):
+        if getattr(task, field) is None and not isinstance(value, bool):
             value = _round(value)
         line = f"# {field} = {json.dumps(value)}"
         words = textwrap.wrap(known.description or "", WIDTH - COMMENT_AT)

@@ -197,8 +197,8 @@ class _Draw:
         """Return the codes of `trees` ternary trees with `modules` modules in all; empty trees have empty codes."""
         length = 3 * modules + trees
         word = [-1] * length
-        for place in self.random.sample(range(length), modules):
-            word[place] = 2
+        for position in self.random.sample(range(length), modules):
+            word[position] = 2
         waiting: list[str] = []
         for step in reversed(self._rotate(word, trees)):
             if step < 0:

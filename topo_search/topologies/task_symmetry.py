@@ -86,7 +86,7 @@ class _Kind(NamedTuple):
     """Features that may be images of each other: of one kind and with as many vectors, in order."""
 
     vectors: Array
-    """Of f features, polar ones first, shape (f, m + k, 3)."""
+    """Vectors of f features, polar ones first, shape (f, m + k, 3)."""
     signs: Array
     """-1 for polar vectors and 1 for axial ones, as O = -P maps them, shape (m + k, 1)."""
     alike: NDArray[np.bool_]
@@ -159,8 +159,8 @@ def _features(task: ResolvedTask) -> list[_Feature]:
                     features.append(_Feature(REGION, (solid,), V, none))
                 case Capsule(length=None, start=start, end=end) if start != end:
                     orders = ((start, end), (end, start))  # its ends have no order, so both stand for it
-                    for ends in [both for both in orders if NOWHERE not in (start, end) or both[0] == NOWHERE]:
-                        polar = _clean(np.array(ends), l_arm)
+                    for pair in [both for both in orders if NOWHERE not in (start, end) or both[0] == NOWHERE]:
+                        polar = _clean(np.array(pair), l_arm)
                         features.append(_Feature("segment", (shape.radius, solid), polar, none))
                 case Cone(axis=(_, _, _)):
                     vectors = _clean(np.array([shape.axis, shape.apex]), l_arm)
@@ -239,7 +239,7 @@ def _rotations(features: list[_Feature]) -> Iterator[Array]:
                 yield _frame(image, sign * y) @ _frame(x, y).T
         return
     gram, frame = x @ axes[second], _frame(x, axes[second])
-    images, others = (np.array(list(_images(features, *located[place]))) for place in (0, second))
+    images, others = (np.array(list(_images(features, *located[number]))) for number in (0, second))
     for i, j in np.argwhere(np.abs(images @ others.T - gram) <= 4 * TOLERANCE):
         yield _frame(images[i], others[j]) @ frame.T
 

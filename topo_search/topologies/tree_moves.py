@@ -42,16 +42,16 @@ def graft(topology: Topology, i: int, at: tuple[int, int], turns: int = 0) -> To
         raise ValueError(f"module {at[0]} goes with module {i}, but got at = {at}")
     shift = (at[1] - topology.joints[i][1] - turns) % 4
     order = [h for h in range(topology.n) if h not in part] + sorted(part)
-    place = {old: new for new, old in enumerate(order)}
+    index = {old: new for new, old in enumerate(order)}
     joints = [topology.joints[0]]
     for old in order[1:]:
         h, a, b = topology.joints[old]
         if old == i:
-            joints.append((place[at[0]], at[1], (b + shift) % 4))
+            joints.append((index[at[0]], at[1], (b + shift) % 4))
         elif old in part:
-            joints.append((place[h], (a + shift) % 4, (b + shift) % 4))
+            joints.append((index[h], (a + shift) % 4, (b + shift) % 4))
         else:
-            joints.append((place[h], a, b))
+            joints.append((index[h], a, b))
     return Topology(tuple(joints))
 
 
