@@ -42,9 +42,9 @@ from nlp.symbols.kinematics import poses
 from nlp.symbols.wrench import scale, thrust
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
 from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.room import part_cover
 
 FITTING = 2.0
 """Length over which a rod is fixed to its mount, in radii of the rod."""

@@ -28,10 +28,10 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
 (3) is the paper's torque balance about the origin of W instead of the COM: the same constraint, since it differs
 from it by p_COM x (2), and much sparser. (5), (6) and (8) are this project's body clearance. In (5) d is so large
 that no rigid parts can touch. (6) keeps the parts of module i, as far as they are outside its own envelope, out of
-the airflow of module j: balls that cover them, first those around the rotors (`topo_search.model.airflow_room`).
+the airflow of module j: balls that cover them, first those around the rotors (`topo_search.model.room`).
 (8) keeps the end-effector, a ball as thick as its rod, out of all airflow; where (7) is left out, so that it may
 be inside a module, so is (8). With body clearance the range of alpha_i is what is left of +-pi/2 by the rotors of
-bolted modules, which must not touch the other module (`topo_search.model.folds`), and by all their parts, which
+bolted modules, which must not touch the other module (`topo_search.model.room`), and by all their parts, which
 must keep out of the other's airflow. Of several ranges a hinge keeps to the one that it starts in. Without body
 clearance the range is +-pi/2, as in the paper. In the paper's ablation (5) holds for all pairs, with the
 separation as d, in place of (4), and (6) and (8) are left out. d_E is the paper's l_c, or the task's stand-off

@@ -15,8 +15,8 @@ from topo_search.cli import main
 from topo_search.compose import BACKENDS
 from topo_search.engine import Failed
 from topo_search.experiments import Settings, conduct, experiment, results
-from topo_search.experiments.cell import AIRFLOW_ALONE, Variant, plan, trees
-from topo_search.experiments.measured import measure
+from topo_search.experiments.conducting import measure
+from topo_search.experiments.plan import AIRFLOW_ALONE, Variant, plan, trees
 from topo_search.model import BadInput, Design, Topology
 from topo_search.topologies import candidates
 

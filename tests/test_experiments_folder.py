@@ -7,9 +7,9 @@ import pytest
 from topo_search.cli.experiment import NAMES
 from topo_search.engine import Failed
 from topo_search.experiments import Settings, experiment, results
-from topo_search.experiments.cell import Variant, plan
-from topo_search.experiments.folder import ABOUT, RESULTS, Results, identify
-from topo_search.experiments.measured import COLUMNS, Measured, failure_row
+from topo_search.experiments.conducting import failure_row
+from topo_search.experiments.folder import ABOUT, COLUMNS, RESULTS, Measured, Results, identify
+from topo_search.experiments.plan import Variant, plan
 from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput
 from topo_search.study.lost import LedgerLost

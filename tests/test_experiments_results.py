@@ -12,10 +12,9 @@ from benchmarks import keep_results
 
 from topo_search.cli.experiment import NAMES
 from topo_search.experiments import Settings, experiment, results
-from topo_search.experiments.ablation import FULLY, REACHED
-from topo_search.experiments.cell import IDENTITY
-from topo_search.experiments.measured import COLUMNS, METHOD
-from topo_search.experiments.settings import FEW_ABOVE
+from topo_search.experiments.folder import COLUMNS, METHOD
+from topo_search.experiments.paper import FULLY, REACHED
+from topo_search.experiments.plan import FEW_ABOVE, IDENTITY
 from topo_search.model.proven import gap_percent
 
 FOLDER = Path(__file__).parents[1] / "notebooks" / "results"

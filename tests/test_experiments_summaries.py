@@ -7,7 +7,7 @@ from wording import says
 
 from topo_search.cli.experiment import NAMES
 from topo_search.experiments import experiment
-from topo_search.experiments.scaling import EXPOSURES, growth, slowdown
+from topo_search.experiments.paper import EXPOSURES, growth, slowdown
 
 SOLVED = ((10, "a300", 1.0), (10, "a500", 2.0), (20, "a300", 5.0))
 """Size, topology and seconds."""

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from topo_search.export.kit.brackets import Part, bracket, brackets, mount
 from topo_search.model import BadInput, Design, Task, Topology
-from topo_search.model.bracket import Bracket
 from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.module import Bracket
 from topo_search.topologies import sample
 from verify.kinematics import platform
 

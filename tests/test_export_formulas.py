@@ -14,8 +14,8 @@ from topo_search import compose
 from topo_search.cli import main
 from topo_search.export import tables
 from topo_search.export.audit_summary import Judged, escape, markdown
-from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import to_json
+from topo_search.model.tables import escape_formula
 
 FORMULAS = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", '=HYPERLINK("http://x")']
 

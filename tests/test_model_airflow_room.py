@@ -8,8 +8,7 @@ from test_model_room import random_body
 from verify_cases import design
 
 from topo_search.model import Module, Status, Topology
-from topo_search.model.airflow_room import airflow_folds, part_cover
-from topo_search.model.folds import FOLD
+from topo_search.model.room import FOLD, airflow_folds, part_cover
 from verify import audit
 from verify.beside_airflow import beside_airflow, certify_beside
 from verify.convex import Cylinder

@@ -14,7 +14,7 @@ from nlp.numbers.hinges import FOLD, fold_excess
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.untangling import untangle
 from topo_search.model import Module, Status, Topology
-from topo_search.model.folds import clear_folds, in_words, nearest_fold
+from topo_search.model.room import clear_folds, in_words, nearest_fold
 from verify import audit
 from verify.compound_certificate import certify_compounds
 from verify.kinematics import platform

@@ -16,8 +16,8 @@ from topo_search.cli import main
 from topo_search.limits import ALL_CORNERS, CORNERS
 from topo_search.model import BadInput, Design, Local
 from topo_search.model.files import read_task, to_json, to_toml
-from topo_search.model.hulls import convex_hull, outer_hull
 from topo_search.model.proven import upper_text
+from topo_search.model.shape import convex_hull, outer_hull
 
 CUBE = np.array(list(product((-0.5, 0.5), repeat=3)))
 TASK = """\

@@ -14,7 +14,7 @@ from verify_cases import FAN, design
 
 from topo_search.model import BadInput, Design, Local, Module, Task
 from topo_search.model.files import read_task, to_json, to_toml
-from topo_search.model.hulls import convex_hull
+from topo_search.model.shape import convex_hull
 from topo_search.topologies.task_symmetry import improper_isometry
 
 TASK = """\

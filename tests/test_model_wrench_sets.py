@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 from topo_search.model import BadInput, ResolvedTask, Task
 from topo_search.model.corners import corners_of, to_corners
 from topo_search.model.files import to_toml, validate
-from topo_search.model.force_cone import WIDEST, ForceCone
+from topo_search.model.load_case import WIDEST, ForceCone
 
 CONE = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
 

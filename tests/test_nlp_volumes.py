@@ -11,7 +11,7 @@ from nlp.numbers.geometry import Swept, hull_clearance
 from nlp.symbols.envelope import ConeSphere
 from nlp.symbols.hull import hull_clearances
 from topo_search.model import Local, Status, Topology
-from topo_search.model.hulls import Hull, convex_hull
+from topo_search.model.shape import Hull, convex_hull
 from verify import audit
 from verify.bodies import ConeSphere as Body
 from verify.hulls import approach, hull

@@ -26,9 +26,9 @@ from topo_search.compose.designs import Rounded
 from topo_search.export.audit_summary import Judged, markdown
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.audit import WorstCase
-from topo_search.model.goals import Level
+from topo_search.model.design import Relaxation
 from topo_search.model.proven import excess_texts
-from topo_search.model.relaxation import Relaxation
+from topo_search.model.search import Level
 from topo_search.report.design_page import bound
 from topo_search.report.design_part import design_part
 from topo_search.report.flight_part import flight_part

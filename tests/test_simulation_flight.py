@@ -15,7 +15,7 @@ from scipy.optimize import lsq_linear
 from topo_search.cli import main
 from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
-from topo_search.model.force_cone import ForceCone
+from topo_search.model.load_case import ForceCone
 from topo_search.model.reserves import AskedFlight
 from topo_search.simulation.authority import load_factor
 from topo_search.simulation.campaign import CORNERS, fly_all, plan

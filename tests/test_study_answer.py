@@ -9,8 +9,8 @@ from wording import says
 
 from topo_search.engine import Failed
 from topo_search.model import Infeasible, Task, Topology
+from topo_search.model.design import Stated
 from topo_search.model.files import read_task
-from topo_search.model.stated import Stated
 from topo_search.study import Own, Request
 from topo_search.topologies import candidates
 

@@ -12,10 +12,10 @@ from wording import says
 from topo_search.compose import BACKENDS
 from topo_search.engine import Failed
 from topo_search.model import Design, Infeasible, Task, Topology
+from topo_search.model.design import STARTS, Relaxation, Relaxed
 from topo_search.model.files import to_json
+from topo_search.model.parsing import apply_settings
 from topo_search.model.relaxable import relaxable
-from topo_search.model.relaxation import STARTS, Relaxation, Relaxed
-from topo_search.model.settings import apply_settings
 from topo_search.study import Silent
 from topo_search.study.relaxing import TREES, relax
 

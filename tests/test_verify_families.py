@@ -7,7 +7,7 @@ from verify_families import JUDGED, SCALES_OF, brute_approach
 
 from nlp.numbers.geometry import Swept, hull_clearance
 from topo_search.model import Status
-from topo_search.model.hulls import convex_hull
+from topo_search.model.shape import convex_hull
 from verify.bodies import ConeSphere
 from verify.certificate import FLOOR, Solid
 from verify.hull_certificate import certify_outside

@@ -10,7 +10,7 @@ from verify_cases import changed, fan
 
 from topo_search.model import BadInput, Design, Module, Status
 from topo_search.model.files import read_json, read_task, to_json
-from topo_search.model.frame import ConvexPiece
+from topo_search.model.mesh_file import ConvexPiece
 from verify import audit
 from verify.parts import module_parts
 

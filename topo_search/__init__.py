@@ -38,14 +38,13 @@ if TYPE_CHECKING:
         Topology,
         Wrench,
     )
-    from topo_search.model.bracket import Bracket
+    from topo_search.model.design import Stated, StatedCheck
     from topo_search.model.files import read_json, read_task, to_json, to_toml
-    from topo_search.model.force_cone import ForceCone
-    from topo_search.model.frame import ConvexPiece
-    from topo_search.model.goals import Goals
-    from topo_search.model.module import Airflow, Body
+    from topo_search.model.load_case import ForceCone
+    from topo_search.model.mesh_file import ConvexPiece
+    from topo_search.model.module import Airflow, Body, Bracket
     from topo_search.model.reserves import AskedFlight
-    from topo_search.model.stated import Stated, StatedCheck
+    from topo_search.model.search import Goals
     from topo_search.protocols import (
         Candidates,
         OwnConstraint,
@@ -68,14 +67,13 @@ _HOMES = {
         "Flight", "Infeasible", "LoadCase", "Local", "Module", "Plane", "ResolvedTask", "Search", "Status",
         "Task", "Tolerances", "Topology", "Wrench",
     ),
-    "topo_search.model.bracket": ("Bracket",),
     "topo_search.model.files": ("read_json", "read_task", "to_json", "to_toml"),
-    "topo_search.model.force_cone": ("ForceCone",),
-    "topo_search.model.frame": ("ConvexPiece",),
-    "topo_search.model.goals": ("Goals",),
-    "topo_search.model.module": ("Airflow", "Body"),
+    "topo_search.model.load_case": ("ForceCone",),
+    "topo_search.model.mesh_file": ("ConvexPiece",),
+    "topo_search.model.search": ("Goals",),
+    "topo_search.model.module": ("Airflow", "Body", "Bracket"),
     "topo_search.model.reserves": ("AskedFlight",),
-    "topo_search.model.stated": ("Stated", "StatedCheck"),
+    "topo_search.model.design": ("Stated", "StatedCheck"),
     "topo_search.protocols": (
         "Candidates", "OwnConstraint", "OwnFormat", "OwnSampler", "SymbolicPlatform", "TopologySampler", "Tried",
     ),

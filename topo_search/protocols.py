@@ -23,8 +23,8 @@ from pydantic import ValidationError
 
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.bad_input import faults_of
-from topo_search.model.folds import FOLD
-from topo_search.model.stated import Stated, Versioned
+from topo_search.model.design import Stated, Versioned
+from topo_search.model.room import FOLD
 
 Expression = Any
 """`casadi.SX`: a symbol, or what is made of symbols."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from topo_search.model import Audit, Clearance, Design, Local, Module, Status, segment_of
 from topo_search.model.audit import MeshExcess
-from topo_search.model.stated import StatedCheck
+from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
 from verify.assembly import assembly, rod_residuals
 from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside

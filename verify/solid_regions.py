@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from topo_search.model import Design, Mount, Status
 from topo_search.model.audit import Kind
-from topo_search.model.end_effector import TIP
+from topo_search.model.module import TIP
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import FLOOR, Certificate, Solid, certify_pairs
 from verify.compound_certificate import certify_compounds

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from topo_search.model import AirflowEnvelope, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.hulls import Hull
 from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.shape import Hull
 
 QUARTER_TURNS = np.array(
     [[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]] for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]

@@ -1,6 +1,6 @@
 """How far hinges may turn: the clear folds of a task as angles of a topology's hinges.
 
-A fold has the sign that its hinge's angle has at the parent's port (`topo_search.model.folds`).
+A fold has the sign that its hinge's angle has at the parent's port (`topo_search.model.room`).
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -14,7 +14,7 @@ import numpy as np
 
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.folds import FOLD, nearest_fold
+from topo_search.model.room import FOLD, nearest_fold
 
 SPLAY = np.array(FOLD)
 """Sign of the hinge angle that turns the airflow of a child on port +x, +y, -x, -y away from its parent's."""

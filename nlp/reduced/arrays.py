@@ -22,10 +22,10 @@ from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.kinds import WIDTH
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask
-from topo_search.model.hulls import Hull
+from topo_search.model.room import part_cover
+from topo_search.model.shape import Hull
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]

@@ -21,8 +21,8 @@ from nlp.requirements.statement import APART, X_I, Y_I, Z_I, Z_J, Requirement, S
 from nlp.symbols.envelope import Ball, clearance, clearance_of_all
 from nlp.units import Units
 from topo_search.model import Module, ResolvedTask, Topology
-from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
+from topo_search.model.room import part_cover
 
 NEAR = 6.0
 """Pairs of envelopes closer than this are kept apart in a round [l_arm]."""

@@ -32,8 +32,7 @@ from nlp.requirements.statement import FROM_COM, FROM_TIP, Z_I, Formula, LocalVe
 from nlp.symbols.envelope import Ball, ConeSphere, clearance
 from nlp.symbols.hull import hull_clearances
 from topo_search.model.arrays import Array
-from topo_search.model.hulls import Hull, convex_hull
-from topo_search.model.shape import Capsule, Cone, Polytope, Shape
+from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex_hull
 from topo_search.model.value import Vector
 
 ROUNDING = 1e-8

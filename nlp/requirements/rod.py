@@ -43,8 +43,8 @@ from nlp.requirements.statement import (
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology, segment_of
 from topo_search.model.arrays import Array
-from topo_search.model.end_effector import TIP
 from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.module import TIP
 from topo_search.model.shape import Shape
 
 NEAR = 6.0

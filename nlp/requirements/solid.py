@@ -1,7 +1,7 @@
 """Rigid parts keep out of regions that are solid; (9) of the printed problem.
 
 The regions keep out of all airflow besides, so that the balls around what reaches out of a module's own airflow
-(`topo_search.model.airflow_room`) are all that is to be asked.
+(`topo_search.model.room`) are all that is to be asked.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from nlp.requirements.regions import InfiniteCone, hull_of
 from nlp.requirements.statement import FROM_COM, FROM_TIP, X_I, Y_I, Z_I, LocalVector
 from nlp.symbols.envelope import Ball, ConeSphere, clearance_of_all
 from topo_search.model import Module
-from topo_search.model.airflow_room import part_cover
 from topo_search.model.arrays import Array
+from topo_search.model.room import part_cover
 from topo_search.model.value import Vector
 
 PARTS = (FROM_TIP, X_I, Y_I, Z_I)

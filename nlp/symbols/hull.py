@@ -28,7 +28,7 @@ import casadi as ca
 from nlp.symbols.envelope import ConeSphere, as_length
 from nlp.symbols.smooth import EPSILON, log_sum_exp, smooth_clamp, smooth_max, smooth_min
 from topo_search.model.arrays import Array
-from topo_search.model.hulls import Hull
+from topo_search.model.shape import Hull
 
 Scalar = ca.SX | float
 

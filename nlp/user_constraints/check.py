@@ -11,7 +11,7 @@ from nlp.user_constraints.expressions import platform_of, rows, scale_of
 from nlp.user_constraints.rows import TOLERANCE, UserRows
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.stated import StatedCheck
+from topo_search.model.design import StatedCheck
 from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
 DRAWS = 256

@@ -18,10 +18,9 @@ from pathlib import Path
 from attempts import Stated, attempts
 from children import Child, Row
 
-from topo_search.experiments.cell import Cell
-from topo_search.experiments.folder import Results, identify
-from topo_search.experiments.measured import Measured
-from topo_search.experiments.scaling import EXPERIMENT
+from topo_search.experiments.folder import Measured, Results, identify
+from topo_search.experiments.paper import SCALING
+from topo_search.experiments.plan import Cell
 
 METHOD = "direct"
 
@@ -38,7 +37,7 @@ def main() -> None:
     parser.add_argument("--cap", type=int, default=600, help="most CPU seconds of each topology")
     given = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"  # for the children, which measure
-    settings = EXPERIMENT.full.override(
+    settings = SCALING.full.override(
         tasks=tuple((task, tuple(given.sizes)) for task in given.tasks),
         topologies=(given.topologies, given.topologies),
         distances=(given.distance,),
@@ -50,8 +49,8 @@ def main() -> None:
         f"--sizes {' '.join(map(str, given.sizes))} --topologies {given.topologies} --distance {given.distance} "
         f"--starts {given.starts} --cap {given.cap}"
     )
-    with Results.open(given.out, identify(EXPERIMENT.name, settings.as_json(), command)) as rows:
-        for cell in EXPERIMENT.cells(settings):
+    with Results.open(given.out, identify(SCALING.name, settings.as_json(), command)) as rows:
+        for cell in SCALING.cells(settings):
             if not rows.has(cell):
                 rows.add(measured(cell, given.cap))
 
@@ -61,7 +60,7 @@ def measured(cell: Cell, cap: int) -> Measured:
     overrides = (*cell.variant.overrides, f"module.connector_distance={cell.distance_m}")
     stated = Stated(cell.task, cell.n, (*overrides, f"task_seed={cell.task_seed}"))
     row = Measured(**cell.identity, status="infeasible", method=METHOD)
-    with Child(attempts, METHOD, "ours", stated, [cell.key], range(cell.starts), cap=cap) as child:
+    with Child(attempts, METHOD, "ours", stated, [cell.key], range(cell.settings.starts), cap=cap) as child:
         while row.status == "infeasible" and (answer := next(child, None)) is not None:
             row = _with(row, answer)
     if not row.starts:

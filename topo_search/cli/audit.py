@@ -9,8 +9,6 @@ import click
 from topo_search.cli import options
 from topo_search.cli.errors import BAD_INPUT, explain_errors, note
 
-NOT_CLEAR = 1
-
 
 @click.command(epilog="Example: topo-search audit runs/push-*/best.json --markdown audit.md")
 @click.argument("designs", nargs=-1, required=True, metavar="DESIGN.json|FOLDER...")
@@ -56,9 +54,9 @@ def audit(
             if not as_json:
                 print_audit(name, result)
         if as_json:
-            found = [{"file": each.name, **each.audit.model_dump(mode="json")} for each in judged]
-            alone = len(designs) == 1 and not files[0].listed and found
-            options.echo_json(found[0] if alone else found)
+            values = [{"file": each.name, **each.audit.model_dump(mode="json")} for each in judged]
+            alone = len(designs) == 1 and not files[0].listed and values
+            options.echo_json(values[0] if alone else values)
         elif len(files) > 1:
             verdicts = [each.audit.verdict for each in judged]
             print_tally(verdicts, len(failed), len(reading.refused), reading.passed_over)
@@ -71,4 +69,4 @@ def audit(
         if reading.refused:
             raise SystemExit(BAD_INPUT)
         if failed or any(each.audit.verdict != Status.CLEAR for each in judged):
-            raise SystemExit(NOT_CLEAR)
+            raise SystemExit(1)

@@ -11,14 +11,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors, needs_extras
+from topo_search.cli.errors import explain_errors
 from topo_search.report.wording import figures, quantity
 
 if TYPE_CHECKING:
     from topo_search.model import Task
-
-INDENT = 40
-WIDTH = 120
 
 
 @click.command(epilog="Example: topo-search check push-local --picture push-local.png")
@@ -26,12 +23,7 @@ WIDTH = 120
 @options.modules
 @options.set_field
 @options.paper
-@click.option(
-    "--picture",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="Draw forces and exposure regions as a .png or .svg; needs the extra `viz`.",
-)
+@options.picture("Draw forces and exposure regions as a .png or .svg")
 @options.as_json
 def check(
     task: str,
@@ -50,16 +42,20 @@ def check(
     with explain_errors():
         from topo_search.model.task_warnings import task_warnings
 
-        asked = options.task_of(task, settings, paper=paper, modules=modules)
+        problem = options.task_of(task, settings, paper=paper, modules=modules)
         if picture is not None:
-            _draw(asked, picture)
-        sizes = [_size(asked, n) for n in asked.sizes]
-        warnings = task_warnings(asked)
+            options.require_drawable(picture)
+            from topo_search.export.figure_file import save
+            from topo_search.export.task_picture import task_figure
+
+            save(task_figure(problem.resolve(problem.sizes[0])), picture)
+        sizes = [_size(problem, n) for n in problem.sizes]
+        warnings = task_warnings(problem)
         if as_json:
-            first = asked.resolve(asked.sizes[0]).model_dump(mode="json")
+            first = problem.resolve(problem.sizes[0]).model_dump(mode="json")
             options.echo_json({"task": first, "sizes": sizes, "warnings": [asdict(one) for one in warnings]})
             return
-        _explain(asked)
+        _explain(problem)
         for size in sizes:
             _group(f"search of {quantity(size['modules'], 'module')}", _expectations(size))
         if warnings:
@@ -99,23 +95,9 @@ def _group(title: str, rows: Iterable[tuple[str, str]]) -> None:
     """Print named values below their title, wrapped."""
     click.echo(f"\n{title}")
     for name, value in rows:
-        beside, below = f"  {name:{INDENT - 2}} ", " " * (INDENT + 1)
-        lines = textwrap.wrap(value, WIDTH, initial_indent=beside, subsequent_indent=below, break_on_hyphens=False)
+        beside, below = f"  {name:38} ", " " * 41
+        lines = textwrap.wrap(value, 120, initial_indent=beside, subsequent_indent=below, break_on_hyphens=False)
         click.echo("\n".join(lines))
-
-
-def _draw(task: Task, out: Path) -> None:
-    """Draw a task, of the smallest number of modules that it asks for."""
-    from topo_search.model import BadInput, Fault
-
-    if out.suffix.lower() not in (".png", ".svg"):
-        raise BadInput("--picture", [Fault("", f"must end in .png or .svg, but got {out.name}")])
-    options.require_writable(out, "--picture")
-    with needs_extras("--picture"):
-        from topo_search.export.figure_file import save
-        from topo_search.export.task_picture import task_figure
-
-        save(task_figure(task.resolve(task.sizes[0])), out)
 
 
 def _size(task: Task, n: int) -> dict[str, Any]:

@@ -85,12 +85,12 @@ def design_files(words: Sequence[str]) -> list[DesignFile]:
 def _find_files(folder: str) -> Iterator[DesignFile]:
     unread: list[OSError] = []
     empty = True
-    for place, folders, files in os.walk(folder, onerror=unread.append):
+    for parent, folders, files in os.walk(folder, onerror=unread.append):
         folders.sort()
         for name in sorted(files):
             if name.endswith(".json"):
                 empty = False
-                yield DesignFile(str(Path(place) / name), listed=True)
+                yield DesignFile(str(Path(parent) / name), listed=True)
     for error in unread:
         yield DesignFile(str(error.filename), fault=f"cannot be read: {error.strerror}")
     if empty and not unread:

@@ -22,19 +22,16 @@ INPUT_OUTPUT = 74
 """EX_IOERR of <sysexits.h>: the disk is full, or fails."""
 
 
-EXTRAS = {"distributed": "cluster", "matplotlib": "viz", "mujoco": "sim", "PIL": "sim", "pyarrow": "viz"}
-"""The extra that brings a library."""
-
-
 @contextmanager
 def needs_extras(option: str) -> Iterator[None]:
     """Turn a missing library of an extra into how to install it."""
     from topo_search.model import BadInput, Fault
 
+    extras = {"distributed": "cluster", "matplotlib": "viz", "mujoco": "sim", "PIL": "sim", "pyarrow": "viz"}
     try:
         yield
     except ModuleNotFoundError as error:
-        extra = EXTRAS.get(error.name or "")
+        extra = extras.get(error.name or "")
         if extra is None:
             raise
         how = f'needs {error.name}, which is not installed; run: pip install "topo-search[{extra}]"'

@@ -9,17 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors, needs_extras
+from topo_search.cli.errors import explain_errors
 from topo_search.limits import SECONDS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 NAMES = ("scaling", "ablation", "placement", "root", "body")
-SHOWN = 80
-"""Characters of a wrong value that are printed."""
-WIDTH = 200
-"""Columns of a printed table before it is folded."""
 
 
 def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
@@ -31,7 +27,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
         try:
             return tuple(kind(part) for part in value.split(","))
         except ValueError:
-            text = value if len(value) <= SHOWN else f"{value[:SHOWN]}..."
+            text = value if len(value) <= 80 else f"{value[:80]}..."
             raise click.BadParameter(
                 f"must be comma-separated numbers, but got {text!r}", context, parameter
             ) from None
@@ -69,12 +65,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
     metavar="SECONDS",
     help="CPU time per topology after which no further start begins; scaling and ablation only (default: 600).",
 )
-@click.option(
-    "--picture",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="Draw the results as a .png or .svg; needs the extra `viz`.",
-)
+@options.picture("Draw the results as a .png or .svg")
 @options.as_json
 def experiment(
     name: str,
@@ -126,14 +117,14 @@ def experiment(
             seed=seed,
             time_limit=time_limit,
         )
-        _check_picture(picture)
+        if picture is not None:
+            options.require_drawable(picture)
         with shown_progress(incumbent=False) as observer:
             rows = conduct(asked, settings, out, workers=workers, observer=observer)
         if picture is not None:
-            with needs_extras("--picture"):
-                from topo_search.export.figure_file import save
+            from topo_search.export.figure_file import save
 
-                save(asked.figure(rows), picture)
+            save(asked.figure(rows), picture)
         _print(out, asked.summary(rows), asked.findings(rows), picture, as_json=as_json)
 
 
@@ -143,22 +134,9 @@ def _print(out: Path, summary: pd.DataFrame, findings: list[str], picture: Path 
         table = summary.astype(object).where(summary.notna(), None).to_dict(orient="records")
         options.echo_json({"folder": str(out), "summary": table, "findings": findings})
         return
-    click.echo(summary.to_string(index=False, line_width=WIDTH, float_format=lambda value: f"{value:.4g}"))
+    click.echo(summary.to_string(index=False, line_width=200, float_format=lambda value: f"{value:.4g}"))
     for sentence in findings:
         click.echo(sentence)
     click.echo(f"all rows are in {out / 'results.csv'}")
     if picture is not None:
         click.echo(f"the picture is in {picture}")
-
-
-def _check_picture(picture: Path | None) -> None:
-    """Refuse a picture that could not be drawn, before any work is done for it."""
-    from topo_search.model import BadInput, Fault
-
-    if picture is None:
-        return
-    if picture.suffix.lower() not in (".png", ".svg"):
-        raise BadInput("--picture", [Fault("", f"must end in .png or .svg, but got {picture.name}")])
-    options.require_writable(picture, "--picture")
-    with needs_extras("--picture"):
-        import matplotlib  # noqa: F401 (pandas and numpy are always there, it is not)

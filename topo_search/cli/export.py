@@ -11,8 +11,6 @@ from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, needs_extras, note
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from topo_search.export.physics import Physics
     from topo_search.model import Audit, Design
 
@@ -30,19 +28,13 @@ SUFFIXES = {
     ".urdf": "urdf",
 }
 """The kind of file that a name's end stands for, besides those of installed packages."""
-FOLDERS = ("kit", "brackets")
-"""Kinds that are folders."""
 PICTURES = ("png", "svg")
 SOLIDS = ("glb", "stl")
 TABLES = ("assembly", "csv", "parquet")
 KIT = ("kit", "allocation", "rotors", "px4", "brackets", "sheet", "parts")
 """The lab kit, and its parts that are files of their own."""
-SIMULATED = ("mjcf", "kit")
-"""Kinds that hold a model for MuJoCo."""
 OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
 """All kinds of this package."""
-AUDIT = "topo-search/audit"
-"""`format` of an audit's file."""
 
 
 def _require_known(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -140,43 +132,35 @@ def export(
         from topo_search.model import BadInput, Design, Fault
         from topo_search.model.files import read_json
 
-        asked: Any = kind or SUFFIXES.get(out.suffix.lower()) or _of_packages(out)
-        if kind not in FOLDERS and out.is_dir():
+        form: Any = kind or SUFFIXES.get(out.suffix.lower()) or _of_packages(out)
+        if kind not in ("kit", "brackets") and out.is_dir():
             rule = f"must be a file unless --format is kit or brackets, but {out} is a directory"
             raise BadInput("--out", [Fault("", rule)])
-        if asked is None:
+        if form is None:
             rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
             raise BadInput("--out", [Fault("", rule)])
-        if parts is not None and asked not in SOLIDS:
+        if parts is not None and form not in SOLIDS:
             raise BadInput("--parts", [Fault("", f"applies only to glb and stl, but got {parts}")])
-        if angle_step is not None and asked not in KIT:
-            rule = f"applies only to a kit and its parts, but got --format {asked}"
+        if angle_step is not None and form not in KIT:
+            rule = f"applies only to a kit and its parts, but got --format {form}"
             raise BadInput("--angle-step", [Fault("", rule)])
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
-        if physics != Physics() and asked not in SIMULATED:
-            rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {asked}"
+        if physics != Physics() and form not in ("mjcf", "kit"):
+            rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {form}"
             raise BadInput("--motor-lag, --rod-mass, --contacts", [Fault("", rule)])
-        if asked in KIT:
-            _write_kit(read_json(Design, source), asked, out, angle_step, physics)
+        if form in KIT:
+            _write_kit(read_json(Design, source), form, out, angle_step, physics)
             return
         options.require_writable(out)
-        with needs_extras(f"--format {asked}"):
-            if asked in TABLES:
-                _write_table(source, asked, out)
+        with needs_extras(f"--format {form}"):
+            if form in TABLES:
+                _write_table(source, form, out)
             else:
                 design = read_design(source)
-                _write(design, asked, parts, physics, out)
+                _write(design, form, parts, physics, out)
                 _warn_unless_clear(audit(design))
-        what = (
-            "sheet"
-            if asked == "sheet"
-            else "table"
-            if asked in (*TABLES, *KIT)
-            else "picture"
-            if asked in PICTURES
-            else "design"
-        )
-        click.echo(f"the {what} is in {out}")
+        kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
+        click.echo(f"the {kinds.get(form, 'design')} is in {out}")
 
 
 def _warn_unless_clear(audit: Audit) -> None:
@@ -194,7 +178,7 @@ def _of_packages(out: Path) -> str | None:
     """Return the format of an installed package that a name's end stands for."""
     from topo_search.export.formats import formats
 
-    return next((own.name for own in formats().values() if out.suffix.lower() in own.suffixes), None)
+    return next((form.name for form in formats().values() if out.suffix.lower() in form.suffixes), None)
 
 
 def _write(design: Design, kind: Any, parts: Any, physics: Physics, out: Path) -> None:
@@ -227,9 +211,9 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
         options.require_writable(out)
     notes: tuple[str, ...] = ()
     if angle_step is not None:
-        found = round_angles(design, angle_step)
-        design, notes = found.design, found.notes
-        _warn_unless_clear(found.audit)
+        rounded = round_angles(design, angle_step)
+        design, notes = rounded.design, rounded.notes
+        _warn_unless_clear(rounded.audit)
     else:
         _warn_unless_clear(audit(design))
     for text in notes:
@@ -252,27 +236,21 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
 
 
 def _write_table(source: str, kind: Any, out: Path) -> None:
-    """Write the table of a run's folder, an audit or a design."""
+    """Write the candidates of a run's folder, or the clearances of an audit or a design."""
     from topo_search.export import tables
     from topo_search.model.files import write_atomically
+    from topo_search.study.frame import candidates
 
     if kind == "assembly":
         write_atomically(out, _audit_of(source).assembly.csv())
         return
-    frame = _table(source)
+    frame = candidates(Path(source)) if Path(source).is_dir() else tables.clearances(_audit_of(source))
     write_atomically(out, tables.parquet(frame) if kind == "parquet" else tables.csv(frame))
-
-
-def _table(source: str) -> pd.DataFrame:
-    """Return the candidates of a run's folder, or the clearances of an audit or a design."""
-    from topo_search.export.tables import clearances
-    from topo_search.study.frame import candidates
-
-    return candidates(Path(source)) if Path(source).is_dir() else clearances(_audit_of(source))
 
 
 def _audit_of(source: str) -> Audit:
     """Return the audit that a file holds, or that of the design that it holds."""
+    from topo_search.cli.design_files import AUDIT
     from topo_search.compose import audits
     from topo_search.engine import Failed
     from topo_search.model import Audit, BadInput, Design, Fault

@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from topo_search.model import Design
     from topo_search.simulation.result import FlightResult, ScenarioResult
 
-NOT_HELD = 1
-LARGEST_ERROR = 0.5
-
 
 @click.command(epilog="Example: topo-search fly runs/push-*/best.json --out flight --video flight.gif")
 @click.argument("design", metavar="DESIGN.json")
@@ -39,7 +36,7 @@ LARGEST_ERROR = 0.5
 )
 @click.option(
     "--model-error",
-    type=click.FloatRange(0, LARGEST_ERROR),
+    type=click.FloatRange(0, 0.5),
     callback=options.number,
     default=0.0,
     show_default=True,
@@ -92,7 +89,7 @@ def fly(
         else:
             _print(result)
         if result.verdict != "held":
-            raise SystemExit(NOT_HELD)
+            raise SystemExit(1)
 
 
 def _fly(

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from topo_search.cli.errors import note
-from topo_search.limits import LARGEST_INTEGER, SECONDS, STARTS, WORKERS
+from topo_search.cli.errors import needs_extras, note
+from topo_search.limits import KEYS_BYTES, LARGEST_INTEGER, SECONDS, STARTS, WORKERS
 
 if TYPE_CHECKING:
     from topo_search.engine import Certificates
-    from topo_search.model import Task
+    from topo_search.model import Design, Task
     from topo_search.model.task_warnings import TaskWarning
 
 SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
@@ -85,6 +85,19 @@ paper = click.option(
 as_json = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
 
 
+near = click.option(
+    "--near",
+    multiple=True,
+    metavar="DESIGN.json",
+    help="Add starts from this design of any tree, written by a run or `solve` (repeatable).",
+)
+topologies = click.option(
+    "--topologies",
+    metavar="FILE",
+    help="Solve only the trees in this file, one key per line as `topologies` prints them; each as given.",
+)
+
+
 def starts(text: str) -> Callable[..., Any]:
     """Return the option for the number of starts; its default is not the same everywhere."""
     return click.option("--starts", type=click.IntRange(1, STARTS), help=text)
@@ -117,12 +130,14 @@ def dask(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-def certificates(ca: Path | None, cert: Path | None, key: Path | None) -> Certificates | None:
+def certificates(dask: str | None, ca: Path | None, cert: Path | None, key: Path | None) -> Certificates | None:
     """Return the certificates that the options of `dask` name: all of them, or none."""
-    from topo_search.engine import Certificates
-
     if ca is None and cert is None and key is None:
         return None
+    if dask is None:
+        raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
+    from topo_search.engine import Certificates
+
     if ca is None or cert is None or key is None:
         raise click.UsageError("--dask-ca, --dask-cert and --dask-key must be given together")
     return Certificates(ca, cert, key)
@@ -142,7 +157,7 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     """
     from topo_search.model import BadInput, Fault
     from topo_search.model.files import read_task
-    from topo_search.model.settings import PAPER
+    from topo_search.model.parsing import PAPER
 
     given = {name.replace("__", "."): value for name, value in fields.items() if value is not None}
     changes = (*settings, *(f"{name}={value}" for name, value in given.items()))
@@ -157,19 +172,42 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     return posed
 
 
+def read_near(files: tuple[str, ...]) -> list[Design]:
+    """Return the designs of some files; BadInput names every fault."""
+    from topo_search.model import Design
+    from topo_search.model.files import read_json
+
+    return [read_json(Design, file) for file in files]
+
+
+def read_topologies(file: str, task: Task) -> tuple[str, ...]:
+    """Return the keys of a file that lists the candidates of a task.
+
+    Raises:
+        BadInput: it cannot be read or is too long; or names every line that is no key, or not one of the task.
+    """
+    from topo_search.model.files import load_text
+    from topo_search.topologies import own_candidates
+
+    lines = enumerate(load_text(file, most_bytes=KEYS_BYTES).splitlines(), start=1)
+    keys = [(number, key) for number, line in lines if (key := line.strip())]
+    places = {k: f"line {number}" for k, (number, _) in enumerate(keys)}
+    return own_candidates([key for _, key in keys], task, source=file, places=places)
+
+
 def warn(task: Task) -> tuple[TaskWarning, ...]:
     """Print the warnings about a task, as `check` does, on stderr; and return them."""
     from topo_search.model.task_warnings import task_warnings
 
-    found = task_warnings(task)
-    for warning in found:
+    warnings = task_warnings(task)
+    for warning in warnings:
         note(f"warning: {warning}")
-    return found
+    return warnings
 
 
 def _meets(setting: str, others: tuple[str, ...]) -> bool:
     """Whether a setting sets a field that one of others sets too, or a table with it."""
-    from topo_search.model.settings import field_of
+    from topo_search.model.parsing import field_of
 
     mine = field_of(setting)
     return bool(mine) and any(all(a == b for a, b in zip(mine, field_of(other), strict=False)) for other in others)
@@ -187,6 +225,23 @@ def echo_json_list(values: Iterable[Any]) -> None:
         click.echo(f"{before}{json.dumps(value, allow_nan=False)}", nl=False)
         before = ",\n "
     click.echo("[]" if before.startswith("[") else "\n]")
+
+
+def picture(text: str) -> Callable[..., Any]:
+    """Return the option for a picture; `require_drawable` refuses what cannot be drawn."""
+    path = click.Path(path_type=Path, dir_okay=False)
+    return click.option("--picture", type=path, metavar="FILE", help=f"{text}; needs the extra `viz`.")
+
+
+def require_drawable(out: Path) -> None:
+    """Refuse a picture that cannot be drawn, before any work is done for it."""
+    from topo_search.model import BadInput, Fault
+
+    if out.suffix.lower() not in (".png", ".svg"):
+        raise BadInput("--picture", [Fault("", f"must end in .png or .svg, but got {out.name}")])
+    require_writable(out, "--picture")
+    with needs_extras("--picture"):
+        import matplotlib  # noqa: F401 (pandas and numpy are always there, it is not)
 
 
 def require_writable(out: Path, option: str = "--out") -> None:

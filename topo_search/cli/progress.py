@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from topo_search.study.time_left import TimeLeft
 
 WIDTH = 24
-"""Of the bar [characters]."""
+"""Width of the bar [characters]."""
 
 
 def _ignore(incumbent: Row | None) -> str:

@@ -16,8 +16,6 @@ from topo_search.limits import GAPS, SECONDS
 if TYPE_CHECKING:
     from topo_search.engine import Certificates
 
-REFUSED = 1
-
 
 @click.command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01")
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
@@ -88,13 +86,11 @@ def prove(
     4 some are open; 1 the checker refuses a proof; 2 bad input;
     70 workers or the Dask scheduler do not start, answer or return.
     """
-    if dask is None and (dask_ca or dask_cert or dask_key):
-        raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
+    tls = options.certificates(dask, dask_ca, dask_cert, dask_key)
     for name, value in (("--time-limit", time_limit), ("--from", lender)):
         if checks and value is not None:
             raise click.UsageError(f"{name} cannot be combined with --check")
     if checks:
-        tls = options.certificates(dask_ca, dask_cert, dask_key)
         _check(folder, topology=topology, workers=workers, dask=dask, dask_tls=tls, as_json=as_json)
         return
     with explain_errors(resumes=True):
@@ -111,7 +107,7 @@ def prove(
                 lender=lender,
                 workers=workers,
                 dask=dask,
-                dask_tls=options.certificates(dask_ca, dask_cert, dask_key),
+                dask_tls=tls,
                 time_limit=math.inf if time_limit is None else time_limit,
                 observer=observer,
             )
@@ -119,20 +115,20 @@ def prove(
         from topo_search.study.frame import candidates
 
         table = candidates(folder)
-        looked_at = table if topology is None else table[table["key"] == topology]
+        table = table if topology is None else table[table["key"] == topology]
         if as_json:
             names = ["key", "modules", "objective", "proven_bound", "proven_gap", "proof", "proven_problem"]
-            rows = looked_at[names].astype(object).where(looked_at[names].notna(), None).to_dict("records")
+            rows = table[names].astype(object).where(table[names].notna(), None).to_dict("records")
             options.echo_json({"sentences": [size.proven for size in answer.sizes], "candidates": rows})
         else:
-            columns = (looked_at[name].tolist() for name in ("key", "proof", "proven_bound"))
+            columns = (table[name].tolist() for name in ("key", "proof", "proven_bound"))
             for key, proof, bound in zip(*columns, strict=True):
                 by = f", J >= {lower_text(bound)} rad^4/s^4" if bound > 0 else ""
                 click.echo(f"{key}: {proof if isinstance(proof, str) else 'not examined'}{by}")
             for size in answer.sizes:
                 if size.proven is not None:
                     click.echo(size.proven)
-        settled = looked_at["proof"].isin(["excluded", "within", "impossible"]).all()
+        settled = table["proof"].isin(["excluded", "within", "impossible"]).all()
         if not settled:
             resumable = any(size.proof_resumable for size in answer.sizes)
             note("some trees are still open" + "; run the same command to continue" * resumable)
@@ -155,22 +151,22 @@ def _check(
         from topo_search.model.proven import lower_text
 
         with shown_progress() as observer, needs_extras("--dask"):
-            found = check_proofs(
+            result = check_proofs(
                 folder, topology=topology, workers=workers, dask=dask, dask_tls=dask_tls, observer=observer
             )
     if as_json:
-        trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in found.trees]
-        options.echo_json({"sentences": found.sentences, "faults": found.faults, "trees": trees})
+        trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in result.trees]
+        options.echo_json({"sentences": result.sentences, "faults": result.faults, "trees": trees})
     else:
-        for fault in found.faults:
+        for fault in result.faults:
             click.echo(f"refused: {fault}")
-        for tree in found.trees:
+        for tree in result.trees:
             by = "" if tree.bound is None or tree.fault else f", J >= {lower_text(tree.bound)} rad^4/s^4"
             click.echo(f"{tree.key}: {tree.verdict}{by}" + (f": {tree.fault}" if tree.fault else ""))
-        for sentence in found.sentences:
+        for sentence in result.sentences:
             click.echo(sentence)
-    if found.refused:
-        raise SystemExit(REFUSED)
-    if not found.settled:
+    if result.refused:
+        raise SystemExit(1)
+    if not result.settled:
         note("some trees are still open; run `topo-search prove` to continue")
         raise SystemExit(OPEN)

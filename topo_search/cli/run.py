@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from topo_search.cli import options, own
+from topo_search.cli import options
 from topo_search.cli.errors import INPUT_OUTPUT, OPEN, explain_errors, needs_extras
 from topo_search.limits import GAPS, ROUND, TRIALS
 
@@ -74,8 +74,8 @@ if TYPE_CHECKING:
 @options.root
 @options.connectors
 @options.time_limit
-@own.topologies
-@own.near
+@options.topologies
+@options.near
 @options.as_json
 def run(
     task: str,
@@ -116,8 +116,7 @@ def run(
     """
     if strategy == "exhaustive" and (sampler or trials or round_size):
         raise click.UsageError("--sampler, --trials and --round require --strategy optuna")
-    if dask is None and (dask_ca or dask_cert or dask_key):
-        raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
+    tls = options.certificates(dask, dask_ca, dask_cert, dask_key)
     if strategy == "optuna" and prune:
         raise click.UsageError("--prune requires --strategy exhaustive")
     if strategy == "optuna" and topologies:
@@ -130,14 +129,14 @@ def run(
             from topo_search.compose import DEFAULT_TRIALS, search
             from topo_search.study import DEFAULT_ROUND
 
-            asked = options.task_of(
+            problem = options.task_of(
                 task, settings, paper=paper, modules=modules, search__root=root, search__connectors=connectors
             )
-            listed = None if topologies is None else own.read_topologies(topologies, asked)
-            designs = own.read_near(near)
-            warnings += options.warn(asked)
+            listed = None if topologies is None else options.read_topologies(topologies, problem)
+            designs = options.read_near(near)
+            warnings += options.warn(problem)
             answer = search(
-                asked,
+                problem,
                 out=out,
                 symmetry=symmetry,
                 strategy=strategy,
@@ -150,7 +149,7 @@ def run(
                 seed=seed,
                 workers=workers,
                 dask=dask,
-                dask_tls=options.certificates(dask_ca, dask_cert, dask_key),
+                dask_tls=tls,
                 time_limit=math.inf if time_limit is None else time_limit,
                 near=designs,
                 topologies=listed,
@@ -177,8 +176,8 @@ def _print_if_lost(warnings: Sequence[TaskWarning], *, as_json: bool) -> Iterato
         if lost.answer is not None:
             if as_json:
                 design = None if lost.design is None else lost.design.model_dump(mode="json")
-                told = answer_as_json(lost.answer, warnings)
-                options.echo_json({**told, "exit_status": INPUT_OUTPUT, "design": design})
+                value = answer_as_json(lost.answer, warnings)
+                options.echo_json({**value, "exit_status": INPUT_OUTPUT, "design": design})
             else:
                 from topo_search.cli.tables import print_found
                 from topo_search.model.files import to_json
@@ -193,7 +192,7 @@ def _print_if_lost(warnings: Sequence[TaskWarning], *, as_json: bool) -> Iterato
 
 def answer_as_json(answer: Answer, warnings: Sequence[TaskWarning]) -> dict[str, Any]:
     """Return an answer, and the warnings about its task, as a JSON value."""
-    told = {
+    value = {
         "folder": str(answer.folder),
         "exit_status": answer.exit_status,
         "best": answer.best and asdict(answer.best),
@@ -204,12 +203,16 @@ def answer_as_json(answer: Answer, warnings: Sequence[TaskWarning]) -> dict[str,
         "warnings": [asdict(one) for one in warnings],
     }
     if not answer.levels:
-        return told
+        return value
     levels = [
-        {"number": at.number, "level": at.level._asdict(), "sizes": [_size_as_json(size) for size in at.sizes]}
-        for at in answer.levels
+        {
+            "number": outcome.number,
+            "level": outcome.level._asdict(),
+            "sizes": [_size_as_json(size) for size in outcome.sizes],
+        }
+        for outcome in answer.levels
     ]
-    return {**told, "levels": levels, "front": [point.cells for point in answer.points]}
+    return {**value, "levels": levels, "front": [point.cells for point in answer.points]}
 
 
 def _size_as_json(size: SizeAnswer) -> dict[str, Any]:

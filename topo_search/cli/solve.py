@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from topo_search.cli import options, own
+from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, note
 from topo_search.limits import LARGEST_INTEGER
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 @options.starts("Number of starts (default: until more starts no longer help, or time is up).")
 @options.seed
 @options.time_limit
-@own.near
+@options.near
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Output file for the design.")
 @options.as_json
 def solve(
@@ -64,14 +64,14 @@ def solve(
         from topo_search.model import Design
         from topo_search.model.files import to_json, write_atomically
 
-        asked = options.task_of(task, settings, paper=paper, modules=modules)
-        topology = _topology(asked, key, sample_seed, sized=modules is not None)
-        designs = own.read_near(near)
+        problem = options.task_of(task, settings, paper=paper, modules=modules)
+        topology = _topology(problem, key, sample_seed, sized=modules is not None)
+        designs = options.read_near(near)
         if out is not None:
             options.require_writable(out)
-        options.warn(asked.model_copy(update={"modules": topology.n}))
+        options.warn(problem.model_copy(update={"modules": topology.n}))
         solved = compose.solve(
-            asked,
+            problem,
             topology,
             starts=starts,
             seed=seed,

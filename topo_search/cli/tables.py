@@ -14,15 +14,11 @@ from topo_search.engine import Failed, Outcome
 from topo_search.export.audit_summary import tolerance_lines
 from topo_search.export.flight_lines import flight_lines
 from topo_search.model import Audit, Design, Infeasible, Relaxed, Status
+from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
-from topo_search.model.stated import NOT_CERTIFIED
 from topo_search.report.near_ties import near_tie_cells, near_tie_columns
 from topo_search.report.wording import length, modules, quantity
 from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
-
-NARROW = 100
-"""Width of tables that do not go to a terminal."""
-
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
 """What follows a design whose end-effector no such rod carries."""
@@ -47,11 +43,11 @@ def print_found(answer: Answer) -> None:
     best = answer.best
     if best is not None:
         smallest = f", {answer.smallest}" if answer.smallest else ""
-        found = f"best design: {best.key}, {modules(best.modules)}{smallest}"
+        line = f"best design: {best.key}, {modules(best.modules)}{smallest}"
         rod = "" if answer.clear_rod else NO_CLEAR_ROD
         if (note := answer.note) is not None:
             click.echo(f"note on {best.key}: {note}")
-        click.echo(f"{found}, {_effort(best)}, audit {best.audit}{rod}")
+        click.echo(f"{line}, {_effort(best)}, audit {best.audit}{rod}")
     elif answer.exit_status == 1:
         click.echo("designs were found, but none passed its audit")
     else:
@@ -80,24 +76,23 @@ def _print_size(size: SizeAnswer) -> None:
     _print_relaxed(size.relaxed)
 
 
-def _print_relaxed(relaxed: Relaxed | None) -> None:
-    """Print which limits to relax."""
+def _print_relaxed(relaxed: Relaxed | None, indent: str = "") -> None:
     for sentence in relaxed.sentences if relaxed else ():
-        click.echo(sentence)
+        click.echo(f"{indent}{sentence}")
 
 
 def _counts(size: SizeAnswer) -> str:
     """Return how many candidates of one size ended how."""
     counts = ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items()))
-    told = f"{modules(size.modules)}: {size.settled} of {quantity(size.candidates, 'candidate')}"
-    return f"{told} ({counts})" if counts else told
+    text = f"{modules(size.modules)}: {size.settled} of {quantity(size.candidates, 'candidate')}"
+    return f"{text} ({counts})" if counts else text
 
 
 def _print_front(answer: Answer) -> None:
     """Print what became of each level of the goals, and the front."""
-    for at in answer.levels:
-        click.echo(f"level {at.number}: {at.level.words}")
-        for size in at.sizes:
+    for outcome in answer.levels:
+        click.echo(f"level {outcome.number}: {outcome.level.words}")
+        for size in outcome.sizes:
             click.echo(f"  {_counts(size)}")
             if size.best is not None:
                 click.echo(f"  best {size.best.key}, {_effort(size.best)}")
@@ -105,14 +100,11 @@ def _print_front(answer: Answer) -> None:
                 click.echo("  not finished; run the same command to continue")
             for remark in (*size.remarks, *([] if size.reason is None else [size.reason])):
                 click.echo(f"  {remark}")
-            for sentence in size.relaxed.sentences if size.relaxed else ():
-                click.echo(f"  {sentence}")
+            _print_relaxed(size.relaxed, "  ")
     if not answer.points:
         return
     click.echo(f"front, {quantity(len(answer.points), 'design')}, none better than another in every goal:")
-    table = Table(box=None, pad_edge=False)
-    for name in ("key", "modules", "objective", "clearance", "stand-off", "peak input", "level"):
-        table.add_column(name, justify="left" if name == "key" else "right")
+    table = _table("key", "modules", "objective", "clearance", "stand-off", "peak input", "level")
     for point in answer.points:
         reached = ["" if x is None else length(at_least(x, 3)) for x in (point.clearance, point.stand_off)]
         row = point.row
@@ -130,9 +122,7 @@ def _print_front(answer: Answer) -> None:
 
 
 def _print_rows(rows: tuple[Row, ...]) -> None:
-    table = Table(box=None, pad_edge=False)
-    for name in ("key", "objective", "over bound", "gap", "starts at best", "stands for", "audit"):
-        table.add_column(name, justify="left" if name in ("key", "audit") else "right")
+    table = _table("key", "objective", "over bound", "gap", "starts at best", "stands for", "audit")
     for row in rows:
         table.add_row(
             row.key,
@@ -151,9 +141,7 @@ def _print_near_ties(size: SizeAnswer) -> None:
     if size.best is None or len(size.near_ties) < 2:
         return
     click.echo(f"within {100 * NEAR:g} % of the least effort, largest force reserve in hover first:")
-    table = Table(box=None, pad_edge=False)
-    for name in near_tie_columns():
-        table.add_column(name, justify="left" if name == "key" else "right")
+    table = _table(*near_tie_columns())
     for row in size.near_ties:
         table.add_row(*near_tie_cells(row, size.best))
     _print(table)
@@ -161,10 +149,17 @@ def _print_near_ties(size: SizeAnswer) -> None:
         click.echo(f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}")
 
 
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for name in columns:
+        table.add_column(name, justify="left" if name in ("key", "audit") else "right")
+    return table
+
+
 def _print(table: Table) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
-        console = Console(highlight=False, width=NARROW)
+        console = Console(highlight=False, width=100)
     console.print(table)
 
 
@@ -221,8 +216,8 @@ def print_audit(name: str, audit: Audit) -> None:
             click.echo(f"  {pair.name}: {pair.status}, {lower_text(pair.analytic_m)} m")
             for finding in pair.evidence:
                 click.echo(f"    {finding}")
-    for own in audit.stated:
-        click.echo(f"  {own.name} ({NOT_CERTIFIED}): {own.words}, bounds: {own.bounds}")
+    for constraint in audit.stated:
+        click.echo(f"  {constraint.name} ({NOT_CERTIFIED}): {constraint.words}, bounds: {constraint.bounds}")
     for residual in audit.residuals:
         if residual.status != "clear":
             off = f"off by {upper_text(residual.value, 3)} {residual.unit}"
@@ -242,7 +237,7 @@ def print_audit(name: str, audit: Audit) -> None:
 def print_tally(verdicts: Sequence[Status], failed: int, refused: int, passed_over: int) -> None:
     """Print how many designs of a whole command ended how."""
     counts = {**Counter(map(str, verdicts)), "failed": failed, "bad input": refused}
-    told = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
-    click.echo(f"{quantity(len(verdicts) + failed, 'design')}: {told or 'none'}")
+    text = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
+    click.echo(f"{quantity(len(verdicts) + failed, 'design')}: {text or 'none'}")
     if passed_over:
         click.echo(f"{quantity(passed_over, 'audit')} in the folders skipped")

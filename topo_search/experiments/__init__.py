@@ -4,7 +4,16 @@ An experiment is a list of cells, each one topology under one condition. A cell 
 its row is on the disk before the next one counts, so that the same command goes on where it was stopped.
 """
 
-from topo_search.experiments.conducting import Experiment, conduct, experiment, results
-from topo_search.experiments.settings import Settings
+from topo_search.experiments.conducting import Experiment, conduct
+from topo_search.experiments.folder import results
+from topo_search.experiments.plan import Settings
 
 __all__ = ["Experiment", "Settings", "conduct", "experiment", "results"]
+
+
+def experiment(name: str) -> Experiment:
+    """Return an experiment: `scaling`, `ablation`, `placement`, `root` or `body`."""
+    from topo_search.experiments.comparisons import BODY, PLACEMENT, ROOT
+    from topo_search.experiments.paper import ABLATION, SCALING
+
+    return {one.name: one for one in (SCALING, ABLATION, PLACEMENT, ROOT, BODY)}[name]

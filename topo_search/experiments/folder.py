@@ -1,7 +1,7 @@
-"""The folder of an experiment: `results.csv`, a row a cell, and `about.json`, which says what made it.
+"""The folder of an experiment: `results.csv`, a row per cell, and `about.json`, the conditions that made it.
 
-Both are regular files, and no symbolic link is followed to them. Rows are appended to one file, held open; whoever
-appended one knows that the file is still there.
+Both are regular files, and no symbolic link is followed to them. Rows are appended to one file, held open; after
+each row the file is checked to be still there.
 """
 
 from __future__ import annotations
@@ -13,33 +13,85 @@ import os
 import platform
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import astuple, fields
+from dataclasses import astuple, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from topo_search.experiments.cell import IDENTITY, Cell
-from topo_search.experiments.measured import COLUMNS, Measured
+from topo_search.experiments.plan import IDENTITY, Cell
 from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import show
-from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import load_json
-from topo_search.model.regular_file import NotReadable, read_regular
+from topo_search.model.parsing import NotReadable, read_regular
+from topo_search.model.tables import escape_formula
 from topo_search.study.identity import installed_versions
 from topo_search.study.lock import hold_lock
 from topo_search.study.lost import LedgerLost
 from topo_search.study.place import Place
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 RESULTS, ABOUT = "results.csv", "about.json"
 FORMAT = "topo-search/experiment"
+METHOD = "topo-search"
+"""The method of this package; rows made by `tests/benchmarks/direct_scaling.py` say `direct`."""
 
-Identity = tuple[str, ...]
-EMPTY = " | None"
-"""End of the kind of a column whose cells may be empty."""
+
+@dataclass(frozen=True)
+class Measured:
+    """A row of `results.csv`; a missing value is an empty cell."""
+
+    variant: str
+    """The problem, where an experiment compares several."""
+    task: str
+    distance_m: float
+    """Connector distance [m]."""
+    n: int
+    key: str
+    task_seed: int | None
+    """Seed of the ten wrenches."""
+    status: str
+    """feasible, infeasible, impossible (proven) or failed."""
+    method: str = METHOD
+    starts: int = 0
+    """Starts that were solved."""
+    solve_s: float = 0.0
+    """CPU seconds of all starts, building included unless `build_s` has it."""
+    build_s: float | None = None
+    """CPU seconds of building the program before the first start, for a method that does."""
+    audit_s: float | None = None
+    """CPU seconds of the audit."""
+    iterations: int = 0
+    """Ipopt iterations; only of the best start where all starts are solved at once."""
+    peak_mb: float | None = None
+    """Peak memory of the worker process so far [MB]. It solves small platforms before large ones."""
+    objective: float | None = None
+    """J [rad^4/s^4]."""
+    lower_bound: float | None = None
+    """[rad^4/s^4]"""
+    gap: float | None = None
+    offset_m: float | None = None
+    """Distance of the end-effector from the centre of mass [m]."""
+    verdict: str | None = None
+    """Verdict of the audit; `failed` with the reason in `worst_constraint` if there is none."""
+    colliding_pairs: int | None = None
+    """Pairs of airflow envelopes proven to overlap."""
+    largest_cluster: int | None = None
+    """Modules in the largest cluster of overlapping envelopes; 0 without overlap."""
+    deepest_percent: float | None = None
+    """Deepest overlap in percent of the deepest possible."""
+    depths_percent: str | None = None
+    """Depths of all colliding pairs in the same percent, deepest first, separated by spaces."""
+    worst_constraint: str | None = None
+    """The constraint missed by the start that came closest; the reason if the cell failed."""
+    violation: float | None = None
+    unit: str | None = None
+
+
 KINDS = {field.name: str(field.type) for field in fields(Measured)}
-READ: dict[str, Callable[[str], object]] = {"int": int, "float": float, "str": str}
-"""What reads a cell of each kind."""
+COLUMNS = tuple(KINDS)
 
 
 class ResultsLost(LedgerLost):
@@ -56,8 +108,8 @@ class ResultsLost(LedgerLost):
 class Results:
     """The rows of one experiment, held by this process alone."""
 
-    def __init__(self, path: Path, handle: int, done: set[Identity]) -> None:
-        """Take a file of rows that is open for appending, and whose rows it holds."""
+    def __init__(self, path: Path, handle: int, done: set[tuple[str, ...]]) -> None:
+        """Take a file that is open for appending, and the identities of its rows."""
         self._path = path
         self._handle = handle
         self._done = done
@@ -66,11 +118,11 @@ class Results:
     @classmethod
     @contextmanager
     def open(cls, folder: Path, about: dict[str, Any]) -> Iterator[Self]:
-        """Make an experiment's folder, or take it up again.
+        """Make an experiment's folder, or resume one.
 
         Args:
-            folder: where.
-            about: what fixes the rows; a folder that holds rows of anything else is refused.
+            folder: its path.
+            about: the conditions of `identify`; a folder with rows of other conditions is refused.
 
         Raises:
             BadInput: the folder cannot be used; it is left as it is.
@@ -86,15 +138,20 @@ class Results:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _refusal(folder, f"cannot be made: {error.strerror}") from None
-        with hold_lock(folder), Place.open(folder) as place:
-            place.tidy()
+        with hold_lock(folder), Place.open(folder) as directory:
+            directory.tidy()
             if (folder / ABOUT).exists():
                 _compare(folder, load_json(folder / ABOUT), about)
             else:
-                text = json.dumps({**about, **_circumstances()}, indent=1)
-                place.write(ABOUT, f"{text}\n".encode())
+                machine = {  # it has a part in the measured times
+                    "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+                    "python": platform.python_version(),
+                    "machine": platform.machine(),
+                    "cores": os.cpu_count(),
+                }
+                directory.write(ABOUT, f"{json.dumps({**about, **machine}, indent=1)}\n".encode())
             if not (folder / RESULTS).exists():
-                place.write(RESULTS, f"{','.join(COLUMNS)}\n".encode())
+                directory.write(RESULTS, f"{','.join(COLUMNS)}\n".encode())
             path = folder / RESULTS
             size, done = _rows(path)
             handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC)
@@ -126,7 +183,7 @@ class Results:
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self._path)) from error
         self.require()
-        self._done.add(_identity({name: getattr(row, name) for name in IDENTITY}))
+        self._done.add(_identity(vars(row)))
 
     def require(self) -> None:
         """Make sure that the file is still there with all rows; ResultsLost if not."""
@@ -138,13 +195,9 @@ class Results:
         if not os.path.samestat(held, there) or held.st_size != self._size:
             raise ResultsLost(self._path)
 
-    def __len__(self) -> int:
-        """Return the number of rows."""
-        return len(self._done)
-
 
 def identify(name: str, settings: dict[str, Any], command: str) -> dict[str, Any]:
-    """Return what fixes the rows of an experiment, and the command that asks for them."""
+    """Return the conditions of an experiment's rows, and the command for them."""
     return {
         "format": FORMAT,
         "version": 1,
@@ -155,34 +208,42 @@ def identify(name: str, settings: dict[str, Any], command: str) -> dict[str, Any
     }
 
 
-def _circumstances() -> dict[str, Any]:
-    """Return what may have a part in the measured times."""
-    return {
-        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        "cores": os.cpu_count(),
-    }
+def results(folder: str | Path) -> pd.DataFrame:
+    """Return the rows of an experiment's folder, or of its `results.csv`, with the columns of `Measured`.
+
+    Raises:
+        BadInput: that is no regular file, is too large or no table.
+    """
+    import pandas as pd
+
+    path = Path(folder) / RESULTS if Path(folder).is_dir() else Path(folder)
+    kinds = {"key": "str", "task_seed": "Int64", "colliding_pairs": "Int64", "largest_cluster": "Int64"}
+    kinds |= dict.fromkeys(("verdict", "depths_percent", "worst_constraint", "unit"), "str")
+    try:
+        content = read_regular(path, most_bytes=RESULT_BYTES)
+        frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
+    except (NotReadable, UnicodeDecodeError, pd.errors.ParserError) as error:
+        raise BadInput(str(path), [Fault("", str(error))]) from None
+    return frame.sort_values(["n", "distance_m", "task", "variant"], kind="stable", ignore_index=True)
 
 
-def _compare(folder: Path, held: Any, asked: dict[str, Any]) -> None:
+def _compare(folder: Path, held: Any, about: dict[str, Any]) -> None:
     """Refuse a folder that holds another experiment."""
-    if not isinstance(held, dict) or held.get("format") != FORMAT or held.get("version") != asked["version"]:
+    if not isinstance(held, dict) or held.get("format") != FORMAT or held.get("version") != about["version"]:
         raise _refusal(folder, f"has an {ABOUT} of another program or version")
-    if held.get("experiment") != asked["experiment"]:
-        raise _refusal(folder, f"holds the experiment {held.get('experiment')}, not {asked['experiment']}")
+    if held.get("experiment") != about["experiment"]:
+        raise _refusal(folder, f"holds the experiment {held.get('experiment')}, not {about['experiment']}")
     for group in ("settings", "versions"):
-        if not isinstance(of := held.get(group), dict):
+        if not isinstance(values := held.get(group), dict):
             raise _refusal(folder, f"has an {ABOUT} whose {group} is not a table")
-        for name, value in asked[group].items():
-            if of.get(name) != value:
+        for name, value in about[group].items():
+            if values.get(name) != value:
                 kind = "results of version" if group == "versions" else "an experiment with"
-                was, now = (show(one) for one in (of.get(name), value))
-                raise _refusal(folder, f"holds {kind} {name} {was}, not {now}")
+                raise _refusal(folder, f"holds {kind} {name} {show(values.get(name))}, not {show(value)}")
 
 
-def _rows(path: Path) -> tuple[int, set[Identity]]:
-    """Return how many bytes of a file are whole rows, and whose rows they are; BadInput names what is none."""
+def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
+    """Return the bytes of a file that are whole rows, and the rows' identities; BadInput names a damaged row."""
     try:
         content = read_regular(path, most_bytes=RESULT_BYTES)
         size = content.rfind(b"\n") + 1
@@ -195,15 +256,11 @@ def _rows(path: Path) -> tuple[int, set[Identity]]:
     lines = text.split("\n")[:-1]
     if not lines or tuple(lines[0].split(",")) != COLUMNS:
         raise _refusal(path.parent, f"has a {RESULTS} with other columns")
-    done = set()
-    for number, line in enumerate(lines[1:], start=2):
-        row = _cells(path, number, line)
-        done.add(tuple(row[name] for name in IDENTITY))
-    return size, done
+    return size, {_identity(_cells(path, number, line)) for number, line in enumerate(lines[1:], start=2)}
 
 
 def _cells(path: Path, number: int, line: str) -> dict[str, str]:
-    """Return the cells of a line by their columns; BadInput names the line that is no row, and why."""
+    """Return the cells of a line by their columns; BadInput names the line if it is damaged, and why."""
     try:
         (cells,) = csv.reader([line], strict=True)
     except (csv.Error, ValueError):  # none or several rows
@@ -212,20 +269,21 @@ def _cells(path: Path, number: int, line: str) -> dict[str, str]:
         rule = f"must have {len(COLUMNS)} cells in each row, but has {len(cells)} in line {number}: it is damaged"
         raise BadInput(str(path), [Fault("", rule)])
     row = dict(zip(COLUMNS, cells, strict=True))
+    readers: dict[str, Callable[[str], object]] = {"int": int, "float": float, "str": str}
     for name, kind in KINDS.items():
         try:
-            READ[kind.removesuffix(EMPTY)](row[name])
+            readers[kind.removesuffix(" | None")](row[name])
         except ValueError:
-            if row[name] or not kind.endswith(EMPTY):
+            if row[name] or not kind.endswith(" | None"):
                 rule = f"must be of kind {kind}, but got {show(row[name])} in line {number}: it is damaged"
                 raise BadInput(str(path), [Fault(name, rule)]) from None
     return row
 
 
-def _identity(values: dict[str, Any]) -> Identity:
-    """Return values as the file has them."""
+def _identity(values: dict[str, Any]) -> tuple[str, ...]:
+    """Return the identity as the file has it."""
     return tuple("" if values[name] is None else str(escape_formula(values[name])) for name in IDENTITY)
 
 
-def _refusal(path: Path, what: str) -> BadInput:
-    return BadInput(str(path), [Fault("", f"{what}; choose another folder with --out")])
+def _refusal(path: Path, reason: str) -> BadInput:
+    return BadInput(str(path), [Fault("", f"{reason}; choose another folder with --out")])

@@ -23,9 +23,9 @@ import numpy as np
 from topo_search.export.parts import ROTOR_SPINS
 from topo_search.export.poses import Poses, poses
 from topo_search.model.arrays import Array
-from topo_search.model.csv_text import csv_text
 from topo_search.model.design import Design
 from topo_search.model.module import Module
+from topo_search.model.tables import csv_text
 from topo_search.model.value import Index, Number, Value, Vector
 
 ROWS = ("force_x_N", "force_y_N", "force_z_N", "torque_x_Nm", "torque_y_Nm", "torque_z_Nm")

@@ -15,7 +15,7 @@ from topo_search.export.poses import Poses
 from topo_search.export.rod import Rod, mass_of
 from topo_search.export.xml_text import numbers, rgba
 from topo_search.model.design import Design
-from topo_search.model.end_effector import TIP
+from topo_search.model.module import TIP
 
 COLLISION = "3"
 """Group of geometries that are for contacts alone, which viewers do not show at first."""

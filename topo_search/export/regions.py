@@ -17,8 +17,7 @@ from topo_search.export.poses import Poses
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
-from topo_search.model.hulls import Hull, convex_hull
-from topo_search.model.shape import Capsule, Cone, Polytope, Shape
+from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex_hull
 
 
 def shapes(task: ResolvedTask, p_E: Array) -> Iterator[tuple[int, Shape]]:

@@ -8,7 +8,7 @@ import pandas as pd
 from pydantic import BaseModel
 
 from topo_search.model import Audit, Clearance, Residual
-from topo_search.model.csv_text import escape_formula
+from topo_search.model.tables import escape_formula
 
 
 def clearances(audit: Audit) -> pd.DataFrame:

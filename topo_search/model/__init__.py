@@ -1,21 +1,34 @@
 """The nouns: frozen, picklable values that cross the borders between solver, audit and search."""
 
-from topo_search.model.assembly import Assembly, BoltedJoint, EndEffectorSheet, FreeConnector, Obstacle, Rod
 from topo_search.model.audit import (
     AllowedContact,
+    Assembly,
     Audit,
+    BoltedJoint,
     Clearance,
+    EndEffectorSheet,
+    FreeConnector,
     Interference,
     Limit,
+    Obstacle,
     Pair,
     Residual,
+    Rod,
     Sensitivity,
     Status,
     WorstCase,
 )
 from topo_search.model.bad_input import BadInput, Fault
-from topo_search.model.design import Design, Mount, ShorterRod, SolverRecord
-from topo_search.model.end_effector import EndEffector
+from topo_search.model.design import (
+    Design,
+    Infeasible,
+    Mount,
+    Relaxation,
+    Relaxed,
+    ShorterRod,
+    Shortfall,
+    SolverRecord,
+)
 from topo_search.model.exposure import (
     LEAST_OFFSET,
     Allowed,
@@ -28,11 +41,9 @@ from topo_search.model.exposure import (
     segment_of,
 )
 from topo_search.model.flight import CaseFlight, Flight, JointLoad, RotorsOut
-from topo_search.model.infeasible import Infeasible, Shortfall
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
-from topo_search.model.module import AirflowEnvelope, Module
+from topo_search.model.module import AirflowEnvelope, EndEffector, Module
 from topo_search.model.proof import CheckedChunk, Chunk, Proof
-from topo_search.model.relaxation import Relaxation, Relaxed
 from topo_search.model.search import Search
 from topo_search.model.task import ResolvedTask, Task, Tolerances
 from topo_search.model.topology import Topology

@@ -1,4 +1,4 @@
-"""The audit of a design, as `audit.json` holds it. Numbers are signed: positive is clear."""
+"""The audit of a design, as `audit.json` holds it, and the assembly sheet. Positive numbers are clear."""
 
 from __future__ import annotations
 
@@ -8,13 +8,123 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from topo_search.model.assembly import Assembly
+from topo_search.model.design import NOT_CERTIFIED, Mount, StatedCheck
 from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
 from topo_search.model.flight import Flight
-from topo_search.model.html import heading, table
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.model.stated import NOT_CERTIFIED, StatedCheck
+from topo_search.model.tables import csv_text, heading, table
 from topo_search.model.value import Index, NonNegative, Number, Value, Vector
+
+
+class BoltedJoint(Value):
+    """One joint between two modules."""
+
+    module: Index
+    """The module that is already there."""
+    port: Index
+    """Its port: 0..3 for +x, +y, -x, -y."""
+    child: Index
+    """The module that is bolted to it."""
+    child_port: Index
+    """The child's port."""
+    angle_deg: Number
+    """The hinge angle [deg]."""
+
+
+class Obstacle(Value):
+    """What a straight rod would touch."""
+
+    module: Index
+    part: str
+    """`hub`, `arm 0`, ..., `rotor 3`."""
+
+
+class FreeConnector(Value):
+    """A connector without a joint, as a mount for the end-effector's rod."""
+
+    module: Index
+    port: Index
+    length_m: Number
+    """From the connector to the end-effector [m]."""
+    blocked_by: tuple[Obstacle, ...]
+    """What is in the way of a straight rod; nothing if it is available."""
+    in_airflow_of: tuple[Index, ...] = ()
+    """Modules whose airflow a straight rod would pass through."""
+
+
+class Rod(Value):
+    """A straight rod from its mount to the end-effector."""
+
+    length_m: Number
+    radius_m: Number
+    mass_kg: Number
+    """At `end_effector.rod_linear_density`; not part of the model's mass."""
+    direction: Vector
+    """Unit vector from the connector to the end-effector, in W."""
+    direction_in_module: Vector
+    """The same in the frame of the module that carries it."""
+
+
+class EndEffectorSheet(Value):
+    """Where the end-effector is, and what holds it there."""
+
+    position_m: Vector
+    """p'_E in W [m]."""
+    from_com_m: Vector
+    """p_E [m]."""
+    mount: Mount | None = None
+    """The connector that carries the rod; None if no straight rod reaches the end-effector."""
+    rod: Rod | None = None
+    note: str | None = None
+    """What is to be said about the mount."""
+    connectors: tuple[FreeConnector, ...] = ()
+    """Every free connector, nearest to the end-effector first."""
+
+    @property
+    def clear_rod(self) -> bool:
+        """Whether the mount's straight rod is clear of all parts and of all airflow."""
+        return any(
+            (one.module, one.port) == (self.mount.module, self.mount.port)
+            for one in self.connectors
+            if self.mount is not None and not one.blocked_by and not one.in_airflow_of
+        )
+
+
+class Assembly(Value):
+    """The joints in bolting order, every first module being there already, and the end-effector."""
+
+    joints: tuple[BoltedJoint, ...] = ()
+    end_effector: EndEffectorSheet | None = None
+
+    @property
+    def mount(self) -> Mount | None:
+        """The connector that carries the end-effector, if any does."""
+        return None if self.end_effector is None else self.end_effector.mount
+
+    def csv(self) -> str:
+        """Return the sheet as a table: one row per joint, then one for the rod; its child is the end-effector."""
+        head = (
+            "step",
+            "module",
+            "port",
+            "child",
+            "child_port",
+            "angle_deg",
+            "rod_length_m",
+            "rod_x",
+            "rod_y",
+            "rod_z",
+        )
+        rows: list[tuple[object, ...]] = [
+            (step, joint.module, joint.port, joint.child, joint.child_port, joint.angle_deg, "", "", "", "")
+            for step, joint in enumerate(self.joints, start=1)
+        ]
+        tip = self.end_effector
+        if tip is not None and tip.mount is not None and tip.rod is not None:
+            mount = (len(self.joints) + 1, tip.mount.module, tip.mount.port, "end-effector", "", "")
+            rows.append((*mount, tip.rod.length_m, *tip.rod.direction_in_module))
+        return csv_text(head, rows)
+
 
 SHOWN = 10
 """Number of clearances that a notebook shows at least."""
@@ -283,10 +393,10 @@ class Audit(Value):
         ]
         residuals = table(checked, rows)
         title = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
-        told = title + pairs + (heading("not met:") + residuals if broken else "")
+        html = title + pairs + (heading("not met:") + residuals if broken else "")
         if self.stated:
-            own = table(
+            checks = table(
                 ("constraint", "bounds", "it came to"), [(one.name, one.bounds, one.words) for one in self.stated]
             )
-            told += heading(f"{NOT_CERTIFIED}:") + own
-        return told
+            html += heading(f"{NOT_CERTIFIED}:") + checks
+        return html

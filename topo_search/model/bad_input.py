@@ -38,8 +38,6 @@ RULES = {
 """The rule behind each of pydantic's types of error."""
 
 MISSING = "is required, but missing"
-MOST_FAULTS = 1000
-"""Faults of a file that are told one by one; a file with more is of another kind, or means harm."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ def faults_of(error: ValidationError, model: type[BaseModel]) -> list[Fault]:
 
     A file with very many faults gets one that says so.
     """
-    if error.error_count() > MOST_FAULTS:
+    if error.error_count() > 1000:  # a file with more faults is of another kind, or means harm
         return [Fault("", f"must have few enough faults to list, but has {error.error_count():,}")]
     faults = [_fault(detail, model) for detail in error.errors(include_url=False)]
     return [fault for fault in faults if fault.path in ("format", "version")] or faults

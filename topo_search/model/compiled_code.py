@@ -134,14 +134,14 @@ def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
     Returns:
         Whether what is kept was up to date.
     """
-    own = sorted(room.glob("*.py"))
-    contents = b"".join(source.read_bytes() for source in (*own, *_files(others)))
+    sources = sorted(room.glob("*.py"))
+    contents = b"".join(source.read_bytes() for source in (*sources, *_files(others)))
     digest = hashlib.sha256(contents).hexdigest().encode()
     folder = Path(dispatcher.stats.cache_path)
     mark = folder / f"{room.name}.sha256"
     if mark.exists() and mark.read_bytes() == digest:
         return True
-    for source in own:
+    for source in sources:
         for kept in folder.glob(f"{source.stem}.*.nb[ci]"):
             kept.unlink(missing_ok=True)
     folder.mkdir(parents=True, exist_ok=True)
@@ -153,5 +153,5 @@ def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
 
 def _files(places: tuple[Path, ...]) -> Iterator[Path]:
     """Yield the sources of files and folders."""
-    for place in places:
-        yield from sorted(place.glob("*.py")) if place.is_dir() else (place,)
+    for path in places:
+        yield from sorted(path.glob("*.py")) if path.is_dir() else (path,)

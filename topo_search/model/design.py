@@ -1,9 +1,16 @@
-"""A design: one topology with its angles, end-effector position and rotor inputs, as `design.json` holds it."""
+"""The answer of the solver for one topology: a design, as `design.json` holds it, or why there is none.
+
+A design has the topology's angles, end-effector position and rotor inputs. Without a design the answer is why, by
+how much, whether that is proven, and which limits of the task can be relaxed. Constraints of a user's own function
+are evaluated, never certified: a file holds their name, bounds and values; the function itself stays with its user.
+"""
 
 from __future__ import annotations
 
 import json
 import math
+from collections import Counter
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -20,12 +27,67 @@ from pydantic import (
 
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.bad_input import show
-from topo_search.model.html import heading, paragraph, table
-from topo_search.model.proven import gap_percent
-from topo_search.model.stated import Stated
+from topo_search.model.proven import at_least, gap_percent, lower_text, upper_text
+from topo_search.model.tables import heading, paragraph, table
 from topo_search.model.task import ResolvedTask, Task, before_requirement
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
 from topo_search.model.value import Index, Number, Value, Vector, refuse
+
+NOT_CERTIFIED = "stated by the user, not certified"
+"""How a reader is told that nothing proves it."""
+
+Line = Annotated[str, Field(max_length=100, pattern=r"^[^\x00-\x1f\x7f]*$")]
+"""One line of text."""
+Named = Annotated[Line, Field(min_length=1)]
+"""One that says something."""
+
+
+class Versioned(Value):
+    """What tells one function of a user from another: its name and, where the user gives one, its version."""
+
+    name: Named
+    version: Named | None = None
+    """None: nobody can tell whether it is still the same function."""
+
+
+class Stated(Versioned):
+    """A constraint of a user's own, without its expression: `lower <= expression <= upper`."""
+
+    lower: Number | None = None
+    """In `unit`; None: none."""
+    upper: Number | None = None
+    unit: Line = ""
+    invariant: Literal["none", "numbering", "mirror"] = "none"
+    """What the user says leaves it met or missed as it was (`topo_search.protocols.OwnConstraint`)."""
+
+    @property
+    def bounds(self) -> str:
+        """Its bounds in words."""
+        sides = (
+            None if self.lower is None else f"at least {self.lower:g}",
+            None if self.upper is None else f"at most {self.upper:g}",
+        )
+        if self.lower == self.upper:
+            return f"equal to {self.lower:g} {self.unit}".rstrip()
+        return f"{' and '.join(side for side in sides if side is not None)} {self.unit}".rstrip()
+
+
+class StatedCheck(Stated):
+    """What a constraint of a user's own comes to on a design."""
+
+    status: Literal["met", "missed", "not checked"]
+    """`not checked`: whoever audited the design had its name, but not its expression."""
+    value: Number | None = None
+    """The value that is farthest from its bounds, or the nearest to them if all are met, in `unit`."""
+    off_by: Number | None = None
+    """By how much that value is beyond its bounds; zero or negative when met, in `unit`."""
+
+    @property
+    def words(self) -> str:
+        """What it came to, for a reader."""
+        if self.value is None:
+            return self.status if self.status == "missed" else "not checked: the design does not hold its function"
+        return f"{self.status}: {self.value:.6g} {self.unit}".rstrip()
 
 
 def _topology(value: Any) -> Any:
@@ -49,10 +111,6 @@ TopologyRows = Annotated[
     PlainSerializer(lambda topology: [list(joint) for joint in topology.joints], return_type=list[list[int]]),
 ]
 """A topology that a file writes as rows [parent, parent_port, child_port]."""
-
-
-SAME_OPTIMUM = 1.0e-4
-"""Relative difference of objectives up to which two starts are said to have reached the same optimum."""
 
 
 class ShorterRod(Value):
@@ -103,7 +161,8 @@ class SolverRecord(Value):
     @property
     def starts_at_best(self) -> int:
         """Number of starts that reached the same optimum."""
-        return sum(J - min(self.objectives) <= SAME_OPTIMUM * J for J in self.objectives)
+        same = 1.0e-4  # relative difference of objectives at one optimum
+        return sum(J - min(self.objectives) <= same * J for J in self.objectives)
 
 
 class Mount(Value):
@@ -216,16 +275,178 @@ class Design(Value):
         joints = zip(self.topology.edges(), self.hinge_angles_rad, strict=True)
         rows = [(h, PORT_NAMES[a], i, PORT_NAMES[b], math.degrees(alpha)) for (h, i, a, b), alpha in joints]
         psi, alpha_0, alpha_1 = (f"{math.degrees(angle):.6g}" for angle in self.root_orientation_rad)
-        place = ", ".join(f"{x:.6g}" for x in self.end_effector_m)
+        position = ", ".join(f"{x:.6g}" for x in self.end_effector_m)
         return (
             title
             + effort
             + table(("module", "port", "child", "its port", "hinge angle [deg]"), rows)
             + paragraph(f"root module: psi = {psi}, alpha_0 = {alpha_0}, alpha_1 = {alpha_1} deg")
-            + paragraph(f"end-effector at [{place}] m from the root module's centre")
+            + paragraph(f"end-effector at [{position}] m from the root module's centre")
         )
 
     @staticmethod
     def gap_of(objective: float, lower_bound: float) -> float | None:
         """Return 1 - lower_bound / objective; None for a task without effort."""
         return None if objective == 0 else 1.0 - lower_bound / objective
+
+
+STARTS = 4
+"""Most starts of each solve with a relaxed limit."""
+
+
+class Relaxation(Value):
+    """One limit, relaxed by the least share that gave a design with a clear audit; no proof that less would not."""
+
+    topology_key: str
+    """Of the tree that has a design then."""
+    limit: str
+    """What binds, in the user's words."""
+    change: str
+    """What to change it by, in words."""
+    field: str
+    """Of the task."""
+    share: Number
+    """The change over the limit as it is."""
+    given: Number | None = None
+    """The limit as it is, in the field's unit; None where it is no single number."""
+    enough: Number | None = None
+    """What is enough."""
+    unit: str = ""
+    not_enough: Number | None = None
+    """The largest share that was tried in vain; None if the least that is tried was enough."""
+
+    tightens: Annotated[bool, Field(exclude_if=lambda given: not given)] = False
+    """Whether the limit is tightened, so that the design is one of the task as it is."""
+
+    @property
+    def setting(self) -> str:
+        """The field, with its values where it is a single number."""
+        unit = f" {self.unit}" if self.unit else ""
+        if self.given is None or self.enough is None:
+            return self.field
+        enough = upper_text(self.enough) if self.enough > self.given else lower_text(self.enough)  # no less is
+        return f"{self.field}: {self.given:.6g} -> {enough}{unit}"
+
+    @property
+    def words(self) -> str:
+        """What would do, in a line."""
+        return f"{self.limit}: {self.change} would do for {self.topology_key} ({self.setting})"
+
+
+class Relaxed(Value):
+    """What was tried for the topologies of one size that came closest to a design."""
+
+    format: Literal["topo-search/relaxed"] = "topo-search/relaxed"
+    version: Literal[1] = 1
+    modules: int
+    starts: int
+    """Starts of each candidate of the run when it was tried."""
+    relaxations: tuple[Relaxation, ...]
+    """What helped, the least change first."""
+    in_vain: tuple[str, ...]
+    """Limits none of whose relaxations helped, each with the most that was tried."""
+    untried: Annotated[tuple[str, ...], Field(exclude_if=lambda given: not given)] = ()
+    """Limits of which nothing is known, as the solver or the audit failed, each with the reason."""
+    topologies: Annotated[tuple[str, ...], Field(exclude_if=lambda given: not given)] = ()
+    """Keys of the trees; none in an older file."""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What to relax first, what else helps or does not, and what could not be tried, a sentence each."""
+        starts = min(self.starts, STARTS)
+        solved = f"from {starts} start{'s' * (starts > 1)}"
+        sentences = []
+        if self.relaxations:
+            first, *others = self.relaxations
+            verb, end = "relax", "a smaller change may be enough"
+            if first.tightens:
+                verb, end = "try", "the design is one of the task as it is"
+            sentences.append(f"{verb} first: {first.words}; solved again {solved}, its audit is clear; {end}")
+            sentences += [f"or {other.words}" for other in others]
+        elif self.in_vain:
+            of = f" of {' or '.join(self.topologies)}" if self.topologies else ""
+            tried = "; ".join(self.in_vain)
+            sentences.append(
+                f"no single limit, relaxed alone, led to a design{of} with a clear audit {solved} ({tried})"
+            )
+        if self.untried:
+            sentences.append(f"could not be tried, so nothing is known: {'; '.join(self.untried)}")
+        return tuple(sentences)
+
+
+NAMED = 3
+"""Most constraints that a message names beside the closest."""
+
+
+class Shortfall(Value):
+    """A constraint that some starts missed by more than any other."""
+
+    constraint: str
+    """In the user's words, with the modules or the load case."""
+    starts: int
+    """How many."""
+    violation: Number
+    """The least that one of them missed it by, positive, in `unit`."""
+    unit: str
+
+    @staticmethod
+    def gather(shortfalls: Iterable[Shortfall]) -> tuple[Shortfall, ...]:
+        """Return one for each constraint, the most frequent first."""
+        least: dict[str, Shortfall] = {}
+        starts: Counter[str] = Counter()
+        for shortfall in shortfalls:
+            name = shortfall.constraint
+            starts[name] += shortfall.starts
+            if name not in least or shortfall.violation < least[name].violation:
+                least[name] = shortfall
+        ordered = sorted(least, key=lambda name: (-starts[name], name))
+        return tuple(least[name].model_copy(update={"starts": starts[name]}) for name in ordered)
+
+
+class Infeasible(Value):
+    """No feasible point of one topology was found, or none can exist."""
+
+    format: Literal["topo-search/infeasible"] = "topo-search/infeasible"
+    version: Literal[1] = 1
+    topology: TopologyRows | None
+    """None: proven for every topology of this size."""
+    topology_key: str | None
+    status: Literal["infeasible", "impossible"]
+    """`infeasible`: no start reached a feasible point; `impossible`: proven, whatever the start."""
+    worst_constraint: str
+    """The most violated constraint of the start that came closest, in the user's words."""
+    violation: Number
+    """By how much it is missed, positive, in `unit`."""
+    unit: str
+    message: str
+    """The whole reason in one sentence."""
+    shortfalls: tuple[Shortfall, ...] = ()
+    """What all starts ended short of, the most frequent first; none for a proof."""
+    solver: SolverRecord | None = None
+    """How the closest start came about; None for a proof."""
+    relaxed: Annotated[Relaxed | None, Field(exclude_if=lambda given: given is None)] = None
+    """Which limits, relaxed alone, give the tree a design; None where it was not asked."""
+
+    def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
+        """Return the same closest start among these starts."""
+        gathered = Shortfall.gather(shortfalls)
+        update = {"shortfalls": gathered, "solver": solver, "message": self._message(gathered, solver.starts)}
+        return self.model_copy(update=update)
+
+    def _message(self, shortfalls: tuple[Shortfall, ...], starts: int) -> str:
+        missed = f"misses `{self.worst_constraint}` by {_amount(self.violation, 3, self.unit)}"
+        if starts == 1:
+            return f"the only start {missed}"
+        named = [
+            f"{s.starts} `{s.constraint}` (by {_amount(at_least(s.violation, 2), 2, s.unit)} or more)"
+            for s in shortfalls[:NAMED]
+        ]
+        others = sum(s.starts for s in shortfalls[NAMED:])
+        if others:
+            named.append(f"{others} another constraint")
+        return f"the closest of {starts} starts {missed}; what they miss most: {', '.join(named)}"
+
+
+def _amount(value: float, digits: int, unit: str) -> str:
+    """Return a number with its unit, if it has any."""
+    return f"{value:.{digits}g} {unit}".rstrip()

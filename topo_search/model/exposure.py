@@ -15,9 +15,8 @@ from pydantic import AfterValidator, ConfigDict, Field, Tag, ValidationInfo, mod
 from topo_search.limits import CORNERS, PIECES, SEGMENTS
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import show
-from topo_search.model.hulls import has_volume
 from topo_search.model.mesh_file import FARTHEST, convex_pieces, mesh_schema, take_mesh
-from topo_search.model.shape import Capsule, Cone, Polytope, Shape, unit
+from topo_search.model.shape import Capsule, Cone, Polytope, Shape, has_volume, unit
 from topo_search.model.value import (
     Flag,
     NonEmpty,
@@ -48,10 +47,6 @@ Axis = Annotated[
 ]
 
 
-FLAT_BOX = 1e-6
-"""Least edge of a box, over its longest."""
-
-
 def _check_volume(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
     if max((abs(x) for vertex in vertices for x in vertex), default=0.0) > FARTHEST:
         raise ValueError(f"must be at most {FARTHEST:g} m away")
@@ -61,7 +56,7 @@ def _check_volume(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
 
 
 def _check_thickness(box: Vector) -> Vector:
-    if min(box) <= FLAT_BOX * max(box):
+    if min(box) <= 1e-6 * max(box):
         raise ValueError(f"must not be thinner than a millionth of its length, but got {show(box)}")
     return box
 

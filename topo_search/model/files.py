@@ -16,9 +16,7 @@ from topo_search.limits import DESIGN_BYTES, RESULT_BYTES, TASK_BYTES
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
 from topo_search.model.design import Design
 from topo_search.model.mesh_file import Folder
-from topo_search.model.parsing import NotParsed, json_data, toml_data
-from topo_search.model.regular_file import NotReadable, read_text
-from topo_search.model.settings import apply_settings
+from topo_search.model.parsing import NotParsed, NotReadable, apply_settings, json_data, read_text, toml_data
 from topo_search.model.task import Task
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -93,8 +91,8 @@ def format_of(path: str | Path) -> str | None:
 
 def stated_format(data: Any) -> str | None:
     """Return what the data of a JSON file say that they are."""
-    stated = data.get("format") if isinstance(data, dict) else None
-    return stated if isinstance(stated, str) else None
+    name = data.get("format") if isinstance(data, dict) else None
+    return name if isinstance(name, str) else None
 
 
 def load_json(path: str | Path, *, most_bytes: int = RESULT_BYTES) -> Any:

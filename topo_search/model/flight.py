@@ -18,7 +18,7 @@ STRAIGHT = math.cos(math.radians(1.0))
 """Directions are told as an axis up to this cosine of the angle between them."""
 
 Size = Annotated[float, Field(strict=True, ge=0)]
-"""Of something that was measured, however large."""
+"""A measured quantity, however large."""
 
 
 class CaseFlight(Value):
@@ -127,8 +127,8 @@ class Flight(Value):
     @property
     def joint_moment_Nm(self) -> float | None:
         """The largest of all load cases that the task has [N m]; None without joints."""
-        stated = (load.moment_Nm for load in self.joints if load.case != self.hover.name)
-        return max(stated, default=None)
+        moments = (load.moment_Nm for load in self.joints if load.case != self.hover.name)
+        return max(moments, default=None)
 
     @property
     def weakest_point(self) -> str:

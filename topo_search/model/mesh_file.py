@@ -1,4 +1,4 @@
-"""STL and OBJ files that a task names: their surface, and convex pieces that contain what it encloses.
+"""STL and OBJ files that a task names: their surface, convex pieces that contain it, and a module's own frame.
 
 trimesh reads both formats. It passes over much that it does not understand, and counts backwards from the end of an
 OBJ instead of from the line; so the text is checked and brought into the form that trimesh reads in full. Only
@@ -15,17 +15,18 @@ from codecs import BOM_UTF8
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Never
+from typing import Annotated, Any, NamedTuple, Never, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, model_validator
 
-from topo_search.limits import ALL_CORNERS, CORNERS, FACETS, MESH_BYTES, PIECES
+from topo_search.limits import ALL_CORNERS, CORNERS, FACETS, FRAME_PIECES, FRAME_TRIANGLES, MESH_BYTES, PIECES
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import of_file, show, to_printable
-from topo_search.model.hulls import has_volume, outer_hull
-from topo_search.model.regular_file import read_regular
-from topo_search.model.value import Positive, Value, Vector, refuse
+from topo_search.model.parsing import read_regular
+from topo_search.model.shape import has_volume, outer_hull
+from topo_search.model.value import Index, Positive, Value, Vector, at_most, refuse
 
 Triangles = NDArray[np.intp]
 
@@ -50,8 +51,6 @@ PASSED_OVER = frozenset(
 )
 """What an OBJ may say beside vertices and facets."""
 NO_VOLUME = "must be the mesh of a body with a volume"
-CONVEX = 1e-5
-"""A closed body whose hull has at most this share more volume counts as convex: single precision, with room."""
 ROUNDING = 1e-12
 """What a body may stick out of another, over its size, and still count as inside."""
 SAMPLES = 200_000
@@ -262,7 +261,7 @@ def _concavity(body: Surface) -> float:
     mesh, hull = trimesh.Trimesh(*body[:2], process=False), _hull(body)
     if body.closed:
         trimesh.repair.fix_winding(mesh)
-        if hull.volume <= abs(mesh.volume) * (1 + CONVEX):
+        if hull.volume <= abs(mesh.volume) * (1 + 1e-5):  # convex up to single precision, with room
             return 0.0
     samples, _ = _sample(*body[:2])
     of_hull, h = _sample(body.vertices, hull.simplices)
@@ -334,14 +333,14 @@ def _lines(content: bytes) -> Iterator[bytes]:
     """Yield the lines without comments; of those that a backslash continues the last, with all of them."""
     if content.count(b"\n") + content.count(b"\r") > LINES:
         raise ValueError(f"must have at most {LINES:,} lines, but has more")
-    begun = b""
+    unfinished = b""
     for line in content.splitlines():
-        text = begun + line.split(b"#", 1)[0]
+        text = unfinished + line.split(b"#", 1)[0]
         if len(text) > LINE:
             raise ValueError(f"must have at most {LINE:,} bytes per line, but has {len(text):,}")
-        begun = text[:-1] + b" " if text.endswith(b"\\") else b""
-        yield b"" if begun else text
-    yield begun
+        unfinished = text[:-1] + b" " if text.endswith(b"\\") else b""
+        yield b"" if unfinished else text
+    yield unfinished
 
 
 def _coordinate(word: bytes) -> bytes:
@@ -365,3 +364,81 @@ def _corner(word: bytes, vertices: int) -> int:
 def _text(word: bytes) -> str:
     """Return a part of a file as it can be shown."""
     return word[:100].decode("utf-8", "replace")
+
+
+FLAT = 1e-6
+"""How far a corner of a convex surface may lie beyond a face, over the surface's size: single precision."""
+
+CLOSED = (
+    "must be a closed surface, every edge once in either direction; "
+    "pieces of a mesh that share an edge count as one, so let them overlap"
+)
+
+
+def _corners(value: tuple[int, ...]) -> tuple[int, int, int]:
+    i, j, k = value
+    if len({i, j, k}) < 3:
+        raise ValueError("must have three different corners")
+    return i, j, k
+
+
+class ConvexPiece(Value):
+    """A convex body by its surface: triangles that turn counter-clockwise seen from outside."""
+
+    vertices: Annotated[tuple[Vector, ...], at_most(FRAME_TRIANGLES, "vertices")]
+    """Corners, in the module's frame [m]."""
+    triangles: Annotated[
+        tuple[Annotated[tuple[Index, Index, Index], AfterValidator(_corners)], ...],
+        at_most(FRAME_TRIANGLES, "triangles"),
+    ]
+    """Numbers of their corners."""
+
+    @model_validator(mode="after")
+    def _closed_and_convex(self) -> Self:
+        faces = np.array(self.triangles, dtype=np.int64).reshape(-1, 3)
+        if not len(faces) or set(faces.ravel().tolist()) != set(range(len(self.vertices))):
+            refuse("ConvexPiece", (("triangles",), "must use every vertex, and no other"))
+        edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).tolist()
+        there = {(i, j) for i, j in edges}
+        if len(there) < len(edges) or there != {(j, i) for i, j in there}:
+            refuse("ConvexPiece", (("triangles",), CLOSED))
+        if np.abs(self.vertices).max() > FARTHEST:
+            refuse("ConvexPiece", (("vertices",), f"must be at most {FARTHEST:g} m away"))
+        sticks_out = _beyond_faces(np.array(self.vertices), faces)
+        if sticks_out > FLAT:
+            text = f"must be convex, but a corner lies {100 * sticks_out:.3g} % of its size beyond a face"
+            refuse("ConvexPiece", (("triangles",), text))
+        return self
+
+
+def _beyond_faces(vertices: Array, faces: Any) -> float:
+    """Return how far the farthest corner lies beyond a face, over the size.
+
+    It is 1 of a surface that is inside out, and of one of slivers alone.
+    """
+    corners = vertices[faces]
+    size = float(np.ptp(vertices, axis=0).max())
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    if float(np.einsum("fx,fx->", normals, corners[:, 0] - vertices.mean(axis=0))) <= 1e-12 * size**3:
+        return 1.0
+    large = area > 1e-9 * size * size  # of slivers the direction is lost
+    if not np.any(large):
+        return 1.0
+    unit = normals[large] / area[large, None]
+    beyond = vertices @ unit.T - np.einsum("fx,fx->f", unit, corners[large, 0])
+    return float(beyond.max()) / size
+
+
+def frame_of(mesh: Surface) -> list[dict[str, Any]]:
+    """Return the convex pieces that a mesh consists of, as data of `ConvexPiece`.
+
+    Raises:
+        ValueError: there are too many.
+    """
+    if len(mesh.triangles) > FRAME_TRIANGLES:
+        raise ValueError(f"must have at most {FRAME_TRIANGLES:,} triangles, but has {len(mesh.triangles):,}")
+    parts = parts_of(mesh)
+    if len(parts) > FRAME_PIECES:
+        raise ValueError(f"must have at most {FRAME_PIECES} pieces, but has {len(parts):,}")
+    return [{"vertices": part.vertices.tolist(), "triangles": part.triangles.tolist()} for part in parts]

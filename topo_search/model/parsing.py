@@ -1,15 +1,86 @@
-"""TOML and JSON texts that anybody may have written, as data."""
+"""Text that anybody may have written, as data: files of a limited size, TOML, JSON, `FIELD=VALUE` settings."""
 
 from __future__ import annotations
 
 import json
+import os
 import re
+import stat
 import tomllib
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 from topo_search.limits import KEY_PARTS, LISTS
-from topo_search.model.bad_input import show
+from topo_search.model.bad_input import BadInput, Fault, show
+
+KINDS = {
+    stat.S_IFBLK: "a block device",
+    stat.S_IFCHR: "a character device",
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+}
+"""What is no regular file."""
+
+
+class NotReadable(ValueError):
+    """A file that is not read; says which rule it breaks, and what it is."""
+
+
+def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
+    """Return the content of a regular file.
+
+    Nothing is read before the open file itself is known to be a regular one of at most that size, so that no pipe
+    can keep the reader waiting and no device can fill the memory.
+
+    Args:
+        path: the file, or a link to it.
+        most_bytes: size from which it is refused.
+
+    Raises:
+        NotReadable: it is no regular file, is too large, or has a name that no file can have.
+        FileNotFoundError: there is none.
+        OSError: it cannot be opened or read.
+    """
+    try:
+        _require_regular(os.stat(path), most_bytes)  # so that no device or pipe is even opened
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    except ValueError as error:  # a zero byte, or half of a surrogate pair
+        if isinstance(error, NotReadable):
+            raise
+        raise NotReadable(f"must have a name that a file can have ({error})") from None
+    with os.fdopen(handle, "rb") as stream:
+        _require_regular(os.fstat(handle), most_bytes)  # what is there now
+        content = stream.read(most_bytes + 1)
+    if content is None:  # a log of the kernel calls itself regular
+        raise NotReadable("must be a regular file, but reading it would wait")
+    if len(content) > most_bytes:  # it grows
+        raise NotReadable(f"must have at most {most_bytes:,} bytes, but has more")
+    return content
+
+
+def read_text(path: str | Path, *, most_bytes: int) -> str:
+    """Return the text of a regular file, without the mark that some programs put first; errors as `read_regular`.
+
+    Raises:
+        NotReadable: also if it is not UTF-8; names the first byte that is none, and its offset.
+    """
+    content = read_regular(path, most_bytes=most_bytes)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        at = error.start + len(content) - len(error.object)  # the codec leaves the mark out
+        raise NotReadable(f"must be UTF-8 text, but got the byte {content[at]:#04x} at offset {at}") from None
+
+
+def _require_regular(status: os.stat_result, most_bytes: int) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        kind = KINDS.get(stat.S_IFMT(status.st_mode), "of another kind")
+        raise NotReadable(f"must be a regular file, but is {kind}")
+    if status.st_size > most_bytes:
+        raise NotReadable(f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}")
+
 
 PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
 DOTTED = re.compile(rf"""(?<![A-Za-z0-9_."'-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{KEY_PARTS}}}""")
@@ -66,3 +137,85 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
             f"must give every name of an object once, but got {show(counts.most_common(1)[0][0])} twice"
         )
     return table
+
+
+SETTING = re.compile(r"\s*([A-Za-z_]\w*(?:\.\w+|\[\d+\])*)\s*=(.*)", re.DOTALL)
+"""`search.margin=1e-3`, `load_cases.0.weight=2`, or the same with `load_cases[0]`."""
+
+PAPER = (
+    "search.root=paper",
+    "search.margin=0",
+    "search.body_clearance=false",
+    "end_effector.rod=none",
+    "end_effector.largest_reach=false",
+)
+"""The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames, no rod."""
+NAME = 64
+"""Most characters of a name in a field."""
+
+
+def apply_settings(data: dict[str, Any], settings: tuple[str, ...]) -> None:
+    """Set fields of a task's data, in order; whether they exist and fit is for the task to say.
+
+    Raises:
+        BadInput: one fault for each setting that is none, or that leads into something without fields.
+    """
+    faults = [fault for setting in settings if (fault := _apply(data, setting))]
+    if faults:
+        raise BadInput("--set", faults)
+
+
+def field_of(setting: str) -> tuple[str, ...]:
+    """Return the names that lead to the field of a setting; none of what is no setting."""
+    match = SETTING.fullmatch(setting)
+    return () if match is None else tuple(re.findall(r"\w+", match[1]))
+
+
+def _apply(data: dict[str, Any], setting: str) -> Fault | None:
+    match = SETTING.fullmatch(setting)
+    if match is None:
+        return Fault("", f"must be FIELD=VALUE, but got {show(setting)}")
+    names = [*field_of(setting)]
+    if len(names) > KEY_PARTS:
+        return Fault("", f"must have at most {KEY_PARTS} names in a field, but got {show(match[1])}")
+    if max(map(len, names)) > NAME:
+        return Fault("", f"must have names of at most {NAME} characters in a field, but got {show(match[1])}")
+    try:
+        value = _value(match[2])
+    except NotParsed as error:
+        return Fault(match[1], str(error))
+    return _lay(data, names, value, above="")
+
+
+def _lay(place: Any, names: list[str], value: Any, *, above: str) -> Fault | None:
+    """Go down the names from `place`, which is the field `above`, and lay the value at their end."""
+    name, *rest = names
+    path = f"{above}.{name}" if above else name
+    key: str | int = name
+    if isinstance(place, list):
+        if not re.fullmatch("[0-9]+", name) or int(name) >= len(place):
+            return Fault(path, f"must be an index under {len(place)}, but got {name}")
+        key = int(name)
+    elif not isinstance(place, dict):
+        return Fault(path, f"`{above}` must be a table or a list to have fields, but got {show(place)}")
+    if not rest:
+        place[key] = value
+        return None
+    if isinstance(place, dict):
+        place.setdefault(name, {})
+    return _lay(place[key], rest, value, above=path)
+
+
+def _value(text: str) -> Any:
+    """Read a value as TOML writes it; what is none is a text.
+
+    Raises:
+        NotParsed: it has brackets within brackets, or a key, beyond all use.
+    """
+    try:
+        read = toml_data(f"value = {text}")
+    except NotParsed as error:
+        if error.beyond:
+            raise
+        return text.strip()
+    return read["value"] if len(read) == 1 else text.strip()

@@ -20,7 +20,7 @@ from topo_search.model.value import Index, Number, Value
 CHUNK_SPLITS = 6
 """All hinges are halved in turn, so many times in all; chunk c is what the bits of c choose, the highest first."""
 MOST_BYTES = 1 << 28
-"""Of one record: more is no record of this program."""
+"""Limit of one record; this program writes none beyond it."""
 
 Text = Annotated[str, Field(strict=True)]
 Ended = Literal["closed", "many", "stuck"]

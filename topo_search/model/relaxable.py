@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 from topo_search.model.exposure import Allowed, AnyExposure, Exterior, Local
-from topo_search.model.load_case import LoadCase, Wrench
+from topo_search.model.load_case import LoadCase
 from topo_search.model.task import Task
 from topo_search.model.value import Vector
 
@@ -30,7 +31,7 @@ class Relaxable:
     limit: str
     """What it is called."""
     field: str
-    """Of the task."""
+    """Field of the task."""
     more: str
     """What a change brings: `more thrust`."""
     most: float
@@ -73,7 +74,9 @@ def _module(task: Task) -> Iterator[Relaxable]:
         return _with(task, "module", max_thrust=thrust, max_thrust_to_weight=ratio)
 
     name, unit = ("max_thrust_to_weight", "") if module.max_thrust is None else ("max_thrust", "N")
-    yield Relaxable("rotor limits", f"module.{name}", "more thrust", 1.0, strengthen, _of("module", name), unit)
+    yield Relaxable(
+        "rotor limits", f"module.{name}", "more thrust", 1.0, strengthen, attrgetter(f"module.{name}"), unit
+    )
     yield _scale(
         task, "distance of module centres", "module", "connector_distance", 1.0, "longer connectors", unit="m"
     )
@@ -119,29 +122,29 @@ def _search(task: Task, n: int) -> Iterator[Relaxable]:
 
 
 def _exposure(task: Task) -> Iterator[Relaxable]:
-    for number, asked in enumerate(task.exposure):
+    for number, requirement in enumerate(task.exposure):
 
-        def reduce(x: float, number: int = number, asked: Any = asked) -> Task:
-            changed = asked.model_copy(update=_shrink(asked, x, task.module.envelope.length))
+        def reduce(x: float, number: int = number, requirement: Any = requirement) -> Task:
+            changed = requirement.model_copy(update=_shrink(requirement, x, task.module.envelope.length))
             return task.model_copy(
                 update={"exposure": (*task.exposure[:number], changed, *task.exposure[number + 1 :])}
             )
 
-        limit = f"exposure {number} ({asked.kind})"
+        limit = f"exposure {number} ({requirement.kind})"
         at = f"exposure[{number}]"
-        if isinstance(asked, Exterior):
-            most = min(1.0, 90 / asked.half_angle_deg - 1)
+        if isinstance(requirement, Exterior):
+            most = min(1.0, 90 / requirement.half_angle_deg - 1)
             value = _entry(number, "half_angle_deg")
             yield Relaxable(limit, f"{at}.half_angle_deg", "wider cone", most, reduce, value, "deg")
-        elif isinstance(asked, Allowed):
+        elif isinstance(requirement, Allowed):
             yield Relaxable(
                 limit, f"{at}.planes", "of the airflow's length as extra room", 1.0, reduce, lambda _: None
             )
-        elif asked.radius is not None:
+        elif requirement.radius is not None:
             value = _entry(number, "radius")
             yield Relaxable(limit, f"{at}.radius", "smaller radius", 1 - LEAST, reduce, value, "m")
-        elif isinstance(asked, Local):
-            shape = next(name for name in ("box", "vertices", "pieces") if getattr(asked, name) is not None)
+        elif isinstance(requirement, Local):
+            shape = next(name for name in ("box", "vertices", "pieces") if getattr(requirement, name) is not None)
             yield Relaxable(limit, f"{at}.{shape}", "smaller region", 1 - LEAST, reduce, lambda _: None)
 
 
@@ -151,14 +154,14 @@ def _flight(task: Task) -> Iterator[Relaxable]:
             si, weights = ("N", "m_t g") if what == "force" else ("N m", "l_arm m_t g")
             unit = si if task.flight.units == "SI" else weights
             yield _scale(task, f"reserve of {what}", "flight", name, LEAST - 1, "less", unit=unit)
-    for place, (name, what, unit) in enumerate((("joint_force", "force", "N"), ("joint_moment", "moment", "N m"))):
-        if (most := task.joint_limits[place]) is not None:
+    for index, (name, what, unit) in enumerate((("joint_force", "force", "N"), ("joint_moment", "moment", "N m"))):
+        if (most := task.joint_limits[index]) is not None:
 
             def raise_limit(x: float, name: str = name, most: float = most) -> Task:
                 return _with(task, "flight", **{name: _round_to_print(most * (1 + x))})
 
-            def bears(of: Task, place: int = place) -> float | None:
-                return of.joint_limits[place]
+            def bears(of: Task, index: int = index) -> float | None:
+                return of.joint_limits[index]
 
             yield Relaxable(f"{what} in a joint", f"flight.{name}", f"larger {what}", 1.0, raise_limit, bears, unit)
 
@@ -173,33 +176,29 @@ def _flight(task: Task) -> Iterator[Relaxable]:
 
 def _lighten(case: LoadCase, factor: float) -> LoadCase:
     """Return a load case with what it exerts at the end-effector scaled; the weight stays."""
-
-    def scale(wrench: Wrench) -> Wrench:
-        return wrench.scale(factor, factor)
-
     return case.model_copy(
         update={
-            "end_effector": case.end_effector and scale(case.end_effector),
+            "end_effector": case.end_effector and case.end_effector.scale(factor, factor),
             "cone": case.cone and case.cone.scale(factor),
-            "vertices": tuple(scale(wrench) for wrench in case.vertices),
+            "vertices": tuple(wrench.scale(factor, factor) for wrench in case.vertices),
         }
     )
 
 
-def _shrink(asked: AnyExposure, x: float, length: float) -> dict[str, Any]:
+def _shrink(requirement: AnyExposure, x: float, length: float) -> dict[str, Any]:
     """Return what of a requirement changes."""
-    if isinstance(asked, Exterior):
-        return {"half_angle_deg": min(90.0, _round_to_print(asked.half_angle_deg * (1 + x)))}
-    if isinstance(asked, Allowed):
-        farther = (plane.model_copy(update={"offset": plane.offset + x * length}) for plane in asked.planes)
+    if isinstance(requirement, Exterior):
+        return {"half_angle_deg": min(90.0, _round_to_print(requirement.half_angle_deg * (1 + x)))}
+    if isinstance(requirement, Allowed):
+        farther = (plane.model_copy(update={"offset": plane.offset + x * length}) for plane in requirement.planes)
         return {"planes": tuple(farther)}
-    if asked.radius is not None:
-        return {"radius": _round_to_print(asked.radius * (1 - x))}
-    if isinstance(asked, Local) and asked.box is not None:
-        return {"box": tuple((1 - x) * edge for edge in asked.box)}
-    if isinstance(asked, Local) and asked.pieces is not None:
-        return {"pieces": tuple(_scale_points(points, 1 - x) for points in asked.pieces)}
-    return {"vertices": _scale_points(asked.vertices or (), 1 - x)}
+    if requirement.radius is not None:
+        return {"radius": _round_to_print(requirement.radius * (1 - x))}
+    if isinstance(requirement, Local) and requirement.box is not None:
+        return {"box": tuple((1 - x) * edge for edge in requirement.box)}
+    if isinstance(requirement, Local) and requirement.pieces is not None:
+        return {"pieces": tuple(_scale_points(points, 1 - x) for points in requirement.pieces)}
+    return {"vertices": _scale_points(requirement.vertices or (), 1 - x)}
 
 
 def _scale_points(points: tuple[Vector, ...], factor: float) -> tuple[Vector, ...]:
@@ -216,11 +215,6 @@ def _with(task: Task, part: str, **fields: Any) -> Task:
     return task.model_copy(update={part: getattr(task, part).model_copy(update=fields)})
 
 
-def _of(part: str, name: str) -> Callable[[Task], float | None]:
-    """Return what reads a field of a table."""
-    return lambda task: float(getattr(getattr(task, part), name))
-
-
 def _entry(number: int, name: str) -> Callable[[Task], float | None]:
     """Return what reads a field of an exposure requirement."""
     return lambda task: float(getattr(task.exposure[number], name))
@@ -235,7 +229,7 @@ def _scale(task: Task, limit: str, part: str, name: str, most: float, more: str,
         more,
         abs(most),
         lambda x: _with(task, part, **{name: _round_to_print(given * (1 + sign * x))}),
-        _of(part, name),
+        attrgetter(f"{part}.{name}"),
         unit,
     )
 

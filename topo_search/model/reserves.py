@@ -26,18 +26,16 @@ from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.value import Flag, NonNegative, Positive, Value, one_of
 
 if TYPE_CHECKING:
-    from topo_search.model.goals import Level
+    from topo_search.model.search import Level
     from topo_search.model.task import ResolvedTask
 
 SIDES = 8
-"""Of the polygon around a disc: its corners are 8 % farther out."""
+"""Sides of the polygon around a disc: its corners are 8 % farther out."""
 AXES, DIAGONALS = math.sqrt(5) / 2, math.sqrt(5 / 3)
 """How far out the corners of a tetrakis hexahedron around the unit ball are, 12 and 29 %; it is the polar dual of a
 truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and sqrt(3/2) from its centre."""
 UNSEEN = 5 * TOLERANCE
 """By how much a reserve may be less than asked in what an audit calls clear, and more [m_t g, l_arm m_t g]."""
-SAME = 1e-9
-"""Share of the weight by which a force that carries it may be less."""
 LEFT = 0.01
 """Torque that can be added with a rotor dead when nobody says otherwise [l_arm m_t g]."""
 
@@ -130,67 +128,67 @@ def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[Centr
     """Return hover, or hover and every load case that carries the weight, none of which weighs anything."""
     weight = task.force_unit(task.n)
     hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, weight)), weight=0.0)
-    found = [(0, "hover", hover)]
+    centres = [(0, "hover", hover)]
     if which == "all":
         for k, (label, case) in enumerate(zip(task.case_labels, task.load_cases, strict=True)):
-            if case.at_com.force[2] >= weight * (1 - SAME):
+            if case.at_com.force[2] >= weight * (1 - 1e-9):  # up to rounding
                 plain = {"name": None, "weight": 0.0, "cone": None, "vertices": ()}
-                found.append((k + 1, label, case.model_copy(update=plain)))
-    return found
+                centres.append((k + 1, label, case.model_copy(update=plain)))
+    return centres
 
 
-def broken_reserves(asked: AskedFlight, cases: int, n: int, force_unit: float, torque_unit: float) -> Broken:
+def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, torque_unit: float) -> Broken:
     """Yield what is wrong with reserves, for so many load cases and corners of their sets, and n modules."""
     for field, r, unit in (
-        ("force_reserve", asked.force_reserve, force_unit),
-        ("torque_reserve", asked.torque_reserve, torque_unit),
-        ("rotor_out_torque", asked.rotor_out_torque, torque_unit),
+        ("force_reserve", flight.force_reserve, force_unit),
+        ("torque_reserve", flight.torque_reserve, torque_unit),
+        ("rotor_out_torque", flight.rotor_out_torque, torque_unit),
     ):
-        factor, of = (unit, " weights") if asked.units == "weight" else (1.0, "")
+        factor, of = (unit, " weights") if flight.units == "weight" else (1.0, "")
         if r is not None and not r * factor <= MOST:
             yield ("flight", field), f"must be at most {MOST:g} N and N m, but got {r:g}{of}"
-    around = len(_circumscribe(disc=asked.directions == "horizontal")) * (asked.force_reserve > 0)
-    around += len(_circumscribe(disc=False)) * (asked.torque_reserve > 0)
-    if around and (number := cases + around * (1 + cases * (asked.around == "all"))) > LOAD_CASES:
+    around = len(_circumscribe(disc=flight.directions == "horizontal")) * (flight.force_reserve > 0)
+    around += len(_circumscribe(disc=False)) * (flight.torque_reserve > 0)
+    if around and (number := cases + around * (1 + cases * (flight.around == "all"))) > LOAD_CASES:
         text = f"must ask for at most {LOAD_CASES} wrenches with all load cases, but got up to {number:,}"
         yield ("flight",), text
-    failures = 4 * n * len(_circumscribe(disc=False)) * (1 + cases * (asked.rotor_out == "all"))
-    if asked.rotor_out != "none" and failures > FAILURES:
+    failures = 4 * n * len(_circumscribe(disc=False)) * (1 + cases * (flight.rotor_out == "all"))
+    if flight.rotor_out != "none" and failures > FAILURES:
         text = f"must ask for at most {FAILURES:,} wrenches with a rotor dead, but got up to {failures:,}"
         yield ("flight", "rotor_out"), text
 
 
 def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
     """Return the corners around each reserve, or points of the balls themselves."""
-    asked, found = task.flight, list[list[Corner]]()
-    level = asked.directions == "horizontal"
+    flight, groups = task.flight, list[list[Corner]]()
+    level = flight.directions == "horizontal"
     for _, label, case in centres(task):
         for field, r, unit, disc in (
-            ("force", asked.force_reserve, task.force_unit(task.n), level),
-            ("torque", asked.torque_reserve, task.torque_unit(task.n), False),
+            ("force", flight.force_reserve, task.force_unit(task.n), level),
+            ("torque", flight.torque_reserve, task.torque_unit(task.n), False),
         ):
             around = _circumscribe(disc=disc)
             if inner:
                 r, around = max(0.0, r - UNSEEN * unit), around / np.linalg.norm(around, axis=1, keepdims=True)
             if r > 0:
-                found.append(_corners(f"{label}, {field} reserve", case, field, r * around))
-    return found
+                groups.append(_corners(f"{label}, {field} reserve", case, field, r * around))
+    return groups
 
 
 def failure_corners(task: ResolvedTask) -> list[list[Corner]]:
     """Return what must be possible with each rotor dead: corners around the torques that are left, or the case."""
-    asked, found = task.flight, list[list[Corner]]()
-    if asked.rotor_out == "none":
-        return found
-    around = (asked.rotor_out_torque or 0.0) * _circumscribe(disc=False)
-    for _, label, case in centres_of(task, asked.rotor_out):
+    flight, groups = task.flight, list[list[Corner]]()
+    if flight.rotor_out == "none":
+        return groups
+    around = (flight.rotor_out_torque or 0.0) * _circumscribe(disc=False)
+    for _, label, case in centres_of(task, flight.rotor_out):
         for rotor in range(4 * task.n):
             words = f"{label}, {rotor_name(rotor)} dead"
             corners = [Corner(words, case)]
             if around.any():
                 corners = _corners(f"{words}, torque", case, "torque", around)
-            found.append([corner._replace(dead=rotor) for corner in corners])
-    return found
+            groups.append([corner._replace(dead=rotor) for corner in corners])
+    return groups
 
 
 def rotor_name(rotor: int) -> str:
@@ -200,10 +198,10 @@ def rotor_name(rotor: int) -> str:
 
 def _corners(words: str, case: LoadCase, field: str, around: Array) -> list[Corner]:
     """Return corners around a load case, in its force or torque at the end-effector, shape (c, 3) [N, N m]."""
-    own, corners = case.at_end_effector, list[Corner]()
-    for number, corner in enumerate((np.array(getattr(own, field)) + around).tolist()):
+    tip, corners = case.at_end_effector, list[Corner]()
+    for number, corner in enumerate((np.array(getattr(tip, field)) + around).tolist()):
         x, y, z = corner
-        wrench = own.model_copy(update={field: (x, y, z)})
+        wrench = tip.model_copy(update={field: (x, y, z)})
         corners.append(Corner(f"{words} {number}", case.model_copy(update={"end_effector": wrench})))
     return corners
 

@@ -1,4 +1,4 @@
-r"""The room that the rigid parts of a module need, whichever way its neighbours are turned.
+r"""The room that the rigid parts of a module need: on its own, bolted to a neighbour, and beside others' airflow.
 
 Modules that are not bolted together cannot touch as long as the balls of radius rho around their centres do not.
 
@@ -18,20 +18,66 @@ rotor and a frame the bound is on the safe side, by what this view leaves out.
 | d | least distance of the rotors from the hinge's axis, l_c - l_arm / sqrt 2 - rotor radius | m |
 | beta_r | largest elevation of rotors over the line to the centre, seen from the axis | rad |
 | beta | the same of all parts beyond d | rad |
+
+The fold of a hinge is its angle with a sign of its own: positive where the upper sides of the two modules lean
+towards each other and their airflows apart, whichever ports are bolted. `largest_hinge_angle` bounds it in one
+line. Where that leaves no angle, rotors may reach beyond the hinge's axis, in among the arms of the neighbour: then
+`clear_folds` searches for them, and certifies every interval. They can be several intervals, none of which holds 0.
+
+Two convex parts A and B are apart by min_B u . x - max_A u . x at least, whatever the unit vector u. If that is s
+at the fold phi, then within phi +- h it is s - rho h at least, with rho the distance of the points of A, or of B,
+from the hinge's axis at most: hold the other one still.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| phi, h | fold angles, the middles of intervals of one half width | (m,), | rad |
+| u | directions in the frame of the hinge: x along the way from module to module, y its axis, z up | (m, 3) | |
+| rho | distance of a part's points from the hinge's axis at most | | m |
+
+An envelope starts with the radius r_air about its module's centre, by default one arm length, but a rotor at the
+end of an arm reaches farther: the paper's envelope leaves the rotors' outer rims outside. So airflows that keep
+clear of each other do not yet keep rotors out of them.
+
+Of modules that are not bolted together the search keeps balls around rotors out of the airflow; what parts there
+are outside those and outside the module's own envelope gets balls as well (`part_cover`).
+
+Where two modules that share a hinge are to each other depends on its angle alone. Which way it turns matters: the
+child's airflow leans away from its parent's, or towards it. Seen from either module the other one is the same, up
+to quarter turns about its own axis (`airflow_folds`).
+
+| symbol | meaning | unit |
+|---|---|---|
+| phi | fold: a hinge angle, positive where the two airflows lean apart | rad |
+| e, z | a port's direction and the thrust axis, in the module's frame | |
+| P(eta) = o + eta l_air d | axis of the neighbour's envelope, eta in [0, 1] | m |
+| r(eta) = r_air + eta dr_air | its radius | m |
+
+.. math::
+
+    o = l_c e + l_c (\cos\phi \, e + \sin\phi \, z), \qquad d = \sin\phi \, e - \cos\phi \, z
+
+The clearance of a part, the least dist(P, part) - r, is convex in eta. In phi it changes by no more than the
+largest distance of a part from the hinge's axis for every radian: seen from the envelope, that is how parts move.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from itertools import combinations
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations, islice
+from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model.arrays import Array
+from topo_search.model.arrays import Array, read_only
+from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.module import Module
 
 ROUNDING = 1e-9
-"""Share of d by which a point on the circle around the axis may seem to be inside it."""
+"""Share of a length, or angle [rad], that is left to rounding."""
 LARGE = 4.0
 """Lengths that keep modules off the end-effector, and its rod, are seldom meant to be longer, in packed widths."""
 INWARDS = 0.2
@@ -66,7 +112,7 @@ def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
     """Return how far a hinge turns at most before a rotor of one module can meet the other one [rad].
 
     One number for all ports, so that trees which are alike have the same designs. At most pi/2; negative where this
-    view of the parts shows no angle to be clear, though `topo_search.model.folds` may find some.
+    view of the parts shows no angle to be clear, though `clear_folds` may find some.
 
     Args:
         module: the module, at either side of the hinge.
@@ -123,3 +169,360 @@ def _frame_edges(module: Module) -> Array:
         return np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     pairs = list(combinations(range(len(CUBE)), 2))
     return np.concatenate([box[pairs] for box in frame_pieces(module)])
+
+
+Folds = tuple[tuple[float, float], ...]
+"""Closed intervals of fold angles, in ascending order [rad]."""
+
+FOLD = (-1.0, 1.0, 1.0, -1.0)
+"""Sign of the fold of a positive hinge angle at the parent's port +x, +y, -x, -y."""
+FIRST_INTERVALS = 16
+"""Intervals of +-pi/2 that a search begins with."""
+AIMS = 40
+"""Rounds in which a direction u is turned to where two parts are farther apart."""
+RING = 0.5
+"""Angle of the first turns [rad]; a little less in every further round."""
+NARROWER = 0.7
+"""By how much."""
+
+
+def clear_folds(module: Module, margin: float = 0.0) -> Folds:
+    """Return fold angles within +-pi/2 at which rotors of bolted modules are clear, the same for all ports [rad].
+
+    Empty where there is none. Every angle is clear by proof; of those that a search finds, some that are hardly
+    clear may be missing.
+
+    Args:
+        module: the module, at either side of the hinge.
+        margin: what the rotors keep clear of other parts by at least [m].
+    """
+    turn = largest_hinge_angle(module, margin)
+    return ((-turn, turn),) if turn > 0 else _search(module, margin)
+
+
+def nearest_fold(folds: Folds, phi: Array) -> Array:
+    """Return the clear fold nearest to each angle; 0 where there is none at all."""
+    if not folds:
+        return np.zeros_like(phi)
+    inside = np.array([np.clip(phi, low, high) for low, high in folds])
+    choice = np.argmin(np.abs(inside - phi), axis=0)
+    result: Array = np.take_along_axis(inside, choice[None], axis=0)[0]
+    return result
+
+
+def intersect(some: Folds, others: Folds) -> Folds:
+    """Return the folds that two sets of intervals have in common."""
+    both = ((max(a, c), min(b, d)) for a, b in some for c, d in others)
+    return tuple(sorted((low, high) for low, high in both if low <= high))
+
+
+def in_words(folds: Folds, unit: str) -> str:
+    """Return how far hinges turn, in degrees with a unit as it is to be written."""
+    mirrored = tuple((-high, -low) for low, high in reversed(folds)) == folds
+    ways = [(max(low, 0.0), high) for low, high in folds if high > 0] if mirrored else folds
+    texts = [f"{math.degrees(low):.3g} to {math.degrees(high):.3g}{unit}" for low, high in ways]
+    if mirrored and ways[0][0] == 0:
+        texts[0] = f"at most {math.degrees(ways[0][1]):.3g}{unit}"
+    text = " or ".join(texts)
+    return text if mirrored else f"{text}, counted positive where airflows lean apart"
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A convex part in the frame of the hinge, as it is with the module flat: corners, and a disc about each."""
+
+    corners: Array
+    """(k, 3) [m]"""
+    radius: float = 0.0
+    """Radius of the discs, across z [m]."""
+
+    @property
+    def rho(self) -> float:
+        """How far from the hinge's axis points of the part are at most [m]."""
+        return float(np.hypot(np.abs(self.corners[:, 0]) + self.radius, self.corners[:, 2]).max())
+
+    @property
+    def ball(self) -> tuple[Array, float]:
+        """Centre (3,) and radius of a ball around the part [m]."""
+        centre = self.corners.mean(axis=0)
+        return centre, float(np.linalg.norm(self.corners - centre, axis=1).max()) + self.radius
+
+    def support(self, u: Array, turn: Array) -> Array:
+        """Return max u . x over the part for u (m, k, 3), with the part turned about y by angles (m,)."""
+        u = _turn(u, -turn[:, None])
+        result: Array = (u @ self.corners.T).max(axis=-1) + self.radius * np.hypot(u[..., 0], u[..., 1])
+        return result
+
+
+@lru_cache(maxsize=32)
+def _search(module: Module, margin: float) -> Folds:
+    """Return certified intervals of clear folds."""
+    h = math.pi / 2 / FIRST_INTERVALS
+    phi, pairs = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, FIRST_INTERVALS), _pairs(module)
+    even = module.body.frame is None  # hubs, arms and rotors are the same upside down
+    phi = phi[phi > 0] if even else phi
+    clear: list[tuple[float, float]] = []
+    for _ in range(9):  # eight halvings of what is clear in the middle but not yet all over: to 0.8 mrad
+        slack = np.full(len(phi), math.inf)  # what is left of all pairs' clearances where they are least, scaled
+        for A, B in pairs:
+            room = min(A.rho, B.rho) * h + ROUNDING * (A.rho + B.rho)
+            left = slack > -1.0
+            slack[left] = np.minimum(slack[left], (_distance(A, B, phi[left], margin + room) - margin) / room)
+        clear += [(middle - h, middle + h) for middle in phi[slack >= 1.0].tolist()]
+        open_ = phi[np.abs(slack) < 1.0]
+        h /= 2
+        phi = np.concatenate([open_ - h, open_ + h])
+    return join(clear + [(-high, -low) for low, high in clear] if even else clear)
+
+
+def join(intervals: list[tuple[float, float]]) -> Folds:
+    """Return intervals with those that share an end put together."""
+    joined: list[tuple[float, float]] = []
+    for low, high in sorted(intervals):
+        if joined and low - joined[-1][1] < ROUNDING:
+            low, _ = joined.pop()
+        joined.append((low, high))
+    right = math.pi / 2
+    return tuple(
+        (-right if right + low < ROUNDING else low, right if right - high < ROUNDING else high)
+        for low, high in joined
+    )
+
+
+def _pairs(module: Module) -> list[tuple[_Part, _Part]]:
+    """Return rotors of one module and all parts of the other, with each of its ports at the hinge.
+
+    A module's rotors are the same from every port, and what holds for one module's rotors and the other's frame
+    holds for the other's rotors and the one's frame.
+    """
+    body, l_c, a = module.body, module.connector_distance, module.arm_length / math.sqrt(2)
+    up = body.rotor_height / 2
+    discs = [np.array([[x, y, -up], [x, y, up]]) for x in (-a, a) for y in (-a, a)]
+    here, towards = np.array([l_c, 0.0, 0.0]), np.diag([-1.0, -1.0, 1.0])
+    rotors = [_Part(disc - here, body.rotor_radius) for disc in discs]
+    across = [_Part(disc + here, body.rotor_radius) for disc in discs]
+    frames: dict[bytes, Array] = {}  # arms are the same from every port
+    for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
+        to_port = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
+        for corners in frame_pieces(module):
+            seen = corners @ (towards @ to_port).T + here
+            frames[np.unique(np.round(seen / l_c, 9) + 0.0, axis=0).tobytes()] = seen
+    across += [_Part(seen) for seen in frames.values()]
+    return [(rotor, part) for rotor in rotors for part in across]
+
+
+def _distance(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
+    """Return how far two parts are apart at least at fold angles (m,); no more than `enough` need be proven [m]."""
+    (a, r_a), (b, r_b) = A.ball, B.ball
+    middle_a, middle_b = (_turn(np.broadcast_to(c, (len(phi), 3)), t) for c, t in ((a, phi / 2), (b, -phi / 2)))
+    apart: Array = np.linalg.norm(middle_b - middle_a, axis=1) - r_a - r_b
+    near = apart < enough
+    if not near.any():
+        return apart
+    turn = phi[near] / 2
+
+    def gap(u: Array) -> Array:
+        return -A.support(u, turn) - B.support(-u, -turn)
+
+    z = np.broadcast_to([0.0, 0.0, 1.0], (len(turn), 3))
+    faces = np.stack([_turn(z, turn), -_turn(z, turn), _turn(z, -turn), -_turn(z, -turn)], axis=1)
+    u = np.concatenate([faces, np.broadcast_to(DIRECTIONS, (len(turn), *DIRECTIONS.shape))], axis=1)
+    most = np.full(len(turn), -math.inf)
+    for aim in range(AIMS + 1):
+        gaps = gap(u)
+        best = gaps.argmax(axis=1)
+        most = np.take_along_axis(gaps, best[:, None], axis=1)[:, 0]
+        if np.all(most >= enough):
+            break
+        u = _ring(np.take_along_axis(u, best[:, None, None], axis=1)[:, 0], RING * NARROWER**aim, float(aim))
+    apart[near] = np.maximum(apart[near], most)
+    return apart
+
+
+def _ring(axes: Array, angle: float, first: float) -> Array:
+    """Return unit axes (m, 3) and six directions around each, the first of them anywhere, shape (m, 7, 3)."""
+    across = np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    beside = np.cross(axes, across)
+    ring = [math.cos(t) * across + math.sin(t) * beside for t in first + np.arange(6) * math.pi / 3]
+    around = math.cos(angle) * axes[:, None] + math.sin(angle) * np.stack(ring, axis=1)
+    return np.concatenate([axes[:, None], around], axis=1)
+
+
+def _turn(vectors: Array, angle: Array) -> Array:
+    """Return vectors (..., 3) turned about the y axis."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * x + s * z, y + 0.0 * c, c * z - s * x], axis=-1)
+
+
+def _evenly(m: int) -> Array:
+    """Return m directions, evenly spread along a spiral, shape (m, 3)."""
+    z, turn = 1.0 - (2.0 * np.arange(m) + 1.0) / m, np.arange(m) * math.pi * (3.0 - math.sqrt(5.0))
+    r = np.sqrt(1.0 - z * z)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=-1)
+
+
+DIRECTIONS = np.concatenate([_evenly(200), np.eye(3), -np.eye(3)])
+"""Where the search for the best direction begins."""
+
+
+UP = np.array([0.0, 0.0, 1.0])
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+GOLDEN = (math.sqrt(5) - 1) / 2
+
+
+class Balls(NamedTuple):
+    """Balls in a module's frame."""
+
+    centres: Array
+    """Shape (m, 3) [m]."""
+    radii: Array
+    """Shape (m,) [m]."""
+
+
+class _Box(NamedTuple):
+    """A box, and half-spaces that hold the convex piece that it is drawn around: normals @ x <= offsets."""
+
+    centre: Array
+    axes: Array
+    """Rows: unit vectors of its edges, shape (3, 3)."""
+    half: Array
+    """Half its edges, shape (3,)."""
+    normals: Array
+    offsets: Array
+
+
+@functools.cache
+def part_cover(module: Module) -> Balls:
+    """Return balls around all rigid parts that reach out of the module's own airflow; rotors come first.
+
+    The union of the balls and of the module's own envelope holds all rigid parts.
+    """
+    radius, rotors = (
+        math.hypot(module.body.rotor_radius, module.body.rotor_height / 2),
+        module.arm_length * ROTOR_DIRECTIONS,
+    )
+    pieces, finest = _pieces(module), 0.25 * module.arm_length  # radius of the balls, unless that makes many
+    most = max(24, len(pieces))
+    while len(cells := list(islice(_uncovered_boxes(module, pieces, rotors, radius, finest), most + 1))) > most:
+        finest *= math.sqrt(2)
+    centres = np.concatenate([rotors, *(cell.centre[None] for cell in cells)])
+    radii = np.array([radius] * 4 + [float(np.linalg.norm(cell.half)) for cell in cells])
+    return Balls(read_only(centres), read_only(radii))
+
+
+def _uncovered_boxes(
+    module: Module, pieces: list[_Box], rotors: Array, radius: float, finest: float
+) -> Iterator[_Box]:
+    """Yield boxes around all of some pieces that is neither in the own envelope nor in a rotor's ball."""
+    air, left = module.envelope, list(pieces)
+    while left:
+        box = left.pop()
+        corners = box.centre + (CORNERS * box.half) @ box.axes
+        if np.any((corners @ box.normals.T).min(axis=0) > box.offsets):
+            continue  # beyond a face of the piece
+        depth = -np.clip(corners[:, 2], -air.length, 0.0) / air.length  # a place on the axis near enough
+        in_air = np.linalg.norm(corners + (depth * air.length)[:, None] * UP, axis=1)
+        if np.all(in_air <= air.start_radius + depth * air.growth):
+            continue  # an envelope is convex, and so is a ball
+        if np.any(np.all(np.linalg.norm(corners - rotors[:, None], axis=2) <= radius, axis=1)):
+            continue
+        if np.linalg.norm(box.half) <= finest:
+            yield box
+            continue
+        k = int(np.argmax(box.half))
+        half = box.half * np.where(np.arange(3) == k, 0.5, 1.0)
+        left += [box._replace(centre=box.centre + side * half[k] * box.axes[k], half=half) for side in (-1, 1)]
+
+
+def _pieces(module: Module) -> list[_Box]:
+    """Return hub and arms, or boxes around the pieces of the module's own frame."""
+    body, l_arm, width = module.body, module.arm_length, module.body.arm_width
+    if body.frame is not None:
+        result = []
+        for piece in body.frame:
+            vertices = np.array(piece.vertices)
+            corners = vertices[np.array(piece.triangles)]
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            size = np.linalg.norm(normals, axis=1)
+            large = size > 1e-9 * np.ptp(vertices, axis=0).max() ** 2  # of slivers the direction is lost
+            normals = normals[large] / size[large, None]
+            low, high = vertices.min(axis=0), vertices.max(axis=0)
+            # Faces as far out as the farthest corner: then half-spaces hold the piece to the last digit.
+            offsets = (normals @ vertices.T).max(axis=1)
+            result.append(_Box((low + high) / 2, np.eye(3), (high - low) / 2, normals, offsets))
+        return result
+    boxes = [(np.zeros(3), np.eye(3), np.array(body.hub) / 2)]
+    for along in ROTOR_DIRECTIONS:
+        axes = np.stack([along, np.cross(UP, along), UP])
+        boxes.append((l_arm / 2 * along, axes, np.array([l_arm, width, width]) / 2))
+    return [_Box(centre, axes, half, axes[:1], (half + axes @ centre)[:1]) for centre, axes, half in boxes]
+
+
+@functools.cache
+def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
+    """Return fold angles within +-pi/2 at which parts of bolted modules keep off each other's airflow [rad].
+
+    The same for all ports, and empty where there is none. Every angle is clear; of those that a search finds, some
+    that are hardly clear may be missing. For a frame of the module's own they are on the safe side: its distance is
+    taken from the planes of its faces and from the box around it.
+
+    Args:
+        module: the module, at either side of the hinge.
+        margin: what parts keep clear of the airflow by at least [m].
+    """
+    rate = module.connector_distance + body_radius(module)
+    h = math.pi / 2 / FIRST_INTERVALS
+    phi, intervals = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, FIRST_INTERVALS), np.empty((0, 2))
+    for _ in range(12):  # eleven halvings of what is clear in the middle but not yet all over: to 0.1 mrad
+        spare = _spare(module, phi) - margin
+        clear, open_ = phi[spare >= rate * h], phi[np.abs(spare) < rate * h]
+        intervals = np.concatenate([intervals, np.stack([clear - h, clear + h], axis=1)])
+        h /= 2
+        phi = np.concatenate([open_ - h, open_ + h])
+        if not len(phi):
+            break
+    return join([(low, high) for low, high in intervals.tolist()])
+
+
+def _spare(module: Module, phi: Array) -> Array:
+    """Return the least clearance of all parts from the neighbour's airflow at any port, shape (t,) [m]."""
+    air, body, l_c, pieces = module.envelope, module.body, module.connector_distance, _pieces(module)
+    # All but a frame of its own looks the same from opposite ports, and with a square hub from all four.
+    ports = PORT_DIRECTIONS[: 4 if body.frame is not None else 2 - (body.hub[0] == body.hub[1])]
+    sine, cosine = np.sin(phi)[:, None, None], np.cos(phi)[:, None, None]
+    o = l_c * ports + l_c * (cosine * ports + sine * UP)  # (t, ports, 3)
+    d = air.length * (sine * ports - cosine * UP)
+
+    def clearances(eta: Array) -> Array:
+        """Return those of rotors, then of pieces; eta of shape (t, ports, m)."""
+        P = o[:, :, None] + eta[..., None] * d[:, :, None]  # (t, ports, m, 3)
+        across = np.linalg.norm((P[:, :, :4] - module.arm_length * ROTOR_DIRECTIONS)[..., :2], axis=-1)
+        beside = np.maximum(0.0, across - body.rotor_radius)
+        apart = [np.hypot(beside, np.maximum(0.0, np.abs(P[:, :, :4, 2]) - body.rotor_height / 2))]
+        apart += [_from_piece(P[:, :, k], piece)[..., None] for k, piece in enumerate(pieces, start=4)]
+        return np.concatenate(apart, axis=-1) - air.start_radius - eta * air.growth
+
+    low = np.zeros((len(phi), len(ports), len(ROTOR_DIRECTIONS) + len(pieces)))
+    high = np.ones_like(low)
+    first, second = high - GOLDEN, low + GOLDEN
+    at_first, at_second = clearances(first), clearances(second)
+    least = np.minimum(clearances(low), clearances(high))
+    for _ in range(44):  # golden sections of the axis, to a billionth
+        less = at_first < at_second
+        low, high = np.where(less, low, first), np.where(less, second, high)
+        new = np.where(less, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
+        at_new = clearances(new)
+        first, second = np.where(less, new, second), np.where(less, first, new)
+        at_first, at_second = np.where(less, at_new, at_second), np.where(less, at_first, at_new)
+    least = np.minimum(least, np.minimum(at_first, at_second))
+    return np.asarray(least.min(axis=(1, 2)))
+
+
+def _from_piece(x: Array, piece: _Box) -> Array:
+    """Return the distance of points, shape (..., 3), from a piece: of a frame of one's own, at most that."""
+    beyond = np.maximum(0.0, np.abs((x - piece.centre) @ piece.axes.T) - piece.half)
+    return np.asarray(
+        np.maximum(np.linalg.norm(beyond, axis=-1), (x @ piece.normals.T - piece.offsets).max(axis=-1))
+    )

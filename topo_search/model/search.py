@@ -1,12 +1,21 @@
-"""What the search may do, and what it asks of the solver beyond the task's own words."""
+"""What the search may do, and its goals beside control effort: bounds that it holds at one level after another.
+
+Whoever asks for the least effort gets a design that rests on its bounds. So what effort is traded for is a bound,
+and the trade is seen by solving the task once for each of its levels (the epsilon-constraint method).
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+import math
+from itertools import product
+from typing import Annotated, Any, Literal, NamedTuple, Self, TypeVar, get_args
 
-from pydantic import Field, Tag, model_validator
+from pydantic import AfterValidator, Field, Tag, model_validator
 
-from topo_search.model.value import NonNegative, Positive, Value, one_of, refuse
+from topo_search.limits import LEVELS
+from topo_search.model.bad_input import show
+from topo_search.model.reserves import Failing
+from topo_search.model.value import Angle, Flag, NonNegative, Positive, Value, at_most, one_of, refuse
 
 BodyClearance = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[Literal[False], Tag("<false>")],
@@ -41,3 +50,138 @@ class Search(Value):
             text = f'must be false or left out with interference = "separation", but got {self.body_clearance}'
             refuse("Search", (("body_clearance",), text))
         return self
+
+
+FIELDS = (
+    "search.margin",
+    "end_effector.stand_off",
+    "search.peak_input",
+    "flight.force_reserve",
+    "flight.torque_reserve",
+    "flight.rotor_out",
+    "flight.joint_moment",
+    "tolerances.hinge_angle_deg",
+)
+"""What a level sets, in the order of `Level`."""
+
+Levels = TypeVar("Levels", bound=tuple[float | str, ...])
+
+
+def _check_distinct(levels: Levels) -> Levels:
+    if len(set(levels)) < len(levels):
+        raise ValueError(f"must all be different, but got {show(levels)}")
+    return levels
+
+
+OfFlight = Annotated[
+    tuple[NonNegative, ...],
+    at_most(LEVELS),
+    AfterValidator(_check_distinct),
+    Field(exclude_if=lambda given: not given),
+]
+"""Levels of a reserve."""
+
+
+class Level(NamedTuple):
+    """One level of every goal; None of what is no goal."""
+
+    clearance: float | None
+    """Of search.margin [m]."""
+    stand_off: float | None
+    """Of end_effector.stand_off [m]."""
+    peak_input: float | None
+    """Of search.peak_input."""
+    force_reserve: float | None = None
+    """Of flight.force_reserve."""
+    torque_reserve: float | None = None
+    """Of flight.torque_reserve."""
+    rotor_out: Failing | None = None
+    """Of flight.rotor_out."""
+    joint_moment: float | None = None
+    """Of flight.joint_moment [N m]."""
+    hinge_angle_deg: float | None = None
+    """Of tolerances.hinge_angle_deg, which clearances survive then [deg]."""
+
+    @property
+    def words(self) -> str:
+        """The fields that it sets, as a task file does."""
+        given = [(field, value) for field, value in zip(FIELDS, self, strict=True) if value is not None]
+        set_ = [f"{field} = {f'{v:g}' if isinstance(v, float) else show(v)}" for field, v in given]
+        return ", ".join(set_) or "the task as it is"
+
+
+class Goals(Value):
+    """What is weighed against control effort: bounds; the task is solved at every combination of their levels."""
+
+    clearance: Annotated[tuple[NonNegative, ...], at_most(LEVELS), AfterValidator(_check_distinct)] = ()
+    """Levels of search.margin [m]."""
+    stand_off: Annotated[tuple[Positive, ...], at_most(LEVELS), AfterValidator(_check_distinct)] = ()
+    """Levels of end_effector.stand_off [m]."""
+    peak_input: Annotated[
+        tuple[Annotated[Positive, Field(le=1)], ...], at_most(LEVELS), AfterValidator(_check_distinct)
+    ] = ()
+    """Levels of search.peak_input."""
+    force_reserve: OfFlight = ()
+    """Levels of flight.force_reserve, in its units."""
+    torque_reserve: OfFlight = ()
+    """Levels of flight.torque_reserve, in its units."""
+    rotor_out: Annotated[
+        tuple[Failing, ...], AfterValidator(_check_distinct), Field(exclude_if=lambda given: not given)
+    ] = ()
+    """Levels of flight.rotor_out."""
+    joint_moment: Annotated[
+        tuple[Positive, ...],
+        at_most(LEVELS),
+        AfterValidator(_check_distinct),
+        Field(exclude_if=lambda given: not given),
+    ] = ()
+    """Levels of flight.joint_moment [N m]."""
+    hinge_angle_deg: Annotated[
+        tuple[Angle, ...],
+        at_most(LEVELS),
+        AfterValidator(_check_distinct),
+        Field(exclude_if=lambda given: not given),
+    ] = ()
+    """Levels of tolerances.hinge_angle_deg, which the clearances survive with all of [tolerances] [deg]."""
+    modules: Flag = False
+    """Whether fewer modules are a goal; needs a range of sizes and wrenches in SI."""
+
+    @model_validator(mode="after")
+    def _few_levels(self) -> Self:
+        if (number := math.prod(len(axis) for axis in self._axes)) > LEVELS:
+            refuse("Goals", ((), f"must have at most {LEVELS:,} combinations of levels, but got {number:,}"))
+        return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return what the goals are."""
+        return tuple(name for name in type(self).model_fields if getattr(self, name))
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """Every combination, the loosest first; the last of the goals changes fastest."""
+        return tuple(Level(*each) for each in product(*self._axes))
+
+    def level_before(self, number: int) -> int | None:
+        """Return the level before one of them along a single goal; None of the first."""
+        step = 1
+        for axis in reversed(self._axes):
+            if number // step % len(axis):
+                return number - step
+            step *= len(axis)
+        return None
+
+    @property
+    def _axes(self) -> tuple[list[Any], ...]:
+        """The levels of each goal, the loosest first."""
+        axes: tuple[list[Any], ...] = (
+            sorted(self.clearance),
+            sorted(self.stand_off),
+            sorted(self.peak_input, reverse=True),
+            sorted(self.force_reserve),
+            sorted(self.torque_reserve),
+            sorted(self.rotor_out, key=get_args(Failing).index),
+            sorted(self.joint_moment, reverse=True),
+            sorted(self.hinge_angle_deg),
+        )
+        return tuple(axis or [None] for axis in axes)

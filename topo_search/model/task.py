@@ -17,17 +17,13 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
 
 from topo_search.limits import ALL_CORNERS, LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
-from topo_search.model.airflow_room import airflow_folds
 from topo_search.model.bad_input import show
-from topo_search.model.end_effector import EndEffector, ResolvedEndEffector
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
-from topo_search.model.folds import Folds, clear_folds, intersect
-from topo_search.model.goals import Goals, Level
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
-from topo_search.model.module import AGREE, Module
+from topo_search.model.module import AGREE, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.reserves import AskedFlight, broken_reserves
-from topo_search.model.room import LARGE, body_radius, packed_width
-from topo_search.model.search import Search
+from topo_search.model.room import LARGE, Folds, airflow_folds, body_radius, clear_folds, intersect, packed_width
+from topo_search.model.search import Goals, Level, Search
 from topo_search.model.tolerances import FARTHEST
 from topo_search.model.value import (
     Angle,
@@ -137,12 +133,12 @@ class Task(Value):
             broken.append((("modules",), f"`fewest <= most` must hold, but got {show(self.modules)}"))
         if len(self.sizes) > SIZES:
             broken.append((("modules",), f"must be at most {SIZES} sizes, but got {show(self.modules)}"))
-        numbered = [asked for asked in self.exposure if segment_of(asked, 0) is not None]
-        if (parts := sum(len(asked.shapes) for asked in numbered)) > SEGMENTS:
-            kinds = {asked.kind for asked in numbered}
+        numbered = [region for region in self.exposure if segment_of(region, 0) is not None]
+        if (parts := sum(len(region.shapes) for region in numbered)) > SEGMENTS:
+            kinds = {region.kind for region in numbered}
             what = " and ".join(f"{name}s" for kind, name in PART_NAMES.items() if kind in kinds)
             broken.append((("exposure",), f"must have at most {SEGMENTS} {what} in all, but got {parts:,}"))
-        corners = sum(len(asked.corners) for asked in self.exposure if isinstance(asked, Local))
+        corners = sum(len(region.corners) for region in self.exposure if isinstance(region, Local))
         if corners > ALL_CORNERS:
             broken.append((("exposure",), f"must have at most {ALL_CORNERS:,} corners in all, but got {corners:,}"))
         if self.load_cases != "ten-wrenches" and self.task_seed is not None:
@@ -156,7 +152,7 @@ class Task(Value):
                 f"takes its direction from p_E: `||end_effector.position|| >= {least:g}` must hold, "
                 f"but got {show(self.end_effector.position)}"
             )
-            broken += [(("exposure", e), text) for e, asked in enumerate(self.exposure) if needs_offset(asked)]
+            broken += [(("exposure", e), text) for e, region in enumerate(self.exposure) if needs_offset(region)]
         farthest = self.farthest_end_effector(self.sizes[-1]) if self.sizes else math.inf
         if fixed is not None and math.hypot(*fixed) > farthest:
             text = f"`||position|| <= {farthest:g}` must hold, but got {show(self.end_effector.position)}"
@@ -170,7 +166,7 @@ class Task(Value):
             broken += broken_rules(self.load_cases, *units)
             corners = sum(1 + len(case.corners) for case in self.load_cases)
             flights = dict.fromkeys(self.flight.at(level) for level in self.goals.levels)
-            broken += dict.fromkeys(one for asked in flights for one in broken_reserves(asked, corners, n, *units))
+            broken += dict.fromkeys(x for flight in flights for x in broken_reserves(flight, corners, n, *units))
         refuse("Task", *broken, *self._broken_thrust(), *self._broken_flight(), *self._broken_goals())
         return self
 
@@ -338,8 +334,8 @@ class Task(Value):
         whichever way the modules are turned. That asks for 2 rho - body_clearance too much at most, 0.67 mm by
         default. The audit asks for `body_clearance`, and measures the parts themselves.
         """
-        asked = self.body_clearance
-        return None if asked is None else max(asked, 2 * body_radius(self.module))
+        clearance = self.body_clearance
+        return None if clearance is None else max(clearance, 2 * body_radius(self.module))
 
     def folds(self, margin: float = 0.0) -> Folds:
         """Return what the search folds hinges to: +-pi/2, or with body clearance what parts leave of it [rad].
@@ -356,9 +352,9 @@ class Task(Value):
     @property
     def joint_limits(self) -> tuple[float | None, float | None]:
         """Limits of the force [N] and moment [N m] in a joint; None where there is no limit."""
-        asked, module = self.flight, self.module
-        force = module.joint_force if asked.joint_force == "rated" else asked.joint_force
-        return force, module.joint_moment if asked.joint_moment == "rated" else asked.joint_moment
+        flight, module = self.flight, self.module
+        force = module.joint_force if flight.joint_force == "rated" else flight.joint_force
+        return force, module.joint_moment if flight.joint_moment == "rated" else flight.joint_moment
 
     def at(self, level: Level) -> Task:
         """Return the task with its goals held at a level: a task without goals."""

@@ -1,5 +1,21 @@
 """Values of a task that are allowed but seldom meant: what `topo-search check` warns about.
 
+Some values no machine has: grams for kilograms or newtons, millimetres, rpm, radians. Each value is judged by
+others that a slip of units would not change with it: lengths by the arm, the mass by the area of its rotors,
+coefficients by their radius. What is judged by a doubtful value is not judged.
+
+| symbol | meaning | unit |
+|---|---|---|
+| l_arm, r | arm; radius of a rotor, half an arm where the task leaves it out | m |
+| m, m_E | masses of a module and of the end-effector | kg |
+| k_f, k_tau | thrust and drag torque of a rotor over its squared speed | N s^2, N m s^2 |
+| C_T | 4 pi^2 k_f / (rho (2 r)^4), thrust coefficient of a propeller | |
+| m g / (4 pi r^2) | disc loading in hover | N/m^2 |
+
+Measured small propellers have C_T of 0.05 to 0.2 at rest (Brandt and Selig, AIAA 2011-1255). Per rpm^2, k_f is 91
+times smaller, so that ranges with room for every propeller tell the two apart. Disc loadings of multirotors are 20
+to 300 N/m^2.
+
 | symbol | meaning | unit |
 |---|---|---|
 | F_z, m_t g | upward force of a load case; weight of the platform | N |
@@ -10,23 +26,154 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 from topo_search.model.bad_input import show
-from topo_search.model.exposure import Allowed, Directional, Local, segment_of
-from topo_search.model.folds import in_words
+from topo_search.model.exposure import Allowed, Directional, Exterior, Local, segment_of
 from topo_search.model.load_case import LoadCase
-from topo_search.model.module import Module
-from topo_search.model.plausibility import doubts
+from topo_search.model.module import Body, Module
 from topo_search.model.proven import excess_texts, upper_text
-from topo_search.model.room import LARGE, OUTWARDS, frame_reach, packed_width
+from topo_search.model.room import LARGE, OUTWARDS, frame_reach, in_words, packed_width
 from topo_search.model.task import Task
 
-EARTH = (9.76, 9.84)
-"""Gravity at the Earth's surface, from the equator to the poles [m/s^2]."""
-LARGEST_RATIO = 1000.0
-"""Of the weights of two load cases; effort then counts for the heavier one alone."""
-LARGEST_MARGIN = 0.01
-"""[m]"""
+MOST_THRUST = 20.0
+"""Largest usual thrust over weight of a module; racing quadrotors reach 15."""
+LEAST_ANGLE_DEG = 1.6
+"""Angles of cones up to here may be radians: a right angle is 1.571."""
+
+Doubts = Iterator[tuple[str, str]]
+"""Fields with what is suspicious about them."""
+
+
+def doubts(task: Task) -> Doubts:
+    """Yield the fields of a task whose unit is doubtful, with the reason."""
+    for step in (_absolute(task.module), _arm_lengths(task), chain(_mass(task), _thrust_coefficient(task))):
+        doubtful = tuple(step)
+        yield from doubtful
+        if doubtful:
+            break
+    else:
+        yield from _by_mass(task)
+        yield from _torque_coefficient(task.module)
+    yield from _angles(task)
+
+
+def _usual(path: str, value: float, low: float, high: float, unit: str, basis: str = "") -> Doubts:
+    if not low <= value <= high:
+        usual = f"{low:.3g} to {high:.3g} {unit}{basis}"
+        yield path, f"{value:g} {unit} is outside {usual}: is the unit right?"
+
+
+def _absolute(module: Module) -> Doubts:
+    yield from _usual("module.mass", module.mass, 0.01, 50.0, "kg")
+    yield from _usual("module.arm_length", module.arm_length, 0.01, 2.0, "m")
+    yield from _usual("module.connector_distance", module.connector_distance, 0.01, 3.0, "m")
+
+
+def _arm_lengths(task: Task) -> Doubts:
+    """Yield lengths that do not go with the arm."""
+    module, body, arm = task.module, task.module.body, task.module.arm_length
+    ranges = (
+        ("module.connector_distance", module.connector_distance, 0.2, 5.0),
+        ("module.body.rotor_radius", body.rotor_radius, 0.15, 1.0),
+        ("module.body.rotor_height", body.rotor_height, 0.001, 1.0),
+        ("module.body.arm_width", body.arm_width, 0.001, 1.0),
+        *((f"module.body.hub[{k}]", edge, 0.005, 4.0) for k, edge in enumerate(body.hub)),
+        ("module.airflow.start_radius", module.start_radius, 0.1, 10.0),
+        ("module.airflow.reach", module.reach, 0.5, 200.0),
+        ("end_effector.rod_radius", task.end_effector.rod_radius, 0.001, 0.5),
+    )
+    for path, value, low, high in ranges:
+        yield from _usual(path, value, low * arm, high * arm, "m", f", usual with arms of {arm:g} m")
+
+
+def _radius(module: Module) -> float:
+    left_out = module.body.rotor_radius == Body().rotor_radius
+    return module.arm_length / 2 if left_out else module.body.rotor_radius
+
+
+def _mass(task: Task) -> Doubts:
+    r = _radius(task.module)
+    usual = 3.0, 1000.0  # disc loading in hover [N/m^2]
+    low, high = (loading * 4 * math.pi * r**2 / task.gravity for loading in usual)
+    yield from _usual("module.mass", task.module.mass, low, high, "kg", f", usual with rotors of {r:g} m radius")
+
+
+def _thrust_coefficient(task: Task) -> Doubts:
+    module, r = task.module, _radius(task.module)
+    low, high = 0.01, 1.0  # usual C_T: a fifth of the least measured to five times the largest
+    air_density = 1.225  # at sea level [kg/m^3]
+    C_T = 4 * math.pi**2 * module.thrust_coefficient / (air_density * (2 * r) ** 4)
+    if module.thrust_coefficient != Module().thrust_coefficient and not low <= C_T <= high:
+        speed = math.sqrt(module.max_input(task.gravity))
+        yield (
+            "module.thrust_coefficient",
+            f"full thrust then needs {speed:.3g} rad/s ({speed * 30 / math.pi:.3g} rpm); with rotors of {r:g} m "
+            f"radius, C_T = {C_T:.2g} is outside {low:g} to {high:g}: is it in N s^2/rad^2, not per rpm^2?",
+        )
+
+
+def _torque_coefficient(module: Module) -> Doubts:
+    drag = module.torque_coefficient / module.thrust_coefficient
+    if not 0.01 * module.arm_length <= drag <= module.arm_length:
+        name, unit = (
+            ("torque_to_thrust", "m") if module.torque_to_thrust else ("torque_coefficient", "N m s^2/rad^2")
+        )
+        than = "more than" if drag > module.arm_length else "less than a hundredth of"
+        yield (
+            f"module.{name}",
+            f"k_tau / k_f = {drag:.3g} m is {than} the arm, {module.arm_length:g} m: is it in {unit}?",
+        )
+
+
+def _by_mass(task: Task) -> Doubts:
+    """Yield thrusts, masses and inertia that do not go with the module's mass."""
+    module, tip, n = task.module, task.end_effector, task.sizes[-1]
+    if (ratio := module.max_thrust_to_weight) > MOST_THRUST:
+        name, hint = ("max_thrust_to_weight", "is it a ratio, not a thrust or per cent?")
+        if module.max_thrust is not None:
+            name, hint = "max_thrust", "is it of one rotor in N, and the mass in kg?"
+        yield (
+            f"module.{name}",
+            f"the thrust of a module is {ratio:.3g} times its weight, {MOST_THRUST:g} being much: {hint}",
+        )
+    if tip.mass > n * module.mass:
+        modules = "the module" if n == 1 else f"all {n} modules"
+        yield "end_effector.mass", f"{tip.mass:g} kg is more than {modules}, {n * module.mass:g} kg: is it in kg?"
+    # no usual material is as dense; tungsten has 19,300 kg/m^3
+    if (density := tip.rod_linear_density / (math.pi * tip.rod_radius**2)) > 20_000.0:
+        yield (
+            "end_effector.rod_linear_density",
+            f"{tip.rod_linear_density:g} kg/m of {tip.rod_radius:g} m radius is {density:.3g} kg/m^3, denser than "
+            "tungsten: is it in kg/m?",
+        )
+    usual = 0.1, 3.0  # radius of gyration [l_arm]; a ring of four rotors has 1
+    least, most = (module.mass * (share * module.arm_length) ** 2 for share in usual)
+    basis = f", usual of {module.mass:g} kg with arms of {module.arm_length:g} m"
+    for k, moment in enumerate(module.body.inertia or ()):
+        yield from _usual(f"module.body.inertia[{k}]", moment, least, most, "kg m^2", basis)
+
+
+def _angles(task: Task) -> Doubts:
+    cones = {f"load_cases[{k}].cone": case.cone for k, case in enumerate(task.cases) if case.cone}
+    angles = (
+        ("module.airflow.spread_angle_deg", task.module.airflow.spread_angle_deg, LEAST_ANGLE_DEG),
+        *((f"{path}.half_angle_deg", cone.half_angle_deg, LEAST_ANGLE_DEG) for path, cone in cones.items()),
+        *(
+            (f"exposure[{e}].half_angle_deg", requirement.half_angle_deg, LEAST_ANGLE_DEG)
+            for e, requirement in enumerate(task.exposure)
+            if isinstance(requirement, Exterior)
+        ),
+        ("tolerances.hinge_angle_deg", task.tolerances.hinge_angle_deg, 0.05),  # 1 mm at 1.1 m
+    )
+    for path, angle, least in angles:
+        if 0 < angle < least:
+            yield (
+                path,
+                f"{angle:g} deg is small ({math.degrees(angle):.3g} deg, were it in radians): is it in degrees?",
+            )
+
+
 LONG_PATH = 20.0
 """Paths are seldom meant to be longer, in packed widths."""
 SAME = 1e-9
@@ -64,7 +211,7 @@ def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
 
 
 def _gravity(task: Task) -> Iterator[TaskWarning]:
-    if not EARTH[0] <= task.gravity <= EARTH[1]:
+    if not 9.76 <= task.gravity <= 9.84:  # from the equator to the poles
         yield TaskWarning("gravity", f"{task.gravity:g} m/s^2 is not that of the Earth's surface")
 
 
@@ -102,10 +249,12 @@ def _lengths(task: Task, n: int) -> Iterator[TaskWarning]:
 
 def _meshes(task: Task) -> Iterator[TaskWarning]:
     """Yield regions that are larger than their mesh."""
-    for e, asked in enumerate(task.exposure):
-        for piece, excess in enumerate((isinstance(asked, Local) and asked.mesh_excess) or ()):
+    for e, requirement in enumerate(task.exposure):
+        for piece, excess in enumerate((isinstance(requirement, Local) and requirement.mesh_excess) or ()):
             if excess:
-                field = f"exposure[{e}]" if segment_of(asked, piece) is None else f"exposure[{e}].pieces[{piece}]"
+                field = (
+                    f"exposure[{e}]" if segment_of(requirement, piece) is None else f"exposure[{e}].pieces[{piece}]"
+                )
                 yield TaskWarning(
                     field,
                     f"reaches up to {upper_text(excess, 3)} m beyond its mesh, because pieces are convex and have "
@@ -136,23 +285,23 @@ def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
     yield "end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,))), LARGE
     yield "end_effector.stand_off", task.end_effector.stand_off, LARGE
     yield "end_effector.largest_reach", task.end_effector.largest_reach or 0.0, LARGE
-    for e, asked in enumerate(task.exposure):
-        if isinstance(asked, Local | Directional):
-            yield f"exposure[{e}].radius", asked.radius or 0.0, LARGE
-        if isinstance(asked, Local):
+    for e, requirement in enumerate(task.exposure):
+        if isinstance(requirement, Local | Directional):
+            yield f"exposure[{e}].radius", requirement.radius or 0.0, LARGE
+        if isinstance(requirement, Local):
             yield (
                 f"exposure[{e}]",
-                max((math.hypot(*corner) for corner in asked.corners.tolist()), default=0.0),
+                max((math.hypot(*corner) for corner in requirement.corners.tolist()), default=0.0),
                 LARGE,
             )
-        if isinstance(asked, Directional):
-            for k, end in enumerate(asked.segments or ()):
+        if isinstance(requirement, Directional):
+            for k, end in enumerate(requirement.segments or ()):
                 yield f"exposure[{e}].segments[{k}]", math.hypot(*end), LONG_PATH
-            for k, points in enumerate(asked.polylines or ()):
+            for k, points in enumerate(requirement.polylines or ()):
                 yield f"exposure[{e}].polylines[{k}]", max(math.hypot(*point) for point in points), LONG_PATH
-            yield f"exposure[{e}].length", asked.length or 0.0, LONG_PATH
-        if isinstance(asked, Allowed):
-            for k, plane in enumerate(asked.planes):
+            yield f"exposure[{e}].length", requirement.length or 0.0, LONG_PATH
+        if isinstance(requirement, Allowed):
+            for k, plane in enumerate(requirement.planes):
                 yield f"exposure[{e}].planes[{k}].offset", abs(plane.offset), LARGE
 
 
@@ -193,7 +342,7 @@ def _load_cases(task: Task, n: int) -> Iterator[TaskWarning]:
             "load_cases", "none is plain hover (carries_weight = true alone): a design need not be able to hover"
         )
     weights = [case.weight for case in cases if case.weight]
-    if max(weights) > LARGEST_RATIO * min(weights):
+    if max(weights) > 1000 * min(weights):  # effort then counts for the heavier load case alone
         yield TaskWarning(
             "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {show(weights)}"
         )
@@ -223,7 +372,7 @@ def _search(task: Task) -> Iterator[TaskWarning]:
         yield TaskWarning(
             "search.margin", "with 0, clearances may be too close to zero for the audit to prove them"
         )
-    elif margin > LARGEST_MARGIN:
+    elif margin > 0.01:
         yield TaskWarning(
             "search.margin", f"{margin:g} m beyond every clearance that the task asks for costs effort"
         )

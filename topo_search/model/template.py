@@ -76,18 +76,15 @@ carries_weight = true
 # planes = [{ normal = [1.0, 0.0, 0.0], offset = 0.0 }]  # normal . x <= offset, x from the end-effector
 """
 
-IN_OTHER_WORDS = {"name", "modules", "load_cases", "exposure", "task_seed"}
-"""Fields of a task that HEAD and TASK explain, or that belong to the shipped random family."""
 
-RATED = {"joint_moment": 4.0, "joint_force": 60.0}
 LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "tolerances": True}
 """Examples of fields of a module and of [flight] that have no default."""
 
 
 def task_template(name: str) -> str:
     """Return the text of a task file with every field, its default and what it means."""
-    stated = Task.model_validate(tomllib.loads(HEAD.format(name=name) + TASK))
-    filled = stated.resolve(5)
+    task = Task.model_validate(tomllib.loads(HEAD.format(name=name) + TASK))
+    filled = task.resolve(5)
     module, k_f = filled.module, filled.module.thrust_coefficient
     forms = {
         "max_thrust": k_f * filled.max_input,
@@ -95,33 +92,34 @@ def task_template(name: str) -> str:
         "bracket": module.bracket_sizes,
     }
     changed = {
-        "module": module.model_copy(update={**forms, **RATED}),
+        "module": module.model_copy(update={**forms, "joint_moment": 4.0, "joint_force": 60.0}),
         "flight": filled.flight.model_copy(update=LIMITS),
     }
     filled = filled.model_copy(update=changed)
-    top = "\n".join(_fields(stated, filled, IN_OTHER_WORDS))
-    tables = "\n".join(_tables(stated, filled, ""))
+    explained = {"name", "modules", "load_cases", "exposure", "task_seed"}  # or of a random family
+    top = "\n".join(_fields(task, filled, explained))
+    tables = "\n".join(_tables(task, filled, ""))
     return f"{HEAD.format(name=name)}{top}\n{TASK}{tables}\n"
 
 
-def _tables(stated: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:
+def _tables(task: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:
     """Yield the lines of every table below a value."""
     for field in type(filled).model_fields:
         inside = getattr(filled, field)
         if isinstance(inside, BaseModel):
-            optional, path = getattr(stated, field) is None, f"{above}{field}"
-            given = inside if optional else getattr(stated, field)
+            optional, path = getattr(task, field) is None, f"{above}{field}"
+            given = inside if optional else getattr(task, field)
             head = f"# [{path}]" if optional else f"[{path}]"
             yield from ("", head, *_fields(given, inside, set()), *_tables(given, inside, f"{path}."))
 
 
-def _fields(stated: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[str]:
+def _fields(task: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[str]:
     """Yield a line for every field with a plain value by default, commented out, its meaning beside it."""
     for field, known in type(filled).model_fields.items():
         value = getattr(filled, field)
         if field in without or value is None or isinstance(value, BaseModel):
             continue
-        if getattr(stated, field) is None and not isinstance(value, bool):
+        if getattr(task, field) is None and not isinstance(value, bool):
             value = _round(value)
         line = f"# {field} = {json.dumps(value)}"
         words = textwrap.wrap(known.description or "", WIDTH - COMMENT_AT)

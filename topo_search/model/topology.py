@@ -31,7 +31,7 @@ Joint = tuple[int, int, int]
 
 ROOT: Joint = (-1, -1, -1)
 PORT_NAMES = ("+x", "+y", "−x", "−y")
-"""Of the ports 0..3, for a reader."""
+"""Names of the ports 0..3, for a reader."""
 
 
 @dataclass(frozen=True)

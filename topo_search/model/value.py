@@ -51,11 +51,11 @@ class Value(BaseModel):
 
 def _words(field: FieldInfo) -> str:
     """Return what is said of a field, and its default if it is short."""
-    told = " ".join((field.description or "").split())
+    text = " ".join((field.description or "").split())
     if field.is_required():
-        return f"{told} (required)".strip()
+        return f"{text} (required)".strip()
     default = repr(field.default)
-    return f"{told} (default: {default})".strip() if len(default) < 40 else told
+    return f"{text} (default: {default})".strip() if len(default) < 40 else text
 
 
 def refuse(model: str, *broken: tuple[tuple[str | int, ...], str]) -> None:

@@ -10,8 +10,8 @@ from markupsafe import Markup
 
 from topo_search.export.viewpoint import poses_to_draw
 from topo_search.model import Assembly, Audit, Clearance, Design, Limit, Status
+from topo_search.model.design import StatedCheck
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
-from topo_search.model.stated import StatedCheck
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices, rotor_inputs
 from topo_search.report.clearances import clearance

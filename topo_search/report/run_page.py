@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 from topo_search.model import Audit, Design, Infeasible
+from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.files import to_toml
 from topo_search.model.proven import at_least, at_most, gap_percent
-from topo_search.model.stated import NOT_CERTIFIED
 from topo_search.report.cards import cards, rows_to_show
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, task_part, title

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from topo_search.model import Allowed, AnyExposure, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
-from topo_search.model.folds import in_words
 from topo_search.model.proven import at_most
+from topo_search.model.room import in_words
 from topo_search.model.shape import unit as unit_vector
 from topo_search.model.task import Tolerances
 from topo_search.model.value import Vector, is_zero

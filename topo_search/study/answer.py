@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from topo_search.engine import scaled_violation
 from topo_search.model import Audit, Design, Infeasible, Relaxed, ResolvedTask
-from topo_search.model.goals import Level
-from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
+from topo_search.model.search import Level
+from topo_search.model.tables import heading, paragraph, table
 from topo_search.study.front import FrontPoint, idle_goals
 from topo_search.study.row import FLIGHT, Row, proven_cell
 from topo_search.study.statements import reason, remark, statement

@@ -18,8 +18,8 @@ from pydantic import BaseModel, ValidationError
 
 from topo_search.model import BadInput, Fault, Proof, ResolvedTask
 from topo_search.model.bad_input import faults_of
-from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import to_json, to_toml
+from topo_search.model.tables import escape_formula
 from topo_search.study.claims import (
     LEDGER,
     PARTS,

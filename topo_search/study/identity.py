@@ -14,7 +14,7 @@ from pydantic import Field
 from topo_search.engine import Listed, Space
 from topo_search.limits import ROUND, STARTS, TRIALS
 from topo_search.model import Design, ResolvedTask, Task
-from topo_search.model.goals import Level
+from topo_search.model.search import Level
 from topo_search.model.value import Value
 from topo_search.protocols import SamplerFactory
 from topo_search.study.margins import margins, with_margin

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from topo_search.model.stated import Stated, Versioned
+from topo_search.model.design import Stated, Versioned
 from topo_search.model.value import Value
 
 

@@ -15,8 +15,8 @@ from functools import partial
 
 from topo_search.engine import Backends, Engine, Failed, Job, audit_deadline
 from topo_search.model import Audit, Infeasible, ResolvedTask, Task, Topology
+from topo_search.model.design import STARTS, Relaxation, Relaxed
 from topo_search.model.relaxable import Relaxable, relaxable
-from topo_search.model.relaxation import STARTS, Relaxation, Relaxed
 from topo_search.study.margins import LARGER_MARGINS, margins, raise_margins, with_margin
 from topo_search.study.observer import Observer
 from topo_search.study.phases import Phase, solving_seconds

@@ -2,19 +2,20 @@
 
 from topo_search.topologies.candidates import (
     Candidate,
+    OwnTopology,
     candidate_key,
     candidate_of,
     candidates,
     count,
     draws,
+    own_candidates,
+    own_topology,
     quotient_of,
     sample,
 )
-from topo_search.topologies.own import OwnTopology, own_candidates, own_topology
 from topo_search.topologies.quotient import Quotient
-from topo_search.topologies.resolution import Resolution, resolve_symmetry
 from topo_search.topologies.symmetry import Connectors, Root, Symmetry
-from topo_search.topologies.task_symmetry import improper_isometry
+from topo_search.topologies.task_symmetry import Resolution, improper_isometry, resolve_symmetry
 
 __all__ = [
     "Candidate",

@@ -1,18 +1,25 @@
-"""The candidates of a search: enumerated, counted, looked up and drawn."""
+"""The candidates of a search: enumerated, counted, looked up and drawn, or listed by a user.
+
+A user's list holds keys, trees or graphs; it is checked against the task before anything is solved.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice, repeat
 from random import Random
+from typing import Any, TypeAlias
 
-from topo_search.model import ResolvedTask, Topology
-from topo_search.topologies import counts
-from topo_search.topologies.enumeration import rooted_at
+import networkx as nx
+
+from topo_search.limits import MODULES, OWN_TOPOLOGIES
+from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
+from topo_search.model.bad_input import show
 from topo_search.topologies.quotient import Quotient
-from topo_search.topologies.rooted import Rooted, key_of, rooted_of, text_of
-from topo_search.topologies.sampling import draw_tree
+from topo_search.topologies.rooted import Rooted, key_of, rooted_at, rooted_of, text_of
+from topo_search.topologies.sampling import classes, draw_tree
 from topo_search.topologies.symmetry import Connectors, Group, Root, Symmetry, group_of
 from topo_search.topologies.task_symmetry import improper_isometry
 
@@ -70,7 +77,7 @@ def count(
     task: ResolvedTask | None = None,
 ) -> int:
     """Return the number of candidates, by closed form; arguments and errors as `candidates`."""
-    return counts.classes(n, _group(n, symmetry, connectors, root, task), connectors=connectors, root=root)
+    return classes(n, _group(n, symmetry, connectors, root, task), connectors=connectors, root=root)
 
 
 def sample(
@@ -168,3 +175,83 @@ def _enumerate(n: int, quotient: Quotient, connectors: Connectors) -> Iterator[C
                 key = key_of(text_of(tree))
                 if (key[0] == "a") == (family == "aligned"):
                     yield Candidate(key, quotient.orbit(tree))
+
+
+OwnTopology: TypeAlias = "Topology | str | nx.Graph[Any]"
+"""A tree, its key, or a graph with `ports = {module: port}` at every edge, as `Topology.graph` returns it."""
+
+SHOWN_FAULTS = 20
+"""Number of faults of a list that a message names one by one."""
+
+
+def own_candidates(
+    topologies: Iterable[OwnTopology],
+    task: Task,
+    *,
+    source: str = "topologies",
+    places: Mapping[int, str] | None = None,
+) -> tuple[str, ...]:
+    """Return the keys of listed topologies in ascending order.
+
+    Args:
+        topologies: the list.
+        task: fixes the sizes, and the connectors that are allowed.
+        source: name of the list in a message.
+        places: position of each topology, for a message; default: `[0]`, `[1]`, ...
+
+    Raises:
+        BadInput: one fault for each that is no tree, of another size, not allowed by the task, or listed before; or
+            for a size without any. None, or too many, are a fault as well.
+    """
+    if isinstance(topologies, str | nx.Graph | Topology) or not isinstance(topologies, Iterable):
+        got = show(topologies) if isinstance(topologies, str) else type(topologies).__name__
+        raise BadInput(source, [Fault("", f"must be a list of topologies, but got {got}")])
+    faults, first = list[Fault](), dict[str, str]()
+    for number, item in enumerate(topologies):
+        if number >= OWN_TOPOLOGIES:
+            raise BadInput(source, [Fault("", f"must list at most {OWN_TOPOLOGIES:,} topologies, but has more")])
+        position = f"[{number}]" if places is None else places[number]
+        try:
+            topology = own_topology(item)
+            _require_allowed(topology, task)
+        except ValueError as error:
+            faults.append(Fault(position, str(error)))
+            continue
+        if (key := topology.key) in first:
+            faults.append(Fault(position, f"must be listed once, but {key} is in {first[key]} already"))
+        else:
+            first[key] = position
+    if not faults and not first:
+        faults.append(Fault("", "must list at least one topology, but has none"))
+    sizes = Counter(len(key) - 1 for key in first)
+    if not faults and (missing := [n for n in task.sizes if not sizes[n]]):
+        faults.append(
+            Fault("", f"must list a topology of each size of the task, but none has {missing[0]} modules")
+        )
+    if faults:
+        left = [Fault("", f"has {len(faults) - SHOWN_FAULTS:,} more faults")] if len(faults) > SHOWN_FAULTS else []
+        raise BadInput(source, [*faults[:SHOWN_FAULTS], *left])
+    return tuple(sorted(first))
+
+
+def own_topology(given: OwnTopology) -> Topology:
+    """Return a tree that a user gave; ValueError says what is wrong with it."""
+    if isinstance(given, Topology):
+        return given
+    if isinstance(given, str):
+        if len(given) > MODULES + 1:
+            raise ValueError(
+                f"must be a key of at most {MODULES} modules, but got a text of {len(given):,} characters"
+            )
+        return Topology.from_key(given)
+    if isinstance(given, nx.Graph):
+        return Topology.from_graph(given)
+    raise ValueError(f"must be a Topology, a key or a networkx graph, but got {type(given).__name__}")
+
+
+def _require_allowed(topology: Topology, task: Task) -> None:
+    if topology.n not in task.sizes:
+        sizes = " or ".join(map(str, task.sizes))
+        raise ValueError(f"must have {sizes} modules, as the task asks, but {topology.key} has {topology.n}")
+    if task.search.connectors == "aligned" and not topology.aligned:
+        raise ValueError(f'{topology.key} needs search.connectors = "any", but the task has "aligned"')

@@ -1,4 +1,15 @@
-"""Rooted trees as four codes, and what turning, mirroring and moving the root do to them.
+"""Trees as text: the codes of planted trees, rooted trees as four codes, and all of one size in ascending order.
+
+A planted tree is the part of a key that describes one module and everything beyond it.
+
+| symbol | meaning | type |
+|---|---|---|
+| code | preorder text of a planted tree, one hexadecimal digit a module; empty: a free port | str |
+| slots 1, 2, 3 | the ports b+1, b+2, b+3 of a module that is entered through its own port b | |
+| digit | bits 0..2: which slots carry a child; bit 3: parity of kappa, a spin unlike the parent's | |
+
+Slots are counted from the port of entry, so a code does not change when the whole tree is turned. Codes are
+prefix-free and as long as the number of their modules.
 
 | symbol | meaning | type |
 |---|---|---|
@@ -8,11 +19,84 @@
 
 The root's spin pattern is the standard one in its own frame. Moving the root to a neighbour of odd kappa therefore
 turns the frame by a quarter: the same platform, seen from a module whose rotors turn the other way round.
+
+All trees of one size come in ascending order of their texts, in bounded memory: a key's root digit comes first,
+then the codes at its ports; codes are prefix-free, so texts ascend when the codes do, port by port. With the root
+at a centroid no port carries more than half of the modules: each tree is a combination of short codes.
 """
 
 from __future__ import annotations
 
-from topo_search.topologies.codes import DIGITS, mirror_code, plant, split
+from collections.abc import Iterable, Iterator
+from functools import cache, lru_cache
+from operator import itemgetter
+
+from topo_search.topologies.symmetry import Connectors, Root
+
+DIGITS = "0123456789abcdef"
+CHILDREN = {digit: (mask & 7).bit_count() for mask, digit in enumerate(DIGITS)}
+"""Number of children that a digit announces."""
+_MIRRORED = {digit: DIGITS[mask & 0b1010 | (mask & 1) << 2 | (mask >> 2) & 1] for mask, digit in enumerate(DIGITS)}
+
+
+def plant(slots: tuple[str, str, str], odd: int = 0) -> str:
+    """Return the code of a module from the codes in its slots 1, 2, 3 and the parity of its own kappa."""
+    right, ahead, left = slots
+    digit = DIGITS[(right != "") | (ahead != "") << 1 | (left != "") << 2 | odd << 3]
+    return digit + right + ahead + left
+
+
+def split(mask: int, text: str, width: int) -> tuple[str, ...]:
+    """Return the codes in `width` slots; `text` holds those in the slots that `mask` names, one after the other."""
+    codes, start = [], 0
+    for bit in range(width):
+        end = start
+        waiting = mask >> bit & 1
+        while waiting:
+            waiting += CHILDREN[text[end]] - 1
+            end += 1
+        codes.append(text[start:end])
+        start = end
+    return tuple(codes)
+
+
+@lru_cache(maxsize=1 << 14)
+def mirror_code(code: str) -> str:
+    """Return the code of the mirror image, which swaps slots 1 and 3 of every module."""
+    waiting: list[str] = []
+    for digit in reversed(code):
+        children = [waiting.pop() for _ in range(CHILDREN[digit])]
+        waiting.append(_MIRRORED[digit] + "".join(reversed(children)))
+    return "".join(waiting)
+
+
+def codes(least: int, most: int, connectors: Connectors) -> Iterable[str]:
+    """Return the codes of `least` to `most` modules in ascending order."""
+    if most <= 5:  # 343 aligned codes, 9,726 of any port: kept; longer lists are made anew
+        return _kept_codes(least, most, connectors)
+    return _grow(least, most, connectors)
+
+
+@cache
+def _kept_codes(least: int, most: int, connectors: Connectors) -> tuple[str, ...]:
+    return tuple(_grow(least, most, connectors))
+
+
+def _grow(least: int, most: int, connectors: Connectors) -> Iterator[str]:
+    """Write codes digit by digit, depth first; every beginning that is kept can be completed."""
+    descending = (DIGITS if connectors == "any" else DIGITS[:8])[::-1]
+    stack = [("", 1)]
+    while stack:
+        code, waiting = stack.pop()
+        if not waiting:
+            yield code
+            continue
+        size = len(code) + 1
+        for digit in descending:
+            left = waiting - 1 + CHILDREN[digit]
+            if size + left <= most and (left or size >= least):
+                stack.append((code + digit, left))
+
 
 Rooted = tuple[str, str, str, str]
 
@@ -85,3 +169,41 @@ def other_centroid(rooted: Rooted) -> int | None:
     """
     port = heaviest(rooted)
     return port if 2 * len(rooted[port]) == size_of(rooted) else None
+
+
+def rooted_at(root: Root, n: int, connectors: Connectors, masks: Iterable[int]) -> Iterator[Rooted]:
+    """Yield the rooted trees of n modules in ascending order of their texts.
+
+    With the free root: those with the root at a centroid, so that a tree with two centroids comes twice.
+
+    Args:
+        root: `free`, or `paper`.
+        n: number of modules.
+        connectors: the family of trees.
+        masks: which ports of the root may carry a child (bits 0..3), in ascending order.
+    """
+    most = n - 1 if root == "paper" else n // 2
+    for mask in masks:
+        ports = mask.bit_count()
+        # a free port's code is the empty one behind the row's end
+        at_four = itemgetter(
+            *((mask & (1 << port) - 1).bit_count() if mask >> port & 1 else ports for port in range(4))
+        )
+        for at_ports in _rows(ports, n - 1, most, connectors):
+            yield at_four((*at_ports, ""))
+
+
+def _rows(ports: int, modules: int, most: int, connectors: Connectors) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of `ports` codes of at most `most` modules each and `modules` in all, in ascending order."""
+    if not ports <= modules <= ports * most:
+        return
+    if ports == 0:
+        yield ()
+        return
+    if ports == 1:
+        yield from zip(codes(modules, modules, connectors))
+        return
+    least = max(1, modules - (ports - 1) * most)
+    for code in codes(least, min(most, modules - ports + 1), connectors):
+        for row in _rows(ports - 1, modules - len(code), most, connectors):
+            yield (code, *row)

@@ -1,4 +1,6 @@
-"""Mirror symmetry of a task: an improper isometry that maps all of its requirements onto themselves.
+"""The symmetry of a task: which trees have the same optimum, and why.
+
+A task has a mirror symmetry if an improper isometry maps all of its requirements onto themselves.
 
 | symbol | meaning | shape |
 |---|---|---|
@@ -21,6 +23,7 @@ change nothing, and either half turn of a pair of perpendicular frames will do.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -30,6 +33,7 @@ from numpy.typing import NDArray
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.corners import to_corners
 from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope
+from topo_search.topologies.symmetry import Group, Symmetry, group_of
 
 Array = NDArray[np.float64]
 
@@ -38,7 +42,7 @@ TOLERANCE = 1.0e-9
 NOTHING = 1.0e-12
 """Length of a vector that counts as zero: what rounding leaves of a sum [l_arm, m_t g, l_arm m_t g].
 
-Corners count as zero where they are as short in their region's farthest."""
+Corners count as zero where they are that short relative to the farthest corner of their region."""
 
 REGION = "region"
 """The kind of a feature whose vectors have no order: a convex target region."""
@@ -82,7 +86,7 @@ class _Kind(NamedTuple):
     """Features that may be images of each other: of one kind and with as many vectors, in order."""
 
     vectors: Array
-    """Of f features, polar ones first, shape (f, m + k, 3)."""
+    """Vectors of f features, polar ones first, shape (f, m + k, 3)."""
     signs: Array
     """-1 for polar vectors and 1 for axial ones, as O = -P maps them, shape (m + k, 1)."""
     alike: NDArray[np.bool_]
@@ -116,18 +120,18 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
     features = _features(to_corners(task))
     regions = [feature for feature in features if feature.kind == REGION]
     kinds = _kinds(feature for feature in features if feature.kind != REGION)
-    found = None
+    best = None
     for P in _rotations(features):
-        if found is not None and np.trace(P) >= np.trace(found) - TOLERANCE:
+        if best is not None and np.trace(P) >= np.trace(best) - TOLERANCE:
             continue
         if not all(kind.maps_onto_itself(P) for kind in kinds):
             continue
         images = (region.rotate(P) for region in regions)
         if all(any(image.equals(region) for region in regions) for image in images):
-            found = P
-    if found is None:
+            best = P
+    if best is None:
         return None
-    O = -found
+    O = -best
     O.flags.writeable = False
     return O
 
@@ -142,28 +146,28 @@ def _kinds(features: Iterable[_Feature]) -> list[_Kind]:
 
 def _features(task: ResolvedTask) -> list[_Feature]:
     """Return what an isometry must map onto itself, each feature once."""
-    wanted = _load_cases(task)
+    features = _load_cases(task)
     p_E = task.end_effector.fixed_position
     none, l_arm = np.zeros((0, 3)), task.module.arm_length
-    for asked in task.exposure:
-        solid = float(asked.solid)
-        for shape in asked.shapes:
+    for requirement in task.exposure:
+        solid = float(requirement.solid)
+        for shape in requirement.shapes:
             match shape:
                 case Polytope(corners):
                     V = np.array(corners)
                     V = _clean(V, float(np.linalg.norm(V, axis=1).max()))
-                    wanted.append(_Feature(REGION, (solid,), V, none))
+                    features.append(_Feature(REGION, (solid,), V, none))
                 case Capsule(length=None, start=start, end=end) if start != end:
                     orders = ((start, end), (end, start))  # its ends have no order, so both stand for it
-                    for ends in [both for both in orders if NOWHERE not in (start, end) or both[0] == NOWHERE]:
-                        polar = _clean(np.array(ends), l_arm)
-                        wanted.append(_Feature("segment", (shape.radius, solid), polar, none))
+                    for pair in [both for both in orders if NOWHERE not in (start, end) or both[0] == NOWHERE]:
+                        polar = _clean(np.array(pair), l_arm)
+                        features.append(_Feature("segment", (shape.radius, solid), polar, none))
                 case Cone(axis=(_, _, _)):
                     vectors = _clean(np.array([shape.axis, shape.apex]), l_arm)
-                    wanted.append(_Feature("axis", (shape.half_angle_deg, solid), vectors, none))
+                    features.append(_Feature("axis", (shape.half_angle_deg, solid), vectors, none))
     if p_E is not None:
-        wanted.append(_Feature("p_E", (), _clean(np.array([p_E]), l_arm), none))
-    return wanted
+        features.append(_Feature("p_E", (), _clean(np.array([p_E]), l_arm), none))
+    return features
 
 
 def _load_cases(task: ResolvedTask) -> list[_Feature]:
@@ -171,9 +175,9 @@ def _load_cases(task: ResolvedTask) -> list[_Feature]:
     at_com = task.end_effector.fixed_position == (0.0, 0.0, 0.0)
     features: list[_Feature] = []
     # what must be possible with one rotor dead must be so with any: a mirror may exchange rotors
-    stated = [(case, dead) for case, dead in zip(task.load_cases, task.dead_rotors, strict=True) if not dead]
-    cases = [(case, *_wrench(case, at_com)) for case, _ in stated]
-    kinds = ["load case" if dead is None else "with a rotor dead" for _, dead in stated]
+    base_cases = [(case, dead) for case, dead in zip(task.load_cases, task.dead_rotors, strict=True) if not dead]
+    cases = [(case, *_wrench(case, at_com)) for case, _ in base_cases]
+    kinds = ["load case" if dead is None else "with a rotor dead" for _, dead in base_cases]
     force, torque = task.force_unit(task.n), task.torque_unit(task.n)
     cleaned = [(case, _clean(f, force), _clean(tau[None], torque)) for case, f, tau in cases]
     vectors = np.array([np.vstack([f, tau]) for _, f, tau in cleaned])
@@ -235,7 +239,7 @@ def _rotations(features: list[_Feature]) -> Iterator[Array]:
                 yield _frame(image, sign * y) @ _frame(x, y).T
         return
     gram, frame = x @ axes[second], _frame(x, axes[second])
-    images, others = (np.array(list(_images(features, *located[place]))) for place in (0, second))
+    images, others = (np.array(list(_images(features, *located[number]))) for number in (0, second))
     for i, j in np.argwhere(np.abs(images @ others.T - gram) <= 4 * TOLERANCE):
         yield _frame(images[i], others[j]) @ frame.T
 
@@ -263,3 +267,53 @@ def _frame(along: Array, beside: Array) -> Array:
     z = np.cross(x, beside)
     z /= np.linalg.norm(z)
     return np.column_stack([x, np.cross(z, x), z])
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """A symmetry as it applies to one task."""
+
+    group: Group
+    """The turns and mirrors of the root's frame under which trees are one candidate."""
+    exact: bool
+    """Whether all trees that stand for one candidate have the same optimum."""
+    reason: str
+    """What is merged and why, for a reader."""
+
+
+def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolution:
+    """Return what a symmetry means for a task. ValueError names an unknown symmetry."""
+    connectors, root = task.search.connectors, task.search.root
+    isometry = improper_isometry(task)
+    group = group_of(symmetry, connectors=connectors, root=root, mirrors=isometry is not None)
+    if root == "paper":
+        if group == "c1":
+            return Resolution(group, True, "with the paper's root no two rooted trees are the same design")
+        return Resolution(group, False, "lossy: with the paper's root nothing but the identity is exact")
+    if group == "c1":
+        return Resolution(group, True, "every tree is a candidate")
+    if group in ("c4", "d4"):
+        return Resolution(group, False, "lossy: a quarter turn reverses every rotor's spin")
+    turns = "half turns" if connectors == "aligned" else "quarter turns with the spin flip"
+    if group == "c2":
+        if symmetry != "task":
+            return Resolution(group, True, f"{turns} are the same design")
+        return Resolution(group, True, f"{turns} are the same design; no mirror maps the task onto itself")
+    if isometry is None:
+        return Resolution(group, False, "lossy: no mirror maps the task onto itself")
+    mirror = f"{describe(isometry)} maps the task onto itself"
+    return Resolution(group, True, f"{turns} and mirrored trees are the same design: {mirror}")
+
+
+def describe(O: NDArray[np.float64]) -> str:
+    """Return an improper isometry, shape (3, 3), in words."""
+    turn = float(np.trace(O)) + 1.0  # twice the cosine of the turn about the normal
+    if turn <= -2.0 + TOLERANCE:
+        return "the point reflection"
+    _, _, rows = np.linalg.svd(O + np.eye(3))
+    normal = rows[-1] / rows[-1][np.argmax(np.abs(rows[-1]))]
+    text = ", ".join(f"{x:.4g}" for x in np.where(np.abs(normal) > TOLERANCE, normal, 0.0))
+    if turn >= 2.0 - TOLERANCE:
+        return f"the reflection along [{text}]"
+    degrees = np.degrees(np.arccos(turn / 2))
+    return f"the reflection along [{text}] with a turn of {degrees:.4g} deg about it"

@@ -21,8 +21,6 @@ from topo_search.topologies.symmetry import Connectors
 
 Move = tuple[int, tuple[int, int], int]
 """i, (h, a) and the quarter turns that kappa[i] grows by: what `graft` takes beside a tree."""
-LEAVES = 0.5
-"""Probability that the part to be moved is drawn from the leaves alone."""
 
 
 def graft(topology: Topology, i: int, at: tuple[int, int], turns: int = 0) -> Topology:
@@ -44,16 +42,16 @@ def graft(topology: Topology, i: int, at: tuple[int, int], turns: int = 0) -> To
         raise ValueError(f"module {at[0]} goes with module {i}, but got at = {at}")
     shift = (at[1] - topology.joints[i][1] - turns) % 4
     order = [h for h in range(topology.n) if h not in part] + sorted(part)
-    place = {old: new for new, old in enumerate(order)}
+    index = {old: new for new, old in enumerate(order)}
     joints = [topology.joints[0]]
     for old in order[1:]:
         h, a, b = topology.joints[old]
         if old == i:
-            joints.append((place[at[0]], at[1], (b + shift) % 4))
+            joints.append((index[at[0]], at[1], (b + shift) % 4))
         elif old in part:
-            joints.append((place[h], (a + shift) % 4, (b + shift) % 4))
+            joints.append((index[h], (a + shift) % 4, (b + shift) % 4))
         else:
-            joints.append((place[h], a, b))
+            joints.append((index[h], a, b))
     return Topology(tuple(joints))
 
 
@@ -87,7 +85,7 @@ def draw_move(topology: Topology, random: Random, connectors: Connectors) -> Mov
         raise ValueError("`n >= 2` must hold for a move, but got n = 1")
     parents = set(topology.parents)
     leaves = [i for i in range(1, topology.n) if i not in parents]
-    i = random.choice(leaves) if random.random() < LEAVES else random.randrange(1, topology.n)
+    i = random.choice(leaves) if random.random() < 0.5 else random.randrange(1, topology.n)
     turns = random.randrange(2) if connectors == "any" else 0
     if turns and random.randrange(2):
         return i, topology.joints[i][:2], turns

@@ -15,7 +15,7 @@ lambda_max u_max^2.
 With p'_E free, p_COM = (m sum_i p_i + m_E p'_E) / m_t, so g_k = f_E + (m_E / m_t) f_C and h_k = (m / m_t) f_C. With
 p_E fixed from the COM, p_COM = C + kappa p_E and p'_E = C + (1 + kappa) p_E, so g_k = 0 and h_k = f_k / n.
 
-**What a clear audit lets pass** (`topo_search.model.tolerances`): the force is off by e = TOLERANCE m_t g; so
+**What a clear audit lets pass** (`topo_search.model.search`): the force is off by e = TOLERANCE m_t g; so
 are, in l_arm, the torques about the COM and about p_E. Torque changes linearly with the point that it is about,
 and C is on the line through both: off by (1 + 2 kappa) e about C, and by |C| e more about the origin. Inputs are
 between

@@ -27,9 +27,8 @@ from topo_search.export.poses import PORTS, poses, rotation, rotation_to
 from topo_search.export.rod import rod_of
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
-from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
-from topo_search.model.module import Module
+from topo_search.model.module import Bracket, Module
 
 MILLIMETRES = 1000.0
 SIDES = 64

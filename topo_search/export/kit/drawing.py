@@ -11,7 +11,7 @@ from topo_search.export.kit.brackets import MILLIMETRES, TURNS
 from topo_search.export.parts import ROTOR_ANGLES
 from topo_search.export.poses import PORTS
 from topo_search.model.arrays import Array
-from topo_search.model.bracket import Bracket
+from topo_search.model.module import Bracket
 from topo_search.model.topology import PORT_NAMES
 
 Line = list[str]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from topo_search.export.kit.brackets import Part
 from topo_search.export.poses import poses
 from topo_search.export.rod import rod_of
-from topo_search.model.csv_text import csv_text
 from topo_search.model.design import Design
+from topo_search.model.tables import csv_text
 
 HEAD = ("part", "count", "size", "mass_kg", "file")
 BOLTS_A_FLANGE = 4

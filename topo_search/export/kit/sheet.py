@@ -12,7 +12,7 @@ from topo_search.export.kit.parts_list import HEAD, Row
 from topo_search.export.poses import poses
 from topo_search.export.rod import rod_of
 from topo_search.model.design import Design
-from topo_search.model.html import paragraph, table
+from topo_search.model.tables import paragraph, table
 from topo_search.model.topology import PORT_NAMES
 
 STYLE = """

@@ -1,0 +1,261 @@
+"""One problem against another, tree by tree: what the difference costs, and how many trees it leaves a design.
+
+A comparison has a reference and other variants. Efforts are compared over the trees that have a design under both;
+where a variant has several rows of one tree, one for each of its roots, the best of them counts. Trees of random
+wrenches each have their own, so that there is no best of them.
+
+- `placement`: an end-effector at the centre of mass, against one whose position is optimised too. At the centre of
+  mass it must still keep its distance from every module's centre, so that the platform has to leave a hole there;
+  `com, inside allowed` drops that (`end_effector.exclusion = false`), as if a module could be in the same place.
+  The cone of an exterior requirement has no axis there, so that this class cannot take part.
+- `root`: the paper's root, whose two angles stay within a right angle, against a root that turns freely. A free
+  root makes all roots of a tree the same design; with the paper's a tree has to be tried with each of its modules
+  as the root. Every root gets as many starts as a tree with a free one, so that the paper's has n times more.
+- `body`: frames that keep clear of each other, where the paper lets airflow alone keep them apart. `airflow only`
+  has the paper's clearances, `search.body_clearance = false`; `body clearance` requires the default distance of the
+  centres of modules that are not bolted together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from topo_search.experiments.conducting import Experiment
+from topo_search.experiments.plan import (
+    AIRFLOW_ALONE,
+    Cell,
+    Settings,
+    Variant,
+    cell_count,
+    plan,
+    require_few,
+)
+from topo_search.export.palette import SERIES
+from topo_search.model import Topology
+from topo_search.model.proven import gap_percent
+from topo_search.topologies import candidate_of
+from topo_search.topologies.rooted import Rooted, key_of, reroot, rooted_of, text_of, turn
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PROBLEM = ["task", "distance_m", "n"]
+
+
+def comparison(
+    name: str, question: str, full: Settings, small: Settings, variants: tuple[Variant, ...], title: str
+) -> Experiment:
+    """Return the experiment that solves every tree under all variants; the first variant is the reference."""
+    names = [variant.name for variant in variants]
+    return Experiment(
+        name=name,
+        question=question,
+        full=full,
+        small=small,
+        cells=partial(plan, variants=variants, first=False),
+        summary=partial(summary, names=names),
+        findings=partial(findings, names=names),
+        figure=partial(figure, names=names, title=title),
+    )
+
+
+def summary(rows: pd.DataFrame, names: list[str]) -> pd.DataFrame:
+    """Return one row per problem and variant.
+
+    `effort_ratio`: J over that of the reference, over the trees with a design under both (`trees_compared`);
+    `best_ratio`: the same of the best designs of all trees; `best_gap`: that design's gap to the lower bound.
+    Trees with wrenches of their own have no best.
+    """
+    table = []
+    for problem, group in rows.groupby(PROBLEM):
+        trees = best_of_trees(group)
+        reference = trees[names[0]] if names[0] in trees else pd.Series(dtype=float)
+        for name in names:
+            mine = group[group["variant"] == name]
+            if mine.empty:
+                continue
+            efforts = trees[name]
+            ratio = (efforts / reference).dropna()
+            same_task, best = bool(group["task_seed"].isna().all()), mine.nsmallest(1, "objective")
+            table.append(
+                {
+                    **dict(zip(PROBLEM, problem, strict=True)),
+                    "variant": name,
+                    "topologies": len(mine),
+                    "share_solved": (mine["status"] == "feasible").mean(),
+                    "share_clear": (mine["verdict"] == "clear").mean(),
+                    "trees": mine["key"].map(tree_of).nunique(),
+                    "trees_solved": int(efforts.notna().sum()),
+                    "trees_compared": len(ratio),
+                    "effort_ratio_median": ratio.median(),
+                    "effort_ratio_max": ratio.max(),
+                    "best_ratio": efforts.min() / reference.min() if same_task else math.nan,
+                    "best_gap": best["gap"].min() if same_task else math.nan,
+                    "gap_median": mine["gap"].median(),
+                    "offset_median_m": mine["offset_m"].median(),
+                }
+            )
+    return pd.DataFrame(table)
+
+
+def findings(rows: pd.DataFrame, names: list[str]) -> list[str]:
+    """Return for each problem and variant what it costs."""
+    sentences = []
+    for (task, distance, n), group in summary(rows, names).groupby(PROBLEM):
+        reference, *others = group.to_dict(orient="records")
+        if reference["variant"] == names[0]:  # else it has no rows yet
+            sentences += [f"{task}, {n} modules at {distance:.2f} m: {_cost(row, reference)}" for row in others]
+    return sentences
+
+
+def _cost(row: dict[Hashable, Any], reference: dict[Hashable, Any]) -> str:
+    """Return in words what a variant costs."""
+    name, other = row["variant"], reference["variant"]
+    solved = (
+        f"{name}: {row['trees_solved']} of {row['trees']} trees have a design, {other}: {reference['trees_solved']}"
+    )
+    if not row["trees_compared"]:
+        return f"{solved}."
+    both = (
+        f"{solved}; where both have one, {name} takes {_percent(row['effort_ratio_median'])} effort in the median "
+        f"({_percent(row['effort_ratio_max'])} at most)"
+    )
+    which = "gap_median" if pd.isna(row["best_ratio"]) else "best_gap"
+    mine, others = (gap_percent(values[which], decimals=1) for values in (row, reference))
+    if which == "gap_median":
+        return f"{both}; median gap {mine}, {other}: {others}."
+    return f"{both}; its best design takes {_percent(row['best_ratio'])}, gap {mine} instead of {others}."
+
+
+def _percent(ratio: float) -> str:
+    """Return by how many percent a ratio is above one."""
+    return f"{round(ratio - 1, 3) + 0.0:+.1%}"  # adding zero turns -0.0 into 0.0
+
+
+def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
+    """Return the ratios of effort, a point per tree, and the shares of trees with a design as bars."""
+    from matplotlib.figure import Figure
+
+    table = summary(rows, names)
+    positions = table.groupby(PROBLEM).ngroup()
+    problems = list(rows.groupby(PROBLEM))
+    figure = Figure(figsize=(8.0 + 1.6 * len(problems), 4.6), layout="constrained")
+    effort, share = figure.subplots(1, 2, sharex=True)
+    trees = [best_of_trees(group).reindex(columns=names) for _, group in problems]
+    for number, name in enumerate(names[1:], start=1):
+        ratios = [(100 * (best[name] / best[names[0]] - 1)).dropna() for best in trees]
+        shift = 0.8 * ((number - 0.5) / (len(names) - 1) - 0.5)
+        points = [(position + shift, value) for position, values in enumerate(ratios) for value in values]
+        x, y = [x for x, _ in points], [y for _, y in points]
+        effort.plot(x, y, "osD^"[number % 4], color=SERIES[number], alpha=0.5, label=name)
+    effort.axhline(0.0, color="black", linewidth=1, label=names[0])
+    effort.set(title="Effort of trees with a design under both", ylabel=f"effort J above {names[0]} [%]")
+    width = 0.8 / len(names)
+    for number, name in enumerate(names):
+        mine = table[table["variant"] == name]
+        shares = 100 * mine["trees_solved"] / mine["trees"]
+        left = positions[mine.index] + (number + 0.5) * width - 0.4
+        share.bar(left, shares, 0.9 * width, color=SERIES[number], label=name)
+    share.set(title="Trees with a design", ylabel="share of all trees [%]", ylim=(0, 105))
+    labels = [f"{task}\n$n$ = {n}, {distance:.2f} m" for (task, distance, n), _ in problems]
+    for axes in (effort, share):
+        axes.legend(fontsize=8)
+        axes.set_xticks(range(len(problems)), labels, fontsize=7)
+        axes.grid(axis="y", alpha=0.3)
+        axes.set_xlabel("task")
+    figure.suptitle(title)
+    return figure
+
+
+def best_of_trees(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the least effort of every tree (index) under every variant (columns); NaN where it has no design."""
+    trees = rows.assign(tree=rows["key"].map(tree_of))
+    return trees.groupby(["tree", "variant"])["objective"].min().unstack("variant")
+
+
+def tree_of(key: str) -> str:
+    """Return the key of a topology's tree, whichever module is its root."""
+    return candidate_of(Topology.from_key(key)).key
+
+
+AT_COM = 'end_effector.position="com"'
+PLACEMENT = comparison(
+    name="placement",
+    question="What does an end-effector at the centre of mass cost, compared with an optimised position?",
+    full=Settings(
+        tasks=(("push", (5,)), ("push-local", (5,)), ("push-directional", (5,)), ("ten-wrenches", (10, 20))),
+        topologies=(50, 10),
+        starts=24,
+    ),
+    small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
+    variants=(
+        Variant("free"),
+        Variant("com", (AT_COM,)),
+        Variant("com, inside allowed", (AT_COM, "end_effector.exclusion=false")),
+    ),
+    title="What an end-effector at the centre of mass costs: each point a tree, compared with itself",
+)
+
+BODY = comparison(
+    name="body",
+    question="What does it cost to keep frames apart?",
+    full=Settings(
+        tasks=(
+            *((task, (5,)) for task in ("push", "push-local", "push-directional", "push-exterior-60")),
+            ("ten-wrenches", (10, 20)),
+        ),
+        topologies=(50, 10),
+        starts=24,
+    ),
+    small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
+    variants=(Variant("airflow only", (AIRFLOW_ALONE,)), Variant("body clearance")),
+    title="What body clearance costs: each point a tree, compared with itself",
+)
+
+PAPER_ROOT = Variant("paper root", ('search.root="paper"',))
+
+
+def root_cells(settings: Settings) -> list[Cell]:
+    """Return the plan: every tree with a free root, then with each of its modules as the paper's root.
+
+    Raises:
+        BadInput: there would be more than CELLS.
+    """
+    require_few(cell_count(settings, lambda n: 1 + n // 4))  # at least: half and quarter turns make some roots one
+    cells = []
+    for cell in plan(settings, (Variant("free root"), PAPER_ROOT), first=False):
+        keys = roots(cell.key) if cell.variant == PAPER_ROOT else [cell.key]
+        cells += [replace(cell, key=key) for key in keys]
+        require_few(len(cells))
+    return cells
+
+
+def roots(key: str) -> list[str]:
+    """Return the keys of a tree with each of its modules as the root, as it lies and after a half turn."""
+    trees = rootings(rooted_of(key))
+    return sorted({key_of(text_of(turn(tree, quarters))) for tree in trees for quarters in (0, 2)})
+
+
+def rootings(tree: Rooted, entered: int | None = None) -> list[Rooted]:
+    """Return an aligned tree with each of its modules as the root; none beyond the port where it was entered."""
+    beyond = (port for port in range(4) if tree[port] and port != entered)
+    return [tree, *(other for port in beyond for other in rootings(reroot(tree, port), (port + 2) % 4))]
+
+
+ROOT = replace(
+    comparison(
+        name="root",
+        question="What does the paper's root cost, compared with one that turns freely?",
+        full=Settings(tasks=(("push", (3, 4, 5)), ("push-exterior-60", (3, 4, 5))), topologies=(50, 10), starts=24),
+        small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
+        variants=(Variant("free root"), PAPER_ROOT),
+        title="What the paper's root costs: each point a tree, its best root compared with a free one",
+    ),
+    cells=root_cells,
+)

@@ -1,0 +1,210 @@
+"""The plan of an experiment: its settings, and its cells, each one topology under one condition."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Self
+
+from topo_search.limits import CELLS, LARGEST_INTEGER, MODULES, SECONDS, STARTS, TREES
+from topo_search.model import BadInput, Fault, ResolvedTask
+from topo_search.model.bad_input import nearest, show
+from topo_search.model.files import examples, read_task
+from topo_search.topologies import candidates, count, sample
+
+LARGEST_SEED = LARGEST_INTEGER - TREES
+"""Tree number k draws its wrenches with the seed + k."""
+FEW_ABOVE = 40
+"""Number of modules above which the second number of `Settings.topologies` holds."""
+AIRFLOW_ALONE = "search.body_clearance=false"
+"""The paper's clearances: only airflow keeps modules apart."""
+IDENTITY = ("variant", "task", "distance_m", "n", "key", "task_seed")
+"""The columns of `results.csv` that identify a cell."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The conditions of an experiment, and its random numbers."""
+
+    tasks: tuple[tuple[str, tuple[int, ...]], ...]
+    """Shipped examples, each with its numbers of modules."""
+    topologies: tuple[int, int]
+    """Trees per size, up to FEW_ABOVE modules and above; all trees where there are no more."""
+    starts: int
+    """Largest number of starts per topology."""
+    distances: tuple[float, ...] = ()
+    """Connector distances [m]; empty: the distance of each task."""
+    seed: int = 0
+    """Seed of topologies, wrenches and starts."""
+    time_limit: float = 600.0
+    """CPU seconds per cell after which no further start begins, where the first design ends a cell."""
+
+    def __post_init__(self) -> None:
+        known = examples()
+        faults = [
+            Fault("--task", f"must name a shipped example, but got {name[:80]}; {nearest(name[:80], known)}")
+            for name, _ in self.tasks
+            if name not in known
+        ]
+        numbers: dict[str, tuple[Sequence[float], float]] = {
+            "sizes": ([n for _, sizes in self.tasks for n in sizes], MODULES),
+            "topologies": (self.topologies, TREES),
+            "starts": ([self.starts], STARTS),
+            "distances": (self.distances, math.inf),
+            "time-limit": ([self.time_limit], SECONDS),
+        }
+        for option, (values, most) in numbers.items():
+            for value in dict.fromkeys(values):
+                positive = 0 < value < math.inf
+                if not positive or value > most:
+                    rule = f"must be at most {most:,}" if positive else "must be positive and finite"
+                    text = f"{value:g}" if isinstance(value, float) else show(value)
+                    faults.append(Fault(f"--{option}", f"{rule}, but got {text}"))
+        if not 0 <= self.seed <= LARGEST_SEED:
+            faults.append(Fault("--seed", f"must be from 0 to {LARGEST_SEED:,}, but got {show(self.seed)}"))
+        named = {"task": [name for name, _ in self.tasks], "distances": self.distances}
+        faults += [
+            Fault(f"--{option}", f"must have no value twice, but got {value} {values.count(value)} times")
+            for option, values in named.items()
+            for value in dict.fromkeys(values)
+            if values.count(value) > 1
+        ]
+        if faults:
+            raise BadInput("experiment", faults)
+
+    def trees(self, n: int) -> int:
+        """Return the largest number of trees of n modules."""
+        return self.topologies[n > FEW_ABOVE]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return them as a JSON value."""
+        value: dict[str, Any] = json.loads(json.dumps({**asdict(self), "tasks": dict(self.tasks)}))
+        return value
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Self:
+        """Return the settings that a JSON value of `as_json` holds."""
+        tasks = tuple((name, tuple(sizes)) for name, sizes in value["tasks"].items())
+        few, fewer = value["topologies"]
+        return cls(**{**value, "tasks": tasks, "topologies": (few, fewer), "distances": tuple(value["distances"])})
+
+    def as_options(self) -> str:
+        """Return the command-line options for these settings."""
+        options = [f"--task {name}:{_join(sizes)}" for name, sizes in self.tasks]
+        options += [f"--topologies {_join(self.topologies)}", f"--starts {self.starts}"]
+        if self.distances:
+            options.append(f"--distances {_join(self.distances)}")
+        return " ".join([*options, f"--seed {self.seed}", f"--time-limit {_join((self.time_limit,))}"])
+
+    @classmethod
+    def task_of(cls, text: str) -> tuple[str, tuple[int, ...]]:
+        """Read TASK:SIZES, as in `ten-wrenches:10,20`."""
+        match = re.fullmatch(r"([^:]+):(\d{1,9}(?:,\d{1,9})*)", text)
+        if match is None:
+            raise BadInput("experiment", [Fault("--task", f"must be TASK:N,N,..., but got {text[:80]}")])
+        return match[1], tuple(int(n) for n in match[2].split(","))
+
+    def override(self, **values: Any) -> Self:
+        """Return these settings with all values that are not None."""
+        return replace(self, **{name: value for name, value in values.items() if value is not None})
+
+
+def _join(values: tuple[float, ...]) -> str:
+    return ",".join(str(value).removesuffix(".0") for value in values)  # to the last digit
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One of the problems that an experiment compares."""
+
+    name: str
+    overrides: tuple[str, ...] = ()
+    """`FIELD=VALUE` settings of the task."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One topology under one condition, a row of the results; small, and the same in every process."""
+
+    variant: Variant
+    task: str
+    """A shipped example."""
+    distance_m: float
+    """Connector distance [m]."""
+    n: int
+    key: str
+    """The topology."""
+    task_seed: int | None
+    """Seed of the ten wrenches; None for a task whose wrenches are given."""
+    settings: Settings
+    first: bool
+    """Whether the first design ends the cell; otherwise the best of all starts counts."""
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The columns that tell its row from all others of an experiment."""
+        return {name: getattr(self, name) for name in IDENTITY} | {"variant": self.variant.name}
+
+    @property
+    def rounds(self) -> list[range]:
+        """The starts, in the portions in which they are solved; those of a portion share compiled programs."""
+        starts = self.settings.starts
+        return [range(s, s + 1) for s in range(starts)] if self.first else [range(starts)]
+
+    def resolve(self) -> ResolvedTask:
+        """Return the task; BadInput if its variant does not fit it."""
+        settings = [f"modules={self.n}", f"module.connector_distance={self.distance_m}"]
+        if self.task_seed is not None:
+            settings.append(f"task_seed={self.task_seed}")
+        return read_task(self.task, (*settings, *self.variant.overrides)).resolve(self.n)
+
+
+def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> list[Cell]:
+    """Return the cells of all combinations, by ascending size.
+
+    As in the paper every topology comes with wrenches of its own (Sec. IV, "for each trial"); it keeps them under
+    all conditions, so that these can be compared tree by tree.
+
+    Raises:
+        BadInput: there would be more than CELLS.
+    """
+    require_few(cell_count(settings, lambda _: len(variants)))
+    tasks = {name: read_task(name) for name, _ in settings.tasks}
+    drawn = {name for name, task in tasks.items() if task.task_seed is not None}
+    return [
+        Cell(variant, name, distance, n, key, settings.seed + number if name in drawn else None, settings, first)
+        for n in sorted({n for _, sizes in settings.tasks for n in sizes})
+        for number, key in enumerate(trees(n, settings.trees(n), settings.seed))
+        for name, sizes in settings.tasks
+        if n in sizes
+        for distance in settings.distances or (tasks[name].module.connector_distance,)
+        for variant in variants
+    ]
+
+
+def cell_count(settings: Settings, cells_per_tree: Callable[[int], int]) -> int:
+    """Return the number of cells, from the number for each tree of n modules in a task and at a distance."""
+    return max(1, len(settings.distances)) * sum(
+        min(count(n), settings.trees(n)) * cells_per_tree(n) for _, sizes in settings.tasks for n in set(sizes)
+    )
+
+
+def require_few(number: int) -> None:
+    """Refuse a plan of more than CELLS cells with BadInput."""
+    if number > CELLS:
+        rule = f"must have at most {CELLS:,} rows: task, size, tree, distance and variant, but has {number:,}"
+        raise BadInput("experiment", [Fault("", rule)])
+
+
+def trees(n: int, most: int, seed: int) -> list[str]:
+    """Return the keys of all topologies of n modules, or of as many different ones, drawn uniformly."""
+    if count(n) <= most:
+        return [candidate.key for candidate in candidates(n)]
+    drawn, draws = dict[str, None](), most
+    while len(drawn) < most:
+        drawn = dict.fromkeys(topology.key for topology in sample(n, draws, seed))
+        draws *= 2
+    return list(drawn)[:most]
