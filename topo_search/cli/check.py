@@ -112,7 +112,7 @@ def _draw(task: Task, out: Path) -> None:
         raise BadInput("--picture", [Fault("", f"must end in .png or .svg, but got {out.name}")])
     options.require_writable(out, "--picture")
     with needs_extras("--picture"):
-        from topo_search.export.figure_file import save
+        from topo_search.export.picture import save
         from topo_search.export.task_picture import task_figure
 
         save(task_figure(task.resolve(task.sizes[0])), out)

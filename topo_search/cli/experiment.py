@@ -131,7 +131,7 @@ def experiment(
             rows = conduct(asked, settings, out, workers=workers, observer=observer)
         if picture is not None:
             with needs_extras("--picture"):
-                from topo_search.export.figure_file import save
+                from topo_search.export.picture import save
 
                 save(asked.figure(rows), picture)
         _print(out, asked.summary(rows), asked.findings(rows), picture, as_json=as_json)

@@ -13,7 +13,7 @@ from topo_search.cli.errors import explain_errors, needs_extras, note
 if TYPE_CHECKING:
     import pandas as pd
 
-    from topo_search.export.physics import Physics
+    from topo_search.export.simulator_xml import Physics
     from topo_search.model import Audit, Design
 
 SUFFIXES = {
@@ -136,7 +136,7 @@ def export(
     """  # noqa: D301 (\b is click's)
     with explain_errors():
         from topo_search.compose import audit, read_design
-        from topo_search.export.physics import Physics
+        from topo_search.export.simulator_xml import Physics
         from topo_search.model import BadInput, Design, Fault
         from topo_search.model.files import read_json
 
@@ -218,11 +218,11 @@ def _write(design: Design, kind: Any, parts: Any, physics: Physics, out: Path) -
 def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:
     """Write the kit of a design, or a part of it."""
     from topo_search.compose import audit, brackets_note, round_angles
-    from topo_search.export.kit import folder
-    from topo_search.export.kit.brackets import require_room
+    from topo_search.export.brackets import require_room
+    from topo_search.export.kit import require_kit_folder, write_brackets, write_kit, write_part
 
     if kind == "kit":
-        folder.require_kit_folder(out)
+        require_kit_folder(out)
     elif kind != "brackets":
         options.require_writable(out)
     notes: tuple[str, ...] = ()
@@ -240,14 +240,14 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
         note(beside)
         notes += (beside,)
     if kind == "kit":
-        kit = folder.write_kit(design, out, notes, physics)
+        kit = write_kit(design, out, notes, physics)
         click.echo(f"the kit is in {out}: {', '.join(kit.files)}")
         for text in kit.notes:
             note(text)
     elif kind == "brackets":
-        click.echo(f"the brackets are in {out}: {', '.join(folder.write_brackets(design, out))}")
+        click.echo(f"the brackets are in {out}: {', '.join(write_brackets(design, out))}")
     else:
-        folder.write_part(design, kind, out, notes)
+        write_part(design, kind, out, notes)
         click.echo(f"the {'sheet' if kind == 'sheet' else 'table'} is in {out}")
 
 

@@ -60,7 +60,7 @@ def write_page(folder: RunFolder) -> None:
 
 def figure(design: Design, audited: Audit | None = None) -> Any:
     """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod."""
-    from topo_search.export.viewpoint import poses_to_draw
+    from topo_search.export.poses import poses_to_draw
     from topo_search.report.headline import closest
     from topo_search.report.scene import scene
 

@@ -1,5 +1,7 @@
 """Closed triangle meshes of the volumes of a design, for programs that show or print solids.
 
+The rigid parts of a module also are four-cornered faces, (faces, 4, 3) [m], corners counter-clockwise from outside.
+
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | P_0, P_1, r_0, r_1 | ends of an axis and the radii there; a cone-sphere is the hull of the two balls | (3,) | m |
@@ -17,10 +19,10 @@ import numpy as np
 import trimesh
 from trimesh import Trimesh
 
-from topo_search.export.parts import ROTOR_ANGLES
-from topo_search.export.poses import rotation, rotation_to
+from topo_search.export.poses import ROTOR_ANGLES, rotation_to
 from topo_search.model.arrays import Array
 from topo_search.model.module import Module
+from verify.kinematics import rotation
 
 SIDES = 48
 """Sides of a circle: its sagitta is 0.21 % of the radius."""
@@ -85,3 +87,47 @@ def _arc(start: float, end: float, r: float, height: float, sides: int) -> Array
     steps = max(2, math.ceil((end - start) / (2 * math.pi / sides)) + 1)
     theta = np.linspace(start, end, steps) if r and end > start else np.empty(0)
     return np.stack([r * np.sin(theta), height + r * np.cos(theta)], axis=1)
+
+
+_SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+_TURNED = _SQUARE[::-1]
+CUBE = np.array(
+    [
+        np.insert(_SQUARE if outwards else _TURNED, axis, side, axis=1)
+        for axis in range(3)
+        for side, outwards in ((-1.0, axis == 1), (1.0, axis != 1))
+    ]
+)
+"""Faces of the cube [-1, 1]^3."""
+
+
+def frame_faces(module: Module) -> Array:
+    """Return the faces of hub and arms, or of a frame of the module's own: triangles, their last corner twice."""
+    body, l_arm, w = module.body, module.arm_length, module.body.arm_width
+    if body.frame is not None:
+        own = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
+        seen = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 1]).any(axis=1)
+        return np.asarray(own[seen][:, [0, 1, 2, 2]])
+    arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
+    return np.concatenate([CUBE * np.array(body.hub) / 2, *(arm @ _turn(angle).T for angle in ROTOR_ANGLES)])
+
+
+def rotor_faces(module: Module) -> Array:
+    """Return the faces of the four rotor discs."""
+    disc = cylinder(module.body.rotor_radius, module.body.rotor_height)
+    return np.concatenate([disc + _turn(angle) @ np.array([module.arm_length, 0.0, 0.0]) for angle in ROTOR_ANGLES])
+
+
+def cylinder(radius: float, height: float, *, sides: int = 16) -> Array:
+    """Return the faces of a prism about z with an even number of sides; each end is cut into strips."""
+    angles = np.linspace(0, 2 * math.pi, sides, endpoint=False)
+    ring = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
+    top, bottom = ring + np.array([0, 0, height / 2]), ring - np.array([0, 0, height / 2])
+    around = np.stack([bottom, np.roll(bottom, -1, axis=0), np.roll(top, -1, axis=0), top], axis=1)
+    strips = [[k, k + 1, sides - 2 - k, sides - 1 - k] for k in range(sides // 2 - 1)]
+    return np.concatenate([around, top[strips], bottom[strips][:, ::-1]])
+
+
+def _turn(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

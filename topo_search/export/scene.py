@@ -13,10 +13,10 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from topo_search.export import outlines, palette, parts
-from topo_search.export.poses import PORTS, Poses
-from topo_search.export.regions import cone, cone_slant, hull, shapes
-from topo_search.export.viewpoint import ELEVATION_DEG, azimuth_deg, towards_viewer
+from topo_search.export import palette
+from topo_search.export.meshes import frame_faces, rotor_faces
+from topo_search.export.poses import ELEVATION_DEG, PORTS, Poses, azimuth_deg, towards_viewer
+from topo_search.export.regions import circle, cone, cone_slant, cone_sphere_outline, hull, shapes
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.shape import Capsule, Cone, Polytope
@@ -73,12 +73,12 @@ class Scene:
         radii = envelope.start_radius, envelope.end_radius
         self._volumes(
             [
-                outlines.cone_sphere(p, radii[0], end, radii[1], self.v)
+                cone_sphere_outline(p, radii[0], end, radii[1], self.v)
                 for p, end in zip(self.at.p, ends, strict=True)
             ],
             palette.AIRFLOW,
         )
-        rings = [outlines.circle(end, radii[1], z) for end, z in zip(ends, self.at.z, strict=True)]
+        rings = [circle(end, radii[1], z) for end, z in zip(ends, self.at.z, strict=True)]
         self._lines(rings, palette.AIRFLOW, 0.5)
 
     def exposure(self) -> None:
@@ -88,8 +88,8 @@ class Scene:
             match shape:
                 case Capsule(radius=r):
                     start, end = apex + shape.start, apex + shape.end
-                    self._volumes([outlines.cone_sphere(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
-                    self._lines([outlines.circle(end, r, up)], palette.EXPOSURE, 0.8)
+                    self._volumes([cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
+                    self._lines([circle(end, r, up)], palette.EXPOSURE, 0.8)
                 case Polytope():
                     corners, triangles, _, edges = hull(shape)
                     self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
@@ -106,7 +106,7 @@ class Scene:
         for h, i, a, _ in self.design.topology.edges():
             joint = at.p[h] + module.connector_distance * at.R[h] @ PORTS[a]
             self._lines([np.stack([at.p[h], joint, at.p[i]])], palette.CONNECTOR, 2.0)
-        frame, rotors = parts.frame(module), parts.rotors(module)
+        frame, rotors = frame_faces(module), rotor_faces(module)
         one = np.concatenate([frame, rotors])
         faces = np.concatenate([one @ R.T + p for R, p in zip(at.R, at.p, strict=True)])
         tints = [to_rgb(palette.MODULE)] * len(frame) + [to_rgb(palette.ROTOR)] * len(rotors)
@@ -126,7 +126,7 @@ class Scene:
             self.axes.quiver(*place, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **look)
             self._keep([place + arrow])
             if is_torque:
-                ring = outlines.circle(place + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
+                ring = circle(place + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
                 self._lines([ring], colour, 1.4)
 
     def finish(self) -> float:

@@ -19,12 +19,12 @@ from trimesh.visual.material import PBRMaterial
 
 from topo_search.export import palette
 from topo_search.export.meshes import cone_sphere, frame, join, pose_matrix, rotors
-from topo_search.export.poses import Poses, poses, rotation
+from topo_search.export.poses import Poses, poses, rod_of
 from topo_search.export.regions import cone_slant, mesh, shapes
-from topo_search.export.rod import rod_of
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.shape import Cone
+from verify.kinematics import rotation
 
 Parts = Literal["all", "platform", "airflow"]
 """Which solids to write: `all` adds to platform and airflow the regions and marks at the target."""

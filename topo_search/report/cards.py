@@ -7,13 +7,13 @@ from collections.abc import Collection, Iterable, Iterator
 
 from markupsafe import Markup
 
-from topo_search.export.viewpoint import poses_to_draw
+from topo_search.export.poses import poses_to_draw
+from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Audit, BadInput, Design
 from topo_search.report.design_part import nearest
 from topo_search.report.flight_part import reserves
 from topo_search.report.headline import headline
 from topo_search.report.page import Card, Tile
-from topo_search.report.tree_svg import tree_svg
 from topo_search.report.view import view
 from topo_search.report.wording import modules
 from topo_search.study import Answer, Row

@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from markupsafe import Markup
 
-from topo_search.export.viewpoint import poses_to_draw
+from topo_search.export.poses import poses_to_draw
+from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Assembly, Audit, Clearance, Design, Limit, Status
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.model.stated import StatedCheck
@@ -18,7 +19,6 @@ from topo_search.report.clearances import clearance
 from topo_search.report.flight_part import flight_part
 from topo_search.report.page import Chart, DesignPart, Table
 from topo_search.report.task_facts import vector
-from topo_search.report.tree_svg import tree_svg
 from topo_search.report.view import view
 from topo_search.report.wording import EFFORT, figures, length, modules, quantity
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from topo_search.export.flight_lines import flight_lines
+from topo_search.export.audit_summary import flight_lines
 from topo_search.model import CaseFlight, Flight
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text

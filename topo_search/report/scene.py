@@ -9,11 +9,10 @@ import numpy as np
 import plotly.graph_objects as go
 from trimesh import Trimesh
 
-from topo_search.export import outlines, palette
+from topo_search.export import palette
 from topo_search.export.meshes import cone_sphere, frame, join, pose_matrix, rotors
-from topo_search.export.poses import PORTS, Poses
-from topo_search.export.regions import cone_slant, mesh, shapes
-from topo_search.export.viewpoint import azimuth_deg, towards_viewer
+from topo_search.export.poses import PORTS, Poses, azimuth_deg, towards_viewer
+from topo_search.export.regions import cone_slant, cone_triangles, mesh, shapes
 from topo_search.model import Assembly, Clearance, Design
 from topo_search.model.arrays import Array
 from topo_search.model.module import Module
@@ -74,7 +73,7 @@ def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
     """
     envelope, l_arm = module.envelope, module.arm_length
     far, up = np.array([0.0, 0.0, -envelope.length]), np.array([0.0, 0.0, 1.0])
-    head = outlines.cone(AXIS * l_arm * up, -up, math.radians(14), 0.4 * l_arm, sides=8)
+    head = cone_triangles(AXIS * l_arm * up, -up, math.radians(14), 0.4 * l_arm, sides=8)
     return {
         "airflow": cone_sphere(np.zeros(3), envelope.start_radius, far, envelope.end_radius, sides=sides),
         "modules": frame(module),

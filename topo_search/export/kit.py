@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from topo_search.export.allocation import Allocation, allocation
-from topo_search.export.kit.brackets import Part, brackets, mount
-from topo_search.export.kit.parts_list import parts_csv, parts_list
-from topo_search.export.kit.px4 import px4_parameters, reason_against
-from topo_search.export.kit.sheet import sheet
+from topo_search.export.allocation import Allocation, allocation, px4_parameters, reason_against
+from topo_search.export.brackets import Part, brackets, mount
 from topo_search.export.mjcf import mjcf
-from topo_search.export.physics import AS_SEARCHED, Physics
+from topo_search.export.sheet import parts_csv, parts_list, sheet
+from topo_search.export.simulator_xml import AS_SEARCHED, Physics
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
