@@ -7,8 +7,8 @@ from report_cases import Reader, design, toy_page
 from toy_problem import toy_row, toy_run
 
 from topo_search.model import Topology
-from topo_search.report import cards as module
-from topo_search.report.cards import cards, rows_to_show
+from topo_search.report import headline as module
+from topo_search.report.headline import cards, rows_to_show
 from topo_search.study import RunFolder
 
 

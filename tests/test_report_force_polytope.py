@@ -9,8 +9,7 @@ from verify_cases import FAN, design, fan
 from topo_search.export.allocation import thrust_matrix
 from topo_search.export.poses import poses
 from topo_search.model import Design, Topology
-from topo_search.report.arrows import metres_per_newton
-from topo_search.report.force_polytope import force_polytope
+from topo_search.report.arrows import force_polytope, metres_per_newton
 from topo_search.report.view import view
 from verify import audit
 from verify.kinematics import platform

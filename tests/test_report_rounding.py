@@ -30,11 +30,10 @@ from topo_search.model.goals import Level
 from topo_search.model.proven import excess_texts
 from topo_search.model.relaxation import Relaxation
 from topo_search.report.design_page import bound
-from topo_search.report.design_part import design_part
-from topo_search.report.flight_part import flight_part
+from topo_search.report.design_part import design_part, flight_part
 from topo_search.report.front_part import front_part
-from topo_search.report.near_ties import near_tie_cells
 from topo_search.report.run_page import _proof_cells
+from topo_search.report.wording import near_tie_cells
 from topo_search.study import Answer, FrontPoint
 from topo_search.study.answer import LevelAnswer
 from topo_search.study.checking import Checked, CheckedTree

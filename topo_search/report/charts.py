@@ -13,8 +13,7 @@ from plotly.subplots import make_subplots
 from topo_search.export import palette
 from topo_search.model import Audit, Clearance, Design
 from topo_search.model.proven import at_least, at_most
-from topo_search.report.clearances import clearance, millimetres
-from topo_search.report.wording import figures, length
+from topo_search.report.wording import clearance, figures, length, millimetres
 from topo_search.study import SolveEvent
 
 IN_CELLS = 7

@@ -1,4 +1,4 @@
-"""What the page shows of one design: picture, tree, joints, clearances, residuals and rotor inputs."""
+"""What the page shows of one design: picture, tree, joints, clearances, residuals, rotor inputs, reserves."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from collections.abc import Callable
 import numpy as np
 from markupsafe import Markup
 
+from topo_search.export.audit_summary import flight_lines
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
-from topo_search.model import Assembly, Audit, Clearance, Design, Limit, Status
+from topo_search.model import Assembly, Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
+from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.model.stated import StatedCheck
 from topo_search.model.topology import PORT_NAMES
+from topo_search.model.value import Vector
 from topo_search.report.charts import clearance_matrices, rotor_inputs
-from topo_search.report.clearances import clearance
-from topo_search.report.flight_part import flight_part
-from topo_search.report.page import Chart, DesignPart, Table
+from topo_search.report.page import Chart, DesignPart, FlightPart, Table
 from topo_search.report.task_facts import vector
 from topo_search.report.view import view
-from topo_search.report.wording import EFFORT, figures, length, modules, quantity
+from topo_search.report.wording import EFFORT, clearance, figures, length, modules, quantity
 
 NEAREST = 12
 """Number of clear pairs in the table of the nearest."""
@@ -183,3 +184,85 @@ def _loads(design: Design) -> Table:
         )
     columns = ("load case", "smallest input", "largest input", "thrust of all rotors", "share of J")
     return Table(columns, rows, frozenset(range(5)))
+
+
+def flight_part(found: Flight) -> FlightPart:
+    """Return all that is shown of it."""
+    first, *others = (f"{line[0].upper()}{line[1:]}." for line in flight_lines(found))
+    return FlightPart(first, cases(found), tuple(others), _joint_loads(found))
+
+
+def cases(found: Flight) -> Table:
+    """Return a row for hover and each load case: what can be added to it, and where least."""
+    columns = (
+        "case",
+        "possible",
+        "any force at the tip",
+        "least towards",
+        "any side force",
+        "least towards",
+        "any torque",
+        "least towards",
+        "load factor",
+        "inputs / u_max",
+        "at a limit",
+    )
+    return Table(columns, [_case(case) for case in found.cases], frozenset({2, 4, 6, 8, 9, 10}))
+
+
+def reserves(found: Flight) -> Table:
+    """Return the same in brief, for two designs side by side."""
+    chosen = (0, 2, 4, 6, 8)
+    whole = cases(found)
+    rows = [[row[column] for column in chosen] for row in whole.rows]
+    return Table(tuple(whole.columns[column] for column in chosen), rows, frozenset({1, 2, 3, 4}))
+
+
+def _case(case: CaseFlight) -> list[str]:
+    inputs = ""
+    if case.least_input is not None and case.largest_input is not None:
+        inputs = f"{lower_text(case.least_input, 3)} to {upper_text(case.largest_input, 3)}"
+    return [
+        case.name,
+        {True: "yes", False: "no", None: "undecided"}[case.possible],
+        _size(case.force_reserve_N, " N"),
+        _direction(case.force_weakest),
+        _size(case.horizontal_reserve_N, " N"),
+        _direction(case.horizontal_weakest),
+        _size(case.torque_reserve_Nm, " N m"),
+        _direction(case.torque_weakest),
+        _size(case.load_factor, "", 4),
+        inputs,
+        "" if case.inputs_at_limit is None else str(case.inputs_at_limit),
+    ]
+
+
+def _joint_loads(found: Flight) -> Table | None:
+    """Return the case with the largest moment of each joint."""
+    worst = {load.child: load for load in sorted(found.joints, key=lambda load: load.moment_Nm)}
+    rows = [
+        [
+            f"port {PORT_NAMES[load.port]} of module {load.module} to module {load.child}",
+            load.case,
+            *(
+                f"{figures(at_most(size, 3), 3)} {unit}"
+                for size, unit in (
+                    (load.force_N, "N"),
+                    (load.moment_Nm, "N m"),
+                    (load.about_hinge_Nm, "N m"),
+                    (load.across_hinge_Nm, "N m"),
+                )
+            ),
+        ]
+        for _, load in sorted(worst.items())
+    ]
+    columns = ("joint", "case", "force", "moment", "about the hinge", "across it")
+    return Table(columns, rows, frozenset({2, 3, 4, 5})) if rows else None
+
+
+def _size(value: float | None, unit: str, digits: int = 3) -> str:
+    return "" if value is None else f"{figures(at_least(value, digits), digits)}{unit}"
+
+
+def _direction(v: Vector | None) -> str:
+    return "" if v is None else direction(v)

@@ -11,18 +11,17 @@ from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_toml
 from topo_search.model.proven import at_least, at_most, gap_percent
 from topo_search.model.stated import NOT_CERTIFIED
-from topo_search.report.cards import cards, rows_to_show
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, task_part, title
 from topo_search.report.design_part import design_part
 from topo_search.report.front_part import front_part
-from topo_search.report.headline import headline, tally
-from topo_search.report.near_ties import near_tie_cells, near_tie_columns
+from topo_search.report.headline import cards, headline, rows_to_show, tally
 from topo_search.report.page import (
     Card,
     Chart,
     NearTies,
     Page,
+    RelaxedLimits,
     Reproduction,
     RunPart,
     Table,
@@ -30,9 +29,8 @@ from topo_search.report.page import (
     json_in_script,
     render,
 )
-from topo_search.report.relaxed_part import relaxed_limits
 from topo_search.report.view import shared_meshes
-from topo_search.report.wording import figures, modules, quantity
+from topo_search.report.wording import figures, modules, near_tie_cells, near_tie_columns, quantity
 from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
 from topo_search.study.proofs import ProofState
 from topo_search.study.statements import kind_of
@@ -336,3 +334,24 @@ def _reproduction(folder: RunFolder) -> Reproduction:
     return Reproduction(
         (f"topo-search run task.toml {options}",), to_toml(request.task), dict(request.versions), notes
     )
+
+
+def relaxed_limits(size: SizeAnswer) -> RelaxedLimits | None:
+    """Return which limits to relax for a size without a design; None where nothing was tried."""
+    found = size.relaxed
+    if found is None or not found.sentences:
+        return None
+    rows = [
+        [
+            one.limit,
+            one.change,
+            one.setting,
+            one.topology_key,
+            "" if one.not_enough is None else f"{100 * one.not_enough:.3g} %",
+        ]
+        for one in found.relaxations
+    ]
+    rows += [[text, "not enough", "", "", ""] for text in found.in_vain]
+    rows += [[text, "could not be tried", "", "", ""] for text in found.untried]
+    caption = f"{modules(size.modules)}: limits of the task, each relaxed alone and solved again; not a proof"
+    return RelaxedLimits(caption, Table(("limit", "enough", "setting", "tree", "tried in vain"), rows))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,12 @@ from topo_search.export import palette
 from topo_search.export.meshes import cone_sphere, frame, join, pose_matrix, rotors
 from topo_search.export.poses import PORTS, Poses, azimuth_deg, towards_viewer
 from topo_search.export.regions import cone_slant, cone_triangles, mesh, shapes
-from topo_search.model import Assembly, Clearance, Design
+from topo_search.model import Assembly, Audit, Clearance, Design
 from topo_search.model.arrays import Array
 from topo_search.model.module import Module
 from topo_search.model.shape import Cone
 from topo_search.model.topology import PORT_NAMES
-from topo_search.report.clearances import clearance
-from topo_search.report.traces import MATT, columns, drawn_lines, drawn_mesh, drawn_points, triangles
+from topo_search.report.wording import clearance
 
 CLOSE = 2.0
 """Distance of the viewer, in edges of a cube as large as what is shown."""
@@ -30,14 +30,14 @@ AXIS = 1.8
 
 
 def scene(
-    design: Design, at: Poses, closest: Clearance | None = None, assembly: Assembly | None = None
+    design: Design, at: Poses, nearest: Clearance | None = None, assembly: Assembly | None = None
 ) -> go.Figure:
     """Return the figure of a design; each trace's `meta` says which `part` it is, and of which `mesh` copies.
 
     Args:
         design: any design.
         at: its poses.
-        closest: the clearance to mark, where its audit says; None if there is no audit.
+        nearest: the clearance to mark, where its audit says; None if there is no audit.
         assembly: says which connector carries the end-effector, and which are blocked; None if there is no audit.
     """
     connectors = at.p[:, None] + design.task.module.connector_distance * np.einsum("nij,aj->nai", at.R, PORTS)
@@ -46,8 +46,8 @@ def scene(
     figure = go.Figure([*_volumes(design, at), *_platform(design, at, connectors)])
     figure.add_traces(_free_connectors(design, connectors, assembly))
     figure.add_traces(_end_effector(design, at, foot))
-    if closest is not None and closest.closest_m is not None:
-        figure.add_traces(_closest(closest, np.array(closest.closest_m)))
+    if nearest is not None and nearest.closest_m is not None:
+        figure.add_traces(_closest(nearest, np.array(nearest.closest_m)))
     axis = {"showbackground": False, "gridcolor": "#dddddd", "zerolinecolor": "#bbbbbb", "showspikes": False}
     figure.update_layout(
         scene={
@@ -62,6 +62,11 @@ def scene(
         legend={"orientation": "h", "yanchor": "top", "y": 0.0, "itemsizing": "constant", "font": {"size": 12}},
     )
     return figure
+
+
+def closest(audit: Audit | None) -> Clearance | None:
+    """Return the least clearance of an audit; None without any."""
+    return None if audit is None else min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
 
 
 def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
@@ -234,3 +239,57 @@ def _closest(pair: Clearance, ends: Array) -> list[Any]:
             meta={"part": "closest"},
         )
     ]
+
+
+MATT = {"ambient": 0.65, "diffuse": 0.6, "specular": 0.05, "roughness": 0.9}
+GHOSTLY = {"ambient": 0.8, "diffuse": 0.4, "specular": 0.0, "roughness": 1.0}
+
+
+def triangles(corners: Array) -> Trimesh:
+    """Return triangles, (t, 3, 3), as a mesh."""
+    return Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False)
+
+
+def drawn_mesh(name: str, mesh: Trimesh, colour: str, part: str, **options: Any) -> Any:
+    """Return a mesh as a trace.
+
+    Args:
+        name: in the legend.
+        mesh: where it is drawn.
+        colour: its colour.
+        part: of the picture.
+        options: of the trace.
+    """
+    vertices, (i, j, k) = mesh.vertices, mesh.faces.astype(np.int32).T
+    given = {"lighting": GHOSTLY, "hoverinfo": "skip", "showlegend": True, "meta": {"part": part}, **options}
+    return go.Mesh3d(**columns(vertices), i=i, j=j, k=k, name=name, color=colour, **given)
+
+
+def drawn_lines(name: str, lines: Sequence[Array], colour: str, width: float, part: str, **options: Any) -> Any:
+    """Return lines, (points, 3) each, as one trace, with a gap after each; see `drawn_mesh`."""
+    broken = np.concatenate([np.concatenate([line, np.full((1, 3), np.nan)]) for line in lines])
+    given = {"hoverinfo": "skip", "meta": {"part": part}, **options}
+    look = {"color": colour, "width": width}
+    return go.Scatter3d(**columns(broken), name=name, mode="lines", line=look, **given)
+
+
+def drawn_points(
+    name: str,
+    points: Array,
+    colour: str,
+    texts: Sequence[str],
+    part: str,
+    *,
+    symbol: str = "square",
+    size: float = 4,
+) -> Any:
+    """Return points, (points, 3), as a trace with a text each; see `drawn_mesh`."""
+    look = {"color": colour, "size": size, "symbol": symbol, "line": {"color": "#000000", "width": 1}}
+    told = {"hovertext": texts, "hoverinfo": "text", "meta": {"part": part}}
+    return go.Scatter3d(**columns(points), name=name, mode="markers", marker=look, **told)
+
+
+def columns(points: Array) -> dict[str, Any]:
+    """Return points as a trace takes them: single precision is finer than a picture shows."""
+    x, y, z = points.astype(np.float32).T
+    return {"x": x, "y": y, "z": z}

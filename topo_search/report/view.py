@@ -18,15 +18,11 @@ from topo_search.export.poses import Poses
 from topo_search.model import Assembly, Audit, Design
 from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
-from topo_search.report.arrows import arrows, metres_per_newton
+from topo_search.report.arrows import arrows, force_polytope, metres_per_newton
 from topo_search.report.charts import style
-from topo_search.report.clearances import clearance
-from topo_search.report.force_polytope import force_polytope
-from topo_search.report.headline import closest
 from topo_search.report.page import View
-from topo_search.report.scene import NUMBERED, meshes, scene, sides
-from topo_search.report.traces import drawn_mesh
-from topo_search.report.wording import figures, length, modules
+from topo_search.report.scene import NUMBERED, closest, drawn_mesh, meshes, scene, sides
+from topo_search.report.wording import clearance, figures, length, modules
 
 PLACED = ("x", "y", "z", "i", "j", "k")
 """What a trace of copies is without on the page."""
