@@ -23,7 +23,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -57,19 +57,8 @@ TURN = math.radians(300)
 """How much of the ring is drawn."""
 
 
-class Arrows(NamedTuple):
-    """A load case as it is drawn."""
-
-    name: str
-    told: str
-    """Forces and torques in figures."""
-    traces: tuple[Any, ...]
-    ends: tuple[tuple[str, list[float]], ...]
-    """Label and place [m] of each arrow."""
-
-
-def arrows(design: Design, at: Poses) -> Iterator[Arrows]:
-    """Yield every load case as arrows."""
+def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
+    """Yield every load case as arrows: its name, its words, the label and position of each arrow, its traces."""
     largest = {
         name: max(
             float(np.linalg.norm(getattr(w, name))) for case in design.task.load_cases for w in _wrenches(case)
@@ -96,8 +85,12 @@ def arrows(design: Design, at: Poses) -> Iterator[Arrows]:
         trace = (
             [drawn_mesh(f"load case {k}", join(meshes), palette.WRENCH, "case", lighting=MATT)] if meshes else []
         )
-        name = design.task.case_labels[k]
-        yield Arrows(name, "; ".join(words) or "nothing", (*trace, *_contact(design, case, at, S)), tuple(ends))
+        yield {
+            "name": design.task.case_labels[k],
+            "told": "; ".join(words) or "nothing",
+            "ends": ends,
+            "traces": [*trace, *_contact(design, case, at, S)],
+        }
 
 
 def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Iterator[Any]:
@@ -167,23 +160,17 @@ def _wrenches(case: LoadCase) -> tuple[Any, Any]:
     return case.at_end_effector, case.at_com
 
 
-MOST = 200
+MOST_PROGRAMS = 200
 """Linear programs that a picture may take; the hull of what they found lies inside the polytope."""
 FLAT = 1e-6
 """Least thickness of a polytope that is drawn, over its size; also by how much a vertex lies beyond a facet."""
 
 
-class ForcePolytope(NamedTuple):
-    """A convex polytope around the origin or beside it."""
+def force_polytope(design: Design, at: Poses) -> tuple[Array, Array] | None:
+    """Return the polytope's vertices, (m, 3) [N], and triangles, (t, 3) indices of them.
 
-    vertices: Array
-    """(m, 3) [N]."""
-    triangles: Array
-    """(t, 3), indices of vertices."""
-
-
-def force_polytope(design: Design, at: Poses) -> ForcePolytope | None:
-    """Return the polytope; None where the platform cannot hover, or where all forces lie in a plane."""
+    None where the platform cannot hover, or where all forces lie in a plane.
+    """
     module = design.task.module
     largest = module.max_input(design.task.gravity) * module.thrust_coefficient
     F, T = np.split(largest * thrust_matrix(module, at), 2)
@@ -204,7 +191,7 @@ def force_polytope(design: Design, at: Poses) -> ForcePolytope | None:
     return _hull(farthest)
 
 
-def _hull(farthest: Callable[[Array], Array | None]) -> ForcePolytope | None:
+def _hull(farthest: Callable[[Array], Array | None]) -> tuple[Array, Array] | None:
     """Return the hull of the vertices that linear programs find, facet by facet."""
     first = [farthest(sign * axis) for axis in np.eye(3) for sign in (1.0, -1.0)]
     points = [point for point in first if point is not None]
@@ -214,18 +201,18 @@ def _hull(farthest: Callable[[Array], Array | None]) -> ForcePolytope | None:
     points += [point for sign in (1.0, -1.0) if (point := farthest(sign * thinnest)) is not None]
     if np.linalg.svd(np.array(points) - points[0], compute_uv=False)[2] < FLAT * size:
         return None
-    asked: set[tuple[float, ...]] = set()
+    normals: set[tuple[float, ...]] = set()
     while True:
         hull = ConvexHull(np.array(points))
         new = []
         nearest_first = sorted(np.unique(hull.equations.round(9), axis=0).tolist(), key=lambda facet: -facet[3])
         for *normal, offset in nearest_first:
-            if tuple(normal) in asked or len(asked) >= MOST:
+            if tuple(normal) in normals or len(normals) >= MOST_PROGRAMS:
                 continue
-            asked.add(tuple(normal))
+            normals.add(tuple(normal))
             point = farthest(np.array(normal))
             if point is not None and point @ normal + offset > FLAT * size:
                 new.append(point)
         if not new:
-            return ForcePolytope(hull.points, hull.simplices)
+            return hull.points, hull.simplices
         points = [*hull.points[hull.vertices], *new]

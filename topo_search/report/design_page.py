@@ -24,14 +24,14 @@ from topo_search.model.task_warnings import task_warnings
 from topo_search.report.charts import MOST_POINTS
 from topo_search.report.design_part import design_part
 from topo_search.report.headline import headline, tally
-from topo_search.report.page import Chart, Page, Reproduction, SimulatedPart, Table, TaskPart, json_in_script
+from topo_search.report.page import Chart, Table
 from topo_search.report.task_facts import facts, load_cases
 from topo_search.report.view import shared_meshes
 from topo_search.report.wording import EFFORT, figures, modules
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
 
 
-def design_page(design: Design, audit: Audit, file: str, simulated: SimulatedPart | None = None) -> Page:
+def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, Any] | None = None) -> dict[str, Any]:
     """Return the page of a design.
 
     Args:
@@ -42,22 +42,21 @@ def design_page(design: Design, audit: Audit, file: str, simulated: SimulatedPar
     """
     task = design.task
     gap = design.gap if audit.verdict == Status.CLEAR else None  # the effort of another design bounds nothing
-    return Page(
-        title=title(task.name, task.n),
-        key=design.topology.key,
-        verdict=str(audit.verdict),
-        checked=tally(audit),
-        answer="One design: this page says nothing about other trees of modules.",
-        tiles=headline(design, audit, gap, "a single design"),
-        notes=(),
-        bound=bound(design.lower_bound, gap, task.n),
-        task=task_part(task, task),
-        design=design_part(design, audit),
-        meshes=json_in_script(shared_meshes(design)),
-        run=None,
-        reproduction=_reproduction(design, audit, file),
-        simulated=simulated,
-    )
+    return {
+        "title": title(task.name, task.n),
+        "key": design.topology.key,
+        "verdict": str(audit.verdict),
+        "checked": tally(audit),
+        "answer": "One design: this page says nothing about other trees of modules.",
+        "tiles": headline(design, audit, gap, "a single design"),
+        "notes": (),
+        "bound": bound(design.lower_bound, gap, task.n),
+        "task": task_part(task, task),
+        "design": design_part(design, audit),
+        "meshes": shared_meshes(design),
+        "reproduction": _reproduction(design, audit, file),
+        "simulated": simulated,
+    }
 
 
 def title(name: str, n: int) -> str:
@@ -65,11 +64,14 @@ def title(name: str, n: int) -> str:
     return f"{name}: {modules(n)}"
 
 
-def task_part(task: ResolvedTask, stated: Task) -> TaskPart:
+def task_part(task: ResolvedTask, stated: Task) -> dict[str, Any]:
     """Return the task as it was understood, with the warnings about it as it was stated."""
     columns = ("load case", "the rotors together produce", "weight λ")
-    warnings = tuple(map(str, task_warnings(stated)))
-    return TaskPart(facts(task), Table(columns, load_cases(task), frozenset({0, 2})), warnings)
+    return {
+        "facts": facts(task),
+        "load_cases": Table(columns, load_cases(task), {0, 2}),
+        "warnings": task_warnings(stated),
+    }
 
 
 def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ...]:
@@ -94,7 +96,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
     )
 
 
-def _reproduction(design: Design, audit: Audit, file: str) -> Reproduction:
+def _reproduction(design: Design, audit: Audit, file: str) -> dict[str, Any]:
     """Return how to audit the design again and, if it says how it was found, how to find it."""
     solver: dict[str, Any] = design.solver or {}
     commands = [f"topo-search audit {file}"]
@@ -104,7 +106,7 @@ def _reproduction(design: Design, audit: Audit, file: str) -> Reproduction:
     versions = {
         str(name): str(value) for name, value in {**(solver.get("versions") or {}), **audit.versions}.items()
     }
-    return Reproduction(tuple(commands), to_toml(design.task), versions, ())
+    return {"commands": commands, "task": to_toml(design.task), "versions": versions, "notes": ()}
 
 
 EVIDENCE = "This is evidence from a simulation. It never changes the audit's verdict."
@@ -112,7 +114,7 @@ COURSE = ("error_x_m", "error_y_m", "error_z_m", "tilt_deg", "largest_input")
 DASHES = ("solid", "dash", "dot")
 
 
-def read_simulated(folder: Path, design: Design) -> SimulatedPart:
+def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
     """Return what a folder that `fly --out` wrote says of a design.
 
     Raises:
@@ -126,7 +128,7 @@ def read_simulated(folder: Path, design: Design) -> SimulatedPart:
     return simulated_part(result, course)
 
 
-def simulated_part(result: FlightResult, course: dict[str, Array]) -> SimulatedPart:
+def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, Any]:
     """Return all that is shown of flights.
 
     Args:
@@ -148,12 +150,12 @@ def simulated_part(result: FlightResult, course: dict[str, Array]) -> SimulatedP
     )
     caption = "Errors of position and attitude, and the largest input; a click on a name hides that flight"
     chart = Chart("simulated-course", caption, _figure(course)) if course else None
-    return SimulatedPart(result.verdict, _scenarios(result), chart, sentences)
+    return {"verdict": result.verdict, "scenarios": _scenarios(result), "course": chart, "sentences": sentences}
 
 
 def _scenarios(result: FlightResult) -> Table:
     columns = ("scenario", "verdict", "drift", "tilt", "force error", "at limit", "short", "largest input", "why")
-    return Table(columns, [_row(one) for one in result.scenarios], frozenset(range(2, 8)))
+    return Table(columns, [_row(one) for one in result.scenarios], range(2, 8))
 
 
 def _row(one: ScenarioResult) -> tuple[str, ...]:

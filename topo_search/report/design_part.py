@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -18,7 +19,7 @@ from topo_search.model.stated import StatedCheck
 from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Vector
 from topo_search.report.charts import clearance_matrices, rotor_inputs
-from topo_search.report.page import Chart, DesignPart, FlightPart, Table
+from topo_search.report.page import Chart, Table
 from topo_search.report.task_facts import vector
 from topo_search.report.view import view
 from topo_search.report.wording import EFFORT, clearance, figures, length, modules, quantity
@@ -29,33 +30,33 @@ WRONG = 200
 """Most pairs in it that are not clear: the deepest."""
 
 
-def design_part(design: Design, audit: Audit | None) -> DesignPart:
+def design_part(design: Design, audit: Audit | None) -> dict[str, Any]:
     """Return all that is shown of a design."""
     at = poses_to_draw(design)
     assembly = None if audit is None else audit.assembly
     pairs = () if audit is None else audit.pairs
-    return DesignPart(
-        heading=f"{design.topology.key}, {modules(design.topology.n)}",
-        view=view("view", design, at, audit, forces=True),
-        tree=Markup(tree_svg(design, assembly)),
-        joints=_joints(design),
-        rod=None if assembly is None else _rod(assembly),
-        clearances=()
+    return {
+        "heading": f"{design.topology.key}, {modules(design.topology.n)}",
+        "view": view("view", design, at, audit, forces=True),
+        "tree": Markup(tree_svg(design, assembly)),
+        "joints": _joints(design),
+        "rod": None if assembly is None else _rod(assembly),
+        "clearances": ()
         if audit is None
         else tuple(
             Chart(f"clearances-{number}", caption, figure)
             for number, (caption, figure) in enumerate(clearance_matrices(design, audit))
         ),
-        nearest=nearest(pairs) if pairs else None,
-        findings=() if audit is None else _findings(audit),
-        errors=None if audit is None else _errors(audit),
-        residuals=None if audit is None else _residuals(audit),
-        stated=_stated_constraints(design, audit),
-        inputs=Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
-        effort=f"Control effort {EFFORT} = {figures(design.objective, 5)} rad⁴/s⁴.",
-        loads=_loads(design),
-        flight=None if audit is None or audit.flight is None else flight_part(audit.flight),
-    )
+        "nearest": nearest(pairs) if pairs else None,
+        "findings": () if audit is None else _findings(audit),
+        "errors": None if audit is None else _errors(audit),
+        "residuals": None if audit is None else _residuals(audit),
+        "stated": _stated_constraints(design, audit),
+        "inputs": Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
+        "effort": f"Control effort {EFFORT} = {figures(design.objective, 5)} rad⁴/s⁴.",
+        "loads": _loads(design),
+        "flight": None if audit is None or audit.flight is None else flight_part(audit.flight),
+    }
 
 
 def _joints(design: Design) -> Table:
@@ -64,7 +65,7 @@ def _joints(design: Design) -> Table:
         [str(i), f"{PORT_NAMES[b]} ({b})", str(h), f"{PORT_NAMES[a]} ({a})", f"{figures(math.degrees(alpha), 5)}°"]
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     ]
-    return Table(("module", "by its port", "to module", "at its port", "hinge angle"), rows, frozenset({0, 2, 4}))
+    return Table(("module", "by its port", "to module", "at its port", "hinge angle"), rows, {0, 2, 4})
 
 
 def _rod(assembly: Assembly) -> str | None:
@@ -99,7 +100,7 @@ def nearest(pairs: tuple[Clearance, ...]) -> Table:
         for pair in (*wrong[:WRONG], *clear[:NEAREST])
     ]
     columns = ("clearance of", "audit", "closed form", "proven at least", "proven at most")
-    return Table(columns, rows, frozenset({2, 3, 4}))
+    return Table(columns, rows, {2, 3, 4})
 
 
 def _findings(audit: Audit) -> tuple[str, ...]:
@@ -137,7 +138,7 @@ def _errors(audit: Audit) -> Table | None:
         if limit is not None
     ]
     columns = ("error", "proven harmless up to", "harmful in an example at", "first to be violated")
-    return Table(columns, rows, frozenset({1, 2})) if rows else None
+    return Table(columns, rows, {1, 2}) if rows else None
 
 
 def _residuals(audit: Audit) -> Table:
@@ -152,7 +153,7 @@ def _residuals(audit: Audit) -> Table:
         ]
         for row in audit.residuals
     ]
-    return Table(("checked", "audit", "off by", "in its scale", "allowed"), rows, frozenset({2, 3, 4}))
+    return Table(("checked", "audit", "off by", "in its scale", "allowed"), rows, {2, 3, 4})
 
 
 def _stated_constraints(design: Design, audit: Audit | None) -> Table | None:
@@ -183,13 +184,13 @@ def _loads(design: Design) -> Table:
             ]
         )
     columns = ("load case", "smallest input", "largest input", "thrust of all rotors", "share of J")
-    return Table(columns, rows, frozenset(range(5)))
+    return Table(columns, rows, range(5))
 
 
-def flight_part(found: Flight) -> FlightPart:
+def flight_part(found: Flight) -> dict[str, Any]:
     """Return all that is shown of it."""
     first, *others = (f"{line[0].upper()}{line[1:]}." for line in flight_lines(found))
-    return FlightPart(first, cases(found), tuple(others), _joint_loads(found))
+    return {"summary": first, "cases": cases(found), "sentences": others, "joints": _joint_loads(found)}
 
 
 def cases(found: Flight) -> Table:
@@ -207,7 +208,7 @@ def cases(found: Flight) -> Table:
         "inputs / u_max",
         "at a limit",
     )
-    return Table(columns, [_case(case) for case in found.cases], frozenset({2, 4, 6, 8, 9, 10}))
+    return Table(columns, [_case(case) for case in found.cases], {2, 4, 6, 8, 9, 10})
 
 
 def reserves(found: Flight) -> Table:
@@ -215,7 +216,7 @@ def reserves(found: Flight) -> Table:
     chosen = (0, 2, 4, 6, 8)
     whole = cases(found)
     rows = [[row[column] for column in chosen] for row in whole.rows]
-    return Table(tuple(whole.columns[column] for column in chosen), rows, frozenset({1, 2, 3, 4}))
+    return Table(tuple(whole.columns[column] for column in chosen), rows, {1, 2, 3, 4})
 
 
 def _case(case: CaseFlight) -> list[str]:
@@ -257,7 +258,7 @@ def _joint_loads(found: Flight) -> Table | None:
         for _, load in sorted(worst.items())
     ]
     columns = ("joint", "case", "force", "moment", "about the hinge", "across it")
-    return Table(columns, rows, frozenset({2, 3, 4, 5})) if rows else None
+    return Table(columns, rows, {2, 3, 4, 5}) if rows else None
 
 
 def _size(value: float | None, unit: str, digits: int = 3) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Iterable, Iterator
+from typing import Any
 
 from markupsafe import Markup
 
@@ -14,7 +15,7 @@ from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, gap_percent
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.design_part import nearest, reserves
-from topo_search.report.page import Card, Tile
+from topo_search.report.page import Tile, json_in_script
 from topo_search.report.scene import closest
 from topo_search.report.view import view
 from topo_search.report.wording import clearance, figures, length, modules
@@ -105,7 +106,7 @@ def rows_to_show(answer: Answer, shown: Row) -> list[Row]:
 
 def cards(
     found: Iterable[tuple[Row, Design, Audit | None]], best: Row, *, scoped: Collection[int] = ()
-) -> Iterator[Card]:
+) -> Iterator[dict[str, Any]]:
     """Yield a card for each design that can be drawn, the winner's first, until they take too much.
 
     Args:
@@ -120,29 +121,29 @@ def cards(
         except BadInput:  # its end-effector is too far away to be drawn: the ranking still has its row
             continue
         if row.key != best.key:
-            taken += len(card.view.data) + len(card.tree)
+            taken += len(json_in_script(card["view"]["value"])) + len(card["tree"])
         if taken > LARGEST:
             return
         yield card
 
 
-def _card(row: Row, design: Design, audit: Audit | None, best: Row, *, scoped: bool) -> Card:
+def _card(row: Row, design: Design, audit: Audit | None, best: Row, *, scoped: bool) -> dict[str, Any]:
     at = poses_to_draw(design)
     assembly = None if audit is None else audit.assembly
     verdict = "none" if audit is None else str(audit.verdict)
-    return Card(
-        key=row.key,
-        heading=f"{row.key}, {modules(row.modules)}",
-        view=view(f"view-{row.key}", design, at, audit),
-        tree=Markup(tree_svg(design, assembly)),
-        figures=(
+    return {
+        "key": row.key,
+        "heading": f"{row.key}, {modules(row.modules)}",
+        "view": view(f"view-{row.key}", design, at, audit),
+        "tree": Markup(tree_svg(design, assembly)),
+        "figures": (
             Tile("Audit", verdict, "", verdict),
             _effort(row, best),
             *headline(design, audit, row.gap, "", scoped=scoped),
         ),
-        nearest=nearest(audit.pairs) if audit is not None and audit.pairs else None,
-        cases=None if audit is None or audit.flight is None else reserves(audit.flight),
-    )
+        "nearest": nearest(audit.pairs) if audit is not None and audit.pairs else None,
+        "cases": None if audit is None or audit.flight is None else reserves(audit.flight),
+    }
 
 
 def _effort(row: Row, best: Row) -> Tile:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 from topo_search.model import Allowed, AnyExposure, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
 from topo_search.model.folds import in_words
@@ -14,13 +13,8 @@ from topo_search.model.task import Tolerances
 from topo_search.model.value import Vector, is_zero
 from topo_search.report.wording import figures, length, modules, quantity
 
-
-@dataclass(frozen=True)
-class Facts:
-    """A group of named values."""
-
-    title: str
-    rows: tuple[tuple[str, str], ...]
+Facts = tuple[str, Sequence[tuple[str, str]]]
+"""Title and named values of a group."""
 
 
 def facts(task: ResolvedTask) -> tuple[Facts, ...]:
@@ -30,7 +24,7 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
     hover = module.hover_input(task.gravity)
     exposure = tuple((f"requirement {e}", requirement(asked)) for e, asked in enumerate(task.exposure))
     return (
-        Facts(
+        (
             "platform",
             (
                 ("size", modules(n)),
@@ -39,7 +33,7 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                 ("unit of torque l_arm m_t g", f"{figures(task.torque_unit(n))} N m"),
             ),
         ),
-        Facts(
+        (
             "module",
             (
                 ("mass m", f"{figures(module.mass)} kg"),
@@ -61,7 +55,7 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                 ("input at hover", f"{figures(hover)} rad²/s² ({_speed(hover)})"),
             ),
         ),
-        Facts(
+        (
             "airflow envelope",
             (
                 ("radius at the module", f"{figures(envelope.start_radius)} m"),
@@ -70,7 +64,7 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                 ("full spreading angle", f"{figures(module.airflow.spread_angle_deg)}°"),
             ),
         ),
-        Facts(
+        (
             "end-effector",
             (
                 ("mass m_E", f"{figures(task.end_effector.mass)} kg"),
@@ -89,9 +83,9 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
                 *_reach(task),
             ),
         ),
-        Facts("must stay out of the airflow", exposure or (("regions", "only the platform's own modules"),)),
+        ("must stay out of the airflow", exposure or (("regions", "only the platform's own modules"),)),
         *_flight(task),
-        Facts("search", _search(task)),
+        ("search", _search(task)),
         *_tolerances(task),
     )
 
@@ -117,7 +111,7 @@ def goals(task: Task) -> Facts:
         ("modules", [str(n) for n in task.sizes] if asked.modules else []),
     )
     rows = [(name, ", ".join(texts)) for name, texts in levels if texts]
-    return Facts("goals beside effort", (*rows, ("searches", quantity(len(asked.levels), "level"))))
+    return ("goals beside effort", (*rows, ("searches", quantity(len(asked.levels), "level"))))
 
 
 def _region(asked: Local) -> str:
@@ -252,7 +246,7 @@ def _flight(task: ResolvedTask) -> Iterator[Facts]:
             if limit is not None:
                 rows.append((f"{what} in a joint", f"at most {figures(limit)} {unit} in every load case"))
         if rows:
-            yield Facts("possible beyond the load cases", tuple(rows))
+            yield "possible beyond the load cases", rows
 
 
 def _tolerances(task: ResolvedTask) -> Iterator[Facts]:
@@ -265,7 +259,7 @@ def _tolerances(task: ResolvedTask) -> Iterator[Facts]:
             ("airflow beyond its envelope", f"up to {length(built.envelope)}"),
         )
         kept = "that the clearances survive" if task.flight.tolerances else "that are measured, not required"
-        yield Facts(f"tolerances {kept}", rows)
+        yield f"tolerances {kept}", rows
 
 
 def _position(task: ResolvedTask) -> str:
