@@ -13,7 +13,7 @@ from toy_problem import toy_row
 
 from topo_search.cli.tables import progress_line
 from topo_search.compose import audit
-from topo_search.export.audit_summary import tolerance_lines
+from topo_search.export.audits import tolerance_lines
 from topo_search.model import Limit, Status, Topology
 from topo_search.model.proven import SOLVER_PRECISION, at_least, at_most, gap_percent
 from topo_search.report.design_page import bound, design_page

@@ -23,7 +23,7 @@ from topo_search.cli.check import _expectations
 from topo_search.cli.tables import _print_front, _print_rows, print_audit
 from topo_search.compose import audit
 from topo_search.compose.designs import Rounded
-from topo_search.export.audit_summary import Judged, markdown
+from topo_search.export.audits import Judged, markdown
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.audit import WorstCase
 from topo_search.model.goals import Level

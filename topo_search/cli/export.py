@@ -253,19 +253,19 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
 
 def _write_table(source: str, kind: Any, out: Path) -> None:
     """Write the table of a run's folder, an audit or a design."""
-    from topo_search.export import tables
+    from topo_search.export.audits import csv, parquet
     from topo_search.model.files import write_atomically
 
     if kind == "assembly":
         write_atomically(out, _audit_of(source).assembly.csv())
         return
     frame = _table(source)
-    write_atomically(out, tables.parquet(frame) if kind == "parquet" else tables.csv(frame))
+    write_atomically(out, parquet(frame) if kind == "parquet" else csv(frame))
 
 
 def _table(source: str) -> pd.DataFrame:
     """Return the candidates of a run's folder, or the clearances of an audit or a design."""
-    from topo_search.export.tables import clearances
+    from topo_search.export.audits import clearances
     from topo_search.study.frame import candidates
 
     return candidates(Path(source)) if Path(source).is_dir() else clearances(_audit_of(source))

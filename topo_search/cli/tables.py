@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from topo_search.engine import Failed, Outcome
-from topo_search.export.audit_summary import flight_lines, tolerance_lines
+from topo_search.export.audits import flight_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Relaxed, Status
 from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
 from topo_search.model.stated import NOT_CERTIFIED

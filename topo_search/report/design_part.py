@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from topo_search.export.audit_summary import flight_lines
+from topo_search.export.audits import flight_lines
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Assembly, Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
