@@ -10,9 +10,9 @@ import trimesh
 from export_cases import BLOCK, OWN_FRAME, WEDGE, drawn_trees, random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
-from topo_search.export.meshes import cone_sphere, frame, frame_faces, rotors
 from topo_search.export.picture import Picture
-from topo_search.export.solids import glb, stl
+from topo_search.export.scene import frame_faces
+from topo_search.export.solids import cone_sphere, frame, glb, rotors, stl
 from topo_search.model import Design, Module, Topology
 from verify.kinematics import platform, rotation
 

@@ -22,8 +22,8 @@ import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 from trimesh import Trimesh
 
-from topo_search.export.meshes import pose_matrix
 from topo_search.export.poses import PORTS, poses, rod_of, rotation_to
+from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.bracket import Bracket

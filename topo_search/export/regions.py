@@ -18,15 +18,13 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy.spatial import ConvexHull
-from trimesh import Trimesh
 
-from topo_search.export.meshes import cone_sphere
 from topo_search.export.poses import Poses
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.hulls import Hull, convex_hull
-from topo_search.model.shape import Capsule, Cone, Polytope, Shape
+from topo_search.model.shape import Cone, Polytope, Shape
 
 
 def shapes(task: ResolvedTask, p_E: Array) -> Iterator[tuple[int, Shape]]:
@@ -46,19 +44,6 @@ def cone(shape: Cone, slant: float) -> Array:
     assert shape.axis is not None  # as `Shape.at` leaves it
     theta = math.radians(shape.half_angle_deg)
     return cone_triangles(np.array(shape.apex), np.array(shape.axis), theta, slant)
-
-
-def mesh(shape: Shape, slant: float) -> Trimesh:
-    """Return the surface of a shape; of a cone out to a slant height."""
-    match shape:
-        case Capsule():
-            return cone_sphere(np.array(shape.start), shape.radius, np.array(shape.end), shape.radius)
-        case Polytope():
-            found = hull(shape)
-            return Trimesh(found.corners, found.triangles)
-        case Cone():
-            triangles = cone(shape, slant)
-            return Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
 
 
 def cone_slant(design: Design, at: Poses) -> float:

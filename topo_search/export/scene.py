@@ -14,11 +14,11 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from topo_search.export import palette
-from topo_search.export.meshes import frame_faces, rotor_faces
-from topo_search.export.poses import ELEVATION_DEG, PORTS, Poses, azimuth_deg, towards_viewer
+from topo_search.export.poses import ELEVATION_DEG, PORTS, ROTOR_ANGLES, Poses, azimuth_deg, towards_viewer
 from topo_search.export.regions import circle, cone, cone_slant, cone_sphere_outline, hull, shapes
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
+from topo_search.model.module import Module
 from topo_search.model.shape import Capsule, Cone, Polytope
 
 LIGHT = np.array([0.27, -0.18, 0.95])
@@ -31,6 +31,16 @@ ARROW = 0.5
 """Length of the arrow of the largest force, and of the largest torque, over the size of the platform."""
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
 """Keeps a number readable over whatever lies behind it."""
+
+SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+CUBE = np.array(
+    [
+        np.insert(SQUARE if outwards else SQUARE[::-1], axis, side, axis=1)
+        for axis in range(3)
+        for side, outwards in ((-1.0, axis == 1), (1.0, axis != 1))
+    ]
+)
+"""Faces of the cube [-1, 1]^3."""
 
 
 class Scene:
@@ -253,3 +263,35 @@ def _overlap(at: Array, taken: list[Array], size: float) -> bool:
     """Whether a number of a font size [pt] at a place on paper would touch one of those there already."""
     gaps = np.abs(np.array(taken) - at)
     return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
+
+
+def frame_faces(module: Module) -> Array:
+    """Return the faces of hub and arms, or of a frame of the module's own: triangles, their last corner twice."""
+    body, l_arm, w = module.body, module.arm_length, module.body.arm_width
+    if body.frame is not None:
+        own = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
+        seen = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 1]).any(axis=1)
+        return np.asarray(own[seen][:, [0, 1, 2, 2]])
+    arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
+    return np.concatenate([CUBE * np.array(body.hub) / 2, *(arm @ _turn(angle).T for angle in ROTOR_ANGLES)])
+
+
+def rotor_faces(module: Module) -> Array:
+    """Return the faces of the four rotor discs."""
+    disc = cylinder(module.body.rotor_radius, module.body.rotor_height)
+    return np.concatenate([disc + _turn(angle) @ np.array([module.arm_length, 0.0, 0.0]) for angle in ROTOR_ANGLES])
+
+
+def cylinder(radius: float, height: float, *, sides: int = 16) -> Array:
+    """Return the faces of a prism about z with an even number of sides; each end is cut into strips."""
+    angles = np.linspace(0, 2 * math.pi, sides, endpoint=False)
+    ring = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
+    top, bottom = ring + np.array([0, 0, height / 2]), ring - np.array([0, 0, height / 2])
+    around = np.stack([bottom, np.roll(bottom, -1, axis=0), np.roll(top, -1, axis=0), top], axis=1)
+    strips = [[k, k + 1, sides - 2 - k, sides - 1 - k] for k in range(sides // 2 - 1)]
+    return np.concatenate([around, top[strips], bottom[strips][:, ::-1]])
+
+
+def _turn(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -28,7 +28,6 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.meshes import SIDES
 from topo_search.export.poses import Poses, Rod, mass_of, rotation_to
 from topo_search.export.regions import hull
 from topo_search.model.arrays import Array
@@ -133,8 +132,8 @@ def xml_text(root: ElementTree.Element) -> str:
 
 TOUCHES = 1e-7
 """Depth of p_E in a region up to which it touches the region rather than being inside [m]."""
-SHOWN = 1.0
-"""Half the edge of the square that is drawn of a plane [m]."""
+SIDES = 48
+"""Planes about a cone."""
 
 
 def add_solid_regions(model: Element, asset: Element, world: Element, design: Design, at: Poses) -> bool:
@@ -178,7 +177,12 @@ def _add(body: Element, asset: Element, name: str, shape: Shape) -> None:
             SubElement(body, "geom", {"name": name, "type": "mesh", "mesh": name, **look})
         case Cone():
             inward = _inward_normals(shape)
-            plane = {"type": "plane", "pos": numbers(*shape.apex), "size": numbers(SHOWN, SHOWN, SHOWN), **look}
+            plane = {
+                "type": "plane",
+                "pos": numbers(*shape.apex),
+                "size": numbers(1, 1, 1),
+                **look,
+            }  # drawn 2 m wide
             if len(inward) == 1:
                 SubElement(body, "geom", {"name": name, "zaxis": numbers(*inward[0]), **plane})
             else:

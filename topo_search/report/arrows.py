@@ -33,8 +33,8 @@ from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.allocation import thrust_matrix
-from topo_search.export.meshes import join, pose_matrix
 from topo_search.export.poses import Poses, rotation_to
+from topo_search.export.solids import join, pose_matrix
 from topo_search.model import Design, LoadCase
 from topo_search.model.arrays import Array
 from topo_search.report.scene import MATT, drawn_mesh

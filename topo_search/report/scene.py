@@ -11,9 +11,9 @@ import plotly.graph_objects as go
 from trimesh import Trimesh
 
 from topo_search.export import palette
-from topo_search.export.meshes import cone_sphere, frame, join, pose_matrix, rotors
 from topo_search.export.poses import PORTS, Poses, azimuth_deg, towards_viewer
-from topo_search.export.regions import cone_slant, cone_triangles, mesh, shapes
+from topo_search.export.regions import cone_slant, cone_triangles, shapes
+from topo_search.export.solids import airflow, cone_sphere, frame, join, pose_matrix, region_mesh, rotors
 from topo_search.model import Assembly, Audit, Clearance, Design
 from topo_search.model.arrays import Array
 from topo_search.model.module import Module
@@ -76,11 +76,10 @@ def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
         module: the module.
         sides: number of sides of a circle.
     """
-    envelope, l_arm = module.envelope, module.arm_length
-    far, up = np.array([0.0, 0.0, -envelope.length]), np.array([0.0, 0.0, 1.0])
+    l_arm, up = module.arm_length, np.array([0.0, 0.0, 1.0])
     head = cone_triangles(AXIS * l_arm * up, -up, math.radians(14), 0.4 * l_arm, sides=8)
     return {
-        "airflow": cone_sphere(np.zeros(3), envelope.start_radius, far, envelope.end_radius, sides=sides),
+        "airflow": airflow(module, sides=sides),
         "modules": frame(module),
         "rotors": rotors(module, sides=sides),
         "axes": triangles(head),
@@ -99,7 +98,7 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
     kept_out: list[Trimesh] = []
     cones: list[Trimesh] = []
     for _, shape in shapes(design.task, at.p_E):
-        surface = mesh(shape, cone_slant(design, at)).apply_translation(apex)
+        surface = region_mesh(shape, cone_slant(design, at)).apply_translation(apex)
         (cones if isinstance(shape, Cone) else kept_out).append(surface)
     for part, words, found, opacity in (
         ("regions", "keep-out region for airflow", kept_out, 0.4),

@@ -13,8 +13,8 @@ import numpy as np
 from trimesh import Trimesh
 
 from topo_search.export import palette
-from topo_search.export.meshes import cone_sphere
 from topo_search.export.poses import Poses
+from topo_search.export.solids import cone_sphere
 from topo_search.model import Assembly, Audit, Design
 from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
