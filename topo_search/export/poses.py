@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,6 +56,22 @@ def poses(design: Design) -> Poses:
     found = platform(design)
     places = found.poses.p, found.p_com, design.end_effector_m, found.rotors
     return Poses(read_only(found.poses.R), *map(read_only, places))
+
+
+def load_wrenches(design: Design, at: Poses) -> Iterator[tuple[int, str, str, Array, Array]]:
+    """Yield load case, "force" or "torque", where it acts (in words; as a point, (3,) [m]), the vector [N, N m]."""
+    for k, case in enumerate(design.task.load_cases):
+        for wrench, where, point in (
+            (case.at_end_effector, "end-effector", at.end_effector),
+            (case.at_com, "centre of mass", at.p_com),
+        ):
+            yield k, "force", where, point, np.array(wrench.force)
+            yield k, "torque", where, point, np.array(wrench.torque)
+
+
+def largest_wrench(design: Design, at: Poses, kind: str) -> float:
+    """Return the largest force [N] or torque [N m] of all load cases."""
+    return max(float(np.linalg.norm(v)) for _, name, _, _, v in load_wrenches(design, at) if name == kind)
 
 
 def rotation_to(a: Array) -> Array:

@@ -14,7 +14,16 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from topo_search.export import palette
-from topo_search.export.poses import ELEVATION_DEG, PORTS, ROTOR_ANGLES, Poses, azimuth_deg, towards_viewer
+from topo_search.export.poses import (
+    ELEVATION_DEG,
+    PORTS,
+    ROTOR_ANGLES,
+    Poses,
+    azimuth_deg,
+    largest_wrench,
+    load_wrenches,
+    towards_viewer,
+)
 from topo_search.export.regions import circle, cone, cone_slant, cone_sphere_outline, hull, shapes
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
@@ -248,15 +257,12 @@ def wrenches(design: Design, at: Poses) -> list[tuple[int, bool, Array, Array]]:
     Vectors are over the largest force, or the largest torque, of all load cases; of more load cases than there are
     colours for, the others are left out.
     """
-    found = [
-        (k, name == "torque", place, np.array(getattr(wrench, name)))
-        for k, case in enumerate(design.task.load_cases)
-        for wrench, place in ((case.at_end_effector, at.end_effector), (case.at_com, at.p_com))
-        for name in ("force", "torque")
+    largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
+    return [
+        (k, kind == "torque", point, v / largest[kind])
+        for k, kind, _, point, v in load_wrenches(design, at)
+        if v.any() and k < len(palette.CASES)
     ]
-    largest = [max(np.linalg.norm(v) for _, kind, _, v in found if kind == torque) for torque in (False, True)]
-    shown = [one for one in found if one[3].any() and one[0] < len(palette.CASES)]
-    return [(k, torque, place, v / largest[torque]) for k, torque, place, v in shown]
 
 
 def _overlap(at: Array, taken: list[Array], size: float) -> bool:

@@ -89,17 +89,12 @@ def _arrows(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float, 
             axes.plot(*ring[:, on_paper].T, color=colour, linewidth=1.2)
         tip = arrow[on_paper]
         if np.hypot(*tip) > 0.02 * size:
-            style = "dashed" if is_torque else "solid"
-            axes.add_patch(
-                FancyArrowPatch(
-                    (0, 0), tuple(tip), color=colour, linestyle=style, arrowstyle="-|>", mutation_scale=9
-                )
-            )
+            look: dict[str, Any] = {"color": colour, "linestyle": "dashed" if is_torque else "solid"}
+            axes.add_patch(FancyArrowPatch((0, 0), tuple(tip), arrowstyle="-|>", mutation_scale=9, **look))
             axes.annotate(str(k), tuple(1.08 * tip), color=colour, ha="center", va="center")
 
 
 def _colour(k: int) -> str:
-    """Return the colour of a load case."""
     return palette.SERIES[k % len(palette.SERIES)]
 
 
@@ -143,7 +138,6 @@ def _end_effector(task: ResolvedTask) -> Array:
 
 
 def _towards_viewer(view: tuple[int, int]) -> Array:
-    """Return v."""
     return np.asarray(np.eye(3)[3 - sum(view)])
 
 
@@ -161,27 +155,18 @@ def _reach(task: ResolvedTask) -> float:
 
 
 def _legend(task: ResolvedTask) -> list[Artist]:
+    airflow = palette.AIRFLOW
+    dot: dict[str, Any] = {"marker": "o", "linestyle": "", "markeredgecolor": "black"}
     entries: list[Artist] = [
-        Line2D(
-            [],
-            [],
-            marker="o",
-            linestyle="",
-            color=palette.END_EFFECTOR,
-            markeredgecolor="black",
-            label="end-effector",
-        ),
-        Patch(
-            facecolor=(palette.AIRFLOW, 0.16), edgecolor=palette.AIRFLOW, label="airflow of one module, to scale"
-        ),
+        Line2D([], [], color=palette.END_EFFECTOR, label="end-effector", **dot),
+        Patch(facecolor=(airflow, 0.16), edgecolor=airflow, label="airflow of one module, to scale"),
     ]
     for is_cone, words in ((False, "keep-out region for airflow"), (True, "cone that must contain all airflow")):
         if any(isinstance(shape, Cone) is is_cone for asked in task.exposure for shape in asked.shapes):
             entries.append(Patch(**_look(is_cone), label=words))
     for name, unit in (("force", "N"), ("torque", "N m")):
         for k, vector in _vectors(task, name):
-            told = f"{task.case_labels[k]}: {np.linalg.norm(vector):.3g} {unit}"
-            line = Line2D([], [], color=_colour(k), marker=">", label=told)
-            line.set_linestyle("dashed" if name == "torque" else "solid")
-            entries.append(line)
+            label = f"{task.case_labels[k]}: {np.linalg.norm(vector):.3g} {unit}"
+            style: Any = "dashed" if name == "torque" else "solid"
+            entries.append(Line2D([], [], color=_colour(k), marker=">", linestyle=style, label=label))
     return entries

@@ -33,7 +33,7 @@ from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.allocation import thrust_matrix
-from topo_search.export.poses import Poses, rotation_to
+from topo_search.export.poses import Poses, largest_wrench, load_wrenches, rotation_to
 from topo_search.export.solids import join, pose_matrix
 from topo_search.model import Design, LoadCase
 from topo_search.model.arrays import Array
@@ -59,29 +59,20 @@ TURN = math.radians(300)
 
 def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
     """Yield every load case as arrows: its name, its words, the label and position of each arrow, its traces."""
-    largest = {
-        name: max(
-            float(np.linalg.norm(getattr(w, name))) for case in design.task.load_cases for w in _wrenches(case)
-        )
-        for name in ("force", "torque")
-    }
     S = SHARE * reach(design, at)
-    for k, case in enumerate(design.task.load_cases):
+    largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
+    for k, wrenches in itertools.groupby(load_wrenches(design, at), key=lambda wrench: wrench[0]):
         meshes, ends, words = [], [], []
-        for wrench, place, where in zip(
-            _wrenches(case), (at.end_effector, at.p_com), ("end-effector", "centre of mass"), strict=True
-        ):
-            f, tau = np.array(wrench.force), np.array(wrench.torque)
-            for vector, unit, name in ((f, "N", "force"), (tau, "N m", "torque")):
-                size = float(np.linalg.norm(vector))
-                if not size:
-                    continue
-                share = max(LEAST, size / largest[name])
-                mesh, end = (straight_arrow if name == "force" else ring)(place, vector / size, S * share, S)
-                text = f"{figures(size, 3)} {unit}"
-                meshes.append(mesh)
-                ends.append((text, end.round(5).tolist()))
-                words.append(f"{name} {text}, along {vector_text((vector / size).tolist())}, at the {where}")
+        for _, kind, where, point, vector in wrenches:
+            size = float(np.linalg.norm(vector))
+            if not size:
+                continue
+            length = S * max(LEAST, size / largest[kind])
+            mesh, end = (straight_arrow if kind == "force" else ring)(point, vector / size, length, S)
+            text = f"{figures(size, 3)} {'N' if kind == 'force' else 'N m'}"
+            meshes.append(mesh)
+            ends.append((text, end.round(5).tolist()))
+            words.append(f"{kind} {text}, along {vector_text((vector / size).tolist())}, at the {where}")
         trace = (
             [drawn_mesh(f"load case {k}", join(meshes), palette.WRENCH, "case", lighting=MATT)] if meshes else []
         )
@@ -89,7 +80,7 @@ def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
             "name": design.task.case_labels[k],
             "told": "; ".join(words) or "nothing",
             "ends": ends,
-            "traces": [*trace, *_contact(design, case, at, S)],
+            "traces": [*trace, *_contact(design, design.task.load_cases[k], at, S)],
         }
 
 
@@ -106,7 +97,11 @@ def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Itera
 
 def metres_per_newton(design: Design, at: Poses) -> float:
     """Return the scale of the arrows of forces; without any force that of the platform's weight [m/N]."""
-    return SHARE * reach(design, at) / (_largest(design, "force") or design.task.force_unit(design.topology.n))
+    return (
+        SHARE
+        * reach(design, at)
+        / (largest_wrench(design, at, "force") or design.task.force_unit(design.topology.n))
+    )
 
 
 def reach(design: Design, at: Poses) -> float:
@@ -148,16 +143,6 @@ def ring(centre: Array, axis: Array, length: float, longest: float) -> tuple[Tri
     head.apply_transform(pose_matrix(rotation_to(forward), path[-1]))
     mesh = join([*steps, head]).apply_transform(pose_matrix(rotation_to(axis), centre))
     return mesh, centre + rotation_to(axis) @ path[0]
-
-
-def _largest(design: Design, name: str) -> float:
-    """Return the largest force or torque of all load cases."""
-    cases = design.task.load_cases
-    return max(float(np.linalg.norm(getattr(wrench, name))) for case in cases for wrench in _wrenches(case))
-
-
-def _wrenches(case: LoadCase) -> tuple[Any, Any]:
-    return case.at_end_effector, case.at_com
 
 
 MOST_PROGRAMS = 200

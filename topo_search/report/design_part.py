@@ -27,7 +27,7 @@ from topo_search.report.wording import EFFORT, clearance, figures, length, modul
 NEAREST = 12
 """Number of clear pairs in the table of the nearest."""
 WRONG = 200
-"""Most pairs in it that are not clear: the deepest."""
+"""Most pairs in it that are not clear, the deepest first."""
 
 
 def design_part(design: Design, audit: Audit | None) -> dict[str, Any]:
@@ -90,17 +90,16 @@ def nearest(pairs: tuple[Clearance, ...]) -> Table:
     wrong = [pair for pair in nearest_first if pair.status != Status.CLEAR]
     clear = [pair for pair in nearest_first if pair.status == Status.CLEAR]
     rows = [
-        [
-            pair.name,
-            str(pair.status),
-            clearance(pair),
-            "" if pair.lower_m is None else length(at_least(pair.lower_m, 3)),
-            "" if pair.upper_m is None else length(at_most(pair.upper_m, 3)),
-        ]
+        {
+            "clearance of": pair.name,
+            "audit": str(pair.status),
+            "closed form": clearance(pair),
+            "proven at least": "" if pair.lower_m is None else length(at_least(pair.lower_m, 3)),
+            "proven at most": "" if pair.upper_m is None else length(at_most(pair.upper_m, 3)),
+        }
         for pair in (*wrong[:WRONG], *clear[:NEAREST])
     ]
-    columns = ("clearance of", "audit", "closed form", "proven at least", "proven at most")
-    return Table(columns, rows, {2, 3, 4})
+    return Table.from_rows(rows, {2, 3, 4})
 
 
 def _findings(audit: Audit) -> tuple[str, ...]:
@@ -128,17 +127,16 @@ def _errors(audit: Audit) -> Table | None:
         ("airflow reaching farther by", found.envelope_m, length),
     )
     rows = [
-        [
-            name,
-            shown(at_least(limit.tolerated, 3)),
-            "" if limit.violated_at is None else shown(at_most(limit.violated_at, 3)),
-            limit.name,
-        ]
+        {
+            "error": name,
+            "proven harmless up to": shown(at_least(limit.tolerated, 3)),
+            "harmful in an example at": "" if limit.violated_at is None else shown(at_most(limit.violated_at, 3)),
+            "first to be violated": limit.name,
+        }
         for name, limit, shown in kinds
         if limit is not None
     ]
-    columns = ("error", "proven harmless up to", "harmful in an example at", "first to be violated")
-    return Table(columns, rows, {1, 2}) if rows else None
+    return Table.from_rows(rows, {1, 2}) if rows else None
 
 
 def _residuals(audit: Audit) -> Table:
@@ -175,16 +173,15 @@ def _loads(design: Design) -> Table:
         effort = case.weight * float(np.sum(u * u))
         share = effort / design.objective if design.objective else 0.0
         rows.append(
-            [
-                f"{k} ({case.name})" if case.name else str(k),
-                f"{lower_text(float(u.min()) / u_max, 4)} u_max",
-                f"{upper_text(float(u.max()) / u_max, 4)} u_max",
-                f"{figures(k_f * float(u.sum()))} N",
-                f"{100 * share:.1f} %",
-            ]
+            {
+                "load case": f"{k} ({case.name})" if case.name else str(k),
+                "smallest input": f"{lower_text(float(u.min()) / u_max, 4)} u_max",
+                "largest input": f"{upper_text(float(u.max()) / u_max, 4)} u_max",
+                "thrust of all rotors": f"{figures(k_f * float(u.sum()))} N",
+                "share of J": f"{100 * share:.1f} %",
+            }
         )
-    columns = ("load case", "smallest input", "largest input", "thrust of all rotors", "share of J")
-    return Table(columns, rows, range(5))
+    return Table.from_rows(rows, range(5))
 
 
 def flight_part(found: Flight) -> dict[str, Any]:
@@ -238,27 +235,21 @@ def _case(case: CaseFlight) -> list[str]:
     ]
 
 
-def _joint_loads(found: Flight) -> Table | None:
+def _joint_loads(flight: Flight) -> Table | None:
     """Return the case with the largest moment of each joint."""
-    worst = {load.child: load for load in sorted(found.joints, key=lambda load: load.moment_Nm)}
+    worst = {load.child: load for load in sorted(flight.joints, key=lambda load: load.moment_Nm)}
     rows = [
-        [
-            f"port {PORT_NAMES[load.port]} of module {load.module} to module {load.child}",
-            load.case,
-            *(
-                f"{figures(at_most(size, 3), 3)} {unit}"
-                for size, unit in (
-                    (load.force_N, "N"),
-                    (load.moment_Nm, "N m"),
-                    (load.about_hinge_Nm, "N m"),
-                    (load.across_hinge_Nm, "N m"),
-                )
-            ),
-        ]
+        {
+            "joint": f"port {PORT_NAMES[load.port]} of module {load.module} to module {load.child}",
+            "case": load.case,
+            "force": f"{figures(at_most(load.force_N, 3), 3)} N",
+            "moment": f"{figures(at_most(load.moment_Nm, 3), 3)} N m",
+            "about the hinge": f"{figures(at_most(load.about_hinge_Nm, 3), 3)} N m",
+            "across it": f"{figures(at_most(load.across_hinge_Nm, 3), 3)} N m",
+        }
         for _, load in sorted(worst.items())
     ]
-    columns = ("joint", "case", "force", "moment", "about the hinge", "across it")
-    return Table(columns, rows, {2, 3, 4, 5}) if rows else None
+    return Table.from_rows(rows, {2, 3, 4, 5}) if rows else None
 
 
 def _size(value: float | None, unit: str, digits: int = 3) -> str:

@@ -52,24 +52,20 @@ def _chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
         return {"x": x, "y": [(point.row.objective or 0.0) / least for point in chosen]}
 
     figure = go.Figure()
-    figure.add_trace(
-        go.Scatter(
-            **at(front(points, [name])),
-            name="least effort for as good a value",
-            mode="lines",
-            line={"color": palette.CONNECTOR, "width": 1.5, "dash": "dot", "shape": "vh"},
-            hoverinfo="skip",
-        )
+    figure.add_scatter(
+        **at(front(points, [name])),
+        name="least effort for as good a value",
+        mode="lines",
+        line={"color": palette.CONNECTOR, "width": 1.5, "dash": "dot", "shape": "vh"},
+        hoverinfo="skip",
     )
-    figure.add_trace(
-        go.Scatter(
-            **at(points),
-            name="designs of the front",
-            mode="markers",
-            marker={"color": palette.CONNECTOR, "size": 9},
-            text=["<br>".join(_describe(point)) for point in points],
-            hovertemplate="%{text}<extra></extra>",
-        )
+    figure.add_scatter(
+        **at(points),
+        name="designs of the front",
+        mode="markers",
+        marker={"color": palette.CONNECTOR, "size": 9},
+        text=["<br>".join(_describe(point)) for point in points],
+        hovertemplate="%{text}<extra></extra>",
     )
     figure.update_layout(
         xaxis={"title": {"text": title}, "dtick": 1 if name == "modules" else None},
@@ -123,30 +119,20 @@ def _levels(answer: Answer) -> Table:
     """Return a row for every level and size, with the reason where nothing was found."""
     on_front = [point.number for point in answer.points]
     rows = [
-        [
-            str(at.number),
-            at.level.words,
-            str(size.modules),
-            ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
-            size.best.key if size.best else "none",
-            figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
-            quantity(on_front.count(at.number), "design"),
-            size.reason or "",
-        ]
+        {
+            "level": str(at.number),
+            "held at": at.level.words,
+            "modules": str(size.modules),
+            "candidates": ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
+            "best there": size.best.key if size.best else "none",
+            "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
+            "gives the front": quantity(on_front.count(at.number), "design"),
+            "why none": size.reason or "",
+        }
         for at in answer.levels
         for size in at.sizes
     ]
-    columns = (
-        "level",
-        "held at",
-        "modules",
-        "candidates",
-        "best there",
-        "J [rad⁴/s⁴]",
-        "gives the front",
-        "why none",
-    )
-    return Table(columns, rows, {0, 2, 5})
+    return Table.from_rows(rows, {0, 2, 5})
 
 
 def _length(metres: float | None) -> str:

@@ -36,6 +36,11 @@ class Table(NamedTuple):
     numeric: Collection[int] = ()
     """Columns of numbers, which are aligned to the right."""
 
+    @classmethod
+    def from_rows(cls, rows: Sequence[dict[str, str]], numeric: Collection[int] = ()) -> Table:
+        """Return a table of rows that have the same headings, each beside its cell."""
+        return cls(tuple(rows[0]) if rows else (), [list(row.values()) for row in rows], numeric)
+
 
 class Tile(NamedTuple):
     """A figure of the headline."""

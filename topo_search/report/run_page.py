@@ -201,29 +201,19 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str,
 
 def _sizes(answer: Answer) -> Table:
     rows = [
-        [
-            str(size.modules),
-            f"{size.settled} of {size.candidates}",
-            ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
-            str(size.feasible),
-            figures(at_least(size.lower_bound, 5), 5),
-            size.best.key if size.best else "none",
-            figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
-            gap_percent(size.best.gap) if size.best and size.best.gap is not None else "",
-        ]
+        {
+            "modules": str(size.modules),
+            "candidates solved": f"{size.settled} of {size.candidates}",
+            "statuses": ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
+            "feasible trees with their mirror images": str(size.feasible),
+            "lower bound [rad⁴/s⁴]": figures(at_least(size.lower_bound, 5), 5),
+            "best": size.best.key if size.best else "none",
+            "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
+            "gap": gap_percent(size.best.gap) if size.best and size.best.gap is not None else "",
+        }
         for size in answer.sizes
     ]
-    columns = (
-        "modules",
-        "candidates solved",
-        "statuses",
-        "feasible trees with their mirror images",
-        "lower bound [rad⁴/s⁴]",
-        "best",
-        "J [rad⁴/s⁴]",
-        "gap",
-    )
-    return Table(columns, rows, {0, 3, 4, 6, 7})
+    return Table.from_rows(rows, {0, 3, 4, 6, 7})
 
 
 def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
@@ -289,19 +279,19 @@ def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
         by = ""
         if closest.violation is not None:
             by = f"{figures(at_least(closest.violation, 3), 3)} {closest.unit or ''}"
-        found = folder.ledger.result(folder.request.contexts(n)[closest.step], closest.key)
-        told = found.message if isinstance(found, Infeasible) else ""
-        cells.append([str(n), status, missed, str(len(members)), by, closest.key, told])
-    columns = (
-        "modules",
-        "status",
-        "constraint missed by most",
-        "candidates",
-        "least missed by",
-        "in tree",
-        "there",
-    )
-    return Table(columns, cells, {0, 3, 4})
+        result = folder.ledger.result(folder.request.contexts(n)[closest.step], closest.key)
+        cells.append(
+            {
+                "modules": str(n),
+                "status": status,
+                "constraint missed by most": missed,
+                "candidates": str(len(members)),
+                "least missed by": by,
+                "in tree": closest.key,
+                "there": result.message if isinstance(result, Infeasible) else "",
+            }
+        )
+    return Table.from_rows(cells, {0, 3, 4})
 
 
 def _reproduction(folder: RunFolder) -> dict[str, Any]:

@@ -41,7 +41,7 @@ def scene(
         assembly: says which connector carries the end-effector, and which are blocked; None if there is no audit.
     """
     connectors = at.p[:, None] + design.task.module.connector_distance * np.einsum("nij,aj->nai", at.R, PORTS)
-    mount = None if assembly is None or assembly.mount is None else assembly.mount
+    mount = None if assembly is None else assembly.mount
     foot = None if mount is None else connectors[mount.module, mount.port]
     figure = go.Figure([*_volumes(design, at), *_platform(design, at, connectors)])
     figure.add_traces(_free_connectors(design, connectors, assembly))
@@ -180,46 +180,19 @@ def _free_connectors(design: Design, connectors: Array, assembly: Assembly | Non
 def _end_effector(design: Design, at: Poses, foot: Array | None) -> list[Any]:
     """Return the centre of mass, the end-effector, the line between them, and the rod from its foot."""
     p_E = ", ".join(f"{x:.3f}" for x in at.p_E.tolist())
-    rod = []
+    traces = []
     if foot is not None:
         r = design.task.end_effector.rod_radius
-        rod.append(
-            drawn_mesh(
-                "rod of the end-effector",
-                cone_sphere(foot, r, at.end_effector, r, sides=12),
-                palette.END_EFFECTOR,
-                "rod",
-                lighting=MATT,
-            )
-        )
-    return [
-        *rod,
-        drawn_lines(
-            "p_E: end-effector from the centre of mass",
-            [np.stack([at.p_com, at.end_effector])],
-            palette.OFFSET,
-            8,
-            "tip",
-        ),
-        drawn_points(
-            "centre of mass",
-            at.p_com[None],
-            palette.CENTRE_OF_MASS,
-            ["centre of mass"],
-            "tip",
-            symbol="circle",
-            size=8,
-        ),
-        drawn_points(
-            "end-effector",
-            at.end_effector[None],
-            palette.END_EFFECTOR,
-            [f"end-effector, p_E = [{p_E}] m from the centre of mass"],
-            "tip",
-            symbol="circle",
-            size=8,
-        ),
-    ]
+        rod = cone_sphere(foot, r, at.end_effector, r, sides=12)
+        traces.append(drawn_mesh("rod of the end-effector", rod, palette.END_EFFECTOR, "rod", lighting=MATT))
+    line = [np.stack([at.p_com, at.end_effector])]
+    traces.append(drawn_lines("p_E: end-effector from the centre of mass", line, palette.OFFSET, 8, "tip"))
+    for name, point, colour, text in (
+        ("centre of mass", at.p_com, palette.CENTRE_OF_MASS, ""),
+        ("end-effector", at.end_effector, palette.END_EFFECTOR, f", p_E = [{p_E}] m from the centre of mass"),
+    ):
+        traces.append(drawn_points(name, point[None], colour, [name + text], "tip", symbol="circle", size=8))
+    return traces
 
 
 def _closest(pair: Clearance, ends: Array) -> list[Any]:
