@@ -214,12 +214,7 @@ def _square(matrix: Array) -> tuple[Vector, Vector, Vector]:
 
 
 MOST_ROTORS = 12
-MOST_CT, MOST_KM, FARTHEST = 100.0, 1.0, 100.0
-"""Ranges of PX4's parameters."""
-AIRFRAME = 7
-INT32, FLOAT32 = 6, 9
 ALTERNATIVE = "use allocation.json in your own controller, or one autopilot per module"
-FLOAT32_DIGITS = 9
 
 
 def reason_against(acts: Allocation) -> str | None:
@@ -246,24 +241,23 @@ def px4_parameters(acts: Allocation) -> str:
         "# (THR_MDL_FAC corrects that). Motors keep the order of rotors.csv.",
         "# Vehicle-Id Component-Id Name Value Type",
     ]
-    integers = (("CA_AIRFRAME", AIRFRAME), ("CA_ROTOR_COUNT", len(acts.rotors)))
-    lines += [f"1\t1\t{name}\t{value}\t{INT32}" for name, value in integers]
+    lines += ["1\t1\tCA_AIRFRAME\t7\t6", f"1\t1\tCA_ROTOR_COUNT\t{len(acts.rotors)}\t6"]
     faults = []
     for j, rotor in enumerate(acts.rotors):
         for suffix, value, least, most in _of(rotor):
             name = f"CA_ROTOR{j}_{suffix}"
             if not least <= value <= most:
                 faults.append(Fault(name, f"must be between {least:g} and {most:g} in PX4, but got {value:g}"))
-            lines.append(f"1\t1\t{name}\t{value:.{FLOAT32_DIGITS}g}\t{FLOAT32}")
+            lines.append(f"1\t1\t{name}\t{value:.9g}\t9")
     if faults:
         raise BadInput("--format px4", faults)
     return "\n".join(lines) + "\n"
 
 
 def _of(rotor: Rotor) -> Iterator[tuple[str, float, float, float]]:
-    """Yield name, value and range of each parameter of a rotor."""
-    for kind, (x, y, z), most in (("P", rotor.position_m, FARTHEST), ("A", rotor.axis, 1.0 + 1e-9)):
+    """Yield name, value and PX4's range of each parameter of a rotor."""
+    for kind, (x, y, z), most in (("P", rotor.position_m, 100.0), ("A", rotor.axis, 1.0 + 1e-9)):
         for axis, value in (("X", x), ("Y", -y), ("Z", -z)):
             yield f"{kind}{axis}", value + 0.0, -most, most
-    yield "CT", rotor.largest_thrust_N, 0.0, MOST_CT
-    yield "KM", rotor.spin * rotor.torque_coefficient / rotor.thrust_coefficient, -MOST_KM, MOST_KM
+    yield "CT", rotor.largest_thrust_N, 0.0, 100.0
+    yield "KM", rotor.spin * rotor.torque_coefficient / rotor.thrust_coefficient, -1.0, 1.0

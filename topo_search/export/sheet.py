@@ -100,7 +100,6 @@ def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
 
 
 COLUMNS = ("part", "count", "size", "mass_kg", "file")
-BOLTS_A_FLANGE = 4
 Row = tuple[str, int, str, str, str]
 """What `COLUMNS` names."""
 
@@ -120,7 +119,7 @@ def parts_list(design: Design, joints: Sequence[Part], mount: Part | None) -> li
         rows.append(("rod", 1, size, f"{mass:.4g} (left out of the model)", ""))
     rows.append(("end-effector", 1, "", f"{task.end_effector.mass:g}", ""))
     bolt = f"hole {1000 * bracket.bolt_diameter:g} mm, through {1000 * bracket.thickness:g} mm and the module"
-    rows.append(("bolt with nut", BOLTS_A_FLANGE * flanges, bolt, "", ""))
+    rows.append(("bolt with nut", 4 * flanges, bolt, "", ""))
     return rows
 
 
@@ -165,7 +164,8 @@ def joint(sizes: Bracket, port: int, alpha: float) -> str:
     for points, colour in ((own, palette.MODULE), (flange, palette.CONNECTOR)):
         svg.append(_polygon(points, colour))
         svg.append(_polygon(_turn(points * [-1, 1], phi), colour))
-    svg.append(f'<circle r="1.5" fill="#222"/><line x1="0" y1="0" x2="{2 * d}" y2="0" {_DASHED}/>')
+    dashed = 'stroke="#888" stroke-width="0.7" stroke-dasharray="3 2"'
+    svg.append(f'<circle r="1.5" fill="#222"/><line x1="0" y1="0" x2="{2 * d}" y2="0" {dashed}/>')
     end = _turn(np.array([[2 * d, 0.0]]), phi)[0]
     svg.append(f'<line x1="0" y1="0" x2="{end[0]:.2f}" y2="{-end[1]:.2f}" stroke="#222" stroke-width="0.7"/>')
     svg.append(_text(-2.2 * d, -r - 3, "up", 8))
@@ -180,9 +180,6 @@ def tips(port: int, alpha: float) -> str:
     if alpha == 0:
         return "in line"
     return "child's far end down" if TURNS[port] * alpha > 0 else "child's far end up"
-
-
-_DASHED = 'stroke="#888" stroke-width="0.7" stroke-dasharray="3 2"'
 
 
 def _turn(points: Array, phi: float) -> Array:

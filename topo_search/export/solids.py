@@ -196,18 +196,6 @@ def _arc(start: float, end: float, r: float, height: float, sides: int) -> Array
     return np.stack([r * np.sin(theta), height + r * np.cos(theta)], axis=1)
 
 
-_SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-_TURNED = _SQUARE[::-1]
-CUBE = np.array(
-    [
-        np.insert(_SQUARE if outwards else _TURNED, axis, side, axis=1)
-        for axis in range(3)
-        for side, outwards in ((-1.0, axis == 1), (1.0, axis != 1))
-    ]
-)
-"""Faces of the cube [-1, 1]^3."""
-
-
 def region_mesh(shape: Shape, slant: float) -> Trimesh:
     """Return the surface of a shape; of a cone out to a slant height."""
     match shape:

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.patches import Rectangle
 
-LAYER_HEIGHT = 1.3
 PLOT_SIDE = 0.44
 SVG_SIDE = 0.46
 """Edge of a module's square."""
@@ -51,7 +50,7 @@ def layered_layout(topology: Topology) -> Array:
     for i in nx.dfs_postorder_nodes(tree, 0):
         below = [x[j] for j in tree[i] if topology.parents[j] == i]
         x[i] = (min(below) + max(below)) / 2 if below else next(leaves)
-    return np.array([[x[i], -LAYER_HEIGHT * depth[i]] for i in range(topology.n)])
+    return np.array([[x[i], -1.3 * depth[i]] for i in range(topology.n)])
 
 
 def layout(topology: Topology) -> tuple[Array, list[int] | None]:

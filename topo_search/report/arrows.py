@@ -51,8 +51,6 @@ RING = 0.3
 """Radius of a torque's ring, over the length of the longest arrow."""
 CONTACT = 0.35
 """Radius of the piece of a contact plane that is drawn, over the length of the longest arrow."""
-CARRIED = 0.999
-"""Share of the weight from which a load case carries it: what it exerts at the end-effector is pushed against."""
 TURN = math.radians(300)
 """How much of the ring is drawn."""
 
@@ -88,7 +86,7 @@ def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Itera
     """Yield the contact plane of a push while it hovers: a disc at the end-effector, across the force."""
     f = np.array(case.at_end_effector.force)
     weight = design.task.force_unit(design.topology.n)
-    if not f.any() or case.at_com.force[2] < CARRIED * weight:
+    if not f.any() or case.at_com.force[2] < 0.999 * weight:  # it hovers only if it carries its weight
         return
     disc = trimesh.creation.cylinder(radius=CONTACT * longest, height=0.002, sections=48)
     disc.apply_transform(pose_matrix(rotation_to(f / np.linalg.norm(f)), at.end_effector))

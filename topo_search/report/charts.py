@@ -22,7 +22,6 @@ TIGHT = 0.01
 """A clearance up to this has a colour [m]."""
 MOST_POINTS = 4000
 """Most points of a chart; of more solves, evenly many are left out."""
-MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
 PAIRWISE = {
     "airflow": "airflow envelopes, clearance of each pair [mm]",
     "separation": "module centres, distance beyond the least one [mm]",
@@ -120,7 +119,8 @@ def rotor_inputs(design: Design) -> go.Figure:
     x = np.arange(n).repeat(4) + np.tile([-0.3, -0.1, 0.1, 0.3], n)
     names = [f"module {i}, rotor {q}" for i in range(n) for q in range(1, 5)]
     figure = go.Figure()
-    inputs, looks = design.inputs.reshape(-1, 4 * n), itertools.cycle(zip(palette.SERIES, MARKERS, strict=True))
+    marks = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
+    inputs, looks = design.inputs.reshape(-1, 4 * n), itertools.cycle(zip(palette.SERIES, marks, strict=True))
     for case, u, (colour, symbol) in zip(design.task.case_labels, inputs, looks, strict=False):
         figure.add_scatter(
             x=x,

@@ -109,9 +109,7 @@ def _reproduction(design: Design, audit: Audit, file: str) -> dict[str, Any]:
     return {"commands": commands, "task": to_toml(design.task), "versions": versions, "notes": ()}
 
 
-EVIDENCE = "This is evidence from a simulation. It never changes the audit's verdict."
 COURSE = ("error_x_m", "error_y_m", "error_z_m", "tilt_deg", "largest_input")
-DASHES = ("solid", "dash", "dot")
 
 
 def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
@@ -146,7 +144,7 @@ def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, 
         f"hover survives {result.rotors_out} of {result.rotors} single rotor failures.",
         *result.notes,
         *(() if NO_DOWNWASH in result.notes else (NO_DOWNWASH,)),
-        EVIDENCE,
+        "This is evidence from a simulation. It never changes the audit's verdict.",
     )
     caption = "Errors of position and attitude, and the largest input; a click on a name hides that flight"
     chart = Chart("simulated-course", caption, _figure(course)) if course else None
@@ -194,7 +192,7 @@ def _figure(course: dict[str, Array]) -> go.Figure:
     """Return error, tilt and largest thrust of all flights over time."""
     figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.05)
     every = 1 + sum(map(len, course.values())) // MOST_POINTS
-    looks = itertools.cycle((colour, dash) for dash in DASHES for colour in palette.SERIES)
+    looks = itertools.cycle((colour, dash) for dash in ("solid", "dash", "dot") for colour in palette.SERIES)
     for (name, rows), (colour, dash) in zip(course.items(), looks, strict=False):
         shown_rows = rows[::every]
         error = 100 * np.linalg.norm(shown_rows[:, 1:4], axis=1)

@@ -90,8 +90,6 @@ def _rod(flight: Flight, audit: Audit | None) -> Tile:
     return Tile("Rod", length(flight.rod_length_m), place)
 
 
-OF_OTHER_SIZES = 3
-"""Number of designs of each size but the winner's."""
 LARGEST = 2_500_000
 """Characters that all cards may take: what would lead beyond is left out, the least effort first to stay."""
 
@@ -99,7 +97,7 @@ LARGEST = 2_500_000
 def rows_to_show(answer: Answer, shown: Row) -> list[Row]:
     """Return which designs get a card: the winner, the best of its size and those near it, some of other sizes."""
     own = next(size for size in answer.sizes if size.modules == shown.modules)
-    others = (row for size in answer.sizes if size is not own for row in size.top[:OF_OTHER_SIZES])
+    others = (row for size in answer.sizes if size is not own for row in size.top[:3])
     found = {row.key: row for row in itertools.chain([shown], own.top, own.near_ties, others)}
     return list(found.values())
 

@@ -21,8 +21,6 @@ from topo_search.model.shape import Cone
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.wording import clearance
 
-CLOSE = 2.0
-"""Distance of the viewer, in edges of a cube as large as what is shown."""
 NUMBERED = 30
 """Most modules that carry their number in the picture; more are named where the pointer is."""
 AXIS = 1.8
@@ -54,7 +52,9 @@ def scene(
             "aspectmode": "data",
             "camera": {
                 "center": {"x": 0.0, "y": 0.0, "z": -0.12},  # the legend covers the lower edge
-                "eye": dict(zip("xyz", (CLOSE * towards_viewer(azimuth_deg(at))).tolist(), strict=True)),
+                "eye": dict(
+                    zip("xyz", (2.0 * towards_viewer(azimuth_deg(at))).tolist(), strict=True)
+                ),  # in edges of a cube as large as what is shown
             },
             **{f"{name}axis": {**axis, "title": {"text": f"{name} [m]"}} for name in "xyz"},
         },
