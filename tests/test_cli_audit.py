@@ -16,7 +16,7 @@ import verify
 from topo_search import compose
 from topo_search.cli import main
 from topo_search.cli.design_files import DesignFile
-from topo_search.export.audit_summary import escape, tolerance_lines
+from topo_search.export.audits import escape, tolerance_lines
 from topo_search.limits import DESIGN_BYTES
 from topo_search.model import Audit, Topology
 from topo_search.model.files import to_json

@@ -185,7 +185,7 @@ def test_the_picture_is_written(tmp_path: Path) -> None:
 def test_without_matplotlib_the_answer_is_how_to_install_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in ("figure_file", "task_picture"):
+    for module in ("picture", "task_picture"):
         monkeypatch.delitem(sys.modules, f"topo_search.export.{module}", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     result = check("push", "--picture", str(tmp_path / "a.png"))

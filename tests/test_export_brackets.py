@@ -10,7 +10,7 @@ import trimesh
 from export_cases import random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
-from topo_search.export.kit.brackets import Part, bracket, brackets, mount
+from topo_search.export.brackets import Part, bracket, brackets, mount
 from topo_search.model import BadInput, Design, Task, Topology
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket

@@ -8,8 +8,7 @@ from verify_cases import fan
 from wording import says
 
 from topo_search.cli.tables import print_audit
-from topo_search.export.audit_summary import Judged, markdown
-from topo_search.export.flight_lines import flight_lines
+from topo_search.export.audits import Judged, flight_lines, markdown
 from topo_search.model import CaseFlight, Flight, JointLoad, RotorsOut
 from topo_search.model.flight import direction
 from topo_search.report.design_page import design_page

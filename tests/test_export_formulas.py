@@ -12,8 +12,8 @@ from verify_cases import fan
 import verify
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.export import tables
-from topo_search.export.audit_summary import Judged, escape, markdown
+from topo_search.export import audits as tables
+from topo_search.export.audits import Judged, escape, markdown
 from topo_search.model.files import to_json
 from topo_search.model.tables import escape_formula
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import nlp
 from topo_search.export.mjcf import mjcf
-from topo_search.export.physics import Physics
+from topo_search.export.simulator_xml import Physics
 from topo_search.model import Design, LoadCase, Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import sample

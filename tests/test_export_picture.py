@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from report_cases import grown
 
-from topo_search.export import outlines, parts
 from topo_search.export.picture import draw, figure_of, title
 from topo_search.export.poses import poses
-from topo_search.export.scene import Scene, wrenches
-from topo_search.export.tree_layout import flat_layout, layered_layout
+from topo_search.export.regions import cone_sphere_outline, cone_triangles
+from topo_search.export.scene import Scene, frame_faces, rotor_faces, wrenches
+from topo_search.export.tree_drawing import flat_layout, layered_layout
 from topo_search.model import BadInput, Design, Module, Topology
 from topo_search.model.files import examples, read_task
 
@@ -161,7 +161,7 @@ def test_the_outline_is_the_edge_of_all_balls(r_1: float, length: float) -> None
     v /= np.linalg.norm(v)
     P_0, axis = rng.normal(size=3), rng.normal(size=3)
     P_1 = P_0 + length * axis / np.linalg.norm(axis)
-    outline = outlines.cone_sphere(P_0, 0.1, P_1, r_1, v)
+    outline = cone_sphere_outline(P_0, 0.1, P_1, r_1, v)
     eta = np.linspace(0, 1, 2001)[:, None]
     centres, radii = P_0 + eta * (P_1 - P_0), 0.1 + eta[:, 0] * (r_1 - 0.1)
     across = np.eye(3) - np.outer(v, v)
@@ -173,7 +173,7 @@ def test_the_outline_is_the_edge_of_all_balls(r_1: float, length: float) -> None
 def test_a_cone_has_its_half_angle() -> None:
     apex, d = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.0, -0.8])
     for degrees in (30, 60, 90):
-        triangles = outlines.cone(apex, d, math.radians(degrees), 2.0)
+        triangles = cone_triangles(apex, d, math.radians(degrees), 2.0)
         np.testing.assert_allclose(triangles[:, 0], np.broadcast_to(apex, (48, 3)))
         rim = triangles[:, 1] - apex
         np.testing.assert_allclose(np.linalg.norm(rim, axis=1), 2.0)
@@ -190,7 +190,7 @@ def volume(faces: np.ndarray) -> float:
 
 def test_the_parts_have_the_sizes_of_the_module() -> None:
     module = Module()
-    frame, rotors = parts.frame(module), parts.rotors(module)
+    frame, rotors = frame_faces(module), rotor_faces(module)
     assert volume(frame[:6]) == pytest.approx(0.08 * 0.08 * 0.04)
     assert volume(frame[6:12]) == pytest.approx(0.10 * 0.02 * 0.02)
     assert volume(rotors[:30]) == pytest.approx(0.02 * 16 / 2 * math.sin(math.tau / 16) * 0.05**2)
@@ -242,7 +242,7 @@ def test_the_viewer_looks_across_the_offset(angle_deg: int) -> None:
 
 def test_faces_are_seen_from_outside_and_only_those_towards_the_viewer_are_drawn(tmp_path: Path) -> None:
     module = Module()
-    for shell in (*np.split(parts.frame(module), 5), *np.split(parts.rotors(module), 4)):
+    for shell in (*np.split(frame_faces(module), 5), *np.split(rotor_faces(module), 4)):
         centre = shell.reshape(-1, 3).mean(axis=0)
         normals = np.cross(shell[:, 1] - shell[:, 0], shell[:, 2] - shell[:, 1])
         assert np.all(np.einsum("fi,fi->f", normals, shell.mean(axis=1) - centre) > 0)

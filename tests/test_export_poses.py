@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from topo_search.export.poses import PORTS, poses, rotation
+from topo_search.export.poses import PORTS, poses
 from topo_search.model import Design, Topology
 from topo_search.model.files import read_task
+from verify.kinematics import rotation
 
 
 def design(key: str, *settings: str, name: str = "push", seed: int | None = None, **given: Any) -> Design:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from export_cases import random_design
 
-from topo_search.export.allocation import allocation
-from topo_search.export.kit.px4 import px4_parameters
+from topo_search.export.allocation import allocation, px4_parameters
 from topo_search.model import BadInput, Topology
 
 FRD = np.diag([1.0, -1.0, -1.0])

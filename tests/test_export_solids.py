@@ -10,13 +10,11 @@ import trimesh
 from export_cases import BLOCK, OWN_FRAME, WEDGE, drawn_trees, random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
-from topo_search.export import parts
-from topo_search.export.meshes import cone_sphere, frame, rotors
 from topo_search.export.picture import Picture
-from topo_search.export.poses import rotation
-from topo_search.export.solids import glb, stl
+from topo_search.export.scene import frame_faces
+from topo_search.export.solids import cone_sphere, frame, glb, rotors, stl
 from topo_search.model import Design, Module, Topology
-from verify.kinematics import platform
+from verify.kinematics import platform, rotation
 
 Array = NDArray[np.float64]
 
@@ -95,7 +93,7 @@ def test_a_frame_of_the_modules_own_takes_the_place_of_hub_and_arms() -> None:
         assert mesh.is_watertight
         assert mesh.volume == pytest.approx(right, rel=1e-5)
         np.testing.assert_allclose(mesh.center_mass, at.poses.R[i] @ middle + at.poses.p[i], atol=1e-6)
-    drawn = parts.frame(design.task.module).reshape(-1, 3)
+    drawn = frame_faces(design.task.module).reshape(-1, 3)
     assert {tuple(corner) for corner in drawn.tolist()} == {tuple(c) for c in np.vstack([WEDGE, BLOCK]).tolist()}
     assert Picture(design)._repr_png_().startswith(b"\x89PNG")
 

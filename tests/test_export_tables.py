@@ -7,7 +7,7 @@ import pytest
 from toy_problem import toy_run
 from verify_cases import changed, fan
 
-from topo_search.export.tables import clearances, csv, parquet, residuals
+from topo_search.export.audits import clearances, csv, parquet, residuals
 from topo_search.model import Audit, Residual
 from topo_search.study import COLUMNS
 from verify import audit

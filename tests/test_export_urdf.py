@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pytransform3d.urdf import UrdfTransformManager
 
-from topo_search.export.poses import rotation
 from topo_search.export.urdf import roll_pitch_yaw, urdf
 from topo_search.model import Design, Topology
-from verify.kinematics import platform
+from verify.kinematics import platform, rotation
 from verify.wrench import wrench_map
 
 Array = NDArray[np.float64]

@@ -28,7 +28,8 @@ from nlp_cases import (
 from nlp.evaluation.violations import violations
 from nlp.solve import solve
 from topo_search.export.poses import poses
-from topo_search.export.regions import mesh, shapes
+from topo_search.export.regions import shapes
+from topo_search.export.solids import region_mesh
 from topo_search.model import Design, Topology
 from topo_search.model.files import to_json
 from topo_search.report.task_facts import facts
@@ -147,7 +148,7 @@ def test_every_kind_is_told_drawn_and_stored(kind):
     assert Design.model_validate_json(to_json(design)) == design
     at = poses(design)
     for _, shape in shapes(design.task, at.p_E):
-        assert len(mesh(shape, 1.0).faces) > 0
+        assert len(region_mesh(shape, 1.0).faces) > 0
     words = next(group for group in facts(point.task) if group.rows[0][0] == "requirement 0").rows[0][1]
     assert len(words) > 10
     for pair in exposed(audit(design)):

@@ -13,11 +13,12 @@ from toy_problem import toy_row
 
 from topo_search.cli.tables import progress_line
 from topo_search.compose import audit
-from topo_search.export.audit_summary import tolerance_lines
+from topo_search.export.audits import tolerance_lines
 from topo_search.model import Limit, Status, Topology
 from topo_search.model.proven import SOLVER_PRECISION, at_least, at_most, gap_percent
 from topo_search.report.design_page import bound, design_page
 from topo_search.report.design_part import design_part
+from topo_search.report.page import figure_json
 from topo_search.report.progress import describe
 from topo_search.study.statements import statement
 
@@ -67,8 +68,8 @@ def test_one_answer_has_one_figure() -> None:
     row = toy_row("a70010", objective=made.objective, gap=PUSH)
     told = [statement(row, 28, 28), describe(row), progress_line(made), made._repr_html_()]
     page = design_page(made, audit(made).model_copy(update={"verdict": Status.CLEAR}), "mine.json")
-    told += page.bound[1:2]
-    told += [tile.figure for tile in page.tiles if tile.name == "Proven gap"]
+    told += page["bound"][1:2]
+    told += [tile.figure for tile in page["tiles"] if tile.name == "Proven gap"]
     assert len(told) == 6
     assert {found for text in told for found in re.findall(r"[\d.]+ %", text)} == {"8.90 %"}
 
@@ -88,10 +89,10 @@ def test_bounds_of_clearances_and_errors_are_told_on_their_side() -> None:
         update={"pairs": (pair,), "sensitivity": found.sensitivity.model_copy(update={"hinge_angle_deg": limit})}
     )
     part = design_part(made, changed)
-    assert part.nearest.rows[0][3:] == ["1.23 mm", "1.24 mm"]
-    pointed = json.loads(part.clearances[0].data)["data"][0]["customdata"]
+    assert part["nearest"].rows[0][3:] == ["1.23 mm", "1.24 mm"]
+    pointed = json.loads(figure_json(part["clearances"][0].figure))["data"][0]["customdata"]
     assert "proven: 1.23 mm to 1.24 mm" in str(pointed)
-    assert part.errors.rows[0][1:3] == ["0.00409°", "0.00411°"]
+    assert part["errors"].rows[0][1:3] == ["0.00409°", "0.00411°"]
     assert next(tolerance_lines(changed)).startswith(
         "hinge angles may be off by 0.00409 deg (too much: 0.00411 deg)"
     )

@@ -17,10 +17,9 @@ from verify_cases import design as solved
 from topo_search.compose import audit
 from topo_search.export.poses import poses
 from topo_search.model import Topology
-from topo_search.report.design_page import design_page
+from topo_search.report.design_page import design_page, read_simulated
 from topo_search.report.page import render
 from topo_search.report.scene import scene
-from topo_search.report.simulated_part import read_simulated
 
 pytestmark = pytest.mark.browser
 

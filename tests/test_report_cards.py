@@ -7,8 +7,8 @@ from report_cases import Reader, design, toy_page
 from toy_problem import toy_row, toy_run
 
 from topo_search.model import Topology
-from topo_search.report import cards as module
-from topo_search.report.cards import cards, rows_to_show
+from topo_search.report import headline as module
+from topo_search.report.headline import cards, rows_to_show
 from topo_search.study import RunFolder
 
 
@@ -45,9 +45,9 @@ def test_cards_stop_where_the_page_would_get_large(monkeypatch):
         for k, key in enumerate(("af0000", "a70010", "a31040"))
     ]
     best = found[0][0]
-    assert [card.key for card in cards(found, best)] == ["af0000", "a70010", "a31040"]
+    assert [card["key"] for card in cards(found, best)] == ["af0000", "a70010", "a31040"]
     monkeypatch.setattr(module, "LARGEST", 20_000)
-    assert next(cards(found, best)).key == "af0000"
+    assert next(cards(found, best))["key"] == "af0000"
     assert len(list(cards(found, best))) < 3
 
 
@@ -56,7 +56,7 @@ def test_a_design_that_cannot_be_drawn_has_no_card():
     near = design(Topology.from_key("af0000"))
     best = toy_row("af0000", objective=1.0, gap=0.1)
     found = [(best, near, None), (toy_row("a70010", objective=1.1, gap=0.1), far, None)]
-    assert [card.key for card in cards(found, best)] == ["af0000"]
+    assert [card["key"] for card in cards(found, best)] == ["af0000"]
 
 
 @pytest.mark.parametrize(("objective", "told"), [(1.0, "least found"), (1.0049, "+0.49 %"), (1.1, "+10.00 %")])
@@ -64,5 +64,5 @@ def test_effort_is_told_over_that_of_the_best(objective, told):
     best = toy_row("af0000", objective=1.0, gap=0.1)
     row = best if objective == 1.0 else toy_row("a70010", objective=objective, gap=0.1)
     (card,) = cards([(row, design(Topology.from_key(row.key)), None)], best)
-    figures = {tile.name: tile.figure for tile in card.figures}
+    figures = {tile.name: tile.figure for tile in card["figures"]}
     assert (figures["Effort"], figures["Audit"]) == (told, "none")

@@ -9,8 +9,7 @@ from verify_cases import FAN, design, fan
 from topo_search.export.allocation import thrust_matrix
 from topo_search.export.poses import poses
 from topo_search.model import Design, Topology
-from topo_search.report.arrows import metres_per_newton
-from topo_search.report.force_polytope import force_polytope
+from topo_search.report.arrows import force_polytope, metres_per_newton
 from topo_search.report.view import view
 from verify import audit
 from verify.kinematics import platform
@@ -38,14 +37,15 @@ def test_wrenches_of_inputs_are_those_of_the_audit() -> None:
 def test_the_nearest_facet_is_the_reserve_that_the_audit_proves(able: Design) -> None:
     found, flight = force_polytope(able, poses(able)), audit(able).flight
     assert found is not None
+    vertices, _ = found
     assert flight is not None
     reserve = flight.hover.force_reserve_N
     assert reserve is not None
     assert reserve > 0.1
-    hull = ConvexHull(found.vertices)
+    hull = ConvexHull(vertices)
     assert 0.99 * reserve < -hull.equations[:, 3].max() <= reserve * (1 + 1e-9)  # not all vertices are
     weakest = np.array(flight.hover.force_weakest)
-    assert 0.99 * reserve < (found.vertices @ weakest).max() <= reserve * (1 + 1e-6)
+    assert 0.99 * reserve < (vertices @ weakest).max() <= reserve * (1 + 1e-6)
 
 
 def test_all_thrust_at_once_is_the_highest_vertex() -> None:
@@ -68,12 +68,12 @@ def test_what_cannot_hover_has_none() -> None:
 def test_the_picture_has_the_scale_of_the_arrows(able: Design) -> None:
     at, found = poses(able), audit(able)
     shown = view("view", able, at, found, forces=True)
-    assert shown.forces
-    assert not view("view", able, at, found).forces
-    value = shown.value["forces"]
+    assert shown["forces"]
+    assert not view("view", able, at, found)["forces"]
+    value = shown["value"]["forces"]
     assert "can be added in every direction" in value["told"]
     assert [trace["meta"]["part"] for trace in value["traces"]] == ["forces", "forces"]
     scale = metres_per_newton(able, at)
     (force,) = (case.at_com.force for case in able.task.load_cases)
-    tip, start = np.array(shown.value["cases"][0]["ends"][0][1]), at.p_com
+    tip, start = np.array(shown["value"]["cases"][0]["ends"][0][1]), at.p_com
     assert np.linalg.norm(tip - start) == pytest.approx(scale * np.linalg.norm(force), rel=1e-3)

@@ -7,9 +7,10 @@ from wording import says
 
 from topo_search.compose import audit
 from topo_search.model import Audit, Design, Topology
-from topo_search.report.flight_part import cases
-from topo_search.report.headline import closest, headline, tally
-from topo_search.report.near_ties import near_tie_cells
+from topo_search.report.design_part import cases
+from topo_search.report.headline import headline, tally
+from topo_search.report.scene import closest
+from topo_search.report.wording import near_tie_cells
 from topo_search.study import Row
 
 

@@ -23,18 +23,18 @@ from topo_search.cli.check import _expectations
 from topo_search.cli.tables import _print_front, _print_rows, print_audit
 from topo_search.compose import audit
 from topo_search.compose.designs import Rounded
-from topo_search.export.audit_summary import Judged, markdown
+from topo_search.export.audits import Judged, markdown
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.audit import WorstCase
 from topo_search.model.design import Relaxation
 from topo_search.model.proven import excess_texts
 from topo_search.model.search import Level
 from topo_search.report.design_page import bound
-from topo_search.report.design_part import design_part
-from topo_search.report.flight_part import flight_part
+from topo_search.report.design_part import design_part, flight_part
 from topo_search.report.front_part import front_part
-from topo_search.report.near_ties import near_tie_cells
+from topo_search.report.page import figure_json
 from topo_search.report.run_page import _proof_cells
+from topo_search.report.wording import near_tie_cells
 from topo_search.study import Answer, FrontPoint
 from topo_search.study.answer import LevelAnswer
 from topo_search.study.checking import Checked, CheckedTree
@@ -86,17 +86,17 @@ def test_clearances(audited, status, capsys):
         only = found.model_copy(update={"pairs": (pair,), "sensitivity": None, "flight": None, "residuals": ()})
         print_audit("mine", only)
         page = design_part(made, only)
-        pointed = json.loads(page.clearances[0].data)["data"][0]["customdata"]
+        pointed = json.loads(figure_json(page["clearances"][0].figure))["data"][0]["customdata"]
         for text in (
             capsys.readouterr().out,
             Rounded(made, only, only, 0.5, 1.0).notes[1],
-            [cell for row in page.nearest.rows for cell in row],
+            [cell for row in page["nearest"].rows for cell in row],
             markdown([Judged("mine", made, only)], []),
             only._repr_html_(),
             pointed,
         ):
             check(text, least=least)
-        for text in (page.nearest.rows[0][4], only._repr_html_(), pointed):
+        for text in (page["nearest"].rows[0][4], only._repr_html_(), pointed):
             check(text, most=3 * least)
 
 
@@ -123,11 +123,11 @@ def test_errors_that_are_harmless_and_what_is_not_met(audited, capsys):
         print_audit("mine", changed)
         printed, page = capsys.readouterr().out, design_part(made, changed)
         summary = markdown([Judged("mine", made, changed)], [])
-        for text in (printed, summary, *page.errors.rows, page.findings):
+        for text in (printed, summary, *page["errors"].rows, page["findings"]):
             check(text, least=x, most=3 * x)
-        for text in (printed, summary, page.residuals.rows[0], changed._repr_html_()):
+        for text in (printed, summary, page["residuals"].rows[0], changed._repr_html_()):
             check(text, most=9 * x)
-        check(page.residuals.rows[0], least=81 * x, most=27 * x)
+        check(page["residuals"].rows[0], least=81 * x, most=27 * x)
 
 
 def test_flights_fronts_and_near_ties(capsys):
@@ -145,8 +145,8 @@ def test_flights_fronts_and_near_ties(capsys):
         )
         found = flight(cases=(case,))
         check(found.weakest_point, least=x)
-        check(flight_part(found).sentences, least=x)
-        check(flight_part(found).cases.rows[0], least=x, most=3 * x)
+        check(flight_part(found)["sentences"], least=x)
+        check(flight_part(found)["cases"].rows[0], least=x, most=3 * x)
         row = Row(
             *("a300", 3, 1, "feasible", 1, 1.0),
             objective=1e9,
@@ -160,7 +160,7 @@ def test_flights_fronts_and_near_ties(capsys):
         answer = Answer("nowhere", (), (LevelAnswer(0, point.level, ()),), (point,))
         _print_front(answer)
         printed = capsys.readouterr().out.splitlines()[3]
-        for text in (printed, front_part(answer, []).designs.rows[0], answer._repr_html_()):
+        for text in (printed, front_part(answer, [])["designs"].rows[0], answer._repr_html_()):
             check(text, least=x, most=3 * x)
 
 

@@ -10,9 +10,8 @@ from topo_search.cli import main
 from topo_search.compose import audit
 from topo_search.model import Topology
 from topo_search.model.files import to_json
-from topo_search.report.design_page import design_page
+from topo_search.report.design_page import design_page, read_simulated
 from topo_search.report.page import render
-from topo_search.report.simulated_part import read_simulated
 from topo_search.simulation.result import NO_DOWNWASH
 
 NASTY = "</script><script>alert(1)</script>"

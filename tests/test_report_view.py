@@ -42,7 +42,7 @@ def test_copies_of_a_mesh_lie_where_the_whole_picture_has_them(audited: tuple[De
         trace = next(trace for trace in whole.values() if trace.type == "mesh3d" and trace.meta["mesh"] == name)
         np.testing.assert_allclose(placed, [trace.x, trace.y, trace.z], atol=2e-5)
         assert len(trace.i) == made.topology.n * len(mesh["i"])
-    left_out = [trace for trace in view("view", made, at, found).value["data"] if "mesh" in trace["meta"]]
+    left_out = [trace for trace in view("view", made, at, found)["value"]["data"] if "mesh" in trace["meta"]]
     assert len(left_out) == 4
     assert not any("x" in trace for trace in left_out)
 
@@ -72,33 +72,33 @@ def test_the_largest_force_has_the_longest_arrow() -> None:
     )
     at = poses(made)
     first, second, nothing = arrows(made, at)
-    (force, end), (torque, _) = first.ends
-    assert (force, torque, second.ends[0][0]) == ("5 N", "0.2 N m", "2.5 N")
-    assert "force 5 N, along [0.6, 0, 0.8], at the end-effector; torque 0.2 N m" in first.told
+    (force, end), (torque, _) = first["ends"]
+    assert (force, torque, second["ends"][0][0]) == ("5 N", "0.2 N m", "2.5 N")
+    assert "force 5 N, along [0.6, 0, 0.8], at the end-effector; torque 0.2 N m" in first["told"]
     lengths = [
         float(np.linalg.norm(np.array(tip) - start))
-        for tip, start in ((end, at.end_effector), (second.ends[0][1], at.p_com))
+        for tip, start in ((end, at.end_effector), (second["ends"][0][1], at.p_com))
     ]
     assert lengths[0] == pytest.approx(2 * lengths[1], rel=1e-3)
     assert lengths[0] == pytest.approx(0.6 * reach(made, at), rel=1e-3)
-    assert (nothing.told, nothing.traces) == ("nothing", ())
+    assert (nothing["told"], nothing["traces"]) == ("nothing", [])
 
 
 def test_an_assembly_has_a_step_for_each_module_and_the_rod(audited: tuple[Design, Audit]) -> None:
     made, found = audited
-    steps = view("view", made, poses(made), found).value["steps"]
+    steps = view("view", made, poses(made), found)["value"]["steps"]
     assert len(steps) == made.topology.n + 1
     for (h, i, *_), step in zip(made.topology.edges(), steps[1:-1], strict=True):
         assert f"of module {i} to port" in step
         assert f"of module {h};" in step
     mount = found.assembly.mount
     assert ("rod" in steps[-1]) == (mount is None or f"of module {mount.module}" in steps[-1])
-    assert "no straight rod is known" in view("view", made, poses(made), None).value["steps"][-1]
+    assert "no straight rod is known" in view("view", made, poses(made), None)["value"]["steps"][-1]
 
 
 def test_the_pointer_tells_a_modules_least_clearance(audited: tuple[Design, Audit]) -> None:
     made, found = audited
-    told = view("view", made, poses(made), found).value["modules"]
+    told = view("view", made, poses(made), found)["value"]["modules"]
     assert len(told) == made.topology.n
     least = min(found.pairs, key=lambda pair: pair.analytic_m)
     assert any(f": {least.name}" in text for text in told)
@@ -109,7 +109,7 @@ def test_the_pointer_tells_a_modules_least_clearance(audited: tuple[Design, Audi
 
 def test_throttles_are_shares_of_the_largest_input(audited: tuple[Design, Audit]) -> None:
     made, _ = audited
-    found = np.array(view("view", made, poses(made), None).value["throttle"])
+    found = np.array(view("view", made, poses(made), None)["value"]["throttle"])
     assert found.shape == (len(made.task.load_cases), 5, 4)
     np.testing.assert_allclose(found, made.inputs / made.task.module.max_input(9.81), atol=1e-4)
 
@@ -119,13 +119,13 @@ def test_many_load_cases_are_a_list(number: int, listed: bool) -> None:
     cases = [LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, 1.0 + k))) for k in range(number)]
     made = with_cases(*cases)
     found = view("view", made, poses(made), None)
-    assert (found.listed, len(found.cases)) == (listed, number)
+    assert (found["listed"], len(found["cases"])) == (listed, number)
 
 
 def test_many_modules_have_no_labels() -> None:
     for n, numbered in ((9, True), (31, False)):
         made = design(grown(n), "push")
-        assert view("view", made, poses(made), None).value["numbered"] is numbered
+        assert view("view", made, poses(made), None)["value"]["numbered"] is numbered
 
 
 def test_a_push_while_hovering_has_its_contact_plane_across_the_force(audited: tuple[Design, Audit]) -> None:
@@ -141,8 +141,8 @@ def test_a_push_while_hovering_has_its_contact_plane_across_the_force(audited: t
     made = made.model_copy(update={"task": made.task.model_copy(update={"load_cases": cases})})
     at = poses(made)
     push, other = arrows(made, at)
-    assert push.name == "load case 0 (push)"
-    (plane,) = (trace for trace in push.traces if trace.meta["part"] == "contact")
+    assert push["name"] == "load case 0 (push)"
+    (plane,) = (trace for trace in push["traces"] if trace.meta["part"] == "contact")
     assert np.ptp(plane.x) < 0.01 < np.ptp(plane.y)
     assert np.mean(plane.x) == pytest.approx(at.end_effector[0], abs=1e-3)
-    assert all(trace.meta["part"] != "contact" for trace in other.traces)
+    assert all(trace.meta["part"] != "contact" for trace in other["traces"])

@@ -246,15 +246,15 @@ def test_an_open_proof_or_one_of_another_task_serves_for_no_other(run, tmp_path)
 
 def test_the_page_says_what_is_proven(run):
     with RunFolder.load(run) as folder:
-        assert '"proof"' not in run_page(folder).run.candidates
+        assert "proof" not in str(run_page(folder)["run"]["candidates"])
     proven(run, Prover())
     with RunFolder.load(run) as folder:
         page = run_page(folder)
-    assert page.answer.endswith("candidates, proven to within 1.00 %.")
-    assert ("Proven gap", "1.00 %") in [(tile.name, tile.figure) for tile in page.tiles]
-    assert says(page.bound[-1], "Proven by branch and bound: no 3-module topology", "1.00 %")
-    assert '"proof"' in page.run.candidates
-    assert '"within"' in page.run.candidates
+    assert page["answer"].endswith("candidates, proven to within 1.00 %.")
+    assert ("Proven gap", "1.00 %") in [(tile.name, tile.figure) for tile in page["tiles"]]
+    assert says(page["bound"][-1], "Proven by branch and bound: no 3-module topology", "1.00 %")
+    assert ("proof", "text") in page["run"]["candidates"]["columns"]
+    assert any("within" in row for row in page["run"]["candidates"]["rows"])
 
 
 @pytest.mark.parametrize("options", [{"listed": ("a300", "a500")}, {"symmetry": "d4"}])
@@ -270,7 +270,7 @@ def test_a_proof_of_some_trees_is_none_of_their_size(tmp_path, options):
     assert size.gap_of(size.best) == size.best.gap > 0.01
     with RunFolder.load(tmp_path / "run") as folder:
         page = run_page(folder)
-    tiles = [page.tiles, *(card.figures for card in page.run.cards)]
+    tiles = [page["tiles"], *(card["figures"] for card in page["run"]["cards"])]
     (shown, *others) = [next(tile for tile in some if tile.name == "Proven gap") for some in tiles]
     assert shown.figure == gap_percent(size.best.gap)
     assert all(tile.meaning == "no platform of 3 modules can save more effort" for tile in (shown, *others))
@@ -282,5 +282,5 @@ def test_the_gap_of_a_size_that_is_proven_tree_by_tree_has_a_scope(run):
     assert "scope: aligned connectors, any orientation" in size.proven
     with RunFolder.load(run) as folder:
         page = run_page(folder)
-    tiles = [page.tiles, *(card.figures for card in page.run.cards)]
+    tiles = [page["tiles"], *(card["figures"] for card in page["run"]["cards"])]
     assert all("in the scope of the proofs" in str(some) for some in tiles)

@@ -6,7 +6,7 @@ import trimesh
 from export_cases import drawn_trees, random_design
 from verify_cases import design
 
-from topo_search.export.kit.brackets import MILLIMETRES, TURNS, bracket, connector_turn
+from topo_search.export.brackets import MILLIMETRES, TURNS, bracket, connector_turn
 from topo_search.export.poses import PORTS, poses
 from topo_search.model import Design, Status, Task, Topology
 from verify import audit

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from topo_search.compose import audit, figure, prove, search, solve, write_report
     from topo_search.engine import Certificates, WorkersLost
+    from topo_search.export.audits import clearances, residuals
     from topo_search.export.formats import export_design, register_format
-    from topo_search.export.tables import clearances, residuals
     from topo_search.model import (
         Allowed,
         Audit,
@@ -61,7 +61,7 @@ _HOMES = {
     "topo_search.compose": ("audit", "figure", "prove", "search", "solve", "write_report"),
     "topo_search.engine": ("Certificates", "WorkersLost"),
     "topo_search.export.formats": ("export_design", "register_format"),
-    "topo_search.export.tables": ("clearances", "residuals"),
+    "topo_search.export.audits": ("clearances", "residuals"),
     "topo_search.model": (
         "Allowed", "Audit", "BadInput", "Clearance", "Design", "Directional", "EndEffector", "Exterior", "Fault",
         "Flight", "Infeasible", "LoadCase", "Local", "Module", "Plane", "ResolvedTask", "Search", "Status",

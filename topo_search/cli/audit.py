@@ -31,7 +31,7 @@ def audit(
         from topo_search.cli.tables import print_audit, print_tally
         from topo_search.compose import audits, available_cores
         from topo_search.engine import Failed
-        from topo_search.export.audit_summary import Judged, markdown
+        from topo_search.export.audits import Judged, markdown
         from topo_search.model import Status
         from topo_search.model.files import write_atomically
 
@@ -61,7 +61,7 @@ def audit(
             verdicts = [each.audit.verdict for each in judged]
             print_tally(verdicts, len(failed), len(reading.refused), reading.passed_over)
         if table is not None:
-            from topo_search.export.tables import clearances_of, csv
+            from topo_search.export.audits import clearances_of, csv
 
             write_atomically(table, csv(clearances_of([(each.name, each.audit) for each in judged])))
         if summary is not None:

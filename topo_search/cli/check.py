@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +45,7 @@ def check(
         problem = options.task_of(task, settings, paper=paper, modules=modules)
         if picture is not None:
             options.require_drawable(picture)
-            from topo_search.export.figure_file import save
+            from topo_search.export.picture import save
             from topo_search.export.task_picture import task_figure
 
             save(task_figure(problem.resolve(problem.sizes[0])), picture)
@@ -72,9 +72,9 @@ def _explain(task: Task) -> None:
     click.echo(task.name)
     platform, *groups = facts(first)
     for group in (platform, *(facts(other)[0] for other in others), *groups):
-        _group(group.title, group.rows)
+        _group(*group)
     if task.goals.names:
-        _group(*astuple(goals(task)))
+        _group(*goals(task))
     of = f" of {quantity(first.n, 'module')}" if others else ""
     cases = [(f"load case {k}", f"{wrench}; weight {weight}") for k, wrench, weight in load_cases(first)]
     _group(f"load cases{of}, each the total wrench of the rotors", cases)

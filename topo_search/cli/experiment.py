@@ -122,7 +122,7 @@ def experiment(
         with shown_progress(incumbent=False) as observer:
             rows = conduct(asked, settings, out, workers=workers, observer=observer)
         if picture is not None:
-            from topo_search.export.figure_file import save
+            from topo_search.export.picture import save
 
             save(asked.figure(rows), picture)
         _print(out, asked.summary(rows), asked.findings(rows), picture, as_json=as_json)

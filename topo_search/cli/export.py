@@ -11,7 +11,7 @@ from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, needs_extras, note
 
 if TYPE_CHECKING:
-    from topo_search.export.physics import Physics
+    from topo_search.export.simulator_xml import Physics
     from topo_search.model import Audit, Design
 
 SUFFIXES = {
@@ -128,7 +128,7 @@ def export(
     """  # noqa: D301 (\b is click's)
     with explain_errors():
         from topo_search.compose import audit, read_design
-        from topo_search.export.physics import Physics
+        from topo_search.export.simulator_xml import Physics
         from topo_search.model import BadInput, Design, Fault
         from topo_search.model.files import read_json
 
@@ -202,11 +202,11 @@ def _write(design: Design, kind: Any, parts: Any, physics: Physics, out: Path) -
 def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:
     """Write the kit of a design, or a part of it."""
     from topo_search.compose import audit, brackets_note, round_angles
-    from topo_search.export.kit import folder
-    from topo_search.export.kit.brackets import require_room
+    from topo_search.export.brackets import require_room
+    from topo_search.export.kit import require_kit_folder, write_brackets, write_kit, write_part
 
     if kind == "kit":
-        folder.require_kit_folder(out)
+        require_kit_folder(out)
     elif kind != "brackets":
         options.require_writable(out)
     notes: tuple[str, ...] = ()
@@ -224,28 +224,28 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
         note(beside)
         notes += (beside,)
     if kind == "kit":
-        kit = folder.write_kit(design, out, notes, physics)
+        kit = write_kit(design, out, notes, physics)
         click.echo(f"the kit is in {out}: {', '.join(kit.files)}")
         for text in kit.notes:
             note(text)
     elif kind == "brackets":
-        click.echo(f"the brackets are in {out}: {', '.join(folder.write_brackets(design, out))}")
+        click.echo(f"the brackets are in {out}: {', '.join(write_brackets(design, out))}")
     else:
-        folder.write_part(design, kind, out, notes)
+        write_part(design, kind, out, notes)
         click.echo(f"the {'sheet' if kind == 'sheet' else 'table'} is in {out}")
 
 
 def _write_table(source: str, kind: Any, out: Path) -> None:
     """Write the candidates of a run's folder, or the clearances of an audit or a design."""
-    from topo_search.export import tables
+    from topo_search.export.audits import clearances, csv, parquet
     from topo_search.model.files import write_atomically
     from topo_search.study.frame import candidates
 
     if kind == "assembly":
         write_atomically(out, _audit_of(source).assembly.csv())
         return
-    frame = candidates(Path(source)) if Path(source).is_dir() else tables.clearances(_audit_of(source))
-    write_atomically(out, tables.parquet(frame) if kind == "parquet" else tables.csv(frame))
+    frame = candidates(Path(source)) if Path(source).is_dir() else clearances(_audit_of(source))
+    write_atomically(out, parquet(frame) if kind == "parquet" else csv(frame))
 
 
 def _audit_of(source: str) -> Audit:

@@ -11,13 +11,11 @@ from rich.console import Console
 from rich.table import Table
 
 from topo_search.engine import Failed, Outcome
-from topo_search.export.audit_summary import tolerance_lines
-from topo_search.export.flight_lines import flight_lines
+from topo_search.export.audits import flight_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Relaxed, Status
 from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
-from topo_search.report.near_ties import near_tie_cells, near_tie_columns
-from topo_search.report.wording import length, modules, quantity
+from topo_search.report.wording import length, modules, near_tie_cells, near_tie_columns, quantity
 from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"

@@ -24,10 +24,9 @@ def write_report(source: str | Path, *, out: str | Path | None = None, flight: s
             run is using, or replace a file that the run did not write.
         RuntimeError: the audit failed; the message gives the reason.
     """
-    from topo_search.report.design_page import design_page
+    from topo_search.report.design_page import design_page, read_simulated
     from topo_search.report.page import render
     from topo_search.report.run_page import run_page, write_run_page
-    from topo_search.report.simulated_part import read_simulated
 
     source = Path(source)
     if source.is_dir() and flight is not None:
@@ -60,9 +59,8 @@ def write_page(folder: RunFolder) -> None:
 
 def figure(design: Design, audited: Audit | None = None) -> Any:
     """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod."""
-    from topo_search.export.viewpoint import poses_to_draw
-    from topo_search.report.headline import closest
-    from topo_search.report.scene import scene
+    from topo_search.export.poses import poses_to_draw
+    from topo_search.report.scene import closest, scene
 
     if not isinstance(design, Design):
         raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])

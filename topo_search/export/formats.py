@@ -6,64 +6,37 @@ A package adds one by an entry point of the group `topo_search.formats` that nam
 from __future__ import annotations
 
 import re
-from importlib import metadata
+from collections.abc import Callable
+from importlib import import_module, metadata
 from pathlib import Path
 
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
-from topo_search.protocols import OwnFormat
+from topo_search.protocols import DesignWriter, OwnFormat
 from topo_search.supervisor import is_out_of_memory
 
 GROUP = "topo_search.formats"
-"""Of the entry points of other packages."""
-NAME = re.compile(r"[a-z0-9][a-z0-9-]*")
-SUFFIX = re.compile(r"\.[A-Za-z0-9]+")
+"""Entry points of other packages."""
 
 
-def _glb(design: Design) -> bytes:
-    from topo_search.export.solids import glb
+def _lazy(module: str, function: str, *arguments: str) -> DesignWriter:
+    """Return a function of this package that loads its libraries only when a design is written."""
 
-    return glb(design)
+    def write(design: Design) -> str | bytes:
+        writer: Callable[..., str | bytes] = getattr(import_module(f"topo_search.export.{module}"), function)
+        return writer(design, *arguments)
 
-
-def _stl(design: Design) -> bytes:
-    from topo_search.export.solids import stl
-
-    return stl(design)
-
-
-def _mjcf(design: Design) -> str:
-    from topo_search.export.mjcf import mjcf
-
-    return mjcf(design)
-
-
-def _urdf(design: Design) -> str:
-    from topo_search.export.urdf import urdf
-
-    return urdf(design)
-
-
-def _png(design: Design) -> bytes:
-    from topo_search.export.picture import picture
-
-    return picture(design, "png")
-
-
-def _svg(design: Design) -> bytes:
-    from topo_search.export.picture import picture
-
-    return picture(design, "svg")
+    return write
 
 
 OURS = (
-    OwnFormat("glb", _glb, (".glb",), "a scene for viewers and Blender"),
-    OwnFormat("stl", _stl, (".stl",), "solids in millimetres for CAD and printing"),
-    OwnFormat("mjcf", _mjcf, (".mjcf", ".xml"), "a model for the simulator MuJoCo"),
-    OwnFormat("urdf", _urdf, (".urdf",), "a robot description"),
-    OwnFormat("png", _png, (".png",), "a picture"),
-    OwnFormat("svg", _svg, (".svg",), "a picture"),
+    OwnFormat("glb", _lazy("solids", "glb"), (".glb",), "a scene for viewers and Blender"),
+    OwnFormat("stl", _lazy("solids", "stl"), (".stl",), "solids in millimetres for CAD and printing"),
+    OwnFormat("mjcf", _lazy("mjcf", "mjcf"), (".mjcf", ".xml"), "a model for the simulator MuJoCo"),
+    OwnFormat("urdf", _lazy("urdf", "urdf"), (".urdf",), "a robot description"),
+    OwnFormat("png", _lazy("picture", "picture", "png"), (".png",), "a picture"),
+    OwnFormat("svg", _lazy("picture", "picture", "svg"), (".svg",), "a picture"),
 )
 """The formats of this package that are one file of a design."""
 
@@ -81,12 +54,12 @@ def register_format(own: OwnFormat) -> None:
     """
     if not isinstance(own, OwnFormat):
         raise ValueError(f"must be an OwnFormat, but got {type(own).__name__}")
-    if not NAME.fullmatch(own.name):
+    if not re.fullmatch(r"[a-z0-9][a-z0-9-]*", own.name):
         raise ValueError(f"name must be small letters, digits and dashes, but got {own.name!r}")
     if own.name in _registered or own.name in RESERVED:
         raise ValueError(f"name must be new, but there is a format {own.name!r}")
     for suffix in own.suffixes:
-        if not SUFFIX.fullmatch(suffix):
+        if not re.fullmatch(r"\.[A-Za-z0-9]+", suffix):
             raise ValueError(f"a suffix must be a dot with letters or digits, but got {suffix!r}")
         if (other := _of_suffix(suffix)) is not None:
             raise ValueError(f"a suffix must be new, but {suffix} is that of {other.name}")
@@ -132,16 +105,13 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
     if not isinstance(design, Design):
         raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])
     path, known = Path(out), formats()
-    if format is None:
-        found = _of_suffix(path.suffix)
-        if found is None:
-            ends = ", ".join(sorted(suffix for one in known.values() for suffix in one.suffixes))
-            raise BadInput(str(out), [Fault("", f"must end in {ends}, or a format be given")])
-    elif format in known:
-        found = known[format]
-    else:
+    chosen = _of_suffix(path.suffix) if format is None else known.get(format)
+    if chosen is None and format is None:
+        suffixes = ", ".join(sorted(suffix for one in known.values() for suffix in one.suffixes))
+        raise BadInput(str(out), [Fault("", f"must end in {suffixes}, or a format be given")])
+    if chosen is None:
         raise BadInput("format", [Fault("", f"must be one of {', '.join(sorted(known))}, but got {format!r}")])
-    write_atomically(path, content(design, found))
+    write_atomically(path, content(design, chosen))
     return path
 
 
@@ -150,8 +120,7 @@ def content(design: Design, own: OwnFormat) -> bytes:
     try:
         made = own.write(design)
         if not isinstance(made, str | bytes) or not made:
-            told = f"wrote {type(made).__name__}" if made else "wrote nothing"
-            raise ValueError(f"must write text or bytes, but {told}")
+            raise ValueError(f"must write text or bytes, but wrote {type(made).__name__ if made else 'nothing'}")
         return made if isinstance(made, bytes) else made.encode()
     except ValueError as error:
         raise BadInput(own.name, [Fault("", str(error))]) from error
@@ -163,5 +132,4 @@ def content(design: Design, own: OwnFormat) -> bytes:
 
 
 def _of_suffix(suffix: str) -> OwnFormat | None:
-    """Return the format that the end of a name means."""
     return next((one for one in _registered.values() if suffix.lower() in map(str.lower, one.suffixes)), None)

@@ -22,13 +22,20 @@ import math
 from xml.etree.ElementTree import Comment, Element, SubElement
 
 from topo_search.export import palette
-from topo_search.export.parts import ROTOR_ANGLES, ROTOR_SPINS
-from topo_search.export.physics import AS_SEARCHED, Physics, add_lag, add_rod_mass, add_tip
-from topo_search.export.poses import PORTS, poses
-from topo_search.export.rod import rod_of
-from topo_search.export.solid_regions import add_solid_regions
-from topo_search.export.xml_text import numbers, rgba, xml_text
+from topo_search.export.poses import PORTS, ROTOR_ANGLES, poses, rod_of
+from topo_search.export.simulator_xml import (
+    AS_SEARCHED,
+    Physics,
+    add_lag,
+    add_rod_mass,
+    add_solid_regions,
+    add_tip,
+    numbers,
+    rgba,
+    xml_text,
+)
 from topo_search.model.design import Design
+from topo_search.model.layout import ROTOR_SPINS
 from topo_search.model.module import Module
 
 SPIN_CLASSES = {-1: "drag_against_thrust_axis", 1: "drag_along_thrust_axis"}
@@ -172,7 +179,7 @@ def _actuators(actuator: Element, n: int) -> None:
     """Add one motor a rotor, module-major like the inputs."""
     for i, q in itertools.product(range(n), range(4)):
         name = f"module_{i}_rotor_{q + 1}"
-        SubElement(actuator, "general", {"class": SPIN_CLASSES[ROTOR_SPINS[q]], "name": name, "site": name})
+        SubElement(actuator, "general", {"class": SPIN_CLASSES[int(ROTOR_SPINS[q])], "name": name, "site": name})
 
 
 def _keyframes(keyframe: Element, design: Design, physics: Physics) -> None:

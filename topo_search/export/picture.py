@@ -5,6 +5,7 @@ Drawn as the paper draws it, in the axes of the task frame W and in metres.
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -16,11 +17,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from topo_search.export import palette
-from topo_search.export.figure_file import content, save
+from topo_search.export.poses import poses_to_draw
 from topo_search.export.scene import Scene, wrenches
-from topo_search.export.tree_plot import draw_tree
-from topo_search.export.viewpoint import poses_to_draw
+from topo_search.export.tree_drawing import draw_tree
 from topo_search.model.design import Design
+from topo_search.model.files import write_atomically
 from topo_search.model.proven import gap_percent
 from topo_search.model.shape import Cone
 
@@ -129,3 +130,29 @@ def _legend(design: Design) -> list[Artist]:
     if any(cones):
         entries.append(volume(palette.EXPOSURE, 0.12, "cone that must contain all airflow"))
     return entries
+
+
+def save(figure: Figure, path: str | Path, *, format: Literal["png", "svg"] | None = None) -> None:
+    """Write a figure.
+
+    Args:
+        figure: a figure that no window shows.
+        path: the file; its folder is made if need be.
+        format: the kind of file; default: by the end of its name.
+
+    Raises:
+        ValueError: neither `format` nor the name says `png` or `svg`.
+    """
+    path = Path(path)
+    kind = format or path.suffix.removeprefix(".").lower()
+    if kind not in ("png", "svg"):
+        raise ValueError(f"the picture's name must end in .png or .svg, but got {path.name}")
+    write_atomically(path, content(figure, kind))
+
+
+def content(figure: Figure, kind: str) -> bytes:
+    """Return a figure as the content of a `png` or `svg` file."""
+    stream = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "topo-search"}):
+        figure.savefig(stream, format=kind, dpi=200, metadata={"Date": None} if kind == "svg" else None)
+    return stream.getvalue()

@@ -1,20 +1,29 @@
-"""Where the modules of a design are, as the audit derives it, for pictures and exports."""
+"""Poses of a design's modules and rod, from the audit's kinematics, and the viewpoint of its pictures.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| c | connector that the rod is bolted to, p_i + l_c R_i e_a | (3,) | m |
+| p'_E | end-effector in W | (3,) | m |
+| m, v | mass of the rod, which solver and audit leave out; unit vector along it | , (3,) | kg, - |
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from topo_search.model import BadInput, Design, Fault
 from topo_search.model.arrays import Array, read_only
-from topo_search.model.design import Design
 from topo_search.model.layout import PORT_DIRECTIONS
-from verify.kinematics import platform, rotation
-
-__all__ = ["PORTS", "Poses", "poses", "rotation", "rotation_to"]
+from verify.kinematics import platform
 
 PORTS = read_only(PORT_DIRECTIONS)
 """Directions of the ports 0..3, +x, +y, -x, -y, in the module frame."""
+ROTOR_ANGLES = tuple(math.radians(angle) for angle in (-45, -135, 135, 45))
+"""Direction of rotor q = 1..4 from the module's centre (X layout)."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +59,109 @@ def poses(design: Design) -> Poses:
     return Poses(read_only(found.poses.R), *map(read_only, places))
 
 
+def load_wrenches(design: Design, at: Poses) -> Iterator[tuple[int, str, str, Array, Array]]:
+    """Yield load case, "force" or "torque", where it acts (in words; as a point, (3,) [m]), the vector [N, N m]."""
+    for k, case in enumerate(design.task.load_cases):
+        for wrench, where, point in (
+            (case.at_end_effector, "end-effector", at.end_effector),
+            (case.at_com, "centre of mass", at.p_com),
+        ):
+            yield k, "force", where, point, np.array(wrench.force)
+            yield k, "torque", where, point, np.array(wrench.torque)
+
+
+def largest_wrench(design: Design, at: Poses, kind: str) -> float:
+    """Return the largest force [N] or torque [N m] of all load cases."""
+    return max(float(np.linalg.norm(v)) for _, name, _, _, v in load_wrenches(design, at) if name == kind)
+
+
 def rotation_to(a: Array) -> Array:
     """Return a rotation that takes the z axis to a unit vector, (3, 3)."""
     s = np.cross(np.eye(3)[np.argmin(np.abs(a))], a)
     s /= np.linalg.norm(s)
     return np.stack([s, np.cross(a, s), a], axis=1)
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A straight rod with round ends."""
+
+    start: Array
+    """c, in W [m]."""
+    end: Array
+    """p'_E, in W [m]."""
+    radius: float
+    """[m]"""
+
+    @property
+    def length(self) -> float:
+        """Between the centres of its ends [m]."""
+        return float(np.linalg.norm(self.end - self.start))
+
+
+@dataclass(frozen=True)
+class RodMass:
+    """What a rod weighs: a thin tube."""
+
+    mass: float
+    """At `end_effector.rod_linear_density` [kg]."""
+    inertia: Array
+    """About its middle, in W's axes, (3, 3) [kg m^2]."""
+    middle: Array
+    """From the COM of the design, (3,) [m]."""
+
+
+def mass_of(rod: Rod, design: Design, at: Poses) -> RodMass:
+    """Return mass and inertia of the rod of a design."""
+    m = design.task.end_effector.rod_linear_density * rod.length
+    v = (rod.end - rod.start) / rod.length
+    across = m * rod.length**2 / 12 * (np.eye(3) - np.outer(v, v))
+    inertia = across + m * rod.radius**2 * np.outer(v, v)
+    return RodMass(m, read_only(inertia), read_only((rod.start + rod.end) / 2 - at.p_com))
+
+
+def rod_of(design: Design, at: Poses) -> Rod | None:
+    """Return the rod of a design; None if the design names no connector for it, or it has no length."""
+    if design.mount is None:
+        return None
+    i, l_c = design.mount.module, design.task.module.connector_distance
+    start = at.p[i] + l_c * at.R[i] @ PORTS[design.mount.port]
+    rod = Rod(start, at.end_effector, design.task.end_effector.rod_radius)
+    return rod if rod.length > 0 else None
+
+
+ELEVATION_DEG = 20.0
+AZIMUTHS_DEG = (-60, -30, 30, 60)
+"""Of the viewer; none is close to an axis, whose labels would then run into each other."""
+
+
+FARTHEST = 1000.0
+"""Largest distance of the end-effector that can be drawn, in sizes of the platform with its airflow."""
+
+
+def poses_to_draw(design: Design) -> Poses:
+    """Return the poses of a design; BadInput if the end-effector is so far away that nothing else could be seen."""
+    module = design.task.module
+    limit = FARTHEST * (2 * module.connector_distance * design.topology.n + module.reach)
+    if max(map(abs, design.end_effector_m)) > limit:
+        rule = f"must be within {limit:.3g} m of the root module to be drawn, but got {list(design.end_effector_m)}"
+        raise BadInput(design.task.name, [Fault("end_effector_m", rule)])
+    return poses(design)
+
+
+def azimuth_deg(at: Poses) -> float:
+    """Return the azimuth [deg] that looks across the line from the centre of mass to p_E, and along no axis."""
+    x, y, _ = at.p_E
+    return max(AZIMUTHS_DEG, key=lambda azimuth: abs(_part_across(x, y, math.radians(azimuth))))
+
+
+def towards_viewer(azimuth_deg: float) -> Array:
+    """Return the unit vector towards the viewer, (3,)."""
+    elevation, azimuth = math.radians(ELEVATION_DEG), math.radians(azimuth_deg)
+    across = math.cos(elevation)
+    return np.array([across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)])
+
+
+def _part_across(x: float, y: float, azimuth: float) -> float:
+    """Return the part of a horizontal vector that a viewer at an azimuth sees across the picture."""
+    return y * math.cos(azimuth) - x * math.sin(azimuth)

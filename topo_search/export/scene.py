@@ -13,12 +13,21 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from topo_search.export import outlines, palette, parts
-from topo_search.export.poses import PORTS, Poses
-from topo_search.export.regions import cone, cone_slant, hull, shapes
-from topo_search.export.viewpoint import ELEVATION_DEG, azimuth_deg, towards_viewer
+from topo_search.export import palette
+from topo_search.export.poses import (
+    ELEVATION_DEG,
+    PORTS,
+    ROTOR_ANGLES,
+    Poses,
+    azimuth_deg,
+    largest_wrench,
+    load_wrenches,
+    towards_viewer,
+)
+from topo_search.export.regions import circle, cone, cone_slant, cone_sphere_outline, hull, shapes
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
+from topo_search.model.module import Module
 from topo_search.model.shape import Capsule, Cone, Polytope
 
 LIGHT = np.array([0.27, -0.18, 0.95])
@@ -31,6 +40,16 @@ ARROW = 0.5
 """Length of the arrow of the largest force, and of the largest torque, over the size of the platform."""
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
 """Keeps a number readable over whatever lies behind it."""
+
+SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+CUBE = np.array(
+    [
+        np.insert(SQUARE if outwards else SQUARE[::-1], axis, side, axis=1)
+        for axis in range(3)
+        for side, outwards in ((-1.0, axis == 1), (1.0, axis != 1))
+    ]
+)
+"""Faces of the cube [-1, 1]^3."""
 
 
 class Scene:
@@ -73,12 +92,12 @@ class Scene:
         radii = envelope.start_radius, envelope.end_radius
         self._volumes(
             [
-                outlines.cone_sphere(p, radii[0], end, radii[1], self.v)
+                cone_sphere_outline(p, radii[0], end, radii[1], self.v)
                 for p, end in zip(self.at.p, ends, strict=True)
             ],
             palette.AIRFLOW,
         )
-        rings = [outlines.circle(end, radii[1], z) for end, z in zip(ends, self.at.z, strict=True)]
+        rings = [circle(end, radii[1], z) for end, z in zip(ends, self.at.z, strict=True)]
         self._lines(rings, palette.AIRFLOW, 0.5)
 
     def exposure(self) -> None:
@@ -88,8 +107,8 @@ class Scene:
             match shape:
                 case Capsule(radius=r):
                     start, end = apex + shape.start, apex + shape.end
-                    self._volumes([outlines.cone_sphere(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
-                    self._lines([outlines.circle(end, r, up)], palette.EXPOSURE, 0.8)
+                    self._volumes([cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
+                    self._lines([circle(end, r, up)], palette.EXPOSURE, 0.8)
                 case Polytope():
                     corners, triangles, _, edges = hull(shape)
                     self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
@@ -106,7 +125,7 @@ class Scene:
         for h, i, a, _ in self.design.topology.edges():
             joint = at.p[h] + module.connector_distance * at.R[h] @ PORTS[a]
             self._lines([np.stack([at.p[h], joint, at.p[i]])], palette.CONNECTOR, 2.0)
-        frame, rotors = parts.frame(module), parts.rotors(module)
+        frame, rotors = frame_faces(module), rotor_faces(module)
         one = np.concatenate([frame, rotors])
         faces = np.concatenate([one @ R.T + p for R, p in zip(at.R, at.p, strict=True)])
         tints = [to_rgb(palette.MODULE)] * len(frame) + [to_rgb(palette.ROTOR)] * len(rotors)
@@ -126,7 +145,7 @@ class Scene:
             self.axes.quiver(*place, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **look)
             self._keep([place + arrow])
             if is_torque:
-                ring = outlines.circle(place + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
+                ring = circle(place + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
                 self._lines([ring], colour, 1.4)
 
     def finish(self) -> float:
@@ -238,18 +257,47 @@ def wrenches(design: Design, at: Poses) -> list[tuple[int, bool, Array, Array]]:
     Vectors are over the largest force, or the largest torque, of all load cases; of more load cases than there are
     colours for, the others are left out.
     """
-    found = [
-        (k, name == "torque", place, np.array(getattr(wrench, name)))
-        for k, case in enumerate(design.task.load_cases)
-        for wrench, place in ((case.at_end_effector, at.end_effector), (case.at_com, at.p_com))
-        for name in ("force", "torque")
+    largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
+    return [
+        (k, kind == "torque", point, v / largest[kind])
+        for k, kind, _, point, v in load_wrenches(design, at)
+        if v.any() and k < len(palette.CASES)
     ]
-    largest = [max(np.linalg.norm(v) for _, kind, _, v in found if kind == torque) for torque in (False, True)]
-    shown = [one for one in found if one[3].any() and one[0] < len(palette.CASES)]
-    return [(k, torque, place, v / largest[torque]) for k, torque, place, v in shown]
 
 
 def _overlap(at: Array, taken: list[Array], size: float) -> bool:
     """Whether a number of a font size [pt] at a place on paper would touch one of those there already."""
     gaps = np.abs(np.array(taken) - at)
     return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
+
+
+def frame_faces(module: Module) -> Array:
+    """Return the faces of hub and arms, or of a frame of the module's own: triangles, their last corner twice."""
+    body, l_arm, w = module.body, module.arm_length, module.body.arm_width
+    if body.frame is not None:
+        own = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
+        seen = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 1]).any(axis=1)
+        return np.asarray(own[seen][:, [0, 1, 2, 2]])
+    arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
+    return np.concatenate([CUBE * np.array(body.hub) / 2, *(arm @ _turn(angle).T for angle in ROTOR_ANGLES)])
+
+
+def rotor_faces(module: Module) -> Array:
+    """Return the faces of the four rotor discs."""
+    disc = cylinder(module.body.rotor_radius, module.body.rotor_height)
+    return np.concatenate([disc + _turn(angle) @ np.array([module.arm_length, 0.0, 0.0]) for angle in ROTOR_ANGLES])
+
+
+def cylinder(radius: float, height: float, *, sides: int = 16) -> Array:
+    """Return the faces of a prism about z with an even number of sides; each end is cut into strips."""
+    angles = np.linspace(0, 2 * math.pi, sides, endpoint=False)
+    ring = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
+    top, bottom = ring + np.array([0, 0, height / 2]), ring - np.array([0, 0, height / 2])
+    around = np.stack([bottom, np.roll(bottom, -1, axis=0), np.roll(top, -1, axis=0), top], axis=1)
+    strips = [[k, k + 1, sides - 2 - k, sides - 1 - k] for k in range(sides // 2 - 1)]
+    return np.concatenate([around, top[strips], bottom[strips][:, ::-1]])
+
+
+def _turn(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -23,8 +23,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
-from topo_search.export import outlines, palette
-from topo_search.export.regions import hull, shapes
+from topo_search.export import palette
+from topo_search.export.regions import circle, cone_sphere_outline, flat_hull, hull, shapes
 from topo_search.model import ResolvedTask, needs_offset
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Capsule, Cone, Polytope
@@ -63,7 +63,7 @@ def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) ->
         axes.add_patch(Polygon(outline, **_look(is_cone)))
     module, envelope = size * PLACE, task.module.envelope
     far = module - envelope.length * UP
-    airflow = outlines.cone_sphere(module, envelope.start_radius, far, envelope.end_radius, _towards_viewer(view))
+    airflow = cone_sphere_outline(module, envelope.start_radius, far, envelope.end_radius, _towards_viewer(view))
     axes.add_patch(Polygon(airflow[:, view], facecolor=(palette.AIRFLOW, 0.16), edgecolor=palette.AIRFLOW))
     axes.plot(*module[[right, up]], "s", color=palette.MODULE, markersize=4)
     for name in ("force", "torque"):
@@ -85,21 +85,16 @@ def _arrows(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float, 
         colour = _colour(k)
         arrow = LONGEST * size * vector / longest
         if is_torque:
-            ring = outlines.circle(0.6 * arrow, RING * size, vector / np.linalg.norm(vector))
+            ring = circle(0.6 * arrow, RING * size, vector / np.linalg.norm(vector))
             axes.plot(*ring[:, on_paper].T, color=colour, linewidth=1.2)
         tip = arrow[on_paper]
         if np.hypot(*tip) > 0.02 * size:
-            style = "dashed" if is_torque else "solid"
-            axes.add_patch(
-                FancyArrowPatch(
-                    (0, 0), tuple(tip), color=colour, linestyle=style, arrowstyle="-|>", mutation_scale=9
-                )
-            )
+            look: dict[str, Any] = {"color": colour, "linestyle": "dashed" if is_torque else "solid"}
+            axes.add_patch(FancyArrowPatch((0, 0), tuple(tip), arrowstyle="-|>", mutation_scale=9, **look))
             axes.annotate(str(k), tuple(1.08 * tip), color=colour, ha="center", va="center")
 
 
 def _colour(k: int) -> str:
-    """Return the colour of a load case."""
     return palette.SERIES[k % len(palette.SERIES)]
 
 
@@ -118,10 +113,10 @@ def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[tup
                 d, apex = np.array(shape.axis), np.array(shape.apex)[axes]
                 outlined.append((True, apex + _wedge(d, math.radians(shape.half_angle_deg), view, 4 * size)))
             case Polytope():
-                outlined.append((False, outlines.flat_hull(hull(shape).corners[:, view])))
+                outlined.append((False, flat_hull(hull(shape).corners[:, view])))
             case Capsule(radius=r):
                 ends = np.array(shape.start), np.array(shape.end)
-                outline = outlines.cone_sphere(ends[0], r, ends[1], r, _towards_viewer(view))
+                outline = cone_sphere_outline(ends[0], r, ends[1], r, _towards_viewer(view))
                 outlined.append((False, outline[:, view]))
     return outlined
 
@@ -143,7 +138,6 @@ def _end_effector(task: ResolvedTask) -> Array:
 
 
 def _towards_viewer(view: tuple[int, int]) -> Array:
-    """Return v."""
     return np.asarray(np.eye(3)[3 - sum(view)])
 
 
@@ -161,27 +155,18 @@ def _reach(task: ResolvedTask) -> float:
 
 
 def _legend(task: ResolvedTask) -> list[Artist]:
+    airflow = palette.AIRFLOW
+    dot: dict[str, Any] = {"marker": "o", "linestyle": "", "markeredgecolor": "black"}
     entries: list[Artist] = [
-        Line2D(
-            [],
-            [],
-            marker="o",
-            linestyle="",
-            color=palette.END_EFFECTOR,
-            markeredgecolor="black",
-            label="end-effector",
-        ),
-        Patch(
-            facecolor=(palette.AIRFLOW, 0.16), edgecolor=palette.AIRFLOW, label="airflow of one module, to scale"
-        ),
+        Line2D([], [], color=palette.END_EFFECTOR, label="end-effector", **dot),
+        Patch(facecolor=(airflow, 0.16), edgecolor=airflow, label="airflow of one module, to scale"),
     ]
     for is_cone, words in ((False, "keep-out region for airflow"), (True, "cone that must contain all airflow")):
         if any(isinstance(shape, Cone) is is_cone for asked in task.exposure for shape in asked.shapes):
             entries.append(Patch(**_look(is_cone), label=words))
     for name, unit in (("force", "N"), ("torque", "N m")):
         for k, vector in _vectors(task, name):
-            told = f"{task.case_labels[k]}: {np.linalg.norm(vector):.3g} {unit}"
-            line = Line2D([], [], color=_colour(k), marker=">", label=told)
-            line.set_linestyle("dashed" if name == "torque" else "solid")
-            entries.append(line)
+            label = f"{task.case_labels[k]}: {np.linalg.norm(vector):.3g} {unit}"
+            style: Any = "dashed" if name == "torque" else "solid"
+            entries.append(Line2D([], [], color=_colour(k), marker=">", linestyle=style, label=label))
     return entries

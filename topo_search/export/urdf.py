@@ -22,13 +22,12 @@ from xml.etree.ElementTree import Comment, Element, SubElement
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.parts import ROTOR_ANGLES
-from topo_search.export.poses import poses, rotation, rotation_to
-from topo_search.export.rod import rod_of
-from topo_search.export.xml_text import numbers, rgba, xml_text
+from topo_search.export.poses import ROTOR_ANGLES, poses, rod_of, rotation_to
+from topo_search.export.simulator_xml import numbers, rgba, xml_text
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.module import Module
+from verify.kinematics import rotation
 
 ABOUT = """
 Link `module_0`: origin at the root module's centre, axes of the task frame. Other module links: their own frames.

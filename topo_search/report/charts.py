@@ -13,19 +13,15 @@ from plotly.subplots import make_subplots
 from topo_search.export import palette
 from topo_search.model import Audit, Clearance, Design
 from topo_search.model.proven import at_least, at_most
-from topo_search.report.clearances import clearance, millimetres
-from topo_search.report.wording import figures, length
+from topo_search.report.wording import clearance, figures, length, millimetres
 from topo_search.study import SolveEvent
 
 IN_CELLS = 7
 """Most rows and columns of a matrix whose values are written into its cells, so that they fit."""
 TIGHT = 0.01
 """A clearance up to this has a colour [m]."""
-LEVELS = ((0.0, palette.CELL), (1 / 3, palette.CELL), (1 / 3, palette.TIGHT), (2 / 3, palette.TIGHT))
-"""Of a colour scale, with what is not clear on top: only what is critical has a colour."""
 MOST_POINTS = 4000
-"""Of one chart; of more solves, evenly many are left out."""
-MARKERS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
+"""Most points of a chart; of more solves, evenly many are left out."""
 PAIRWISE = {
     "airflow": "airflow envelopes, clearance of each pair [mm]",
     "separation": "module centres, distance beyond the least one [mm]",
@@ -34,8 +30,6 @@ PAIRWISE = {
     "bracket-airflow": "brackets, by the module they hold (rows), beside airflow of modules (columns) [mm]",
     "bracket-rotor": "brackets (rows) beside rotors of modules (columns) [mm]",
 }
-ONE_WAY = ("rotor-airflow", "bracket-airflow", "bracket-rotor")
-"""Kinds whose rows and columns are not alike."""
 
 
 def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.Figure]]:
@@ -46,9 +40,9 @@ def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.F
         if pairs:
             # the least last: of a module's rotors, hub and arms one cell shows the nearest
             cells = {(p.a, p.b): p for p in sorted(pairs, key=lambda pair: pair.analytic_m, reverse=True)}
-            mirrored = n <= IN_CELLS and kind not in ONE_WAY
-            both = cells | {(b, a): pair for (a, b), pair in cells.items()} if mirrored else cells
-            yield caption, _matrix(both, n, [str(j) for j in range(n)], "module")
+            if n <= IN_CELLS and kind in ("airflow", "separation", "body"):  # rows and columns are alike
+                cells |= {(b, a): pair for (a, b), pair in cells.items()}
+            yield caption, _matrix(cells, n, [str(j) for j in range(n)], "module")
     rest = [pair for pair in audit.pairs if pair.kind not in PAIRWISE]
     if rest:
         columns = list(dict.fromkeys(_requirement(pair) for pair in rest))
@@ -59,18 +53,15 @@ def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.F
 
 def _requirement(pair: Clearance) -> str:
     """Name what a module is kept away from."""
-    if pair.kind == "exclusion":
-        return "p_E"
-    if pair.kind == "rod":
-        return "rod"
-    if pair.kind == "rod-airflow":
-        return "rod, airflow"
+    if name := {"exclusion": "p_E", "rod": "rod", "rod-airflow": "rod, airflow"}.get(pair.kind):
+        return name
     solid = {"part-region": "solid ", "rod-region": "rod, solid "}.get(pair.kind, "")
     return f"{solid}exposure {pair.b}" + ("" if pair.segment is None else f", part {pair.segment}")
 
 
 def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[str], title: str) -> go.Figure:
     """Return a matrix of clearances in millimetres; what is tight or not clear has a colour."""
+    colours = (palette.CELL, palette.TIGHT, palette.NOT_CLEAR)  # only what is critical has a colour
     levels = np.full((n, len(columns)), np.nan)
     hover = np.full((n, len(columns)), "", dtype=object)
     written: list[tuple[str, str, str, str]] = []
@@ -89,15 +80,15 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
             hoverongaps=False,
             xgap=1,
             ygap=1,
-            colorscale=[*LEVELS, (2 / 3, palette.NOT_CLEAR), (1.0, palette.NOT_CLEAR)],
+            colorscale=[(k / 3, colour) for level, colour in enumerate(colours) for k in (level, level + 1)],
             zmin=0,
             zmax=2,
             showscale=False,
         )
     )
     if written and max(n, len(columns)) <= IN_CELLS:
-        x, y, text, colours = (list(column) for column in zip(*written, strict=True))
-        look = {"size": 12, "color": colours}
+        x, y, text, tints = (list(column) for column in zip(*written, strict=True))
+        look = {"size": 12, "color": tints}
         figure.add_trace(go.Scatter(x=x, y=y, text=text, textfont=look, mode="text", hoverinfo="skip"))
     figure.update_layout(
         xaxis={"type": "category", "title": {"text": title}, "constrain": "domain", "showgrid": False},
@@ -128,29 +119,23 @@ def rotor_inputs(design: Design) -> go.Figure:
     x = np.arange(n).repeat(4) + np.tile([-0.3, -0.1, 0.1, 0.3], n)
     names = [f"module {i}, rotor {q}" for i in range(n) for q in range(1, 5)]
     figure = go.Figure()
-    looks = zip(itertools.cycle(palette.SERIES), itertools.cycle(MARKERS), strict=False)
-    for case, u, (colour, symbol) in zip(
-        design.task.case_labels, design.inputs.reshape(-1, 4 * n), looks, strict=False
-    ):
-        figure.add_trace(
-            go.Scatter(
-                x=x,
-                y=u / u_max,
-                name=case,
-                mode="markers",
-                marker={"color": colour, "symbol": symbol, "size": 6 if n <= 30 else 4},
-                text=[f"{name}<br>{case}: {figures(value)} rad²/s²" for name, value in zip(names, u, strict=True)],
-                hovertemplate="%{text}, %{y:.3f} u_max<extra></extra>",
-            )
+    marks = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
+    inputs, looks = design.inputs.reshape(-1, 4 * n), itertools.cycle(zip(palette.SERIES, marks, strict=True))
+    for case, u, (colour, symbol) in zip(design.task.case_labels, inputs, looks, strict=False):
+        figure.add_scatter(
+            x=x,
+            y=u / u_max,
+            name=case,
+            mode="markers",
+            marker={"color": colour, "symbol": symbol, "size": 6 if n <= 30 else 4},
+            text=[f"{name}<br>{case}: {figures(value)} rad²/s²" for name, value in zip(names, u, strict=True)],
+            hovertemplate="%{text}, %{y:.3f} u_max<extra></extra>",
         )
     share = design.task.search.peak_input
     largest = "largest input, u_max" if share == 1 else f"largest input, {share:g} u_max"
     for bound, name in ((design.task.module.min_input, "least input"), (share, largest)):
-        figure.add_hline(
-            bound,
-            line={"color": "#000000", "width": 1.5, "dash": "dash"},
-            annotation={"text": name, "yanchor": "bottom", "xanchor": "right"},
-        )
+        line = {"color": "#000000", "width": 1.5, "dash": "dash"}
+        figure.add_hline(bound, line=line, annotation={"text": name, "yanchor": "bottom", "xanchor": "right"})
     figure.update_layout(
         xaxis={"title": {"text": "module (four rotors each)"}, "dtick": 1 if n <= 30 else None, "zeroline": False},
         yaxis={"title": {"text": "rotor input / u_max"}, "range": [-0.06, 1.13], "zeroline": False},
@@ -167,59 +152,39 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> go.Figure:
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.62, 0.38], vertical_spacing=0.06)
     found = np.flatnonzero(np.isfinite(J))
     shown = _thin(found)
-    figure.add_trace(
-        go.Scatter(
-            x=number[shown],
-            y=J[shown],
-            name="candidate's best so far",
-            mode="markers",
-            marker={"color": palette.OFFSET, "size": 5, "symbol": "circle"},
-            text=[solves[k].key for k in shown],
-            hovertemplate="%{text}: %{y:.4f}<extra></extra>",
-        ),
-        row=1,
-        col=1,
+    candidates = go.Scatter(
+        x=number[shown],
+        y=J[shown],
+        name="candidate's best so far",
+        mode="markers",
+        marker={"color": palette.OFFSET, "size": 5, "symbol": "circle"},
+        text=[solves[k].key for k in shown],
+        hovertemplate="%{text}: %{y:.4f}<extra></extra>",
     )
+    figure.add_trace(candidates, row=1, col=1)
     steps = np.flatnonzero(np.diff(incumbent, prepend=np.inf) != 0)
     steps = np.append(steps[np.isfinite(incumbent[steps])], len(solves) - 1)
-    figure.add_trace(
-        go.Scatter(
-            x=number[steps],
-            y=incumbent[steps],
-            name="incumbent",
-            mode="lines",
-            line={"color": palette.CONNECTOR, "width": 2.5, "shape": "hv"},
-        ),
-        row=1,
-        col=1,
-    )
-    for status, colour in palette.STATUSES.items():
+    line = {"color": palette.CONNECTOR, "width": 2.5, "shape": "hv"}
+    course = go.Scatter(x=number[steps], y=incumbent[steps], name="incumbent", mode="lines", line=line)
+    figure.add_trace(course, row=1, col=1)
+    at = _thin(np.arange(len(solves)))
+    dashes = ("solid", "dash", "dot", "dashdot")
+    for (status, colour), dash in zip(palette.STATUSES.items(), dashes, strict=True):
         count = np.cumsum([solve.status == status for solve in solves])
         if count[-1]:
-            at = _thin(np.arange(len(solves)))
-            dash = {"feasible": "solid", "infeasible": "dash", "impossible": "dot", "failed": "dashdot"}[status]
+            line = {"color": colour, "width": 2, "dash": dash}
             figure.add_trace(
-                go.Scatter(
-                    x=number[at],
-                    y=count[at],
-                    name=status,
-                    mode="lines",
-                    line={"color": colour, "width": 2, "dash": dash},
-                ),
-                row=2,
-                col=1,
+                go.Scatter(x=number[at], y=count[at], name=status, mode="lines", line=line), row=2, col=1
             )
     top = np.nanpercentile(J, 90) if found.size else 1.0
     figure.update_yaxes(title={"text": "J / lower bound"}, row=1, col=1)
     if found.size:
-        least = float(np.nanmin(J))
-        figure.update_yaxes(
-            range=[1.0 - 0.05 * (top - 1.0), max(top, least) + 0.1 * (top - 1.0) + 1e-3], row=1, col=1
-        )
+        highest = max(top, float(np.nanmin(J))) + 0.1 * (top - 1.0) + 1e-3
+        figure.update_yaxes(range=[1.0 - 0.05 * (top - 1.0), highest], row=1, col=1)
     else:
-        words = {"text": "no solve has found a design", "showarrow": False}
         figure.update_yaxes(visible=False, row=1, col=1)
-        figure.add_annotation(**words, x=0.5, y=0.5, xref="x domain", yref="y domain")
+        middle = {"x": 0.5, "y": 0.5, "xref": "x domain", "yref": "y domain"}
+        figure.add_annotation(text="no solve has found a design", showarrow=False, **middle)
     figure.update_yaxes(title={"text": "solves"}, rangemode="tozero", row=2, col=1)
     figure.update_xaxes(title={"text": "solves"}, row=2, col=1)
     figure.update_layout(legend={"orientation": "h", "y": -0.2})

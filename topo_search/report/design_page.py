@@ -1,22 +1,37 @@
-"""The page of a single audited design."""
+"""The page of a single audited design, with what `fly` showed of it."""
 
 from __future__ import annotations
 
+import csv
+import io
+import itertools
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from topo_search.export import palette
+from topo_search.limits import RESULT_BYTES
 from topo_search.model import Audit, Design, ResolvedTask, Status, Task
-from topo_search.model.files import to_toml
+from topo_search.model.arrays import Array
+from topo_search.model.bad_input import BadInput, Fault, show
+from topo_search.model.files import load_text, read_json, to_toml
+from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, gap_percent
 from topo_search.model.task_warnings import task_warnings
+from topo_search.report.charts import MOST_POINTS
 from topo_search.report.design_part import design_part
 from topo_search.report.headline import headline, tally
-from topo_search.report.page import Page, Reproduction, SimulatedPart, Table, TaskPart, json_in_script
+from topo_search.report.page import Chart, Table
 from topo_search.report.task_facts import facts, load_cases
 from topo_search.report.view import shared_meshes
 from topo_search.report.wording import EFFORT, figures, modules
+from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
 
 
-def design_page(design: Design, audit: Audit, file: str, simulated: SimulatedPart | None = None) -> Page:
+def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, Any] | None = None) -> dict[str, Any]:
     """Return the page of a design.
 
     Args:
@@ -27,22 +42,21 @@ def design_page(design: Design, audit: Audit, file: str, simulated: SimulatedPar
     """
     task = design.task
     gap = design.gap if audit.verdict == Status.CLEAR else None  # the effort of another design bounds nothing
-    return Page(
-        title=title(task.name, task.n),
-        key=design.topology.key,
-        verdict=str(audit.verdict),
-        checked=tally(audit),
-        answer="One design: this page says nothing about other trees of modules.",
-        tiles=headline(design, audit, gap, "a single design"),
-        notes=(),
-        bound=bound(design.lower_bound, gap, task.n),
-        task=task_part(task, task),
-        design=design_part(design, audit),
-        meshes=json_in_script(shared_meshes(design)),
-        run=None,
-        reproduction=_reproduction(design, audit, file),
-        simulated=simulated,
-    )
+    return {
+        "title": title(task.name, task.n),
+        "key": design.topology.key,
+        "verdict": str(audit.verdict),
+        "checked": tally(audit),
+        "answer": "One design: this page says nothing about other trees of modules.",
+        "tiles": headline(design, audit, gap, "a single design"),
+        "notes": (),
+        "bound": bound(design.lower_bound, gap, task.n),
+        "task": task_part(task, task),
+        "design": design_part(design, audit),
+        "meshes": shared_meshes(design),
+        "reproduction": _reproduction(design, audit, file),
+        "simulated": simulated,
+    }
 
 
 def title(name: str, n: int) -> str:
@@ -50,11 +64,14 @@ def title(name: str, n: int) -> str:
     return f"{name}: {modules(n)}"
 
 
-def task_part(task: ResolvedTask, stated: Task) -> TaskPart:
+def task_part(task: ResolvedTask, stated: Task) -> dict[str, Any]:
     """Return the task as it was understood, with the warnings about it as it was stated."""
     columns = ("load case", "the rotors together produce", "weight λ")
-    warnings = tuple(map(str, task_warnings(stated)))
-    return TaskPart(facts(task), Table(columns, load_cases(task), frozenset({0, 2})), warnings)
+    return {
+        "facts": facts(task),
+        "load_cases": Table(columns, load_cases(task), {0, 2}),
+        "warnings": task_warnings(stated),
+    }
 
 
 def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ...]:
@@ -79,7 +96,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
     )
 
 
-def _reproduction(design: Design, audit: Audit, file: str) -> Reproduction:
+def _reproduction(design: Design, audit: Audit, file: str) -> dict[str, Any]:
     """Return how to audit the design again and, if it says how it was found, how to find it."""
     solver: dict[str, Any] = design.solver or {}
     commands = [f"topo-search audit {file}"]
@@ -89,4 +106,110 @@ def _reproduction(design: Design, audit: Audit, file: str) -> Reproduction:
     versions = {
         str(name): str(value) for name, value in {**(solver.get("versions") or {}), **audit.versions}.items()
     }
-    return Reproduction(tuple(commands), to_toml(design.task), versions, ())
+    return {"commands": commands, "task": to_toml(design.task), "versions": versions, "notes": ()}
+
+
+COURSE = ("error_x_m", "error_y_m", "error_z_m", "tilt_deg", "largest_input")
+
+
+def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
+    """Return what a folder that `fly --out` wrote says of a design.
+
+    Raises:
+        BadInput: a file is missing or damaged, or the flights are those of another design.
+    """
+    result = read_json(FlightResult, folder / "flight.json")
+    if result.design != digest_of(design):
+        rule = "must be of the design whose page this is; fly it again with --out"
+        raise BadInput(str(folder / "flight.json"), [Fault("design", f"{rule} (got {show(result.design)})")])
+    course = _course(folder / "flight.csv", {one.name for one in result.scenarios})
+    return simulated_part(result, course)
+
+
+def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, Any]:
+    """Return all that is shown of flights.
+
+    Args:
+        result: their table.
+        course: time and COURSE of each that was flown, (T, 1 + 5).
+    """
+    x = result.options
+    rod = f", the rod's {figures(1000 * result.rod_mass_kg, 3)} g included" if result.rod_mass_kg > 0 else ""
+    sentences = (
+        f"Simulated: {figures(result.mass_kg, 4)} kg{rod}; "
+        f"motor lag {figures(1000 * x.get('motor_lag_s', 0.0), 3)} ms, sensor noise × {x.get('noise', 0.0):g}, "
+        f"model error {100 * x.get('model_error', 0.0):g} %, seed {x.get('seed', 0.0):g}.",
+        f"Side force in hover: {figures(result.weakest_force_N, 3)} N in the weakest direction "
+        f"({direction(result.weakest_direction)}), {figures(100 * result.weakest_force_share, 3)} % of the weight; "
+        f"hover survives {result.rotors_out} of {result.rotors} single rotor failures.",
+        *result.notes,
+        *(() if NO_DOWNWASH in result.notes else (NO_DOWNWASH,)),
+        "This is evidence from a simulation. It never changes the audit's verdict.",
+    )
+    caption = "Errors of position and attitude, and the largest input; a click on a name hides that flight"
+    chart = Chart("simulated-course", caption, _figure(course)) if course else None
+    return {"verdict": result.verdict, "scenarios": _scenarios(result), "course": chart, "sentences": sentences}
+
+
+def _scenarios(result: FlightResult) -> Table:
+    columns = ("scenario", "verdict", "drift", "tilt", "force error", "at limit", "short", "largest input", "why")
+    return Table(columns, [_row(one) for one in result.scenarios], range(2, 8))
+
+
+def _row(one: ScenarioResult) -> tuple[str, ...]:
+    def share(value: float | None) -> str:
+        return "" if value is None else f"{100 * value:.1f}\u00a0%"
+
+    why = "" if one.reason is None else one.reason
+    return (
+        *(one.name, one.verdict if one.counts else f"{one.verdict} (informative)"),
+        "" if one.drift_m is None else f"{100 * one.drift_m:.2f}\u00a0cm",
+        "" if one.tilt_deg is None else f"{one.tilt_deg:.2f}°",
+        *(share(one.force_error_share), share(one.saturated_share), share(one.missed_share)),
+        *(share(one.largest_input), why),
+    )
+
+
+def _course(path: Path, names: set[str]) -> dict[str, Array]:
+    """Return the rows of each flight, (T, 1 + 5)."""
+    rows: dict[str, list[list[float]]] = {}
+    reader = csv.DictReader(io.StringIO(load_text(path, most_bytes=RESULT_BYTES)))
+    for row in reader:
+        name = row.get("scenario")
+        if name not in names:
+            rule = f"line {reader.line_num}: must be of a scenario of flight.json, but got {show(name)}"
+            raise BadInput(str(path), [Fault("scenario", rule)])
+        try:
+            numbers = [float(row[column]) for column in ("time_s", *COURSE)]
+        except (KeyError, TypeError, ValueError):
+            rule = f"line {reader.line_num}: must have a number in each of time_s, {', '.join(COURSE)}"
+            raise BadInput(str(path), [Fault("", rule)]) from None
+        rows.setdefault(str(name), []).append(numbers)
+    return {name: np.array(values) for name, values in rows.items()}
+
+
+def _figure(course: dict[str, Array]) -> go.Figure:
+    """Return error, tilt and largest thrust of all flights over time."""
+    figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.05)
+    every = 1 + sum(map(len, course.values())) // MOST_POINTS
+    looks = itertools.cycle((colour, dash) for dash in ("solid", "dash", "dot") for colour in palette.SERIES)
+    for (name, rows), (colour, dash) in zip(course.items(), looks, strict=False):
+        shown_rows = rows[::every]
+        error = 100 * np.linalg.norm(shown_rows[:, 1:4], axis=1)
+        for place, values in enumerate((error, shown_rows[:, 4], shown_rows[:, 5]), start=1):
+            line = go.Scatter(
+                x=shown_rows[:, 0].astype(np.float32),
+                y=values.astype(np.float32),
+                name=name,
+                legendgroup=name,
+                showlegend=place == 1,
+                mode="lines",
+                line={"color": colour, "width": 1.5, "dash": dash},
+            )
+            figure.add_trace(line, row=place, col=1)
+    for place, title in enumerate(("error [cm]", "tilt [deg]", "input / limit"), start=1):
+        figure.update_yaxes(title={"text": title}, rangemode="tozero", row=place, col=1)
+    figure.add_hline(1.0, line={"color": "#000000", "width": 1, "dash": "dash"}, row=3, col=1)
+    figure.update_xaxes(title={"text": "time [s]"}, row=3, col=1)
+    figure.update_layout(legend={"orientation": "h", "y": -0.15})
+    return figure

@@ -1,60 +1,62 @@
-"""What the page shows of one design: picture, tree, joints, clearances, residuals and rotor inputs."""
+"""What the page shows of one design: picture, tree, joints, clearances, residuals, rotor inputs, reserves."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from topo_search.export.viewpoint import poses_to_draw
-from topo_search.model import Assembly, Audit, Clearance, Design, Limit, Status
+from topo_search.export.audits import flight_lines
+from topo_search.export.poses import poses_to_draw
+from topo_search.export.tree_drawing import tree_svg
+from topo_search.model import Assembly, Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
 from topo_search.model.design import StatedCheck
+from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.model.topology import PORT_NAMES
+from topo_search.model.value import Vector
 from topo_search.report.charts import clearance_matrices, rotor_inputs
-from topo_search.report.clearances import clearance
-from topo_search.report.flight_part import flight_part
-from topo_search.report.page import Chart, DesignPart, Table
+from topo_search.report.page import Chart, Table
 from topo_search.report.task_facts import vector
-from topo_search.report.tree_svg import tree_svg
 from topo_search.report.view import view
-from topo_search.report.wording import EFFORT, figures, length, modules, quantity
+from topo_search.report.wording import EFFORT, clearance, figures, length, modules, quantity
 
 NEAREST = 12
 """Number of clear pairs in the table of the nearest."""
 WRONG = 200
-"""Most pairs in it that are not clear: the deepest."""
+"""Most pairs in it that are not clear, the deepest first."""
 
 
-def design_part(design: Design, audit: Audit | None) -> DesignPart:
+def design_part(design: Design, audit: Audit | None) -> dict[str, Any]:
     """Return all that is shown of a design."""
     at = poses_to_draw(design)
     assembly = None if audit is None else audit.assembly
     pairs = () if audit is None else audit.pairs
-    return DesignPart(
-        heading=f"{design.topology.key}, {modules(design.topology.n)}",
-        view=view("view", design, at, audit, forces=True),
-        tree=Markup(tree_svg(design, assembly)),
-        joints=_joints(design),
-        rod=None if assembly is None else _rod(assembly),
-        clearances=()
+    return {
+        "heading": f"{design.topology.key}, {modules(design.topology.n)}",
+        "view": view("view", design, at, audit, forces=True),
+        "tree": Markup(tree_svg(design, assembly)),
+        "joints": _joints(design),
+        "rod": None if assembly is None else _rod(assembly),
+        "clearances": ()
         if audit is None
         else tuple(
             Chart(f"clearances-{number}", caption, figure)
             for number, (caption, figure) in enumerate(clearance_matrices(design, audit))
         ),
-        nearest=nearest(pairs) if pairs else None,
-        findings=() if audit is None else _findings(design, audit),
-        errors=None if audit is None else _errors(audit),
-        residuals=None if audit is None else _residuals(audit),
-        stated=_stated_constraints(design, audit),
-        inputs=Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
-        effort=f"Control effort {EFFORT} = {figures(design.objective, 5)} rad⁴/s⁴.",
-        loads=_loads(design),
-        flight=None if audit is None or audit.flight is None else flight_part(audit.flight),
-    )
+        "nearest": nearest(pairs) if pairs else None,
+        "findings": () if audit is None else _findings(design, audit),
+        "errors": None if audit is None else _errors(audit),
+        "residuals": None if audit is None else _residuals(audit),
+        "stated": _stated_constraints(design, audit),
+        "inputs": Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
+        "effort": f"Control effort {EFFORT} = {figures(design.objective, 5)} rad⁴/s⁴.",
+        "loads": _loads(design),
+        "flight": None if audit is None or audit.flight is None else flight_part(audit.flight),
+    }
 
 
 def _joints(design: Design) -> Table:
@@ -63,7 +65,7 @@ def _joints(design: Design) -> Table:
         [str(i), f"{PORT_NAMES[b]} ({b})", str(h), f"{PORT_NAMES[a]} ({a})", f"{figures(math.degrees(alpha), 5)}°"]
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     ]
-    return Table(("module", "by its port", "to module", "at its port", "hinge angle"), rows, frozenset({0, 2, 4}))
+    return Table(("module", "by its port", "to module", "at its port", "hinge angle"), rows, {0, 2, 4})
 
 
 def _rod(assembly: Assembly) -> str | None:
@@ -88,17 +90,16 @@ def nearest(pairs: tuple[Clearance, ...]) -> Table:
     wrong = [pair for pair in nearest_first if pair.status != Status.CLEAR]
     clear = [pair for pair in nearest_first if pair.status == Status.CLEAR]
     rows = [
-        [
-            pair.name,
-            str(pair.status),
-            clearance(pair),
-            "" if pair.lower_m is None else length(at_least(pair.lower_m, 3)),
-            "" if pair.upper_m is None else length(at_most(pair.upper_m, 3)),
-        ]
+        {
+            "clearance of": pair.name,
+            "audit": str(pair.status),
+            "closed form": clearance(pair),
+            "proven at least": "" if pair.lower_m is None else length(at_least(pair.lower_m, 3)),
+            "proven at most": "" if pair.upper_m is None else length(at_most(pair.upper_m, 3)),
+        }
         for pair in (*wrong[:WRONG], *clear[:NEAREST])
     ]
-    columns = ("clearance of", "audit", "closed form", "proven at least", "proven at most")
-    return Table(columns, rows, frozenset({2, 3, 4}))
+    return Table.from_rows(rows, {2, 3, 4})
 
 
 def _findings(design: Design, audit: Audit) -> tuple[str, ...]:
@@ -125,17 +126,16 @@ def _errors(audit: Audit) -> Table | None:
         ("airflow reaching farther by", found.envelope_m, length),
     )
     rows = [
-        [
-            name,
-            shown(at_least(limit.tolerated, 3)),
-            "" if limit.violated_at is None else shown(at_most(limit.violated_at, 3)),
-            limit.name,
-        ]
+        {
+            "error": name,
+            "proven harmless up to": shown(at_least(limit.tolerated, 3)),
+            "harmful in an example at": "" if limit.violated_at is None else shown(at_most(limit.violated_at, 3)),
+            "first to be violated": limit.name,
+        }
         for name, limit, shown in kinds
         if limit is not None
     ]
-    columns = ("error", "proven harmless up to", "harmful in an example at", "first to be violated")
-    return Table(columns, rows, frozenset({1, 2})) if rows else None
+    return Table.from_rows(rows, {1, 2}) if rows else None
 
 
 def _residuals(audit: Audit) -> Table:
@@ -150,7 +150,7 @@ def _residuals(audit: Audit) -> Table:
         ]
         for row in audit.residuals
     ]
-    return Table(("checked", "audit", "off by", "in its scale", "allowed"), rows, frozenset({2, 3, 4}))
+    return Table(("checked", "audit", "off by", "in its scale", "allowed"), rows, {2, 3, 4})
 
 
 def _stated_constraints(design: Design, audit: Audit | None) -> Table | None:
@@ -172,13 +172,88 @@ def _loads(design: Design) -> Table:
         effort = case.weight * float(np.sum(u * u))
         share = effort / design.objective if design.objective else 0.0
         rows.append(
-            [
-                f"{k} ({case.name})" if case.name else str(k),
-                f"{lower_text(float(u.min()) / u_max, 4)} u_max",
-                f"{upper_text(float(u.max()) / u_max, 4)} u_max",
-                f"{figures(k_f * float(u.sum()))} N",
-                f"{100 * share:.1f} %",
-            ]
+            {
+                "load case": f"{k} ({case.name})" if case.name else str(k),
+                "smallest input": f"{lower_text(float(u.min()) / u_max, 4)} u_max",
+                "largest input": f"{upper_text(float(u.max()) / u_max, 4)} u_max",
+                "thrust of all rotors": f"{figures(k_f * float(u.sum()))} N",
+                "share of J": f"{100 * share:.1f} %",
+            }
         )
-    columns = ("load case", "smallest input", "largest input", "thrust of all rotors", "share of J")
-    return Table(columns, rows, frozenset(range(5)))
+    return Table.from_rows(rows, range(5))
+
+
+def flight_part(found: Flight) -> dict[str, Any]:
+    """Return all that is shown of it."""
+    first, *others = (f"{line[0].upper()}{line[1:]}." for line in flight_lines(found))
+    return {"summary": first, "cases": cases(found), "sentences": others, "joints": _joint_loads(found)}
+
+
+def cases(found: Flight) -> Table:
+    """Return a row for hover and each load case: what can be added to it, and where least."""
+    columns = (
+        "case",
+        "possible",
+        "any force at the tip",
+        "least towards",
+        "any side force",
+        "least towards",
+        "any torque",
+        "least towards",
+        "load factor",
+        "inputs / u_max",
+        "at a limit",
+    )
+    return Table(columns, [_case(case) for case in found.cases], {2, 4, 6, 8, 9, 10})
+
+
+def reserves(found: Flight) -> Table:
+    """Return the same in brief, for two designs side by side."""
+    chosen = (0, 2, 4, 6, 8)
+    whole = cases(found)
+    rows = [[row[column] for column in chosen] for row in whole.rows]
+    return Table(tuple(whole.columns[column] for column in chosen), rows, {1, 2, 3, 4})
+
+
+def _case(case: CaseFlight) -> list[str]:
+    inputs = ""
+    if case.least_input is not None and case.largest_input is not None:
+        inputs = f"{lower_text(case.least_input, 3)} to {upper_text(case.largest_input, 3)}"
+    return [
+        case.name,
+        {True: "yes", False: "no", None: "undecided"}[case.possible],
+        _size(case.force_reserve_N, " N"),
+        _direction(case.force_weakest),
+        _size(case.horizontal_reserve_N, " N"),
+        _direction(case.horizontal_weakest),
+        _size(case.torque_reserve_Nm, " N m"),
+        _direction(case.torque_weakest),
+        _size(case.load_factor, "", 4),
+        inputs,
+        "" if case.inputs_at_limit is None else str(case.inputs_at_limit),
+    ]
+
+
+def _joint_loads(flight: Flight) -> Table | None:
+    """Return the case with the largest moment of each joint."""
+    worst = {load.child: load for load in sorted(flight.joints, key=lambda load: load.moment_Nm)}
+    rows = [
+        {
+            "joint": f"port {PORT_NAMES[load.port]} of module {load.module} to module {load.child}",
+            "case": load.case,
+            "force": f"{figures(at_most(load.force_N, 3), 3)} N",
+            "moment": f"{figures(at_most(load.moment_Nm, 3), 3)} N m",
+            "about the hinge": f"{figures(at_most(load.about_hinge_Nm, 3), 3)} N m",
+            "across it": f"{figures(at_most(load.across_hinge_Nm, 3), 3)} N m",
+        }
+        for _, load in sorted(worst.items())
+    ]
+    return Table.from_rows(rows, {2, 3, 4, 5}) if rows else None
+
+
+def _size(value: float | None, unit: str, digits: int = 3) -> str:
+    return "" if value is None else f"{figures(at_least(value, digits), digits)}{unit}"
+
+
+def _direction(v: Vector | None) -> str:
+    return "" if v is None else direction(v)

@@ -3,40 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import plotly.graph_objects as go
 
 from topo_search.export import palette
 from topo_search.model.proven import at_least, upper_text
-from topo_search.report.page import Chart, FrontPart, Table
+from topo_search.report.page import Chart, Table
 from topo_search.report.wording import figures, length, modules, quantity
 from topo_search.study import Answer, FrontPoint, front
 
-
-class Axis(NamedTuple):
-    """How a goal is drawn."""
-
-    goal: str
-    title: str
-    scale: float
-    """From SI to the unit of the title."""
-
-
 AXES = {
-    "clearance": Axis("clearance", "least clearance [mm]", 1e3),
-    "stand_off": Axis("stand-off", "least distance of the end-effector from a module's centre [cm]", 1e2),
-    "peak_input": Axis("peak input", "largest rotor input / u_max", 1.0),
-    "force_reserve": Axis("reserve of force", "any force that can be added at the end-effector [N]", 1.0),
-    "torque_reserve": Axis("reserve of torque", "any torque that can be added [N m]", 1.0),
-    "rotor_out": Axis("failures", "possible with any one rotor dead", 1.0),
-    "joint_moment": Axis("joint moment", "largest moment in a joint [N m]", 1.0),
-    "hinge_angle_deg": Axis("hinge error", "error of every hinge angle that is survived [deg]", 1.0),
-    "modules": Axis("modules", "modules", 1.0),
+    "clearance": ("clearance", "least clearance [mm]", 1e3),
+    "stand_off": ("stand-off", "least distance of the end-effector from a module's centre [cm]", 1e2),
+    "peak_input": ("peak input", "largest rotor input / u_max", 1.0),
+    "force_reserve": ("reserve of force", "any force that can be added at the end-effector [N]", 1.0),
+    "torque_reserve": ("reserve of torque", "any torque that can be added [N m]", 1.0),
+    "rotor_out": ("failures", "possible with any one rotor dead", 1.0),
+    "joint_moment": ("joint moment", "largest moment in a joint [N m]", 1.0),
+    "hinge_angle_deg": ("hinge error", "error of every hinge angle that is survived [deg]", 1.0),
+    "modules": ("modules", "modules", 1.0),
 }
 
 
-def front_part(answer: Answer, names: Sequence[str]) -> FrontPart:
+def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
     """Return all that is shown of a front.
 
     Args:
@@ -44,45 +34,41 @@ def front_part(answer: Answer, names: Sequence[str]) -> FrontPart:
         names: the goals.
     """
     charts = [
-        Chart(f"front-{name.replace('_', '-')}", f"Effort against {AXES[name].goal}", _chart(answer.points, name))
+        Chart(f"front-{name.replace('_', '-')}", f"Effort against {AXES[name][0]}", _chart(answer.points, name))
         for name in names
         if any(point.cells[name] is not None for point in answer.points)
     ]
-    return FrontPart(tuple(charts), _designs(answer.points), _levels(answer))
+    return {"charts": charts, "designs": _designs(answer.points), "levels": _levels(answer)}
 
 
 def _chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
     """Return effort over a goal: all points, and what each value of the goal takes, whatever the other goals."""
     least = points[0].row.objective or 1.0
-    axis = AXES[name]
+    _, title, scale = AXES[name]
 
     def at(chosen: Sequence[FrontPoint]) -> dict[str, list[Any]]:
         values = [point.cells[name] for point in chosen]
-        x = [axis.scale * value if isinstance(value, int | float) else value for value in values]
+        x = [scale * value if isinstance(value, int | float) else value for value in values]
         return {"x": x, "y": [(point.row.objective or 0.0) / least for point in chosen]}
 
     figure = go.Figure()
-    figure.add_trace(
-        go.Scatter(
-            **at(front(points, [name])),
-            name="least effort for as good a value",
-            mode="lines",
-            line={"color": palette.CONNECTOR, "width": 1.5, "dash": "dot", "shape": "vh"},
-            hoverinfo="skip",
-        )
+    figure.add_scatter(
+        **at(front(points, [name])),
+        name="least effort for as good a value",
+        mode="lines",
+        line={"color": palette.CONNECTOR, "width": 1.5, "dash": "dot", "shape": "vh"},
+        hoverinfo="skip",
     )
-    figure.add_trace(
-        go.Scatter(
-            **at(points),
-            name="designs of the front",
-            mode="markers",
-            marker={"color": palette.CONNECTOR, "size": 9},
-            text=["<br>".join(_describe(point)) for point in points],
-            hovertemplate="%{text}<extra></extra>",
-        )
+    figure.add_scatter(
+        **at(points),
+        name="designs of the front",
+        mode="markers",
+        marker={"color": palette.CONNECTOR, "size": 9},
+        text=["<br>".join(_describe(point)) for point in points],
+        hovertemplate="%{text}<extra></extra>",
     )
     figure.update_layout(
-        xaxis={"title": {"text": axis.title}, "dtick": 1 if name == "modules" else None},
+        xaxis={"title": {"text": title}, "dtick": 1 if name == "modules" else None},
         yaxis={"title": {"text": "J / least J of the front"}},
         legend={"orientation": "h", "y": -0.25},
     )
@@ -126,37 +112,27 @@ def _designs(points: Sequence[FrontPoint]) -> Table:
         "level",
         "audit",
     )
-    return Table(columns, rows, frozenset(range(1, 8)))
+    return Table(columns, rows, range(1, 8))
 
 
 def _levels(answer: Answer) -> Table:
     """Return a row for every level and size, with the reason where nothing was found."""
     on_front = [point.number for point in answer.points]
     rows = [
-        [
-            str(at.number),
-            at.level.words,
-            str(size.modules),
-            ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
-            size.best.key if size.best else "none",
-            figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
-            quantity(on_front.count(at.number), "design"),
-            size.reason or "",
-        ]
+        {
+            "level": str(at.number),
+            "held at": at.level.words,
+            "modules": str(size.modules),
+            "candidates": ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
+            "best there": size.best.key if size.best else "none",
+            "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
+            "gives the front": quantity(on_front.count(at.number), "design"),
+            "why none": size.reason or "",
+        }
         for at in answer.levels
         for size in at.sizes
     ]
-    columns = (
-        "level",
-        "held at",
-        "modules",
-        "candidates",
-        "best there",
-        "J [rad⁴/s⁴]",
-        "gives the front",
-        "why none",
-    )
-    return Table(columns, rows, frozenset({0, 2, 5}))
+    return Table.from_rows(rows, {0, 2, 5})
 
 
 def _length(metres: float | None) -> str:

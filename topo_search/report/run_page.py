@@ -11,28 +11,14 @@ from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.files import to_toml
 from topo_search.model.proven import at_least, at_most, gap_percent
-from topo_search.report.cards import cards, rows_to_show
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, task_part, title
 from topo_search.report.design_part import design_part
 from topo_search.report.front_part import front_part
-from topo_search.report.headline import headline, tally
-from topo_search.report.near_ties import near_tie_cells, near_tie_columns
-from topo_search.report.page import (
-    Card,
-    Chart,
-    NearTies,
-    Page,
-    Reproduction,
-    RunPart,
-    Table,
-    Tile,
-    json_in_script,
-    render,
-)
-from topo_search.report.relaxed_part import relaxed_limits
+from topo_search.report.headline import cards, headline, rows_to_show, tally
+from topo_search.report.page import Chart, Table, Tile, render
 from topo_search.report.view import shared_meshes
-from topo_search.report.wording import figures, modules, quantity
+from topo_search.report.wording import figures, modules, near_tie_cells, near_tie_columns, quantity
 from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
 from topo_search.study.proofs import ProofState
 from topo_search.study.statements import kind_of
@@ -64,7 +50,7 @@ def write_run_page(folder: RunFolder) -> None:
     folder.keep(REPORT, render(run_page(folder)) + folder.page_mark())
 
 
-def run_page(folder: RunFolder) -> Page:
+def run_page(folder: RunFolder) -> dict[str, Any]:
     """Return the page of a run."""
     answer, goals = answer_of(folder), folder.request.task.goals
     if not answer.levels:
@@ -74,15 +60,16 @@ def run_page(folder: RunFolder) -> Page:
     at = answer.levels[number]
     page = _page(level, replace(answer, sizes=at.sizes))
     note = f"Everything except the front refers to level {number} of the goals: {at.level.words}."
-    return replace(
-        page,
-        notes=(note, *(f"{text[0].upper()}{text[1:]}." for text in answer.idle_goals), *page.notes),
-        front=front_part(answer, goals.names),
-        reproduction=_reproduction(folder),
-    )
+    idle = (f"{text[0].upper()}{text[1:]}." for text in answer.idle_goals)
+    return {
+        **page,
+        "notes": (note, *idle, *page["notes"]),
+        "front": front_part(answer, goals.names),
+        "reproduction": _reproduction(folder),
+    }
 
 
-def _page(folder: RunFolder, answer: Answer) -> Page:
+def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
     """Return the page of a run without goals, or of one level."""
     request = folder.request
     shown = answer.best or next((row for size in answer.sizes for row in size.top), None)
@@ -93,21 +80,21 @@ def _page(folder: RunFolder, answer: Answer) -> Page:
     if design is not None and shown is not None:
         compared = f"{quantity(_count_settled(answer), 'candidate')} solved"
         tiles = headline(design, audit, size.gap_of(shown), compared, scoped=size.proven_gap is not None)
-    return Page(
-        title=title(request.task.name, n),
-        key=shown.key if shown else None,
-        verdict=None if audit is None else str(audit.verdict),
-        checked="" if audit is None else tally(audit),
-        answer=_answer(answer, request.task.name, shown, size),
-        tiles=tiles,
-        notes=(*_own(request.own), *(note for size in answer.sizes for note in _limits(size, shown))),
-        bound=(*bound(size.lower_bound, shown.gap if shown else None, n), *_proof_lines(answer)),
-        task=task_part(request.task.resolve(n), request.task),
-        design=None if design is None else design_part(design, audit),
-        meshes=json_in_script({} if design is None else shared_meshes(design)),
-        run=_run_part(folder, answer, shown),
-        reproduction=_reproduction(folder),
-    )
+    return {
+        "title": title(request.task.name, n),
+        "key": shown.key if shown else None,
+        "verdict": None if audit is None else str(audit.verdict),
+        "checked": "" if audit is None else tally(audit),
+        "answer": _answer(answer, request.task.name, shown, size),
+        "tiles": tiles,
+        "notes": (*_own(request.own), *(note for size in answer.sizes for note in _limits(size, shown))),
+        "bound": (*bound(size.lower_bound, shown.gap if shown else None, n), *_proof_lines(answer)),
+        "task": task_part(request.task.resolve(n), request.task),
+        "design": None if design is None else design_part(design, audit),
+        "meshes": {} if design is None else shared_meshes(design),
+        "run": _run_part(folder, answer, shown),
+        "reproduction": _reproduction(folder),
+    }
 
 
 def _read(folder: RunFolder, row: Row) -> tuple[Design | None, Audit | None]:
@@ -174,7 +161,7 @@ def _own(own: Own) -> Iterator[str]:
         yield f"Candidates were proposed by the user's own sampler {own.sampler.name}."
 
 
-def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[Card]:
+def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[dict[str, Any]]:
     """Yield what is shown of the best designs beside the one that the page is about."""
     if shown is not None:
         read = ((row, *_read(folder, row)) for row in rows_to_show(answer, shown))
@@ -188,7 +175,7 @@ def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[Car
         yield from cards(told, shown, scoped=scoped)
 
 
-def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> RunPart:
+def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str, Any]:
     proof_states = [each for size in answer.sizes for each in folder.proof_states(size.modules)]
     rows = [row for row, _ in proof_states]
     asked = any(size.proven is not None for size in answer.sizes)
@@ -200,46 +187,36 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> RunPart:
         if solves and size.lower_bound > 0:
             caption = f"{modules(size.modules)}: {quantity(len(solves), 'solve')}"
             charts.append(Chart(f"progress-{size.modules}", caption, progress(solves, size.lower_bound)))
-    return RunPart(
-        sizes=_sizes(answer),
-        near_ties=tuple(_near_ties(size) for size in answer.sizes if len(size.near_ties) > 1),
-        candidates=json_in_script({"columns": columns, "rows": cells}),
-        cards=tuple(_cards(folder, answer, shown)),
-        progress=tuple(charts),
-        reasons=_reasons(folder, rows),
-        remarks=tuple(remark for size in answer.sizes for remark in size.remarks),
-        relaxed=tuple(part for size in answer.sizes if (part := relaxed_limits(size)) is not None),
-    )
+    return {
+        "sizes": _sizes(answer),
+        "near_ties": tuple(_near_ties(size) for size in answer.sizes if len(size.near_ties) > 1),
+        "candidates": {"columns": columns, "rows": cells},
+        "cards": tuple(_cards(folder, answer, shown)),
+        "progress": tuple(charts),
+        "reasons": _reasons(folder, rows),
+        "remarks": tuple(remark for size in answer.sizes for remark in size.remarks),
+        "relaxed": tuple(part for size in answer.sizes if (part := relaxed_limits(size)) is not None),
+    }
 
 
 def _sizes(answer: Answer) -> Table:
     rows = [
-        [
-            str(size.modules),
-            f"{size.settled} of {size.candidates}",
-            ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
-            str(size.feasible),
-            figures(at_least(size.lower_bound, 5), 5),
-            size.best.key if size.best else "none",
-            figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
-            gap_percent(size.best.gap) if size.best and size.best.gap is not None else "",
-        ]
+        {
+            "modules": str(size.modules),
+            "candidates solved": f"{size.settled} of {size.candidates}",
+            "statuses": ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
+            "feasible trees with their mirror images": str(size.feasible),
+            "lower bound [rad⁴/s⁴]": figures(at_least(size.lower_bound, 5), 5),
+            "best": size.best.key if size.best else "none",
+            "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
+            "gap": gap_percent(size.best.gap) if size.best and size.best.gap is not None else "",
+        }
         for size in answer.sizes
     ]
-    columns = (
-        "modules",
-        "candidates solved",
-        "statuses",
-        "feasible trees with their mirror images",
-        "lower bound [rad⁴/s⁴]",
-        "best",
-        "J [rad⁴/s⁴]",
-        "gap",
-    )
-    return Table(columns, rows, frozenset({0, 3, 4, 6, 7}))
+    return Table.from_rows(rows, {0, 3, 4, 6, 7})
 
 
-def _near_ties(size: SizeAnswer) -> NearTies:
+def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
     """Return the designs of one size that cost about the same as the best."""
     best = size.best or size.near_ties[0]
     told = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least effort, "
@@ -248,7 +225,7 @@ def _near_ties(size: SizeAnswer) -> NearTies:
         told += f"; {quantity(size.near_ties_unaudited, 'design')} as near were not audited"
     columns = near_tie_columns()
     rows = [near_tie_cells(row, best) for row in size.near_ties]
-    return NearTies(told, Table(columns, rows, frozenset(range(1, len(columns)))))
+    return told, Table(columns, rows, range(1, len(columns)))
 
 
 def _cells(row: Row) -> list[Any]:
@@ -302,22 +279,22 @@ def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
         by = ""
         if closest.violation is not None:
             by = f"{figures(at_least(closest.violation, 3), 3)} {closest.unit or ''}"
-        found = folder.ledger.result(folder.request.contexts(n)[closest.step], closest.key)
-        told = found.message if isinstance(found, Infeasible) else ""
-        cells.append([str(n), status, missed, str(len(members)), by, closest.key, told])
-    columns = (
-        "modules",
-        "status",
-        "constraint missed by most",
-        "candidates",
-        "least missed by",
-        "in tree",
-        "there",
-    )
-    return Table(columns, cells, frozenset({0, 3, 4}))
+        result = folder.ledger.result(folder.request.contexts(n)[closest.step], closest.key)
+        cells.append(
+            {
+                "modules": str(n),
+                "status": status,
+                "constraint missed by most": missed,
+                "candidates": str(len(members)),
+                "least missed by": by,
+                "in tree": closest.key,
+                "there": result.message if isinstance(result, Infeasible) else "",
+            }
+        )
+    return Table.from_rows(cells, {0, 3, 4})
 
 
-def _reproduction(folder: RunFolder) -> Reproduction:
+def _reproduction(folder: RunFolder) -> dict[str, Any]:
     request = folder.request
     options = f"--symmetry {request.symmetry} --starts {request.starts} --seed {request.seed}"
     if request.strategy == "optuna":
@@ -333,6 +310,30 @@ def _reproduction(folder: RunFolder) -> Reproduction:
     if request.own != NOTHING:
         told = "The command does not include what the user supplied: "
         notes = (*notes, told + " ".join(_own(request.own)))
-    return Reproduction(
-        (f"topo-search run task.toml {options}",), to_toml(request.task), dict(request.versions), notes
-    )
+    return {
+        "commands": (f"topo-search run task.toml {options}",),
+        "task": to_toml(request.task),
+        "versions": request.versions,
+        "notes": notes,
+    }
+
+
+def relaxed_limits(size: SizeAnswer) -> tuple[str, Table] | None:
+    """Return which limits to relax for a size without a design; None where nothing was tried."""
+    found = size.relaxed
+    if found is None or not found.sentences:
+        return None
+    rows = [
+        [
+            one.limit,
+            one.change,
+            one.setting,
+            one.topology_key,
+            "" if one.not_enough is None else f"{100 * one.not_enough:.3g} %",
+        ]
+        for one in found.relaxations
+    ]
+    rows += [[text, "not enough", "", "", ""] for text in found.in_vain]
+    rows += [[text, "could not be tried", "", "", ""] for text in found.untried]
+    caption = f"{modules(size.modules)}: limits of the task, each relaxed alone and solved again; not a proof"
+    return caption, Table(("limit", "enough", "setting", "tree", "tried in vain"), rows)

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from trimesh import Trimesh
 
-from topo_search.export import outlines, palette
-from topo_search.export.meshes import cone_sphere, frame, join, pose_matrix, rotors
-from topo_search.export.poses import PORTS, Poses
-from topo_search.export.regions import cone_slant, mesh, shapes
-from topo_search.export.viewpoint import azimuth_deg, towards_viewer
-from topo_search.model import Assembly, Clearance, Design
+from topo_search.export import palette
+from topo_search.export.poses import PORTS, Poses, azimuth_deg, towards_viewer
+from topo_search.export.regions import cone_slant, cone_triangles, shapes
+from topo_search.export.solids import airflow, cone_sphere, frame, join, pose_matrix, region_mesh, rotors
+from topo_search.model import Assembly, Audit, Clearance, Design
 from topo_search.model.arrays import Array
 from topo_search.model.module import Module
 from topo_search.model.shape import Cone
 from topo_search.model.topology import PORT_NAMES
-from topo_search.report.clearances import clearance
-from topo_search.report.traces import MATT, columns, drawn_lines, drawn_mesh, drawn_points, triangles
+from topo_search.report.wording import clearance
 
-CLOSE = 2.0
-"""Distance of the viewer, in edges of a cube as large as what is shown."""
 NUMBERED = 30
 """Most modules that carry their number in the picture; more are named where the pointer is."""
 AXIS = 1.8
@@ -31,31 +28,33 @@ AXIS = 1.8
 
 
 def scene(
-    design: Design, at: Poses, closest: Clearance | None = None, assembly: Assembly | None = None
+    design: Design, at: Poses, nearest: Clearance | None = None, assembly: Assembly | None = None
 ) -> go.Figure:
     """Return the figure of a design; each trace's `meta` says which `part` it is, and of which `mesh` copies.
 
     Args:
         design: any design.
         at: its poses.
-        closest: the clearance to mark, where its audit says; None if there is no audit.
+        nearest: the clearance to mark, where its audit says; None if there is no audit.
         assembly: says which connector carries the end-effector, and which are blocked; None if there is no audit.
     """
     connectors = at.p[:, None] + design.task.module.connector_distance * np.einsum("nij,aj->nai", at.R, PORTS)
-    mount = None if assembly is None or assembly.mount is None else assembly.mount
+    mount = None if assembly is None else assembly.mount
     foot = None if mount is None else connectors[mount.module, mount.port]
     figure = go.Figure([*_volumes(design, at), *_platform(design, at, connectors)])
     figure.add_traces(_free_connectors(design, connectors, assembly))
     figure.add_traces(_end_effector(design, at, foot))
-    if closest is not None and closest.closest_m is not None:
-        figure.add_traces(_closest(closest, np.array(closest.closest_m)))
+    if nearest is not None and nearest.closest_m is not None:
+        figure.add_traces(_closest(nearest, np.array(nearest.closest_m)))
     axis = {"showbackground": False, "gridcolor": "#dddddd", "zerolinecolor": "#bbbbbb", "showspikes": False}
     figure.update_layout(
         scene={
             "aspectmode": "data",
             "camera": {
                 "center": {"x": 0.0, "y": 0.0, "z": -0.12},  # the legend covers the lower edge
-                "eye": dict(zip("xyz", (CLOSE * towards_viewer(azimuth_deg(at))).tolist(), strict=True)),
+                "eye": dict(
+                    zip("xyz", (2.0 * towards_viewer(azimuth_deg(at))).tolist(), strict=True)
+                ),  # in edges of a cube as large as what is shown
             },
             **{f"{name}axis": {**axis, "title": {"text": f"{name} [m]"}} for name in "xyz"},
         },
@@ -65,6 +64,11 @@ def scene(
     return figure
 
 
+def closest(audit: Audit | None) -> Clearance | None:
+    """Return the least clearance of an audit; None without any."""
+    return None if audit is None else min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
+
+
 def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
     """Return what every module has a copy of, in its own frame: by the name that `meta` of a trace gives.
 
@@ -72,11 +76,10 @@ def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
         module: the module.
         sides: number of sides of a circle.
     """
-    envelope, l_arm = module.envelope, module.arm_length
-    far, up = np.array([0.0, 0.0, -envelope.length]), np.array([0.0, 0.0, 1.0])
-    head = outlines.cone(AXIS * l_arm * up, -up, math.radians(14), 0.4 * l_arm, sides=8)
+    l_arm, up = module.arm_length, np.array([0.0, 0.0, 1.0])
+    head = cone_triangles(AXIS * l_arm * up, -up, math.radians(14), 0.4 * l_arm, sides=8)
     return {
-        "airflow": cone_sphere(np.zeros(3), envelope.start_radius, far, envelope.end_radius, sides=sides),
+        "airflow": airflow(module, sides=sides),
         "modules": frame(module),
         "rotors": rotors(module, sides=sides),
         "axes": triangles(head),
@@ -95,7 +98,7 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
     kept_out: list[Trimesh] = []
     cones: list[Trimesh] = []
     for _, shape in shapes(design.task, at.p_E):
-        surface = mesh(shape, cone_slant(design, at)).apply_translation(apex)
+        surface = region_mesh(shape, cone_slant(design, at)).apply_translation(apex)
         (cones if isinstance(shape, Cone) else kept_out).append(surface)
     for part, words, found, opacity in (
         ("regions", "keep-out region for airflow", kept_out, 0.4),
@@ -177,46 +180,19 @@ def _free_connectors(design: Design, connectors: Array, assembly: Assembly | Non
 def _end_effector(design: Design, at: Poses, foot: Array | None) -> list[Any]:
     """Return the centre of mass, the end-effector, the line between them, and the rod from its foot."""
     p_E = ", ".join(f"{x:.3f}" for x in at.p_E.tolist())
-    rod = []
+    traces = []
     if foot is not None:
         r = design.task.end_effector.rod_radius
-        rod.append(
-            drawn_mesh(
-                "rod of the end-effector",
-                cone_sphere(foot, r, at.end_effector, r, sides=12),
-                palette.END_EFFECTOR,
-                "rod",
-                lighting=MATT,
-            )
-        )
-    return [
-        *rod,
-        drawn_lines(
-            "p_E: end-effector from the centre of mass",
-            [np.stack([at.p_com, at.end_effector])],
-            palette.OFFSET,
-            8,
-            "tip",
-        ),
-        drawn_points(
-            "centre of mass",
-            at.p_com[None],
-            palette.CENTRE_OF_MASS,
-            ["centre of mass"],
-            "tip",
-            symbol="circle",
-            size=8,
-        ),
-        drawn_points(
-            "end-effector",
-            at.end_effector[None],
-            palette.END_EFFECTOR,
-            [f"end-effector, p_E = [{p_E}] m from the centre of mass"],
-            "tip",
-            symbol="circle",
-            size=8,
-        ),
-    ]
+        rod = cone_sphere(foot, r, at.end_effector, r, sides=12)
+        traces.append(drawn_mesh("rod of the end-effector", rod, palette.END_EFFECTOR, "rod", lighting=MATT))
+    line = [np.stack([at.p_com, at.end_effector])]
+    traces.append(drawn_lines("p_E: end-effector from the centre of mass", line, palette.OFFSET, 8, "tip"))
+    for name, point, colour, text in (
+        ("centre of mass", at.p_com, palette.CENTRE_OF_MASS, ""),
+        ("end-effector", at.end_effector, palette.END_EFFECTOR, f", p_E = [{p_E}] m from the centre of mass"),
+    ):
+        traces.append(drawn_points(name, point[None], colour, [name + text], "tip", symbol="circle", size=8))
+    return traces
 
 
 def _closest(pair: Clearance, ends: Array) -> list[Any]:
@@ -235,3 +211,57 @@ def _closest(pair: Clearance, ends: Array) -> list[Any]:
             meta={"part": "closest"},
         )
     ]
+
+
+MATT = {"ambient": 0.65, "diffuse": 0.6, "specular": 0.05, "roughness": 0.9}
+GHOSTLY = {"ambient": 0.8, "diffuse": 0.4, "specular": 0.0, "roughness": 1.0}
+
+
+def triangles(corners: Array) -> Trimesh:
+    """Return triangles, (t, 3, 3), as a mesh."""
+    return Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False)
+
+
+def drawn_mesh(name: str, mesh: Trimesh, colour: str, part: str, **options: Any) -> Any:
+    """Return a mesh as a trace.
+
+    Args:
+        name: in the legend.
+        mesh: where it is drawn.
+        colour: its colour.
+        part: of the picture.
+        options: of the trace.
+    """
+    vertices, (i, j, k) = mesh.vertices, mesh.faces.astype(np.int32).T
+    given = {"lighting": GHOSTLY, "hoverinfo": "skip", "showlegend": True, "meta": {"part": part}, **options}
+    return go.Mesh3d(**columns(vertices), i=i, j=j, k=k, name=name, color=colour, **given)
+
+
+def drawn_lines(name: str, lines: Sequence[Array], colour: str, width: float, part: str, **options: Any) -> Any:
+    """Return lines, (points, 3) each, as one trace, with a gap after each; see `drawn_mesh`."""
+    broken = np.concatenate([np.concatenate([line, np.full((1, 3), np.nan)]) for line in lines])
+    given = {"hoverinfo": "skip", "meta": {"part": part}, **options}
+    look = {"color": colour, "width": width}
+    return go.Scatter3d(**columns(broken), name=name, mode="lines", line=look, **given)
+
+
+def drawn_points(
+    name: str,
+    points: Array,
+    colour: str,
+    texts: Sequence[str],
+    part: str,
+    *,
+    symbol: str = "square",
+    size: float = 4,
+) -> Any:
+    """Return points, (points, 3), as a trace with a text each; see `drawn_mesh`."""
+    look = {"color": colour, "size": size, "symbol": symbol, "line": {"color": "#000000", "width": 1}}
+    told = {"hovertext": texts, "hoverinfo": "text", "meta": {"part": part}}
+    return go.Scatter3d(**columns(points), name=name, mode="markers", marker=look, **told)
+
+
+def columns(points: Array) -> dict[str, Any]:
+    """Return points as a trace takes them: single precision is finer than a picture shows."""
+    x, y, z = points.astype(np.float32).T
+    return {"x": x, "y": y, "z": z}

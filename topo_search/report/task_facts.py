@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 from topo_search.model import Allowed, AnyExposure, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
 from topo_search.model.proven import at_most
@@ -14,91 +13,69 @@ from topo_search.model.task import Tolerances
 from topo_search.model.value import Vector, is_zero
 from topo_search.report.wording import figures, length, modules, quantity
 
-
-@dataclass(frozen=True)
-class Facts:
-    """A group of named values."""
-
-    title: str
-    rows: tuple[tuple[str, str], ...]
+Facts = tuple[str, Sequence[tuple[str, str]]]
+"""Title and named values of a group."""
 
 
 def facts(task: ResolvedTask) -> tuple[Facts, ...]:
     """Return everything that a task asks for but its load cases."""
-    n, module = task.n, task.module
-    envelope, u_max, apart = module.envelope, module.max_input(task.gravity), task.exclusion_radius
-    hover = module.hover_input(task.gravity)
-    exposure = tuple((f"requirement {e}", requirement(asked)) for e, asked in enumerate(task.exposure))
+    exposure = [(f"requirement {e}", requirement(one)) for e, one in enumerate(task.exposure)]
     return (
-        Facts(
-            "platform",
-            (
-                ("size", modules(n)),
-                ("mass m_t", f"{figures(task.total_mass(n))} kg, end-effector included"),
-                ("weight m_t g", f"{figures(task.force_unit(n))} N, at g = {figures(task.gravity)} m/s²"),
-                ("unit of torque l_arm m_t g", f"{figures(task.torque_unit(n))} N m"),
-            ),
-        ),
-        Facts(
-            "module",
-            (
-                ("mass m", f"{figures(module.mass)} kg"),
-                ("arm length l_arm", f"{figures(module.arm_length)} m"),
-                ("connector distance l_c", f"{figures(module.connector_distance)} m"),
-                ("thrust coefficient k_f", f"{figures(module.thrust_coefficient)} N s²"),
-                (
-                    "torque coefficient k_tau",
-                    f"{figures(module.torque_coefficient)} N m s², "
-                    f"{figures(module.torque_coefficient / module.thrust_coefficient)} m times the thrust",
-                ),
-                (
-                    "largest thrust",
-                    f"{figures(module.max_thrust_to_weight)} times the module's weight, "
-                    f"{figures(module.thrust_coefficient * u_max)} N per rotor",
-                ),
-                ("largest input u_max", f"{figures(u_max)} rad²/s² ({_speed(u_max)})"),
-                *([("least input", f"{figures(module.min_input)} u_max")] if module.min_input else []),
-                ("input at hover", f"{figures(hover)} rad²/s² ({_speed(hover)})"),
-            ),
-        ),
-        Facts(
-            "airflow envelope",
-            (
-                ("radius at the module", f"{figures(envelope.start_radius)} m"),
-                ("radius at the far end", f"{figures(envelope.end_radius)} m"),
-                ("length of its axis", f"{figures(envelope.length)} m"),
-                ("full spreading angle", f"{figures(module.airflow.spread_angle_deg)}°"),
-            ),
-        ),
-        Facts(
-            "end-effector",
-            (
-                ("mass m_E", f"{figures(task.end_effector.mass)} kg"),
-                ("position p_E from the centre of mass", _position(task)),
-                (
-                    "distance from module centres",
-                    "any" if apart is None else f"at least {figures(apart)} m",
-                ),
-                ("radius of its rod", length(task.end_effector.rod_radius)),
-                (
-                    "straight rod",
-                    "reported, not required"
-                    if task.end_effector.rod == "none"
-                    else "required, clear of all parts and airflow",
-                ),
-                *_reach(task),
-            ),
-        ),
-        Facts("must stay out of the airflow", exposure or (("regions", "only the platform's own modules"),)),
+        ("platform", list(_platform(task))),
+        ("module", list(_module(task))),
+        ("airflow envelope", list(_envelope(task))),
+        ("end-effector", list(_end_effector(task))),
+        ("must stay out of the airflow", exposure or [("regions", "only the platform's own modules")]),
         *_flight(task),
-        Facts("search", _search(task)),
+        ("search", _search(task)),
         *_tolerances(task),
     )
 
 
-def _reach(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
-    reach = task.largest_reach(task.n)
-    return () if reach is None else (("reach from the connector of its rod", f"at most {length(reach)}"),)
+def _platform(task: ResolvedTask) -> Iterator[tuple[str, str]]:
+    n = task.n
+    yield "size", modules(n)
+    yield "mass m_t", f"{figures(task.total_mass(n))} kg, end-effector included"
+    yield "weight m_t g", f"{figures(task.force_unit(n))} N, at g = {figures(task.gravity)} m/s²"
+    yield "unit of torque l_arm m_t g", f"{figures(task.torque_unit(n))} N m"
+
+
+def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
+    module, u_max, hover = task.module, task.module.max_input(task.gravity), task.module.hover_input(task.gravity)
+    k_f, k_tau, thrust_to_weight = module.thrust_coefficient, module.torque_coefficient, module.max_thrust_to_weight
+    yield "mass m", f"{figures(module.mass)} kg"
+    yield "arm length l_arm", f"{figures(module.arm_length)} m"
+    yield "connector distance l_c", f"{figures(module.connector_distance)} m"
+    yield "thrust coefficient k_f", f"{figures(k_f)} N s²"
+    yield "torque coefficient k_tau", f"{figures(k_tau)} N m s², {figures(k_tau / k_f)} m times the thrust"
+    largest = f"{figures(thrust_to_weight)} times the module's weight, {figures(k_f * u_max)} N per rotor"
+    yield "largest thrust", largest
+    yield "largest input u_max", f"{figures(u_max)} rad²/s² ({_speed(u_max)})"
+    if module.min_input:
+        yield "least input", f"{figures(module.min_input)} u_max"
+    yield "input at hover", f"{figures(hover)} rad²/s² ({_speed(hover)})"
+
+
+def _envelope(task: ResolvedTask) -> Iterator[tuple[str, str]]:
+    envelope = task.module.envelope
+    yield "radius at the module", f"{figures(envelope.start_radius)} m"
+    yield "radius at the far end", f"{figures(envelope.end_radius)} m"
+    yield "length of its axis", f"{figures(envelope.length)} m"
+    yield "full spreading angle", f"{figures(task.module.airflow.spread_angle_deg)}°"
+
+
+def _end_effector(task: ResolvedTask) -> Iterator[tuple[str, str]]:
+    tip, apart, reach = task.end_effector, task.exclusion_radius, task.largest_reach(task.n)
+    fixed = tip.fixed_position
+    yield "mass m_E", f"{figures(tip.mass)} kg"
+    position = "free, chosen by the search" if fixed is None else f"{vector(fixed)} m"
+    yield "position p_E from the centre of mass", position
+    yield "distance from module centres", "any" if apart is None else f"at least {figures(apart)} m"
+    yield "radius of its rod", length(tip.rod_radius)
+    required = "required, clear of all parts and airflow"
+    yield "straight rod", "reported, not required" if tip.rod == "none" else required
+    if reach is not None:
+        yield "reach from the connector of its rod", f"at most {length(reach)}"
 
 
 def goals(task: Task) -> Facts:
@@ -117,7 +94,7 @@ def goals(task: Task) -> Facts:
         ("modules", [str(n) for n in task.sizes] if asked.modules else []),
     )
     rows = [(name, ", ".join(texts)) for name, texts in levels if texts]
-    return Facts("goals beside effort", (*rows, ("searches", quantity(len(asked.levels), "level"))))
+    return ("goals beside effort", (*rows, ("searches", quantity(len(asked.levels), "level"))))
 
 
 def _region(asked: Local) -> str:
@@ -252,7 +229,7 @@ def _flight(task: ResolvedTask) -> Iterator[Facts]:
             if limit is not None:
                 rows.append((f"{what} in a joint", f"at most {figures(limit)} {unit} in every load case"))
         if rows:
-            yield Facts("possible beyond the load cases", tuple(rows))
+            yield "possible beyond the load cases", rows
 
 
 def _tolerances(task: ResolvedTask) -> Iterator[Facts]:
@@ -265,12 +242,7 @@ def _tolerances(task: ResolvedTask) -> Iterator[Facts]:
             ("airflow beyond its envelope", f"up to {length(built.envelope)}"),
         )
         kept = "that the clearances survive" if task.flight.tolerances else "that are measured, not required"
-        yield Facts(f"tolerances {kept}", rows)
-
-
-def _position(task: ResolvedTask) -> str:
-    fixed = task.end_effector.fixed_position
-    return "free, chosen by the search" if fixed is None else f"{vector(fixed)} m"
+        yield f"tolerances {kept}", rows
 
 
 def _speed(u: float) -> str:

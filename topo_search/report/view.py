@@ -13,28 +13,21 @@ import numpy as np
 from trimesh import Trimesh
 
 from topo_search.export import palette
-from topo_search.export.meshes import cone_sphere
 from topo_search.export.poses import Poses
+from topo_search.export.solids import cone_sphere
 from topo_search.model import Assembly, Audit, Design
 from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
-from topo_search.report.arrows import arrows, metres_per_newton
+from topo_search.report.arrows import arrows, force_polytope, metres_per_newton
 from topo_search.report.charts import style
-from topo_search.report.clearances import clearance
-from topo_search.report.force_polytope import force_polytope
-from topo_search.report.headline import closest
-from topo_search.report.page import View
-from topo_search.report.scene import NUMBERED, meshes, scene, sides
-from topo_search.report.traces import drawn_mesh
-from topo_search.report.wording import figures, length, modules
+from topo_search.report.scene import NUMBERED, closest, drawn_mesh, meshes, scene, sides
+from topo_search.report.wording import clearance, figures, length, modules
 
 PLACED = ("x", "y", "z", "i", "j", "k")
 """What a trace of copies is without on the page."""
-BUTTONS = 12
-"""Most load cases that have a button each; of more, one is chosen from a list."""
 
 
-def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: bool = False) -> View:
+def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
     """Return the picture of a design.
 
     Args:
@@ -59,26 +52,18 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
         "marks": [["tip", at.end_effector.round(6).tolist()], ["centre of mass", at.p_com.round(6).tolist()]],
         "modules": _modules(design, at, audit),
         "throttle": (design.inputs / u_max).round(4).tolist(),
-        "cases": [
-            {
-                "name": case.name,
-                "told": case.told,
-                "ends": case.ends,
-                "traces": [json.loads(trace.to_json()) for trace in case.traces],
-            }
-            for case in cases
-        ],
+        "cases": [{**case, "traces": [json.loads(trace.to_json()) for trace in case["traces"]]} for case in cases],
         "steps": _steps(design, assembly),
         "forces": _forces(design, at, audit) if forces else None,
     }
-    return View(
-        name=name,
-        caption=f"{design.topology.key}, a platform of {modules(design.topology.n)}, in the axes of the task",
-        value=value,
-        cases=tuple(case.name for case in cases),
-        listed=len(cases) > BUTTONS,
-        forces=value["forces"] is not None,
-    )
+    return {
+        "name": name,
+        "caption": f"{design.topology.key}, a platform of {modules(design.topology.n)}, in the axes of the task",
+        "value": value,
+        "cases": [case["name"] for case in cases],
+        "listed": len(cases) > 12,  # so many are chosen from a list rather than by a button each
+        "forces": value["forces"] is not None,
+    }
 
 
 def shared_meshes(design: Design) -> dict[str, Any]:
@@ -92,11 +77,12 @@ def shared_meshes(design: Design) -> dict[str, Any]:
 
 def _forces(design: Design, at: Poses, audit: Audit | None) -> dict[str, Any] | None:
     """Return the forces that can be added at the end-effector in hover, to the scale of the load cases' arrows."""
-    found = force_polytope(design, at)
-    if found is None:
+    polytope = force_polytope(design, at)
+    if polytope is None:
         return None
+    vertices, triangles = polytope
     scale = metres_per_newton(design, at)
-    corners = Trimesh(at.end_effector + scale * found.vertices, found.triangles, process=False)
+    corners = Trimesh(at.end_effector + scale * vertices, triangles, process=False)
     words = "forces that can be added in hover"
     traces = [drawn_mesh(words, corners, palette.OFFSET, "forces", opacity=0.35, flatshading=True)]
     told = "All forces that can be added at the tip in hover, to the scale of the load cases' arrows."

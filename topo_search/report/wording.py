@@ -1,6 +1,15 @@
-"""Numbers, counts and names in words, the same wherever a person reads them."""
+"""Numbers, counts, clearances and near ties in words, the same wherever a person reads them.
+
+`--help` loads this file too: it must load no numerics at its top.
+"""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from topo_search.model import Clearance
+    from topo_search.study import Row
 
 EFFORT = "J = Σ_k λ_k ‖u_k‖²"
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -30,3 +39,46 @@ def length(metres: float) -> str:
     if abs(metres) < 0.01:
         return f"{figures(1000 * metres, 3)} mm"
     return f"{figures(100 * metres, 3)} cm" if abs(metres) < 1 else f"{figures(metres, 3)} m"
+
+
+def clearance(pair: Clearance) -> str:
+    """Return a clearance in figures with its unit, rounded down."""
+    from topo_search.model.proven import at_least
+
+    return length(at_least(pair.analytic_m, 3))
+
+
+def millimetres(pair: Clearance) -> str:
+    """Return the same figures in millimetres, without the unit."""
+    from topo_search.model.proven import lower_text
+
+    return lower_text(1000 * pair.analytic_m, 3).replace("-", "−")
+
+
+def near_tie_columns() -> tuple[str, ...]:
+    """Return the headings."""
+    return ("key", "effort", "force", "torque", "rotors", "load factor", "joint moment", "hinge error", "rod")
+
+
+def near_tie_cells(row: Row, best: Row) -> tuple[str, ...]:
+    """Return the cells of a design; its effort over that of the best, what is proven rounded to the safe side."""
+    from topo_search.model.proven import at_least, at_most
+
+    proven = (
+        (row.force_reserve_N, 3, " N"),
+        (row.torque_reserve_Nm, 3, " N m"),
+        (row.rotors_out_hover, 3, f" of {4 * row.modules}"),
+        (row.load_factor, 4, ""),
+    )
+    more = 100 * ((row.objective or 0.0) / best.objective - 1) if best.objective else 0.0
+    return (
+        row.key,
+        f"+{more:.2f} %",
+        *(
+            "" if value is None else f"{figures(at_least(value, digits), digits)}{unit}"
+            for value, digits, unit in proven
+        ),
+        "" if row.joint_moment_Nm is None else f"{figures(at_most(row.joint_moment_Nm, 3), 3)} N m",
+        "" if row.hinge_tolerance_deg is None else f"{figures(at_least(row.hinge_tolerance_deg, 3), 3)}°",
+        "none" if row.rod_length_m is None else length(row.rod_length_m),
+    )

@@ -22,13 +22,13 @@ import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 from trimesh import Trimesh
 
-from topo_search.export.meshes import pose_matrix
-from topo_search.export.poses import PORTS, poses, rotation, rotation_to
-from topo_search.export.rod import rod_of
+from topo_search.export.poses import PORTS, poses, rod_of, rotation_to
+from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.module import Bracket, Module
+from verify.kinematics import rotation
 
 MILLIMETRES = 1000.0
 SIDES = 64

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from topo_search.export.allocation import Allocation, allocation
-from topo_search.export.kit.brackets import Part, brackets, mount
-from topo_search.export.kit.parts_list import parts_csv, parts_list
-from topo_search.export.kit.px4 import px4_parameters, reason_against
-from topo_search.export.kit.sheet import sheet
+from topo_search.export.allocation import Allocation, allocation, px4_parameters, reason_against
+from topo_search.export.brackets import brackets, mount
 from topo_search.export.mjcf import mjcf
-from topo_search.export.physics import AS_SEARCHED, Physics
+from topo_search.export.sheet import parts_csv, parts_list, sheet
+from topo_search.export.simulator_xml import AS_SEARCHED, Physics
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
@@ -67,7 +65,8 @@ def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
         BadInput: the folder holds something else, or brackets do not fit.
     """
     _require_only(folder, lambda path: path.suffix == ".stl", "a new or empty folder, or one of STL files")
-    parts = _printed_parts(design)
+    held = mount(design)
+    parts = [*brackets(design), *([] if held is None else [held])]
     for old in folder.glob("*.stl"):
         old.unlink()
     for part in parts:
@@ -88,20 +87,15 @@ def write_part(
     Raises:
         BadInput: there are more rotors than PX4 takes, a number is beyond its range, or brackets do not fit.
     """
-    write_atomically(out, _part(design, kind, notes, as_json=out.suffix.lower() == ".json"))
-
-
-def _part(design: Design, kind: str, notes: Sequence[str], *, as_json: bool) -> str:
     if kind in ("sheet", "parts"):
         joints, held = brackets(design), mount(design)
         rows = parts_list(design, joints, held)
-        return parts_csv(rows) if kind == "parts" else sheet(design, joints, held, rows, notes)
-    acts = allocation(design)
-    if kind == "px4":
-        return px4_parameters(acts)
-    if kind == "rotors":
-        return acts.rotor_csv()
-    return to_json(acts) if as_json else acts.csv()
+        text = parts_csv(rows) if kind == "parts" else sheet(design, joints, held, rows, notes)
+    else:
+        acts = allocation(design)
+        table = px4_parameters if kind == "px4" else Allocation.rotor_csv if kind == "rotors" else Allocation.csv
+        text = to_json(acts) if kind == "allocation" and out.suffix.lower() == ".json" else table(acts)
+    write_atomically(out, text)
 
 
 def require_kit_folder(folder: Path) -> None:
@@ -116,11 +110,6 @@ def _require_only(folder: Path, known: Callable[[Path], bool], what: str) -> Non
         raise BadInput("--out", [Fault("", f"must be a folder for this format, but got the file {folder}")])
     if others := sorted(path.name for path in folder.iterdir() if not known(path)):
         raise BadInput("--out", [Fault("", f"must be {what}, but {folder} holds {others[0]}")])
-
-
-def _printed_parts(design: Design) -> list[Part]:
-    held = mount(design)
-    return [*brackets(design), *([] if held is None else [held])]
 
 
 def _contents(

@@ -1,0 +1,224 @@
+"""Audits to hand on: a Markdown summary, lines for a person, data frames, and files of them (CSV, Parquet)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+from typing import TYPE_CHECKING, NamedTuple
+
+from pydantic import BaseModel
+
+from topo_search.model import Audit, Clearance, Design, Flight, Residual, RotorsOut, Status
+from topo_search.model.flight import direction
+from topo_search.model.proven import lower_text, upper_text
+from topo_search.model.tables import escape_formula
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LISTED = 50
+"""Most rows of a design in a list of what is not clear; the tables hold all."""
+NAMED_ROTORS = 8
+"""Most rotors that are named one by one."""
+DIGITS = 9
+"""Digits of bounds and of numbers that are compared."""
+
+
+class Judged(NamedTuple):
+    """A design with its audit."""
+
+    name: str
+    """What the summary calls it: its file."""
+    design: Design
+    audit: Audit
+
+
+def markdown(judged: Sequence[Judged], others: Sequence[tuple[str, str]]) -> str:
+    """Return the summary of some audits.
+
+    Args:
+        judged: the designs.
+        others: the names of files that were not audited, each with the reason.
+    """
+    lines = ["# Audit of designs", "", *_overview(judged)]
+    if others:
+        lines += ["", "## Not audited", "", *(f"- {escape(name)}: {escape(reason)}" for name, reason in others)]
+    for each in judged:
+        lines += ["", *_section(each)]
+    return "\n".join(lines) + "\n"
+
+
+def escape(text: str) -> str:
+    """Return a text in which nothing is Markdown or HTML; it stays on one line."""
+    line = re.sub(r"([\\`*_\[\]<>|&~])", r"\\\1", " ".join(text.split()))
+    return re.sub(r"^(\d*)([=+@#-]|(?<=\d)[.)](?= |$))", r"\1\\\2", line)  # no list, no heading, no formula
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)]
+
+
+def _overview(judged: Sequence[Judged]) -> list[str]:
+    rows = []
+    for name, design, audit in judged:
+        least, overlaps = ["", ""], ["", "", ""]
+        if audit.pairs:
+            nearest = min(audit.pairs, key=lambda pair: pair.analytic_m)
+            least = [lower_text(nearest.analytic_m), escape(nearest.name)]
+        if (clash := audit.interference) is not None:
+            deepest = f"{upper_text(clash.deepest_percent, 3)} %" if clash.colliding_pairs else ""
+            overlaps = [str(clash.colliding_pairs), deepest, ", ".join(str(len(each)) for each in clash.clusters)]
+        rows.append([escape(name), audit.verdict, str(design.topology.n), *least, *overlaps])
+    head = ["design", "verdict", "modules", "least clearance [m]", "of", "overlapping pairs", "deepest", "clusters"]
+    return _table(head, rows)
+
+
+def _section(each: Judged) -> Iterator[str]:
+    name, _, audit = each
+    versions = ", ".join(" ".join(item) for item in audit.versions.items())
+    yield from (f"## {escape(name)}", "", f"Verdict: **{audit.verdict}**. Versions: {versions}.", "")
+    rows = []
+    for kind, group in groupby(sorted(audit.pairs, key=lambda pair: pair.kind), key=lambda pair: pair.kind):
+        pairs = list(group)
+        least = min(pairs, key=lambda pair: pair.analytic_m)
+        counts = [str(sum(pair.status == status for pair in pairs)) for status in Status]
+        rows.append([kind, *counts, lower_text(least.analytic_m), escape(least.name)])
+    yield from _table(["kind", *Status, "least clearance [m]", "of"], rows)
+    wrong = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
+    head = ["clearance", "status", "closed form [m]", "at least [m]", "at most [m]", "of the deepest"]
+    yield from _listed(head, [_clearance_row(pair) for pair in wrong], "clearances are not clear")
+    off = [_residual_row(row) for row in audit.residuals if row.status != Status.CLEAR]
+    yield from _listed(["number", "status", "off by", "unit", "stated", "derived"], off, "numbers are off")
+    if audit.sensitivity is not None:
+        yield from ("", *(f"- {line}" for line in tolerance_lines(audit)))
+    if audit.flight is not None:
+        yield from ("", *(f"- {line}" for line in flight_lines(audit.flight)))
+    sheet = audit.assembly.end_effector
+    notes = [larger.words for larger in audit.mesh_excess]
+    for note in [*notes, *([sheet.note] if sheet is not None and sheet.note is not None else [])]:
+        yield from ("", f"Note: {escape(note)}.")
+    for pair in wrong[:LISTED]:
+        if pair.evidence:
+            yield from ("", f"Evidence on the {escape(pair.name)}:", "")
+            yield from (f"    {finding}" for finding in pair.evidence)
+
+
+def _listed(head: list[str], rows: list[list[str]], words: str) -> Iterator[str]:
+    if rows:
+        yield from ("", *_table(head, rows[:LISTED]))
+    if len(rows) > LISTED:
+        yield from ("", f"{len(rows) - LISTED} more {words}.")
+
+
+def tolerance_lines(audit: Audit) -> Iterator[str]:
+    """Yield how much error a design tolerates, each kind alone and all of the task's at once, a line each."""
+    if (found := audit.sensitivity) is None:
+        return
+    errors = (
+        ("hinge angles may be off", found.hinge_angle_deg, "deg"),
+        ("positions may be off", found.position_m, "m"),
+        ("airflow may reach farther", found.envelope_m, "m"),
+    )
+    for name, limit, unit in errors:
+        if limit is not None:
+            known = "" if limit.violated_at is None else f" (too much: {upper_text(limit.violated_at, 3)} {unit})"
+            yield f"{name} by {lower_text(limit.tolerated, 3)} {unit}{known}; first to break: {limit.name}"
+    if (words := audit.tolerances_words) is not None:
+        yield words
+
+
+def _clearance_row(pair: Clearance) -> list[str]:
+    lower = "" if pair.lower_m is None else lower_text(pair.lower_m, DIGITS)
+    upper = "" if pair.upper_m is None else upper_text(pair.upper_m, DIGITS)
+    share = "" if pair.percent is None else f"{lower_text(pair.percent, 3)} %"
+    return [escape(pair.name), pair.status, lower_text(pair.analytic_m), lower, upper, share]
+
+
+def _residual_row(row: Residual) -> list[str]:
+    numbers = ("" if x is None else f"{x:.{DIGITS}g}" for x in (row.stated, row.derived))
+    return [escape(row.name), row.status, upper_text(row.value), row.unit, *numbers]
+
+
+def flight_lines(flight: Flight) -> Iterator[str]:
+    """Yield the lines, the weakest point first; what is proven is rounded to the safe side."""
+    yield flight.weakest_point
+    hover = flight.hover
+    if hover.torque_reserve_Nm is not None and hover.torque_weakest is not None:
+        least = f"{lower_text(hover.torque_reserve_Nm, 3)} N m about {direction(hover.torque_weakest)}"
+        yield f"least torque that can be added in hover: {least}"
+    factors = [(case.load_factor, case.name) for case in flight.cases if case.load_factor is not None]
+    if factors:
+        factor, name = min(factors)
+        yield f"load factor until a rotor saturates: {lower_text(factor, 4)}, in {name}"
+    yield f"hover with one rotor dead: {_rotors_out(flight.rotors_out_hover)}"
+    yield f"hover and all load cases with one rotor dead: {_rotors_out(flight.rotors_out_all)}"
+    loads = [load for load in flight.joints if load.case != hover.name]
+    if loads:
+        worst = max(loads, key=lambda load: load.moment_Nm)
+        size = f"{upper_text(worst.moment_Nm, 3)} N m and {upper_text(worst.force_N, 3)} N"
+        yield f"largest moment in a joint: {size}, between modules {worst.module} and {worst.child} in {worst.case}"
+    if flight.hover_input is not None and flight.hover_power_ratio is not None:
+        yield (
+            f"hover takes {100 * flight.hover_input:.3g} % of the largest input on average, and "
+            f"{flight.hover_power_ratio:.3g} times the power of rotors that all pull straight up"
+        )
+    yield f"the platform spans {flight.span_m:.3g} m"
+
+
+def _rotors_out(out: RotorsOut) -> str:
+    words = f"survives {out.survive} of {out.of}"
+    if 0 < len(out.lost) <= NAMED_ROTORS:
+        words += f", not {_rotors(out.lost)}"
+    return f"{words}, undecided {_rotors(out.undecided)}" if out.undecided else words
+
+
+def _rotors(rotors: tuple[tuple[int, int], ...]) -> str:
+    if len(rotors) > NAMED_ROTORS:
+        return f"{len(rotors)} rotors"
+    return ", ".join(f"rotor {rotor} of module {module}" for module, rotor in rotors)
+
+
+def clearances(audit: Audit) -> pd.DataFrame:
+    """Return a row for every pair and requirement of an audit [m], with the fields of `Clearance`.
+
+    Without evidence and points, which are not single values.
+    """
+    return _clearances(audit.pairs)
+
+
+def clearances_of(audits: Sequence[tuple[str, Audit]]) -> pd.DataFrame:
+    """Return the clearances of several audits; the last column, `design`, has the name that comes with each."""
+    frame = _clearances(pair for _, audit in audits for pair in audit.pairs)
+    return frame.assign(design=[name for name, audit in audits for _ in audit.pairs])
+
+
+def residuals(audit: Audit) -> pd.DataFrame:
+    """Return a row for every checked number of an audit, with the fields of `Residual`."""
+    return _frame(Residual, audit.residuals).astype({"stated": "float64", "derived": "float64"})
+
+
+def csv(frame: pd.DataFrame) -> str:
+    """Return a data frame as the text of a CSV file; what is not known is left empty, and no text is a formula."""
+    texts = frame.select_dtypes(exclude="number").columns
+    frame = frame.assign(**{name: frame[name].map(escape_formula) for name in texts})
+    return frame.to_csv(index=False, lineterminator="\n")
+
+
+def parquet(frame: pd.DataFrame) -> bytes:
+    """Return a data frame as the content of a Parquet file; ModuleNotFoundError if pyarrow is not installed."""
+    import pyarrow  # noqa: F401 (pandas would say in other words that it is missing)
+
+    return frame.to_parquet(None, engine="pyarrow", index=False)
+
+
+def _clearances(pairs: Iterable[Clearance]) -> pd.DataFrame:
+    numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m", "percent"), "float64")
+    frame = _frame(Clearance, pairs).astype({**numbers, "segment": "Int64"})
+    return frame.drop(columns=["evidence", "closest_m"])
+
+
+def _frame(kind: type[BaseModel], values: Iterable[BaseModel]) -> pd.DataFrame:
+    import pandas as pd
+
+    return pd.DataFrame([value.model_dump(mode="json") for value in values], columns=list(kind.model_fields))
