@@ -32,7 +32,7 @@ def shorten_rod(design: StartResult, constraints: UserConstraints) -> tuple[Star
     """
     shortest, step = design, STEP
     while (length := rod_length(shortest.point)) > design.point.task.module.arm_length:
-        shorter = _within(shortest, step * length, constraints)
+        shorter = _solve_within(shortest, step * length, constraints)
         cost = shorter.objective / design.objective - 1 if shorter.worst.met else None
         if cost is not None and cost <= SAME_EFFORT:
             shortest, step = shorter, step**2
@@ -49,7 +49,7 @@ def rod_length(point: Point) -> float:
     return 0.0 if rod is None else float(np.linalg.norm(point.p_E - rod[1]))
 
 
-def _within(design: StartResult, reach: float, constraints: UserConstraints) -> StartResult:
+def _solve_within(design: StartResult, reach: float, constraints: UserConstraints) -> StartResult:
     """Return where a design leads with less reach, judged by its own task; it need not become a design again."""
     task = design.point.task
     shorter = {"end_effector": task.end_effector.model_copy(update={"largest_reach": reach})}

@@ -12,7 +12,7 @@ from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
 from nlp.requirements.end_effector import all_modules
 from nlp.requirements.kinds import OFFSET
-from nlp.requirements.regions import scaled, to_cone, to_formula
+from nlp.requirements.regions import divide, to_cone, to_formula
 from nlp.requirements.solid import PartBalls, PartsInCone, PartsOffCapsule, PartsOffCapsuleAlong, PartsOffHull
 from nlp.requirements.statement import FROM_COM, Formula, Requirement
 from nlp.units import Units
@@ -56,8 +56,8 @@ def _solid(shape: Shape, balls: PartBalls, unit: float, segment: int | None) -> 
             return PartsOffCapsuleAlong(balls, radius / unit, length / unit)
         case Capsule(start=start, end=end):
             path = np.array(end) - np.array(start)
-            return PartsOffCapsule(balls, shape.radius / unit, scaled(start, unit), scaled(path, unit), segment)
+            return PartsOffCapsule(balls, shape.radius / unit, divide(start, unit), divide(path, unit), segment)
         case Polytope():
-            return PartsOffHull(balls, tuple(scaled(corner, unit) for corner in shape.corners), segment)
+            return PartsOffHull(balls, tuple(divide(corner, unit) for corner in shape.corners), segment)
         case Cone():
             return PartsInCone(balls, to_cone(shape, unit), segment)

@@ -223,19 +223,19 @@ def to_formula(shape: Shape, body: Air | Rod, unit: float, segment: int | None) 
             return OffBall(body, radius / unit)
         case Capsule(radius=radius, start=start, end=end):
             path = np.array(end) - np.array(start)
-            return OffCapsule(body, radius / unit, scaled(start, unit), scaled(path, unit), segment or 0)
+            return OffCapsule(body, radius / unit, divide(start, unit), divide(path, unit), segment or 0)
         case Polytope(corners=corners):
-            return OffHull(body, tuple(scaled(corner, unit) for corner in corners), segment)
+            return OffHull(body, tuple(divide(corner, unit) for corner in corners), segment)
         case Cone():
             return InCone(body, to_cone(shape, unit), segment)
 
 
 def to_cone(shape: Cone, unit: float) -> InfiniteCone:
     """Return a cone; `unit`: l_arm [m]."""
-    return InfiniteCone(math.radians(shape.half_angle_deg), shape.axis, scaled(shape.apex, unit))
+    return InfiniteCone(math.radians(shape.half_angle_deg), shape.axis, divide(shape.apex, unit))
 
 
-def scaled(vector: ArrayLike, unit: float) -> Vector:
+def divide(vector: ArrayLike, unit: float) -> Vector:
     """Return a vector in other units, as numbers that hash."""
     x, y, z = (np.array(vector) / unit).tolist()
     return x, y, z

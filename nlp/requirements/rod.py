@@ -29,7 +29,7 @@ import numpy as np
 from nlp import names
 from nlp.requirements.air import Rod
 from nlp.requirements.kinds import REACH, Kernel
-from nlp.requirements.regions import OffHull, hull_of, scaled, to_formula
+from nlp.requirements.regions import OffHull, divide, hull_of, to_formula
 from nlp.requirements.statement import (
     FROM_COM,
     FROM_TIP,
@@ -164,7 +164,7 @@ class LimitOfBestRod:
     def kernels(self) -> tuple[Kernel, ...]:
         """Return the rows of each connector, of which those of the best one count."""
         return tuple(
-            kernel._replace(of=i, connector=scaled(self.l_c * PORT_DIRECTIONS[port], 1.0), number=number)
+            kernel._replace(of=i, connector=divide(self.l_c * PORT_DIRECTIONS[port], 1.0), number=number)
             for number, (i, port) in enumerate(self.free)
             for kernel in self.limits[self.segment].kernels()
         )
