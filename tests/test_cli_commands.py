@@ -17,7 +17,7 @@ from topo_search.cli import main
 from topo_search.model import Assembly, Audit, Clearance, Design, EndEffectorSheet, Infeasible
 from topo_search.model.files import examples, read_json, read_task
 from topo_search.model.search import Search
-from topo_search.study.place import Place
+from topo_search.study.directory import Place
 from topo_search.topologies import candidates, count, sample
 
 TOY = """

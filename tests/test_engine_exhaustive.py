@@ -2,7 +2,7 @@ import pytest
 from toy_problem import toy_task
 
 from topo_search.engine import Scored, Space, exhaustive_search
-from topo_search.engine.exhaustive import PRUNED_AFTER
+from topo_search.engine.strategy import PRUNED_AFTER
 from topo_search.model.proven import SOLVER_PRECISION
 
 SPACE = Space(toy_task(6).resolve(6), "c2")

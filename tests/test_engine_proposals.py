@@ -20,8 +20,8 @@ from optuna.trial import FrozenTrial, TrialState
 from own_code import make_brute_force, make_grid, make_groups, make_qmc, make_random
 
 from topo_search.engine.proposals import moves, optuna_search
-from topo_search.engine.proposals.promotion import CERTAIN, FEW
 from topo_search.engine.proposals.study import LEARNT
+from topo_search.engine.proposals.trials import CERTAIN, FEW
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import CandidateSolver, Proposal, Scored
 from topo_search.model import Topology

@@ -24,7 +24,7 @@ from toy_problem import BOUND, solve, toy_task
 from topo_search.engine import Engine, exhaustive_search
 from topo_search.model import Design
 from topo_search.study import Request, RunFolder, Silent
-from topo_search.study.own_files import digest_of
+from topo_search.study.directory import digest_of
 from topo_search.study.row import row_of
 from topo_search.study.solving import RecordedSolver
 

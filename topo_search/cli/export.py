@@ -266,7 +266,7 @@ def _write_table(source: str, kind: Any, out: Path) -> None:
 def _table(source: str) -> pd.DataFrame:
     """Return the candidates of a run's folder, or the clearances of an audit or a design."""
     from topo_search.export.tables import clearances
-    from topo_search.study.frame import candidates
+    from topo_search.study.frames import candidates
 
     return candidates(Path(source)) if Path(source).is_dir() else clearances(_audit_of(source))
 

@@ -22,7 +22,7 @@ from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput, Fault
 from topo_search.model.regular_file import NotReadable, read_regular
 from topo_search.study import Observer, Phase, Silent
-from topo_search.study.lost import KEPT
+from topo_search.study.ledger_file import KEPT
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -26,10 +26,9 @@ from topo_search.model.bad_input import show
 from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import load_json
 from topo_search.model.regular_file import NotReadable, read_regular
-from topo_search.study.identity import installed_versions
-from topo_search.study.lock import hold_lock
-from topo_search.study.lost import LedgerLost
-from topo_search.study.place import Place
+from topo_search.study.directory import Place, hold_lock
+from topo_search.study.ledger_file import LedgerLost
+from topo_search.study.request import installed_versions
 
 RESULTS, ABOUT = "results.csv", "about.json"
 FORMAT = "topo-search/experiment"

@@ -1,26 +1,95 @@
-"""The answer of a run, derived from the ledger alone, so that it is reproducible at any time."""
+"""The answer of a run: what was found, what is proven of it, and how both are said."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.engine import scaled_violation
+from topo_search.engine import may_beat, scaled_violation
 from topo_search.model import Audit, Design, Infeasible, Relaxed, ResolvedTask
 from topo_search.model.goals import Level
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
 from topo_search.study.front import FrontPoint, idle_goals
 from topo_search.study.row import FLIGHT, Row, proven_cell
-from topo_search.study.statements import reason, remark, statement
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+def statement(best: Row, solved: int, candidates: int) -> str:
+    """Say what is known of the best design: starts are no proof; the bound is, of every tree of the size."""
+    number = f"all {candidates}" if solved == candidates else f"{solved} of {candidates}"
+    found = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
+    if best.gap is None or best.objective is None or best.lower_bound is None:
+        return found
+    limit = f"more than {gap_percent(best.gap)} " if may_beat(best.objective, best.lower_bound) else ""
+    return f"{found}; proven: no {best.modules}-module topology is {limit}better"
+
+
+def proven_statement(candidates: int, gap: float) -> str:
+    """Say that the best design is proven to be the best, but for a share of its effort."""
+    number = "the only candidate" if candidates == 1 else f"all {candidates} candidates"
+    return f"the best of {number}, proven" + (f" to within {gap_percent(gap)}" if gap > 0 else "")
+
+
+def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
+    """Say why there is no design: what is proven, or the smallest shortfall of all starts, which proves nothing.
+
+    Args:
+        proof: that no topology can do it.
+        closest: the candidate of the start that came closest, of those that are not proven to be impossible.
+        statuses: how many candidates ended with which status.
+    """
+    if proof is not None:
+        return proof.message
+    number, impossible = statuses.total(), statuses["impossible"]
+    if number == 0:
+        return "time limit reached before the first candidate was solved; nothing is known yet"
+    if impossible == number:
+        which = "the only candidate" if number == 1 else f"each of {number} candidates"
+        return f"{which} is proven impossible; candidates.csv names what it cannot meet"
+
+    def candidates(some: int) -> str:
+        return "the only candidate" if number == 1 else f"{some} candidate{'s' * (some > 1)}"
+
+    parts, failed = list[str](), statuses["failed"]
+    if number > impossible + failed:
+        tried = f"no start of {candidates(number - failed)} led to a design"
+        parts.append(f"{tried} ({impossible} proven impossible)" if impossible else tried)
+    elif impossible:
+        parts.append(f"{candidates(impossible)} proven impossible")
+    if failed:
+        parts.append(f"{candidates(failed)} failed, so nothing is known of {'it' if failed == 1 else 'them'}")
+    if closest is not None:
+        miss = f"{closest.key} misses `{closest.worst_constraint}` by {closest.violation:.3g} {closest.unit}"
+        parts.append(f"smallest shortfall (not a proof): {miss}".rstrip())
+    return "; ".join(parts)
+
+
+def kind_of(constraint: str) -> str:
+    """Return the name of a constraint without the numbers of its modules."""
+    return re.sub(r"\bmodule \d+", "a module", re.sub(r"\bmodules \d+ and \d+", "two modules", constraint))
+
+
+def remark(row: Row) -> list[str]:
+    """Say what an audit led to, if it was not clear at once."""
+    again = f"solved again with margin {row.margin:g} m because its audit was not clear" if row.step else ""
+    if row.audit_failure is not None:
+        over = f"skipped, its audit failed: {row.audit_failure}"
+    elif row.audit is not None and not row.clear:
+        over = f"skipped, its audit is {row.audit}"
+    else:
+        over = ""
+    text = "; ".join(part for part in (again, over) if part)
+    return [f"{row.key}: {text}"] if text else []
+
 
 SHOWN = 10
 """Number of rows in the table of the best."""
@@ -207,28 +276,28 @@ class Answer:
     @property
     def candidates(self) -> pd.DataFrame:
         """A row for every candidate, with the columns of `candidates.csv`, best first."""
-        from topo_search.study.frame import candidates
+        from topo_search.study.frames import candidates
 
         return candidates(self.folder)
 
     @property
     def shortfalls(self) -> pd.DataFrame:
         """A row for every constraint that the starts of a candidate without a design missed."""
-        from topo_search.study.frame import shortfalls
+        from topo_search.study.frames import shortfalls
 
         return shortfalls(self.folder)
 
     @property
     def solves(self) -> pd.DataFrame:
         """A row for every solve, in the order of completion."""
-        from topo_search.study.frame import solves
+        from topo_search.study.frames import solves
 
         return solves(self.folder)
 
     @property
     def front(self) -> pd.DataFrame:
         """A row for every design of the front, with the columns of `front.csv`; none without goals."""
-        from topo_search.study.frame import front
+        from topo_search.study.frames import front
 
         return front(self.points)
 

@@ -13,17 +13,13 @@ from functools import partial
 
 from topo_search.engine import AuditDesign, Backends, Engine, Failed, Job, audit_deadline, solve_jobs
 from topo_search.model import Audit, Design, Topology
-from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import parse
 from topo_search.study.margins import raise_margins
-from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase, audit_phase, solving_seconds
-from topo_search.study.recording import record
+from topo_search.study.progress import AUDITED, Observer, Phase, audit_phase, solving_seconds
+from topo_search.study.request import Context
 from topo_search.study.row import Row
-
-AUDITED = 10
-"""Number of designs that are audited at a time, best first."""
+from topo_search.study.solving import record
 
 
 def audit_best(

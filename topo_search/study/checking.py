@@ -15,11 +15,11 @@ from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proo
 from topo_search.model.bad_input import faults_of
 from topo_search.model.proof import Problem, chunk_count
 from topo_search.model.proven import gap_percent
-from topo_search.study.crosscheck import check_designs
 from topo_search.study.folder import PROOFS, RunFolder
-from topo_search.study.observer import Observer
+from topo_search.study.progress import Observer
 from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, subject_of, weakest_problem
 from topo_search.study.row import Row
+from topo_search.study.summary import check_designs
 
 CheckChunk = Callable[[ResolvedTask, Topology, int, float, Chunk, Problem], CheckedChunk]
 """Checks that no design of one chunk of a tree costs less than a cut [rad^4/s^4]: a pure function."""

@@ -28,8 +28,7 @@ from topo_search.model import Audit, Design, Flight, ResolvedTask
 from topo_search.model.csv_text import escape_formula
 from topo_search.model.goals import FIELDS, Level
 from topo_search.model.reserves import Failing, centres_of
-from topo_search.study.claims import FRONT
-from topo_search.study.folder import RunFolder
+from topo_search.study.folder import FRONT, RunFolder
 from topo_search.study.row import Row, proven_cell
 
 EFFORT = 1.0e-6

@@ -20,12 +20,10 @@ from typing import Any, Self
 from topo_search.engine import Scored
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_json
-from topo_search.study.identity import Context, Identity, digest, installed_versions
-from topo_search.study.ledger_file import BESIDE, checked_text, damage, open_database, parse
-from topo_search.study.lost import LedgerLost
-from topo_search.study.own_files import OwnFiles, digest_of
+from topo_search.study.directory import OwnFiles, digest_of
+from topo_search.study.ledger_file import BESIDE, LedgerLost, checked_text, damage, open_database, parse, reseal
+from topo_search.study.request import Context, Identity, digest, installed_versions
 from topo_search.study.row import Row, SolveEvent, flight_of, score
-from topo_search.study.seals import reseal
 
 _FIELDS = tuple(field.name for field in fields(Row))
 _SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"

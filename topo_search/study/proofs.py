@@ -9,7 +9,7 @@ from typing import NamedTuple
 from topo_search.model import Proof, ResolvedTask
 from topo_search.model.proof import Problem
 from topo_search.model.proven import gap_percent, upper_text
-from topo_search.study.identity import Request
+from topo_search.study.request import Request
 from topo_search.study.row import COLUMNS, Row
 
 EXCLUDED, WITHIN, OPEN, IMPOSSIBLE = "excluded", "within", "open", "impossible"

@@ -15,11 +15,10 @@ from topo_search.model.proof import Aim, Problem
 from topo_search.model.proven import gap_percent
 from topo_search.study.answer import Answer
 from topo_search.study.folder import RunFolder
-from topo_search.study.identity import Request
-from topo_search.study.lost import KEPT
-from topo_search.study.observer import Observer
-from topo_search.study.phases import CHUNK_SECONDS, Phase
+from topo_search.study.ledger_file import KEPT
+from topo_search.study.progress import CHUNK_SECONDS, Observer, Phase
 from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, target
+from topo_search.study.request import Request
 from topo_search.study.row import Row
 from topo_search.study.runner import answer_of, refuse_lost
 

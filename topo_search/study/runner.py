@@ -14,26 +14,20 @@ from pathlib import Path
 
 from topo_search.engine import Backends, Engine, TimeUp, WorkersLost, exhaustive_search
 from topo_search.model import Audit, BadInput, Design, Infeasible
-from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, quotient_remark, size_answer
+from topo_search.study.answer import Answer, LevelAnswer, SizeAnswer, proven_statement, quotient_remark, size_answer
 from topo_search.study.audits import audit_best, audits_left
-from topo_search.study.causes import causes, find_causes
-from topo_search.study.claims import LEDGER
-from topo_search.study.crosscheck import check_designs, check_rows
-from topo_search.study.folder import RunFolder
+from topo_search.study.directory import ReadOnlyFolder
+from topo_search.study.folder import LEDGER, RunFolder
 from topo_search.study.front import front_of, write_front
-from topo_search.study.identity import Context, Request
 from topo_search.study.ledger import Ledger
-from topo_search.study.ledger_file import parse
-from topo_search.study.lock import ReadOnlyFolder
-from topo_search.study.lost import KEPT, LedgerLost
-from topo_search.study.observer import Observer
-from topo_search.study.phases import WRITING, proof_phase
-from topo_search.study.planning import remaining_plan
+from topo_search.study.ledger_file import KEPT, LedgerLost, parse
+from topo_search.study.progress import WRITING, Observer, proof_phase, remaining_plan
 from topo_search.study.proofs import subject_of, summarize
-from topo_search.study.recording import record_pruned, rests_on_an_audited_design
+from topo_search.study.relaxing import causes, find_causes
+from topo_search.study.request import Context, Request
 from topo_search.study.row import row_of
-from topo_search.study.solving import RecordedSolver
-from topo_search.study.statements import proven_statement
+from topo_search.study.solving import RecordedSolver, record_pruned, rests_on_an_audited_design
+from topo_search.study.summary import check_designs, check_rows
 
 MOST_ROWS_OF_A_PROOF = 100_000
 """A proof holds for every candidate; beyond this number they are not written one by one."""

@@ -22,7 +22,7 @@ from topo_search.engine import (
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.html import paragraph
 from topo_search.study.margins import margins, raise_margins, with_margin
-from topo_search.study.observer import Silent
+from topo_search.study.progress import Silent
 from topo_search.study.relaxing import relax
 
 PATIENCE = 3

@@ -1,4 +1,7 @@
-"""Solves the proposals of a strategy: known results come from the ledger, new ones are recorded as they end."""
+"""Solves the proposals of a strategy: known results come from the ledger, new ones are recorded as they end.
+
+Candidates that a bound rules out are skipped and counted, unless the design that ruled them out fails its audit.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,77 @@ import time
 from bisect import bisect_left
 from collections import defaultdict, deque
 from collections.abc import Generator, Iterator, Sequence
+from dataclasses import replace
 
-from topo_search.engine import CandidateSolver, Engine, Job, Outcome, Proposal, Scored, Solve, TimeUp, solve_jobs
-from topo_search.model import Design
-from topo_search.study.identity import Context
+from topo_search.engine import (
+    CandidateSolver,
+    Engine,
+    Failed,
+    Job,
+    Outcome,
+    Proposal,
+    Scored,
+    Solve,
+    Space,
+    TimeUp,
+    may_beat,
+    merge,
+    solve_jobs,
+)
+from topo_search.model import Design, Infeasible
 from topo_search.study.ledger import Ledger
-from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase, PhaseName, solving_seconds
-from topo_search.study.recording import record
-from topo_search.study.row import Row, score
+from topo_search.study.progress import Observer, Phase, PhaseName, solving_seconds
+from topo_search.study.request import Context
+from topo_search.study.row import FLIGHT, Row, row_of, score
+
+
+def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lower_bound: float) -> Row:
+    """Write what became of a job, and return the candidate's row.
+
+    More starts of a candidate extend its row. A failure leaves what the earlier ones found, and is tried again by
+    the next call.
+    """
+    key, asked = job.topology.key, job.starts.stop
+    before, earlier = ledger.row(context, key), ledger.result(context, key)
+    if before is not None and earlier is not None and isinstance(outcome, Failed):
+        row = replace(before, asked=asked)
+        ledger.record(context, [(row, earlier)], failed=True)
+        return row
+    result = None if isinstance(outcome, Failed) else outcome
+    if result is not None and earlier is not None:
+        outcome = result = merge(earlier, result, context.task)
+    row = row_of(outcome, key=key, modules=context.task.n, orbit=job.orbit, asked=asked, lower_bound=lower_bound)
+    row = replace(row, margin=context.margin, step=context.step)
+    if before is not None and _same_platform(earlier, result):
+        kept = ("audit", "audit_failure", *FLIGHT)
+        row = replace(row, **{name: getattr(before, name) for name in kept})
+    ledger.record(context, [(row, result)])
+    return row
+
+
+def rests_on_an_audited_design(ledger: Ledger, n: int, lower_bound: float) -> bool:
+    """Return whether the best design whose audit is clear meets the bound, so that no other can be better."""
+    best = ledger.best_clear(n)
+    return best is not None and best.objective is not None and not may_beat(best.objective, lower_bound)
+
+
+def record_pruned(ledger: Ledger, context: Context, space: Space, lower_bound: float) -> None:
+    """Write a row for every candidate that was not solved."""
+    known = {row.key for row in ledger.ranking(space.n)}
+    rows = [
+        Row(candidate.key, space.n, candidate.orbit, status="pruned", asked=0, lower_bound=lower_bound)
+        for candidate in space.candidates()
+        if candidate.key not in known
+    ]
+    ledger.record(context, [(row, None) for row in rows])
+
+
+def _same_platform(earlier: Design | Infeasible | None, later: Design | Infeasible | None) -> bool:
+    """Whether an audit of the one is an audit of the other: they differ in how they were found, if at all."""
+    if not isinstance(earlier, Design) or not isinstance(later, Design):
+        return False
+    return earlier.model_copy(update={"solver": None}) == later.model_copy(update={"solver": None})
+
 
 MAX_QUEUED = 1000
 """Jobs that may wait for a worker; more proposals wait for results, so that millions need no memory."""

@@ -13,11 +13,9 @@ import numpy as np
 from optuna import Study
 from optuna.trial import FrozenTrial
 
-from topo_search.engine.proposals.descriptors import descriptors
-from topo_search.engine.proposals.promotion import steps
-from topo_search.engine.proposals.surrogate import Surrogate
+from topo_search.engine.proposals.surrogate import Surrogate, descriptors
 from topo_search.engine.proposals.tree_sampler import FRESH, TreeSampler
-from topo_search.engine.proposals.trials import Idea, Merit
+from topo_search.engine.proposals.trials import Idea, Merit, steps
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Scored
 from topo_search.model import Topology

@@ -13,10 +13,9 @@ from optuna import Study
 from optuna.samplers import BaseSampler, NSGAIISampler, TPESampler
 from optuna.trial import FrozenTrial, TrialState
 
-from topo_search.engine.proposals.encoding import decode
 from topo_search.engine.proposals.moves import Moves
 from topo_search.engine.proposals.tree_sampler import FRESH, TreeSampler
-from topo_search.engine.proposals.trials import Idea, violation
+from topo_search.engine.proposals.trials import Idea, decode, violation
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Scored
 from topo_search.model import BadInput, Fault, Topology

@@ -27,13 +27,23 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
-from topo_search.engine.proposals.encoding import decode, encode
-from topo_search.engine.proposals.promotion import CERTAIN, NOT_PROMISING, Rank, goes_on, rank, steps
+from topo_search.engine.jobs import rounds
 from topo_search.engine.proposals.samplers import sampler_of
 from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
-from topo_search.engine.proposals.trials import Idea, value, violation
+from topo_search.engine.proposals.trials import (
+    CERTAIN,
+    NOT_PROMISING,
+    Idea,
+    Rank,
+    decode,
+    encode,
+    goes_on,
+    rank,
+    steps,
+    value,
+    violation,
+)
 from topo_search.engine.space import Space
-from topo_search.engine.starts import rounds
 from topo_search.engine.strategy import CandidateSolver, Proposal, Scored
 from topo_search.model import Topology
 from topo_search.protocols import SamplerFactory

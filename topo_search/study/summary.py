@@ -17,9 +17,9 @@ from pathlib import Path
 
 from topo_search.engine import Space
 from topo_search.model import Audit, BadInput, Design, Topology
-from topo_search.study.identity import Context
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import damage, parse
+from topo_search.study.request import Context
 from topo_search.study.row import Row, flight_of
 
 BELOW_BOUND = 3.0e-6
