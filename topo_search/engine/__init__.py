@@ -17,20 +17,21 @@ from topo_search.engine.jobs import (
     rounds,
     scaled_violation,
     solve_deadline,
+    solve_job,
     solve_jobs,
 )
 from topo_search.engine.space import Listed, Space
-from topo_search.engine.strategy import CandidateSolver, Proposal, Scored, TimeUp, exhaustive_search, may_beat
+from topo_search.engine.strategy import ExhaustiveSearch, Proposal, Scored, Strategy, may_beat
 from topo_search.engine.workers import CallingProcess, Workers
 
 __all__ = [
     "AuditDesign",
     "Backends",
     "CallingProcess",
-    "CandidateSolver",
     "Certificates",
     "DaskWorkers",
     "Engine",
+    "ExhaustiveSearch",
     "Failed",
     "Job",
     "Listed",
@@ -39,17 +40,17 @@ __all__ = [
     "Scored",
     "Solve",
     "Space",
-    "TimeUp",
+    "Strategy",
     "Workers",
     "WorkersLost",
     "audit_deadline",
     "computing_versions",
-    "exhaustive_search",
     "may_beat",
     "merge",
     "record_of",
     "rounds",
     "scaled_violation",
     "solve_deadline",
+    "solve_job",
     "solve_jobs",
 ]

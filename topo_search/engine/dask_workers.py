@@ -13,7 +13,7 @@ import platform
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from importlib import metadata
@@ -215,7 +215,7 @@ class DaskWorkers(Engine):
         *,
         deadline: Callable[[J], float],
         until: float = math.inf,
-    ) -> Iterator[tuple[J, R | Failed]]:
+    ) -> Generator[tuple[J, R | Failed], None, None]:
         """Yield (job, result) as batches end; about four batches a Dask thread are drawn from `jobs` ahead."""
         source = iter(jobs)
         suspects: list[J] | None = None

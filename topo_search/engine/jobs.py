@@ -7,7 +7,7 @@ so that units do not matter.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal, Protocol, TypeVar
@@ -86,7 +86,7 @@ class Engine(Protocol):
         *,
         deadline: Callable[[J], float],
         until: float = math.inf,
-    ) -> Iterator[tuple[J, R | Failed]]:
+    ) -> Generator[tuple[J, R | Failed], None, None]:
         """Yield (job, result) as jobs end, in any order; `jobs` is drawn from only seconds ahead of the workers.
 
         A job that crashes its process or passes its deadline is tried twice, then comes back as Failed.
@@ -151,10 +151,10 @@ def solve_jobs(
         engine: where it runs.
         until: time.monotonic() at which to stop.
     """
-    return engine.run(partial(_solve, solve), jobs, deadline=lambda job: job.deadline, until=until)
+    return engine.run(partial(solve_job, solve), jobs, deadline=lambda job: job.deadline, until=until)
 
 
-def _solve(solve: Solve, job: Job) -> Design | Infeasible:
+def solve_job(solve: Solve, job: Job) -> Design | Infeasible:
     """Solve one job (in a worker)."""
     return solve(job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near)
 

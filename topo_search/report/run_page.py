@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -70,7 +69,7 @@ def run_page(folder: RunFolder) -> Page:
     if not answer.levels:
         return _page(folder, answer)
     number = answer.points[0].number if answer.points else 0
-    level = next(itertools.islice(folder.levels(), number, None))  # the ledger now ranks its rows
+    level = folder.levels[number]
     at = answer.levels[number]
     page = _page(level, replace(answer, sizes=at.sizes))
     note = f"Everything except the front refers to level {number} of the goals: {at.level.words}."

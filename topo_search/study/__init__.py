@@ -12,8 +12,9 @@ from topo_search.study.progress import AUDITED, Observer, Phase, Plan, Silent, T
 from topo_search.study.proving import prove
 from topo_search.study.request import DEFAULT_ROUND, NOTHING, Own, Request, Sampler, StrategyName
 from topo_search.study.row import COLUMNS, Row, SolveEvent
-from topo_search.study.runner import answer_of, run
+from topo_search.study.run import run
 from topo_search.study.single import Solved, solve_single
+from topo_search.study.summary import answer_of
 
 __all__ = [
     "AUDITED",

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.engine import may_beat, scaled_violation
-from topo_search.model import Audit, Design, Infeasible, Relaxed, ResolvedTask
+from topo_search.engine import may_beat
+from topo_search.model import Audit, Design, Infeasible, Relaxed
 from topo_search.model.goals import Level
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.proven import gap_percent
@@ -339,88 +337,6 @@ class Answer:
         if self.best is not None:
             return 0
         return 1 if any(size.feasible for size in self._all_sizes) else 3
-
-
-def size_answer(
-    rows: Iterable[Row],
-    task: ResolvedTask,
-    *,
-    candidates: int,
-    starts: int,
-    ended: bool,
-    audits_left: bool,
-    lower_bound: float,
-    proof: Infeasible | None,
-    quotient: Resolution,
-    covers: bool,
-) -> SizeAnswer:
-    """Sum up the ranked rows of one size, of which at most `starts` starts each were asked for, in one pass."""
-    statuses: Counter[str] = Counter()
-    fewest = starts
-    feasible = 0
-    best, closest, nearness = None, None, math.inf
-    top: list[Row] = []
-    near: list[Row] = []
-    remarks: list[str] = []
-    for row in rows:
-        statuses[row.status] += 1
-        if row.status in ("feasible", "infeasible"):
-            fewest = min(fewest, row.asked)
-        if row.feasible:
-            feasible += row.orbit if quotient.exact else 1
-            if best is None and row.clear:
-                best = row
-            if best is not None and _near(row, best):
-                near.append(row)
-            if len(top) < SHOWN:
-                top.append(row)
-            remarks.extend(remark(row))
-        elif row.status == "infeasible" and row.violation is not None:
-            scaled = scaled_violation(row.violation, row.unit or "", task)
-            if scaled < nearness:
-                closest, nearness = row, scaled
-        elif row.status == "failed" and statuses["failed"] <= SHOWN:
-            remarks.append(f"{row.key}: failed, {row.worst_constraint}")
-    if statuses["failed"]:
-        remarks.append("some candidates failed for reasons that may not recur; the same command tries them again")
-    settled = candidates if proof else statuses.total()
-    if ended and settled < candidates:
-        remarks.append(
-            f"{candidates - settled} of {candidates} candidates were never proposed: nothing is known about them"
-        )
-    if settled < candidates:
-        fewest = 0
-    return SizeAnswer(
-        modules=task.n,
-        candidates=candidates,
-        quotient=quotient_remark(quotient),
-        settled=settled,
-        starts=fewest,
-        complete=ended and not audits_left,
-        statuses=dict(statuses),
-        feasible=feasible,
-        lower_bound=lower_bound,
-        best=best,
-        top=tuple(top),
-        near_ties=tuple(sorted((row for row in near if row.clear), key=_fragility)),
-        near_ties_unaudited=sum(row.audit is None for row in near),
-        remarks=tuple(remarks),
-        reason=None if feasible else reason(proof, closest, statuses),
-        covers_size=covers,
-        impossible=proof is not None or (covers and statuses["impossible"] == candidates),
-        statement=None if best is None else statement(best, settled - statuses["failed"], candidates),
-    )
-
-
-def _near(row: Row, best: Row) -> bool:
-    return row.objective is not None and row.objective <= (1 + NEAR) * (best.objective or 0.0)
-
-
-def _fragility(row: Row) -> tuple[float, float, float]:
-    """Return what designs are ranked by that cost about the same: unknown reserves come last."""
-    reserves = (row.force_reserve_N, row.torque_reserve_Nm)
-    force, torque = (-math.inf if reserve is None else reserve for reserve in reserves)
-    return -force, -torque, row.objective or 0.0
 
 
 def quotient_remark(quotient: Resolution) -> str:

@@ -11,6 +11,7 @@ import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -155,7 +156,7 @@ class RunFolder:
         """Take a folder whose ledger is open; `level` is its part for one level of the goals, `levels/0/`."""
         self.path = path
         self.request = request
-        self.ledger = ledger
+        self.ledger = ledger.of(context for n in request.task.sizes for context in request.contexts(n))
         self._place = place
         self._level = level
 
@@ -230,23 +231,19 @@ class RunFolder:
 
     @classmethod
     def _of_ledger(cls, path: Path, request: Request, ledger: Ledger, place: Place) -> Self:
-        """Make sure that a ledger holds this request, and consider the rows that answer it."""
+        """Make sure that a ledger holds this request."""
         require_same(path, request, ledger)
-        ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
         return cls(path, request, ledger, place)
 
-    def levels(self) -> Iterator[RunFolder]:
-        """Yield the folder of each level of the goals in turn, while the ledger ranks its rows.
-
-        That of a run without goals is this one.
-        """
-        for number, request in enumerate(self.request.levels):
-            self.ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
-            if request.level is None:
-                yield self
-            else:
-                level = f"levels/{number}/"
-                yield RunFolder(self.path / level, request, self.ledger, self._place, level)
+    @cached_property
+    def levels(self) -> tuple[RunFolder, ...]:
+        """The folder of each level of the goals; that of a run without goals is this one."""
+        if not self.request.task.goals.names:
+            return (self,)
+        return tuple(
+            RunFolder(self.path / level, request, self.ledger, self._place, level)
+            for level, request in ((f"levels/{k}/", request) for k, request in enumerate(self.request.levels))
+        )
 
     def keep(self, name: str, content: str | bytes) -> None:
         """Write a file of the run's own, unless it holds that already.

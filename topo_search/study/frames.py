@@ -27,7 +27,7 @@ def candidates(path: Path) -> pd.DataFrame:
     with RunFolder.load(path) as folder:
         rows = [
             [*cells(row, state), number]
-            for number, level in enumerate(folder.levels())
+            for number, level in enumerate(folder.levels)
             for n in level.request.task.sizes
             for row, state in level.proof_states(n)
         ]
@@ -59,7 +59,7 @@ def shortfalls(path: Path) -> pd.DataFrame:
     """
     rows = []
     with RunFolder.load(path) as folder:
-        for number, level in enumerate(folder.levels()):
+        for number, level in enumerate(folder.levels):
             for n in level.request.task.sizes:
                 contexts = level.request.contexts(n)
                 for row in level.ledger.ranking(n):
@@ -93,7 +93,7 @@ def solves(path: Path) -> pd.DataFrame:
     with RunFolder.load(path) as folder:
         rows = [
             {**asdict(solve), "level": number}
-            for number, level in enumerate(folder.levels())
+            for number, level in enumerate(folder.levels)
             for n in level.request.task.sizes
             for solve in level.ledger.solves(n)
         ]

@@ -157,7 +157,7 @@ class FrontPoint:
 
 def front_of(folder: RunFolder) -> tuple[FrontPoint, ...]:
     """Return the front of a run with goals, the least effort first."""
-    points = [point for number, level in enumerate(folder.levels()) for point in _clear_points(level, number)]
+    points = [point for number, level in enumerate(folder.levels) for point in _clear_points(level, number)]
     return front(points, folder.request.task.goals.names)
 
 

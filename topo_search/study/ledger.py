@@ -11,8 +11,9 @@ import json
 import sqlite3
 import time
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any, Self
@@ -27,7 +28,7 @@ from topo_search.study.row import Row, SolveEvent, flight_of, score
 
 _FIELDS = tuple(field.name for field in fields(Row))
 _SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
-_STANDING = "WHERE standing AND modules = ? AND context IN (SELECT context FROM current)"
+_STANDING = "WHERE standing AND modules = ? AND context IN (SELECT value FROM json_each(?))"
 _WRITTEN = (*_FIELDS, "context", "standing", "result_checksum", "checksum")
 _UPSERT = f"""
 INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * (len(_WRITTEN) - 1))}, 0)
@@ -42,8 +43,8 @@ _LOG = "INSERT INTO solves VALUES (?, ?, ?, ?, ?, ?, ?, ?, 0)"
 _LOGGED = "SELECT coalesce(max(number), 0) FROM solves"
 _LATEST = "SELECT context, fixed_by FROM contexts LEFT JOIN solves USING (context) ORDER BY number DESC LIMIT 1"
 _PLACE = "context = ? AND key = ?"
-_OF_A_KEY = "key = ? AND (context = ? OR context IN (SELECT context FROM current))"
-_STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (SELECT context FROM current)"
+_OF_A_KEY = "key = ? AND (context = ? OR context IN (SELECT value FROM json_each(?)))"
+_STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (SELECT value FROM json_each(?))"
 
 
 class Ledger:
@@ -55,6 +56,8 @@ class Ledger:
         self._names = [Path(f"{path.absolute()}{end}") for end in ("", BESIDE[0])]
         self._made = self._identities()
         self.files = OwnFiles(database, path)
+        self._ranked = "[]"
+        """Names of the contexts that rankings are made of, those of one request and its library versions (JSON)."""
 
     @classmethod
     @contextmanager
@@ -238,7 +241,7 @@ class Ledger:
             "SELECT key, result, result_checksum, texts.audit, audit_checksum "
             f"FROM candidates LEFT JOIN texts USING (context, key) {_STANDING} AND status = 'feasible'"
         )
-        for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n,)):
+        for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n, self._ranked)):
             verdict = None if audit_checksum is None else checked_text(self._path, key, audit, audit_checksum)
             yield key, checked_text(self._path, key, result, result_checksum), verdict
 
@@ -255,9 +258,9 @@ class Ledger:
                 standing = row.feasible or context.step == 0
                 values = [getattr(row, name) for name in _FIELDS]
                 text = None if result is None else to_json(result).encode()
-                with reseal(self._database, "candidates", _OF_A_KEY, (row.key, context.name)):
+                with reseal(self._database, "candidates", _OF_A_KEY, (row.key, context.name, self._ranked)):
                     if standing:
-                        self._database.execute(_STEP_DOWN, (row.key,))
+                        self._database.execute(_STEP_DOWN, (row.key, self._ranked))
                     self._database.execute(_UPSERT, (*values, context.name, standing, text and zlib.crc32(text)))
                 self._database.execute(_WRITE_RESULT, (context.name, row.key, text, row.audit is not None))
                 if row.status != "pruned":  # for another design may rule it out, or none
@@ -289,32 +292,32 @@ class Ledger:
         with self._change("candidates", _PLACE, place):
             self._database.execute(f"UPDATE candidates SET audit_failure = ? WHERE {_PLACE}", (reason, *place))
 
-    def consider(self, contexts: Sequence[Context]) -> None:
-        """Choose the contexts that rankings are made of: those of the present request and library versions."""
-        self._database.execute("CREATE TEMP TABLE IF NOT EXISTS current (context TEXT PRIMARY KEY)")
-        self._database.execute("DELETE FROM current")
-        self._database.executemany("INSERT INTO current VALUES (?)", [(context.name,) for context in contexts])
+    def of(self, contexts: Iterable[Context]) -> Self:
+        """Return the same ledger with rankings of the rows of these contexts."""
+        ledger = copy(self)
+        ledger._ranked = json.dumps([context.name for context in contexts])
+        return ledger
 
     def ranking(self, n: int) -> Iterator[Row]:
         """Yield the row that stands for each candidate of n modules: by objective, ties by key, then the rest."""
         query = f"{_SELECT} {_STANDING} ORDER BY objective IS NULL, objective, key"
-        for values in self._database.execute(query, (n,)):
+        for values in self._database.execute(query, (n, self._ranked)):
             yield Row(*values)
 
     def best_clear(self, n: int) -> Row | None:
         """Return the best row of n modules whose audit is clear."""
         query = f"{_SELECT} {_STANDING} AND audit = 'clear' ORDER BY objective, key LIMIT 1"
-        found = self._database.execute(query, (n,)).fetchone()
+        found = self._database.execute(query, (n, self._ranked)).fetchone()
         return None if found is None else Row(*found)
 
     def solves(self, n: int) -> Iterator[SolveEvent]:
         """Yield the solves of n modules in the order in which they ended."""
         query = (
             "SELECT at, key, status, objective, margin FROM solves JOIN contexts USING (context) "
-            "WHERE modules = ? AND context IN (SELECT context FROM current) "
+            "WHERE modules = ? AND context IN (SELECT value FROM json_each(?)) "
             "AND status <> 'impossible' ORDER BY number"  # a proof is no solve
         )
-        for values in self._database.execute(query, (n,)):
+        for values in self._database.execute(query, (n, self._ranked)):
             yield SolveEvent(*values)
 
     def best_designs(self, context: Context, first: int, count: int) -> list[Row]:

@@ -140,7 +140,7 @@ def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) ->
         time_limit: [s]
     """
     timed = math.isfinite(time_limit)
-    phases = [phase for level in folder.levels() for phase in _level(level, timed=timed)]
+    phases = [phase for level in folder.levels for phase in _level(level, timed=timed)]
     return Plan((*phases, WRITING), workers, time_limit)
 
 

@@ -20,7 +20,7 @@ from topo_search.study.progress import CHUNK_SECONDS, Observer, Phase
 from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, target
 from topo_search.study.request import Request
 from topo_search.study.row import Row
-from topo_search.study.runner import answer_of, refuse_lost
+from topo_search.study.summary import answer_of, refuse_lost
 
 ProveChunk = Callable[[ResolvedTask, Topology, int, float, Problem], Chunk]
 """Searches one chunk of a tree for designs under a cut [rad^4/s^4]: a pure function."""

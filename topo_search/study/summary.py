@@ -1,26 +1,51 @@
-"""An answer is held against everything that it was made from before it is given.
+"""The summary of a run: its answer, read from the ledger and its proofs.
+
+An answer is held against everything that it was made from before it is given. Checksums find what changed by
+accident; this finds what cannot be true, whoever wrote it.
 
 | symbol | meaning | unit |
 |---|---|---|
 | J | objective: of the row, of the design, and of the design's inputs again | rad^4/s^4 |
 | bound | of all topologies of the size: no J lies below it | rad^4/s^4 |
 | orbit | number of classes of the exact quotient that a candidate stands for; all add up to that of all | |
-
-Checksums find what changed by accident; this finds what cannot be true, whoever wrote it.
 """
 
 from __future__ import annotations
 
 import math
+import os
+import sqlite3
+from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
-from topo_search.engine import Space
-from topo_search.model import Audit, BadInput, Design, Topology
+from topo_search.engine import Space, scaled_violation
+from topo_search.model import Audit, BadInput, Design, Infeasible, ResolvedTask, Topology
+from topo_search.study.answer import (
+    NEAR,
+    SHOWN,
+    Answer,
+    LevelAnswer,
+    SizeAnswer,
+    proven_statement,
+    quotient_remark,
+    reason,
+    remark,
+    statement,
+)
+from topo_search.study.audits import audits_left
+from topo_search.study.folder import LEDGER, RunFolder
+from topo_search.study.front import front_of
 from topo_search.study.ledger import Ledger
-from topo_search.study.ledger_file import damage, parse
-from topo_search.study.request import Context
+from topo_search.study.ledger_file import LedgerLost, damage, parse
+from topo_search.study.proofs import subject_of, summarize
+from topo_search.study.relaxing import causes
+from topo_search.study.request import Context, Request
 from topo_search.study.row import Row, flight_of
+from topo_search.topologies import Resolution
 
 BELOW_BOUND = 3.0e-6
 """Share of the bound by which J may lie below it: tolerances of solver and audit (1e-6 each), and rounding."""
@@ -116,3 +141,188 @@ def _check_audit(ledger: Ledger, row: Row, context: Context) -> None:
 
 def _differs(ledger: Ledger, row: Row, what: str) -> BadInput:
     return damage(ledger.path, f"{row.key}: its {what}")
+
+
+@contextmanager
+def refuse_lost(folder: RunFolder) -> Iterator[None]:
+    """Say that folder or ledger are gone, if that is what ended the run, and what can still be read of them."""
+    try:
+        yield
+    except (LedgerLost, OSError, sqlite3.Error, BadInput) as error:
+        try:
+            folder.ledger.require()
+        except LedgerLost as lost:
+            with suppress(OSError, sqlite3.Error, BadInput):  # the file is open, but may be empty
+                lost.answer = answer_of(folder)
+                lost.design = lost.answer.design or _best_unaudited(folder)
+            raise lost from error
+        raise
+
+
+def finished_answer(path: Path, request: Request) -> Answer | None:
+    """Return the answer of a run that has nothing left to do, from a folder that cannot be written to."""
+    if not os.access(path / LEDGER, os.R_OK):
+        return None
+    with RunFolder.read(path, request) as folder:
+        answer = answer_of(folder)
+    return answer if answer.complete else None
+
+
+def answer_of(folder: RunFolder) -> Answer:
+    """Return what a run has found, from its ledger."""
+    goals = folder.request.task.goals
+    sizes = [_sizes(level) for level in folder.levels]
+    answer = Answer(folder.path, sizes[0])
+    if goals.names:
+        found = enumerate(zip(goals.levels, sizes, strict=True))
+        answer = replace(answer, levels=tuple(LevelAnswer(k, *one) for k, one in found), points=front_of(folder))
+    if answer.best is None:
+        return answer
+    number = answer.points[0].number if answer.points else 0
+    request = folder.levels[number].request
+    context, ledger = request.contexts(answer.best.modules)[answer.best.step], folder.ledger
+    design, text = ledger.result(context, answer.best.key), ledger.audit(context, answer.best.key)
+    audit = None if text is None else parse(ledger.path, Audit, "texts", text, strict=False)
+    return replace(answer, design=design if isinstance(design, Design) else None, audit=audit)
+
+
+def _best_unaudited(folder: RunFolder) -> Design | None:
+    """Return the design of least effort of the smallest size that has any, whatever is known of its audit."""
+    for level in folder.levels:
+        for n in level.request.task.sizes:
+            for row in islice(level.ledger.ranking(n), 1):
+                found = level.ledger.result(level.request.contexts(n)[row.step], row.key)
+                if isinstance(found, Design):
+                    return found
+    return None
+
+
+def _sizes(folder: RunFolder) -> tuple[SizeAnswer, ...]:
+    """Read the answer of a task without goals."""
+    found = (_add_proof(folder, _sum_up(folder.ledger, folder.request, n)) for n in folder.request.task.sizes)
+    return tuple(size if size.feasible else replace(size, relaxed=causes(folder, size.modules)) for size in found)
+
+
+def _add_proof(folder: RunFolder, answer: SizeAnswer) -> SizeAnswer:
+    """Return the answer of one size with what branch and bound proves of it."""
+    proofs = folder.proofs(answer.modules)
+    if not proofs:
+        return answer
+    task, rows = folder.request.contexts(answer.modules)[0].task, list(folder.ledger.ranking(answer.modules))
+    whom = subject_of(folder.request, answer.modules)
+    found = summarize(rows, proofs, answer.best, task, answer.candidates, whom)
+    told = answer.statement
+    if found.gap is not None:
+        told = proven_statement(answer.candidates, found.gap)
+    of_size = found.gap if answer.covers_size else None
+    return replace(
+        answer,
+        statement=told,
+        proven=found.sentence,
+        candidates_gap=found.gap,
+        proven_gap=of_size,
+        proof_resumable=found.resumable,
+    )
+
+
+def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
+    """Read the answer of one size from the ledger."""
+    contexts, space = request.contexts(n), request.space(n)
+    lower_bound, proof = ledger.bound(contexts[0]) or (0.0, None)
+    answer = size_answer(
+        check_rows(ledger.ranking(n), space, lower_bound, ledger.path),
+        contexts[0].task,
+        candidates=space.count(),
+        starts=request.starts,
+        ended=proof is not None or ledger.has_ended(contexts[0], request.starts, request.trials),
+        audits_left=audits_left(ledger, contexts, request.starts),
+        lower_bound=lower_bound,
+        proof=proof,
+        quotient=request.quotient(n),
+        covers=request.covers(n),
+    )
+    best = [] if answer.best is None or answer.best in answer.top else [answer.best]
+    check_designs(ledger, contexts, space, [*answer.top, *best])
+    return answer
+
+
+def size_answer(
+    rows: Iterable[Row],
+    task: ResolvedTask,
+    *,
+    candidates: int,
+    starts: int,
+    ended: bool,
+    audits_left: bool,
+    lower_bound: float,
+    proof: Infeasible | None,
+    quotient: Resolution,
+    covers: bool,
+) -> SizeAnswer:
+    """Sum up the ranked rows of one size, of which at most `starts` starts each were asked for, in one pass."""
+    statuses: Counter[str] = Counter()
+    fewest = starts
+    feasible = 0
+    best, closest, nearness = None, None, math.inf
+    top: list[Row] = []
+    near: list[Row] = []
+    remarks: list[str] = []
+    for row in rows:
+        statuses[row.status] += 1
+        if row.status in ("feasible", "infeasible"):
+            fewest = min(fewest, row.asked)
+        if row.feasible:
+            feasible += row.orbit if quotient.exact else 1
+            if best is None and row.clear:
+                best = row
+            if best is not None and _near(row, best):
+                near.append(row)
+            if len(top) < SHOWN:
+                top.append(row)
+            remarks.extend(remark(row))
+        elif row.status == "infeasible" and row.violation is not None:
+            scaled = scaled_violation(row.violation, row.unit or "", task)
+            if scaled < nearness:
+                closest, nearness = row, scaled
+        elif row.status == "failed" and statuses["failed"] <= SHOWN:
+            remarks.append(f"{row.key}: failed, {row.worst_constraint}")
+    if statuses["failed"]:
+        remarks.append("some candidates failed for reasons that may not recur; the same command tries them again")
+    settled = candidates if proof else statuses.total()
+    if ended and settled < candidates:
+        remarks.append(
+            f"{candidates - settled} of {candidates} candidates were never proposed: nothing is known about them"
+        )
+    if settled < candidates:
+        fewest = 0
+    return SizeAnswer(
+        modules=task.n,
+        candidates=candidates,
+        quotient=quotient_remark(quotient),
+        settled=settled,
+        starts=fewest,
+        complete=ended and not audits_left,
+        statuses=dict(statuses),
+        feasible=feasible,
+        lower_bound=lower_bound,
+        best=best,
+        top=tuple(top),
+        near_ties=tuple(sorted((row for row in near if row.clear), key=_fragility)),
+        near_ties_unaudited=sum(row.audit is None for row in near),
+        remarks=tuple(remarks),
+        reason=None if feasible else reason(proof, closest, statuses),
+        covers_size=covers,
+        impossible=proof is not None or (covers and statuses["impossible"] == candidates),
+        statement=None if best is None else statement(best, settled - statuses["failed"], candidates),
+    )
+
+
+def _near(row: Row, best: Row) -> bool:
+    return row.objective is not None and row.objective <= (1 + NEAR) * (best.objective or 0.0)
+
+
+def _fragility(row: Row) -> tuple[float, float, float]:
+    """Return what designs are ranked by that cost about the same: unknown reserves come last."""
+    reserves = (row.force_reserve_N, row.torque_reserve_Nm)
+    force, torque = (-math.inf if reserve is None else reserve for reserve in reserves)
+    return -force, -torque, row.objective or 0.0
