@@ -48,7 +48,7 @@ def fill(path: Path, request: Request, n: int) -> None:
                 rows.append((row, design))
             folder.ledger.record(context, rows)
             digests = [(f"designs/{row.key}.json", digest_of(row.key.encode()), None) for row, _ in rows]
-            folder.ledger.files.record(digests)
+            folder._files.record(digests)
 
 
 def resume(path: Path, request: Request, n: int) -> None:

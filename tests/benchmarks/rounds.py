@@ -134,10 +134,10 @@ class SimulatedWorkers:
 
 def simulated(space: Space, jobs: list[Job], size: int, trials: int, workers: int) -> Busy:
     """Return how busy workers are that take jobs in the order in which they are proposed."""
-    solver = SimulatedWorkers(jobs, workers)
     starts = nlp.default_starts(space.task)
+    search = OptunaSearch(space, sampler="moves", trials=trials, round_size=size, starts=starts, seed=0)
+    solver = SimulatedWorkers(jobs, workers)
     with suppress(StopIteration):
-        search = OptunaSearch(space, sampler="moves", trials=trials, round_size=size, starts=starts, seed=0)
         while not search.over:
             if (proposal := search.ask()) is not None:
                 solver.submit(proposal, again=search.stage is not None and search.stage.again)

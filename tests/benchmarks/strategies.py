@@ -20,7 +20,6 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple, Protocol
@@ -227,22 +226,17 @@ def score(key: str, starts: int, reached: Reached) -> Scored:
 def explore(space: Space, way: Way, starts: int, seed: int, source: Source, ends: Callable[[Source], bool]) -> None:
     """Follow a sampler's proposals, and look after each whether it was enough."""
     trials = space.count() - 1  # where all are proposed all get all starts in the end, whatever the sampler
-    with suppress(Enough):
-        search = OptunaSearch(
-            space, sampler=way.sampler, trials=trials, round_size=way.round_size, starts=starts, seed=seed
-        )
-        results = deque[Scored]()
-        while not search.over:
-            if (proposal := search.ask()) is not None:
-                results.append(source(proposal))
-                if ends(source):
-                    raise Enough
-            elif not search.over:
-                search.tell(results.popleft())
-
-
-class Enough(Exception):
-    """No more has to be proposed."""
+    search = OptunaSearch(
+        space, sampler=way.sampler, trials=trials, round_size=way.round_size, starts=starts, seed=seed
+    )
+    results = deque[Scored]()
+    while not search.over:
+        if (proposal := search.ask()) is not None:
+            results.append(source(proposal))
+            if ends(source):
+                return
+        elif not search.over:
+            search.tell(results.popleft())
 
 
 if __name__ == "__main__":

@@ -18,6 +18,13 @@ from topo_search.model import BadInput, Fault
 
 if TYPE_CHECKING:
     from distributed import Client, Security
+T = TypeVar("T")
+CONNECT = 60.0
+"""How long the scheduler may take to answer: it may only just be starting [s]."""
+LONGEST_GREETING = 1 << 20
+"""Longest first message of a scheduler [bytes]; it has a few hundred."""
+CLOSE = 1.0
+"""How long it is told that the connection ends [s]."""
 
 
 @dataclass(frozen=True)
@@ -98,16 +105,6 @@ def _require_configuration() -> None:
         raise BadInput("dask", [Fault("", rule)])
 
 
-T = TypeVar("T")
-
-CONNECT = 60.0
-"""How long the scheduler may take to answer: it may only just be starting [s]."""
-LONGEST_GREETING = 1 << 20
-"""Longest first message of a scheduler [bytes]; it has a few hundred."""
-CLOSE = 1.0
-"""How long it is told that the connection ends [s]."""
-
-
 class Connection:
     """A client of a Dask scheduler, made when it is first needed."""
 
@@ -168,8 +165,8 @@ class Connection:
 
     def run(self, function: Callable[[], T], workers: Iterable[str]) -> dict[str, T]:
         """Return what a function returns in each of some Dask workers; those that are just leaving are left out."""
-        client, asked = self.client(), list(workers)
-        return self._reply(lambda: client.run(function, workers=asked, on_error="ignore")) if asked else {}
+        client, addresses = self.client(), list(workers)
+        return self._reply(lambda: client.run(function, workers=addresses, on_error="ignore")) if addresses else {}
 
     def submit(self, function: Callable[[Any], T], argument: Any) -> Future[T]:
         """Hand a call to the scheduler."""

@@ -47,6 +47,15 @@ PYTHON = "Python"
 TRIM = "MALLOC_TRIM_THRESHOLD_"
 """Dask sets it for its workers, which may hold much data: the C library then gives memory back to the system as
 soon as it is free. A solver needs it again at once, and takes a sixth longer: children do without."""
+_thread = threading.local()
+"""Keeps, for each thread of a Dask worker, which runs one task at a time, a child that ends with the Dask worker,
+and the versions that it was found to have: they must not be changed under it."""
+RETURN = 600.0
+"""How long Dask workers are waited for when all have left: a scheduler that was restarted may get none [s]."""
+LOOK = 1.0
+"""How often it is asked for its workers [s]."""
+LARGEST_BATCH = 50
+"""Jobs of a batch at most: they come back together."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +82,6 @@ class Ended:
     """What they took together."""
 
 
-_thread = threading.local()
-"""Keeps, for each thread of a Dask worker, which runs one task at a time, a child that ends with the Dask worker,
-and the versions that it was found to have: they must not be changed under it."""
-
-
 def run_guarded(batch: Batch) -> Ended:
     """Run the jobs of a batch that can be begun in its time (in a Dask worker).
 
@@ -92,26 +96,26 @@ def run_guarded(batch: Batch) -> Ended:
         os.environ.pop(TRIM, None)
         _thread.child = Workers(1).__enter__()
     child: Workers = _thread.child
-    begun = time.monotonic()
+    started_at = time.monotonic()
 
     def calls() -> Iterator[tuple[int, bytes]]:
         """Yield calls with their places. Slow jobs after quick ones may be many: who is idle shall have them."""
         for place, call in enumerate(batch.calls):
-            if place == 0 or time.monotonic() - begun < BATCH:
+            if place == 0 or time.monotonic() - started_at < BATCH:
                 yield place, call
 
     ended = child.run(
         _call,
         calls(),
         deadline=lambda call: batch.deadlines[call[0]],
-        until=begun + batch.seconds,
+        until=started_at + batch.seconds,
     )
     results: list[tuple[int, bytes | Failed]] = []
     for (place, _), result in ended:
         if isinstance(result, WorkersLost):
             raise result
         results.append((place, result))
-    return Ended(tuple(results), time.monotonic() - begun)
+    return Ended(tuple(results), time.monotonic() - started_at)
 
 
 def _call(call: tuple[int, bytes]) -> bytes | WorkersLost:
@@ -147,22 +151,14 @@ def find_fault(versions: Mapping[str, str]) -> Callable[[], str | None]:
             return f"cannot start a child process for its jobs: set {setting} in the environment of Dask workers"
         for name, version in versions.items():
             try:
-                found = platform.python_version() if name == "Python" else metadata.version(name)
+                installed = platform.python_version() if name == "Python" else metadata.version(name)
             except metadata.PackageNotFoundError:
                 return f"lacks {name}: it needs version {version}, as installed here"
-            if found != version:
-                return f"has {name} {found}, where this process has {version}: results could differ"
+            if installed != version:
+                return f"has {name} {installed}, where this process has {version}: results could differ"
         return None
 
     return fault
-
-
-RETURN = 600.0
-"""How long Dask workers are waited for when all have left: a scheduler that was restarted may get none [s]."""
-LOOK = 1.0
-"""How often it is asked for its workers [s]."""
-LARGEST_BATCH = 50
-"""Jobs of a batch at most: they come back together."""
 
 
 class DaskWorkers(Engine):

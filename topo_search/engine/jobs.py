@@ -14,6 +14,12 @@ from typing import Literal, Protocol, TypeVar
 
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, SolverRecord, Topology
 
+AuditDesign = Callable[[Design], Audit]
+J = TypeVar("J")
+R = TypeVar("R")
+LARGEST_TIMED_ROUND = 4
+"""Starts a round under a time limit: what runs when it comes is lost."""
+
 
 class Solve(Protocol):
     """Solves one topology from some of its starts: a pure function that can be sent to another process.
@@ -34,9 +40,6 @@ class Solve(Protocol):
             near: designs of other topologies that can be carried over, each as one more start before these.
         """
         ...
-
-
-AuditDesign = Callable[[Design], Audit]
 
 
 @dataclass(frozen=True)
@@ -66,10 +69,6 @@ class Failed:
 
 
 Outcome = Design | Infeasible | Failed
-
-
-J = TypeVar("J")
-R = TypeVar("R")
 
 
 class WorkersLost(RuntimeError):
@@ -157,10 +156,6 @@ def solve_jobs(
 def solve_job(solve: Solve, job: Job) -> Design | Infeasible:
     """Solve one job (in a worker)."""
     return solve(job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near)
-
-
-LARGEST_TIMED_ROUND = 4
-"""Starts a round under a time limit: what runs when it comes is lost."""
 
 
 def rounds(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:

@@ -26,7 +26,7 @@ from topo_search.model.bad_input import show
 from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import load_json
 from topo_search.model.regular_file import NotReadable, read_regular
-from topo_search.study.directory import Place, hold_lock
+from topo_search.study.directory import Directory, hold_lock
 from topo_search.study.ledger_file import LedgerLost
 from topo_search.study.request import installed_versions
 
@@ -85,15 +85,15 @@ class Results:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _refusal(folder, f"cannot be made: {error.strerror}") from None
-        with hold_lock(folder), Place.open(folder) as place:
-            place.tidy()
+        with hold_lock(folder), Directory.open(folder) as directory:
+            directory.tidy()
             if (folder / ABOUT).exists():
                 _compare(folder, load_json(folder / ABOUT), about)
             else:
                 text = json.dumps({**about, **_circumstances()}, indent=1)
-                place.write(ABOUT, f"{text}\n".encode())
+                directory.write(ABOUT, f"{text}\n".encode())
             if not (folder / RESULTS).exists():
-                place.write(RESULTS, f"{','.join(COLUMNS)}\n".encode())
+                directory.write(RESULTS, f"{','.join(COLUMNS)}\n".encode())
             path = folder / RESULTS
             size, done = _rows(path)
             handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC)

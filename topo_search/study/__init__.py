@@ -1,14 +1,13 @@
 """A run and its folder: what was asked, every candidate's row in the ledger, and the answer."""
 
 from topo_search.study.answer import NEAR, Answer, SizeAnswer
-from topo_search.study.audits import audit_best
 from topo_search.study.checking import Checked, check
 from topo_search.study.folder import REPORT, RunFolder
 from topo_search.study.front import FrontPoint, front
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import LedgerLost
 from topo_search.study.margins import LARGER_MARGINS, larger_margin
-from topo_search.study.progress import AUDITED, Observer, Phase, Plan, Silent, TimeLeft
+from topo_search.study.progress import Observer, Phase, Plan, Silent, TimeLeft
 from topo_search.study.proving import prove
 from topo_search.study.request import DEFAULT_ROUND, NOTHING, Own, Request, Sampler, StrategyName
 from topo_search.study.row import COLUMNS, Row, SolveEvent
@@ -17,7 +16,6 @@ from topo_search.study.single import Solved, solve_single
 from topo_search.study.summary import answer_of
 
 __all__ = [
-    "AUDITED",
     "COLUMNS",
     "DEFAULT_ROUND",
     "LARGER_MARGINS",
@@ -44,7 +42,6 @@ __all__ = [
     "StrategyName",
     "TimeLeft",
     "answer_of",
-    "audit_best",
     "check",
     "front",
     "larger_margin",

@@ -19,16 +19,20 @@ from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
     import pandas as pd
+SHOWN = 10
+"""Number of rows in the table of the best."""
+NEAR = 0.01
+"""Share of the effort of the best by which another design may need more and still be as good a choice."""
 
 
 def statement(best: Row, solved: int, candidates: int) -> str:
     """Say what is known of the best design: starts are no proof; the bound is, of every tree of the size."""
     number = f"all {candidates}" if solved == candidates else f"{solved} of {candidates}"
-    found = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
+    words = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
     if best.gap is None or best.objective is None or best.lower_bound is None:
-        return found
+        return words
     limit = f"more than {gap_percent(best.gap)} " if may_beat(best.objective, best.lower_bound) else ""
-    return f"{found}; proven: no {best.modules}-module topology is {limit}better"
+    return f"{words}; proven: no {best.modules}-module topology is {limit}better"
 
 
 def proven_statement(candidates: int, gap: float) -> str:
@@ -87,12 +91,6 @@ def remark(row: Row) -> list[str]:
         over = ""
     text = "; ".join(part for part in (again, over) if part)
     return [f"{row.key}: {text}"] if text else []
-
-
-SHOWN = 10
-"""Number of rows in the table of the best."""
-NEAR = 0.01
-"""Share of the effort of the best by which another design may need more and still be as good a choice."""
 
 
 @dataclass(frozen=True)
@@ -170,15 +168,15 @@ class SizeAnswer:
         ]
         relaxed = self.relaxed.sentences if self.relaxed else ()
         remarks = (self.quotient, *self.remarks, *([self.reason] if self.reason else []), *relaxed)
-        told = title + (table(names, rows) if rows else "")
+        html = title + (table(names, rows) if rows else "")
         if len(self.near_ties) > 1:
             ties = [
                 (row.key, row.objective, *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
                 for row in self.near_ties
             ]
             near = heading(f"within {100 * NEAR:g} % of the least effort, largest force reserve first")
-            told += near + table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
-        return told + "".join(paragraph(text) for text in remarks)
+            html += near + table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
+        return html + "".join(paragraph(text) for text in remarks)
 
 
 @dataclass(frozen=True)
@@ -211,8 +209,8 @@ class Answer:
         """Say what was found, or why nothing was."""
         if self.best is not None:
             gap = "" if self.best.gap is None else f", gap {gap_percent(self.best.gap)}"
-            found = f"{self.best.key}, {self.best.modules} modules, J = {self.best.objective:.6g} rad^4/s^4{gap}"
-            return f"{found}, audit {self.best.audit}; everything is in {self.folder}"
+            words = f"{self.best.key}, {self.best.modules} modules, J = {self.best.objective:.6g} rad^4/s^4{gap}"
+            return f"{words}, audit {self.best.audit}; everything is in {self.folder}"
         if any(size.feasible for size in self._all_sizes):
             return f"designs were found, but none passed its audit; everything is in {self.folder}"
         reasons = "; ".join(f"{size.modules} modules: {size.reason}" for size in self._all_sizes)
@@ -327,8 +325,8 @@ class Answer:
                 )
                 for point in self.points
             ]
-            told = heading(f"front of {len(self.points)} designs, found at {len(self.levels)} levels")
-            return told + table(columns, rows) + paragraph(f"everything is in {self.folder}")
+            html = heading(f"front of {len(self.points)} designs, found at {len(self.levels)} levels")
+            return html + table(columns, rows) + paragraph(f"everything is in {self.folder}")
         return "".join(size._repr_html_() for size in self.sizes) + paragraph(f"everything is in {self.folder}")
 
     @property

@@ -124,8 +124,8 @@ def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], request: Reques
 
 def _rows(ledger: Ledger, context: Context, rows: Sequence[Row]) -> list[Row]:
     """Return the rows of the same candidates that have a design in a context."""
-    found = (ledger.row(context, row.key) for row in rows)
-    return [row for row in found if row is not None and row.feasible]
+    candidates = (ledger.row(context, row.key) for row in rows)
+    return [row for row in candidates if row is not None and row.feasible]
 
 
 def _verdict(ledger: Ledger, context: Context, key: str) -> Audit:

@@ -23,8 +23,8 @@ import platform
 import re
 import sqlite3
 import stat
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from typing import Self
@@ -38,6 +38,13 @@ HOLDER = re.compile(rb"(\d+ on [^\n]*\n)?")
 """The content of the lock's file: who holds it, or held it last."""
 _NO_LOCKS_ON_FOLDERS = (errno.EBADF, errno.ENOLCK, errno.EINVAL, errno.ENOTSUP, errno.EISDIR)
 """What network disks say."""
+PARTIAL = ".topo-search-partial"
+"""A file that is being written. There is one at a time, so that the next run removes what a killed one left."""
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
+BATCH = 1000
+"""Files that are recorded in one transaction."""
+_Entry = tuple[bytes | None, bytes | None, int]
+"""Digest, the one before, and whether the file changes."""
 
 
 class ReadOnlyFolder(BadInput):
@@ -62,18 +69,15 @@ def hold_lock(folder: Path) -> Iterator[None]:
         itself = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
         raise ReadOnlyFolder(folder, error.strerror) from None
-    try:
+    with ExitStack() as stack:
+        stack.callback(os.close, itself)
         _lock(folder, itself, itself, optional=True)
         handle = _lock_file(folder, itself)
-        try:
-            _lock(folder, itself, handle)
-            os.ftruncate(handle, 0)
-            os.write(handle, f"{os.getpid()} on {platform.node()}\n".encode())
-            yield
-        finally:
-            os.close(handle)
-    finally:
-        os.close(itself)
+        stack.callback(os.close, handle)
+        _lock(folder, itself, handle)
+        os.ftruncate(handle, 0)
+        os.write(handle, f"{os.getpid()} on {platform.node()}\n".encode())
+        yield
 
 
 def _lock_file(folder: Path, itself: int) -> int:
@@ -121,17 +125,12 @@ def _not_ours(folder: Path) -> BadInput:
     return BadInput(str(folder / LOCK), [Fault("", rule)])
 
 
-PARTIAL = ".topo-search-partial"
-"""A file that is being written. There is one at a time, so that the next run removes what a killed one left."""
-_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
-
-
 def is_within_folder(name: str) -> bool:
     """Return whether a relative name leads nowhere else."""
     return all(part not in ("", "..") for part in name.split("/"))
 
 
-class Place:
+class Directory:
     """A folder; the names of its files are relative, with `/` between folder and file."""
 
     def __init__(self, path: Path, handle: int) -> None:
@@ -260,30 +259,25 @@ class Place:
         return BadInput(str(self.path / name), [Fault("", rule)])
 
 
-BATCH = 1000
-"""Files that are recorded in one transaction."""
-_KEEP = "INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?, ?)"
-
-
 def digest_of(content: bytes) -> bytes:
     """Return what a file's content is known by."""
     return hashlib.blake2b(content, digest_size=16).digest()
 
 
-class OwnFiles:
-    """The files of one ledger; only who holds the folder's lock may change them."""
+class RunFiles:
+    """The files that a run wrote into its directory; only who holds its lock may change them."""
 
-    def __init__(self, database: sqlite3.Connection, ledger: Path) -> None:
+    def __init__(self, database: sqlite3.Connection, ledger: Path, directory: Directory) -> None:
         self._database = database
         self._ledger = ledger
+        self._directory = directory
 
-    def keep(self, place: Place, contents: Iterable[tuple[str, bytes]], *, lasting: bool = True) -> None:
+    def keep(self, contents: Iterable[tuple[str, bytes]], *, lasting: bool = True) -> None:
         """Bring files up to their contents.
 
         Args:
-            place: the run's folder.
             contents: names and contents.
-            lasting: as of `Place.write`.
+            lasting: as of `Directory.write`.
 
         Raises:
             BadInput: a file of this name is there that the run did not write; all others are written.
@@ -294,33 +288,31 @@ class OwnFiles:
             due: list[tuple[str, bytes]] = []
             records: list[tuple[str, bytes, bytes | None]] = []
             for name, content in batch:
-                digest, there = digest_of(content), place.read(name)
-                found = None if there is None else digest_of(there)
-                known = self._entry(name)
-                if there is not None and not self._owns(known, there, found):
-                    if found != digest:  # the very same is in nobody's way
+                old, digest, entry = self._directory.read(name), digest_of(content), self._entry(name)
+                before = None if old is None else digest_of(old)
+                if old is not None and not _is_ours(entry, old):
+                    if before != digest:  # the very same is in nobody's way
                         foreign.append(name)
                     continue
-                if found != digest:
+                if before != digest:
                     due.append((name, content))
-                if found != digest or known is None or known[0] != digest:
-                    records.append((name, digest, found))
+                if before != digest or entry is None or entry[0] != digest:
+                    records.append((name, digest, before))
             self.record(records)
             for name, content in due:
-                place.write(name, content, lasting=lasting)
-        if foreign:
-            raise self.refusal(place, foreign)
+                self._directory.write(name, content, lasting=lasting)
+        self._refuse(foreign)
 
-    def read(self, place: Place, name: str) -> bytes | None:
+    def read(self, name: str) -> bytes | None:
         """Return the content of a file as the run wrote it; None if the file is not there.
 
         Raises:
             BadInput: its content is another one: damaged, edited, or somebody else's.
         """
-        content = place.read(name)
+        content = self._directory.read(name)
         if content is not None and self.is_changed(name, content):
             rule = "is not the file that this run wrote: remove it, and run the same command again to make it anew"
-            raise BadInput(str(place.path / name), [Fault("", rule)])
+            raise BadInput(str(self._directory.path / name), [Fault("", rule)])
         return content
 
     def is_changed(self, name: str, content: bytes) -> bool:
@@ -328,37 +320,33 @@ class OwnFiles:
         digest, before, changing = self._entry(name) or (None, None, 0)
         return not changing and digest_of(content) not in (digest, before)
 
-    def find_changed(self, place: Place) -> list[str]:
+    def find_changed(self) -> list[str]:
         """Return the names of all files that are there with another content than the run gave them."""
         names = (name for (name,) in self._database.execute("SELECT name FROM files ORDER BY name").fetchall())
-        contents = ((name, place.read(name)) for name in names if is_within_folder(name))
+        contents = ((name, self._directory.read(name)) for name in names if is_within_folder(name))
         return [name for name, content in contents if content is not None and self.is_changed(name, content)]
 
-    def remove(self, place: Place, names: Iterable[str]) -> None:
+    def remove(self, names: Iterable[str]) -> None:
         """Remove those of some files that the run wrote; what somebody else has changed since stays."""
         for name in names:
-            known = self._entry(name)
-            if known is None:
+            if (entry := self._entry(name)) is None:
                 continue
-            if (there := place.read(name)) is not None and self._owns(known, there, digest_of(there)):
-                place.remove(name)
+            if (content := self._directory.read(name)) is not None and _is_ours(entry, content):
+                self._directory.remove(name)
             with self._database:
                 self._database.execute("BEGIN IMMEDIATE")
                 self._database.execute("DELETE FROM files WHERE name = ?", (name,))
 
-    def adopt(self, place: Place, *names: str) -> None:
+    def adopt(self, *names: str) -> None:
         """Take files over that another library makes anew and appends to.
 
         Raises:
             BadInput: one is there that the run did not make.
         """
-        self.require(place, names)
-        values = [(name, None, None, 1) for name in names]
-        with self._database:
-            self._database.execute("BEGIN IMMEDIATE")
-            self._database.executemany(_KEEP, [(*row, checksum(row)) for row in values])
+        self.require(names)
+        self.record([(name, None, None) for name in names], changing=True)
 
-    def require(self, place: Place, names: Iterable[str]) -> None:
+    def require(self, names: Iterable[str]) -> None:
         """Make sure that files of some names are the run's own, or not there.
 
         Raises:
@@ -366,64 +354,58 @@ class OwnFiles:
         """
         foreign = []
         for name in names:
-            known, there = self._entry(name), None
-            if known is None or not known[2]:
-                there = place.read(name)
-            if there is not None and not self._owns(known, there, digest_of(there)):
+            entry = self._entry(name)
+            if entry is not None and entry[2]:  # another library's, which need not be read
+                continue
+            if (content := self._directory.read(name)) is not None and not _is_ours(entry, content):
                 foreign.append(name)
-        if foreign:
-            raise self.refusal(place, foreign)
+        self._refuse(foreign)
 
     def names_in(self, folder: str) -> list[str]:
         """Return the names of the files that the run wrote into one of its folders, `designs` for instance."""
         query = "SELECT name FROM files WHERE name >= ? AND name < ?"
         names = [name for (name,) in self._database.execute(query, (f"{folder}/", f"{folder}0"))]  # 0 follows /
-        if odd := next((name for name in names if not is_within_folder(name)), None):
-            raise self._damage(odd)
+        for name in names:
+            if not is_within_folder(name):
+                raise self._damage(name)
         return names
 
-    @staticmethod
-    def refusal(place: Place, names: list[str]) -> BadInput:
-        """Return the error that names files that stand where the run would write its own."""
+    def record(self, records: Sequence[tuple[str, bytes | None, bytes | None]], *, changing: bool = False) -> None:
+        """Record what is about to be written: name, digest, and that of what is there before."""
+        if records:
+            rows = [(*record, int(changing)) for record in records]
+            with self._database:
+                self._database.execute("BEGIN IMMEDIATE")
+                self._database.executemany(
+                    "INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?, ?)", [(*row, checksum(row)) for row in rows]
+                )
+
+    def _refuse(self, names: list[str]) -> None:
+        """Name the files that stand where the run would write its own, if there are any."""
         rule = (
             "is not the file that this run wrote, and is left unchanged: move it away and run the same command "
             "again, or choose another folder with --out"
         )
-        return BadInput(str(place.path), [Fault(name, rule) for name in names])
+        if names:
+            raise BadInput(str(self._directory.path), [Fault(name, rule) for name in names])
 
-    def _entry(self, name: str) -> tuple[bytes | None, bytes | None, int] | None:
-        """Return digest, the one before and whether it changes, of a file that the run wrote."""
-        found = self._database.execute("SELECT * FROM files WHERE name = ?", (name,)).fetchone()
-        if found is None:
+    def _entry(self, name: str) -> _Entry | None:
+        """Return what is recorded of a file that the run wrote."""
+        row = self._database.execute("SELECT * FROM files WHERE name = ?", (name,)).fetchone()
+        if row is None:
             return None
-        if checksum(found[:-1]) != found[-1]:
+        if checksum(row[:-1]) != row[-1]:
             raise self._damage(name)
-        _, digest, before, changing, _ = found
-        return digest, before, changing
+        return row[1], row[2], row[3]
 
     def _damage(self, name: str) -> BadInput:
         rule = f"is damaged (its entry of the file {name} has changed since it was written)"
         return BadInput(str(self._ledger), [Fault("", rule)])
 
-    @staticmethod
-    def _owns(known: tuple[bytes | None, bytes | None, int] | None, there: bytes, found: bytes | None) -> bool:
-        """Whether a file that is there is the run's own."""
-        if known is None:
-            return False
-        digest, before, changing = known
-        return bool(changing) or not there or found in (digest, before)
 
-    def record(self, records: list[tuple[str, bytes, bytes | None]]) -> None:
-        """Record what is about to be written, and what is there before."""
-        if not records:
-            return
-        rows = [(*record, 0) for record in records]
-        with self._database:
-            self._database.execute("BEGIN IMMEDIATE")
-            self._database.executemany(_KEEP, [(*row, checksum(row)) for row in rows])
-
-
-def contents(texts: Iterable[tuple[str, str]]) -> Iterator[tuple[str, bytes]]:
-    """Yield names and contents of files from their texts."""
-    for name, text in texts:
-        yield name, text.encode()
+def _is_ours(entry: _Entry | None, content: bytes) -> bool:
+    """Whether a file that is there is the run's own."""
+    if entry is None:
+        return False
+    digest, before, changing = entry
+    return bool(changing) or not content or digest_of(content) in (digest, before)

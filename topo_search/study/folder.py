@@ -10,7 +10,7 @@ import csv
 import io
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -24,7 +24,7 @@ from topo_search.model.csv_text import escape_formula
 from topo_search.model.files import to_json, to_toml, validate
 from topo_search.model.parsing import NotParsed, toml_data
 from topo_search.model.task import before_requirement
-from topo_search.study.directory import HOLDER, LOCK, PARTIAL, Place, ReadOnlyFolder, contents, hold_lock
+from topo_search.study.directory import HOLDER, LOCK, PARTIAL, Directory, ReadOnlyFolder, hold_lock
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import blank
 from topo_search.study.proofs import ProofState, bounded_alike, cells, proof_state
@@ -40,37 +40,41 @@ RESULTS = ("best.json", "candidates.csv", FRONT, REPORT, TASK)
 LEFT = "it is left unchanged"
 PARTS = ("designs", "audits")
 """Folders with a file per candidate."""
+Model = TypeVar("Model", bound=BaseModel)
+PROOFS = "proof"
+"""The folder of the proofs, one file per candidate that was looked at."""
 
 
 @contextmanager
-def hold(path: Path) -> Iterator[Place]:
+def hold(path: Path) -> Iterator[Directory]:
     """Hold a run's folder."""
     try:
-        with Place.open(path) as place:
-            yield place
+        with Directory.open(path) as directory:
+            yield directory
     except NotADirectoryError:
         raise refusal(path, "is a file") from None
 
 
-def holds_run(place: Place) -> bool:
+def holds_run(directory: Directory) -> bool:
     """Return whether a folder is that of a run; refuse one that has anything else in it, or lost its ledger."""
-    names = place.names()
+    names = directory.names()
     if LEDGER in names:
         return True
-    if LOCK in names and not HOLDER.fullmatch(place.read(LOCK) or b""):
-        raise refusal(place.path, f"has a {LOCK} of another program; {LEFT}")
+    if LOCK in names and not HOLDER.fullmatch(directory.read(LOCK) or b""):
+        raise refusal(directory.path, f"has a {LOCK} of another program; {LEFT}")
     others = [name for name in names if name not in (LOCK, PARTIAL)]
     if not others:
         return False
     shown = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
     if any(name in (*RESULTS, *PARTS) or name.startswith((LEDGER, "best-n")) for name in others):
         raise refusal(
-            place.path, f"has {shown} but no {LEDGER}: the ledger was removed, or this is not a run folder; {LEFT}"
+            directory.path,
+            f"has {shown} but no {LEDGER}: the ledger was removed, or this is not a run folder; {LEFT}",
         )
-    raise refusal(place.path, f"is not a run folder, and not empty: it has {shown}; {LEFT}")
+    raise refusal(directory.path, f"is not a run folder, and not empty: it has {shown}; {LEFT}")
 
 
-def last_request(path: Path, place: Place, ledger: Ledger) -> Request:
+def last_request(path: Path, directory: Directory, ledger: Ledger) -> Request:
     """Return the request that a ledger was last given."""
     held = ledger.identity()
     starts, trials = ledger.last_request()
@@ -80,7 +84,7 @@ def last_request(path: Path, place: Place, ledger: Ledger) -> Request:
         rule = f"must ask for at most {STARTS:,} starts and {TRIALS:,} trials, but holds a run with more"
         raise BadInput(str(path), [Fault("", rule)])
     return Request(
-        _read_task(path, place),
+        _read_task(path, directory),
         held.symmetry,
         starts,
         held.seed,
@@ -117,9 +121,9 @@ def refusal(path: Path, what: str) -> BadInput:
     return BadInput(str(path), [Fault("", f"{what}; choose another folder with --out")])
 
 
-def _read_task(path: Path, place: Place) -> Task:
+def _read_task(path: Path, directory: Directory) -> Task:
     """Return the task as the run wrote it: it names no other file."""
-    content, name = place.read(TASK, most_bytes=TASK_BYTES), str(path / TASK)
+    content, name = directory.read(TASK, most_bytes=TASK_BYTES), str(path / TASK)
     if content is None:
         raise BadInput(name, [Fault("", "no such file")])
     try:
@@ -132,32 +136,27 @@ def _read_task(path: Path, place: Place) -> Task:
     return validate(Task, before_requirement(data), name)
 
 
-def _describe_other(name: str, held: Any, asked: Any) -> str:
-    """Say what a folder holds in place of what was asked."""
+def _describe_other(name: str, held: Any, requested: Any) -> str:
+    """Say what a folder holds in place of what was requested."""
     if name == "task":
         return "another task"
     if name != "own":
-        return f"a run with {name} {held}, not {asked}"
-    held, asked = held or NOTHING, asked or NOTHING
-    other = [part for part in Own.model_fields if getattr(held, part) != getattr(asked, part)]
+        return f"a run with {name} {held}, not {requested}"
+    held, requested = held or NOTHING, requested or NOTHING
+    other = [part for part in Own.model_fields if getattr(held, part) != getattr(requested, part)]
     return f"a run with other {' and other '.join(other)}"
-
-
-Model = TypeVar("Model", bound=BaseModel)
-
-PROOFS = "proof"
-"""The folder of the proofs, one file per candidate that was looked at."""
 
 
 class RunFolder:
     """The folder of one request, held by this process alone."""
 
-    def __init__(self, path: Path, request: Request, ledger: Ledger, place: Place, level: str = "") -> None:
+    def __init__(self, path: Path, request: Request, ledger: Ledger, directory: Directory, level: str = "") -> None:
         """Take a folder whose ledger is open; `level` is its part for one level of the goals, `levels/0/`."""
         self.path = path
         self.request = request
         self.ledger = ledger.of(context for n in request.task.sizes for context in request.contexts(n))
-        self._place = place
+        self._directory = directory
+        self._files = ledger.files_in(directory)
         self._level = level
 
     @classmethod
@@ -175,22 +174,21 @@ class RunFolder:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise refusal(path, f"cannot be made: {error.strerror}") from None
-        with hold(path) as place:
-            resumed = holds_run(place)
-            if resumed and not os.access(path / LEDGER, os.W_OK):
+        with hold(path) as directory:
+            if holds_run(directory) and not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
             with hold_lock(path):
-                resumed = holds_run(place)
+                resumed = holds_run(directory)
                 if not resumed:
-                    place.tidy()
-                    place.write(LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
+                    directory.tidy()
+                    directory.write(LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
                 with Ledger.open(path / LEDGER) as ledger:
                     if resumed:
                         require_versions(path, ledger)
-                    folder = cls._of_ledger(path, request, ledger, place)
-                    place.tidy()
+                    folder = cls._of_ledger(path, request, ledger, directory)
+                    directory.tidy()
                     sizes = [f"best-n{n}.json" for n in request.task.sizes]
-                    ledger.files.require(place, (*RESULTS, *sizes))
+                    folder._files.require((*RESULTS, *sizes))
                     ledger.ask(request.starts, request.trials)
                     folder.keep(TASK, to_toml(request.task))
                     yield folder
@@ -199,9 +197,9 @@ class RunFolder:
     @contextmanager
     def read(cls, path: Path, request: Request) -> Iterator[Self]:
         """Open a folder that cannot be written to; errors as of `open`."""
-        with hold(path) as place, Ledger.open(path / LEDGER, read_only=True) as ledger:
+        with hold(path) as directory, Ledger.open(path / LEDGER, read_only=True) as ledger:
             require_versions(path, ledger)
-            yield cls._of_ledger(path, request, ledger, place)
+            yield cls._of_ledger(path, request, ledger, directory)
 
     @classmethod
     @contextmanager
@@ -216,24 +214,24 @@ class RunFolder:
             ReadOnlyFolder: it cannot be written to, but should be.
             BadInput: it is not a run folder, or another process works in it.
         """
-        with hold(path) as place:
-            if LEDGER not in place.names():
+        with hold(path) as directory:
+            if LEDGER not in directory.names():
                 raise BadInput(str(path), [Fault("", f"is not a run folder: it has no {LEDGER}")])
-            if not writes:
-                with Ledger.open(path / LEDGER, read_only=True) as ledger:
-                    yield cls._of_ledger(path, last_request(path, place, ledger), ledger, place)
-                return
-            if not os.access(path / LEDGER, os.W_OK):
+            if writes and not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
-            with hold_lock(path), Ledger.open(path / LEDGER) as ledger:
-                place.tidy()
-                yield cls._of_ledger(path, last_request(path, place, ledger), ledger, place)
+            with ExitStack() as stack:
+                if writes:
+                    stack.enter_context(hold_lock(path))
+                ledger = stack.enter_context(Ledger.open(path / LEDGER, read_only=not writes))
+                if writes:
+                    directory.tidy()
+                yield cls._of_ledger(path, last_request(path, directory, ledger), ledger, directory)
 
     @classmethod
-    def _of_ledger(cls, path: Path, request: Request, ledger: Ledger, place: Place) -> Self:
+    def _of_ledger(cls, path: Path, request: Request, ledger: Ledger, directory: Directory) -> Self:
         """Make sure that a ledger holds this request."""
         require_same(path, request, ledger)
-        return cls(path, request, ledger, place)
+        return cls(path, request, ledger, directory)
 
     @cached_property
     def levels(self) -> tuple[RunFolder, ...]:
@@ -241,7 +239,7 @@ class RunFolder:
         if not self.request.task.goals.names:
             return (self,)
         return tuple(
-            RunFolder(self.path / level, request, self.ledger, self._place, level)
+            RunFolder(self.path / level, request, self.ledger, self._directory, level)
             for level, request in ((f"levels/{k}/", request) for k, request in enumerate(self.request.levels))
         )
 
@@ -253,7 +251,7 @@ class RunFolder:
             OSError: it cannot be written.
         """
         data = content if isinstance(content, bytes) else content.encode()
-        self.ledger.files.keep(self._place, [(self._level + name, data)])
+        self._files.keep([(self._level + name, data)])
 
     def page_mark(self) -> str:
         """Return the last line of a page that is written now: a digest of all that it shows."""
@@ -261,16 +259,16 @@ class RunFolder:
 
     def page_is_current(self) -> bool:
         """Return whether the page is there, as the run wrote it, and nothing that it shows has changed since."""
-        page = self._place.read(REPORT)
+        page = self._directory.read(REPORT)
         return (
             page is not None
             and page.endswith(self.page_mark().encode())
-            and not self.ledger.files.is_changed(REPORT, page)
+            and not self._files.is_changed(REPORT, page)
         )
 
     def drop(self, name: str) -> None:
         """Remove a file of the run's own, if it is there."""
-        self.ledger.files.remove(self._place, [self._level + name])
+        self._files.remove([self._level + name])
 
     def journal(self, name: str) -> Path:
         """Return where a library may keep a journal, which it makes anew and locks.
@@ -279,8 +277,8 @@ class RunFolder:
             BadInput: a file is there that the run did not make.
         """
         if self._level:
-            self._place.make(self._level.rstrip("/"))
-        self.ledger.files.adopt(self._place, self._level + name, f"{self._level}{name}.lock")
+            self._directory.make(self._level.rstrip("/"))
+        self._files.adopt(self._level + name, f"{self._level}{name}.lock")
         return self.path / name
 
     def write(self) -> None:
@@ -298,20 +296,20 @@ class RunFolder:
         self.keep("candidates.csv", table.getvalue())
         self._write_best()
         for part in PARTS:
-            self._place.make(self._level + part)
-        files, valid = self.ledger.files, set[str]()
+            self._directory.make(self._level + part)
+        valid = set[str]()
 
-        def texts() -> Iterator[tuple[str, str]]:
+        def contents() -> Iterator[tuple[str, bytes]]:
             for n in self.request.task.sizes:
-                for key, *found in self.ledger.texts(n):
-                    for part, text in zip(PARTS, found, strict=True):
+                for key, *texts in self.ledger.texts(n):
+                    for part, text in zip(PARTS, texts, strict=True):
                         if text is not None:
                             valid.add(name := f"{self._level}{part}/{key}.json")
-                            yield name, text
+                            yield name, text.encode()
 
-        files.keep(self._place, contents(texts()), lasting=False)
+        self._files.keep(contents(), lasting=False)
         for part in PARTS:
-            files.remove(self._place, [name for name in files.names_in(self._level + part) if name not in valid])
+            self._files.remove(name for name in self._files.names_in(self._level + part) if name not in valid)
 
     def proof_states(self, n: int) -> Iterator[tuple[Row, ProofState]]:
         """Yield every ranked candidate of n modules with what is proven of it."""
@@ -329,11 +327,11 @@ class RunFolder:
         Raises:
             BadInput: the file has another content.
         """
-        return self.ledger.files.read(self._place, f"{self._level}{PROOFS}/{key}")
+        return self._files.read(f"{self._level}{PROOFS}/{key}")
 
     def changed_files(self) -> list[str]:
         """Return the names of all files whose content is not what the run wrote."""
-        return self.ledger.files.find_changed(self._place)
+        return self._files.find_changed()
 
     def proofs(self, n: int) -> dict[str, Proof]:
         """Return the proofs of candidates of n modules by key: those of this very task.
@@ -365,12 +363,12 @@ class RunFolder:
                     f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: "
                     "remove it, and run `topo-search prove` again"
                 )
-                raise BadInput(str(self._place.path / PROOFS / name), [Fault("", rule)])
+                raise BadInput(str(self._directory.path / PROOFS / name), [Fault("", rule)])
             yield proof
 
     def keep_within(self, part: str, name: str, content: str) -> None:
         """Write a file of the run's own into one of its folders; errors as of `keep`."""
-        self._place.make(f"{self._level}{part}")
+        self._directory.make(f"{self._level}{part}")
         self.keep(f"{part}/{name}", content)
 
     def read_within(self, part: str, model: type[Model]) -> dict[str, Model]:
@@ -379,19 +377,19 @@ class RunFolder:
         Raises:
             BadInput: one of them is damaged.
         """
-        found = dict[str, Model]()
-        for path in self.ledger.files.names_in(f"{self._level}{part}"):
-            if (content := self.ledger.files.read(self._place, path)) is None:
+        values = dict[str, Model]()
+        for path in self._files.names_in(f"{self._level}{part}"):
+            if (content := self._files.read(path)) is None:
                 continue
             try:
-                found[path.rsplit("/", 1)[1]] = model.model_validate_json(content)
+                values[path.rsplit("/", 1)[1]] = model.model_validate_json(content)
             except ValidationError as error:
-                raise BadInput(str(self._place.path / path), faults_of(error, model)) from None
-        return found
+                raise BadInput(str(self._directory.path / path), faults_of(error, model)) from None
+        return values
 
     def drop_within(self, part: str) -> None:
         """Remove what the run wrote into one of its folders."""
-        self.ledger.files.remove(self._place, self.ledger.files.names_in(f"{self._level}{part}"))
+        self._files.remove(self._files.names_in(f"{self._level}{part}"))
 
     def _write_best(self) -> None:
         """Write `best.json`, and `best-nN.json` of every size where there are several."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, fields
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import astuple, fields
 from pathlib import Path
 
 import pandas as pd
@@ -24,19 +24,9 @@ def candidates(path: Path) -> pd.DataFrame:
     Raises:
         BadInput: it is not a run folder.
     """
-    with RunFolder.load(path) as folder:
-        rows = [
-            [*cells(row, state), number]
-            for number, level in enumerate(folder.levels)
-            for n in level.request.task.sizes
-            for row, state in level.proof_states(n)
-        ]
-        goals = folder.request.task.goals.names
-    numbers = dict.fromkeys(
-        ("objective", "lower_bound", "gap", "violation", *FLIGHT, "proven_bound", "proven_gap"), "float64"
-    )
-    frame = pd.DataFrame(rows, columns=[*COLUMNS, "level"]).astype(numbers)
-    return frame if goals else frame.drop(columns="level")
+    frame = _frame(path, COLUMNS, lambda level, n: (cells(row, state) for row, state in level.proof_states(n)))
+    numbers = ("objective", "lower_bound", "gap", "violation", *FLIGHT, "proven_bound", "proven_gap")
+    return frame.astype(dict.fromkeys(numbers, "float64"))
 
 
 def front(points: Sequence[FrontPoint]) -> pd.DataFrame:
@@ -57,29 +47,15 @@ def shortfalls(path: Path) -> pd.DataFrame:
     Raises:
         BadInput: it is not a run folder.
     """
-    rows = []
-    with RunFolder.load(path) as folder:
-        for number, level in enumerate(folder.levels):
-            for n in level.request.task.sizes:
-                contexts = level.request.contexts(n)
-                for row in level.ledger.ranking(n):
-                    found = None if row.feasible else level.ledger.result(contexts[row.step], row.key)
-                    missed = found.shortfalls if isinstance(found, Infeasible) else ()
-                    rows += [
-                        {
-                            "key": row.key,
-                            "modules": n,
-                            **one.model_dump(),
-                            "kind": kind_of(one.constraint),
-                            "level": number,
-                        }
-                        for one in missed
-                    ]
-        goals = folder.request.task.goals.names
-    frame = pd.DataFrame(
-        rows, columns=["key", "modules", "constraint", "starts", "violation", "unit", "kind", "level"]
-    )
-    return frame if goals else frame.drop(columns="level")
+
+    def rows_of(level: RunFolder, n: int) -> Iterator[Sequence[object]]:
+        contexts = level.request.contexts(n)
+        for row in level.ledger.ranking(n):
+            result = None if row.feasible else level.ledger.result(contexts[row.step], row.key)
+            for one in result.shortfalls if isinstance(result, Infeasible) else ():
+                yield row.key, n, one.constraint, one.starts, one.violation, one.unit, kind_of(one.constraint)
+
+    return _frame(path, ("key", "modules", "constraint", "starts", "violation", "unit", "kind"), rows_of)
 
 
 def solves(path: Path) -> pd.DataFrame:
@@ -90,14 +66,22 @@ def solves(path: Path) -> pd.DataFrame:
     Raises:
         BadInput: it is not a run folder.
     """
+    columns = [field.name for field in fields(SolveEvent)]
+    frame = _frame(path, columns, lambda level, n: map(astuple, level.ledger.solves(n)))
+    return frame.astype({"objective": "float64"}).sort_values("at", kind="stable", ignore_index=True)
+
+
+def _frame(
+    path: Path, columns: Sequence[str], rows_of: Callable[[RunFolder, int], Iterable[Sequence[object]]]
+) -> pd.DataFrame:
+    """Return the rows of all sizes, with goals of all levels, each with the number of its level."""
     with RunFolder.load(path) as folder:
         rows = [
-            {**asdict(solve), "level": number}
+            (*row, number)
             for number, level in enumerate(folder.levels)
             for n in level.request.task.sizes
-            for solve in level.ledger.solves(n)
+            for row in rows_of(level, n)
         ]
         goals = folder.request.task.goals.names
-    frame = pd.DataFrame(rows, columns=[*(field.name for field in fields(SolveEvent)), "level"])
-    frame = frame.astype({"objective": "float64"}).sort_values("at", kind="stable", ignore_index=True)
+    frame = pd.DataFrame(rows, columns=[*columns, "level"])
     return frame if goals else frame.drop(columns="level")

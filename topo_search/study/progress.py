@@ -20,7 +20,7 @@ A time limit ends what is solved; audits come after it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, Protocol
@@ -52,6 +52,8 @@ CHUNK_SECONDS = 0.4
 """Processor time of a chunk of a proof by branch and bound, three and five modules [s]."""
 WRITING_SECONDS = 1.5
 """Time for all files and the page [s]."""
+TRUSTED = 2.0
+"""T [s]."""
 
 
 @dataclass(frozen=True)
@@ -139,19 +141,13 @@ def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) ->
         workers: how many jobs run at a time; None where that is not known.
         time_limit: [s]
     """
-    timed = math.isfinite(time_limit)
-    phases = [phase for level in folder.levels for phase in _level(level, timed=timed)]
-    return Plan((*phases, WRITING), workers, time_limit)
-
-
-def _level(folder: RunFolder, *, timed: bool) -> Iterator[Phase]:
-    """Yield what is left to do of all sizes."""
-    request, ledger = folder.request, folder.ledger
-    for n in request.task.sizes:
+    timed, phases = math.isfinite(time_limit), list[Phase]()
+    sizes = ((level.request, level.ledger, n) for level in folder.levels for n in level.request.task.sizes)
+    for request, ledger, n in sizes:
         context = request.contexts(n)[0]
         bound = ledger.bound(context)
         if bound is None:
-            yield proof_phase(n)
+            phases.append(proof_phase(n))
         elif bound[1] is not None:
             continue  # it is proven impossible
         count = request.space(n).count()
@@ -162,8 +158,9 @@ def _level(folder: RunFolder, *, timed: bool) -> Iterator[Phase]:
                 left = candidates - ledger.count_solved(context, stop)
                 name: PhaseName = "polishing" if before else "searching"
                 if left > 0:
-                    yield Phase(name, n, left, stop, solving_seconds(context.task, stop - before))
-            yield audit_phase(n, min(AUDITED, candidates))
+                    phases.append(Phase(name, n, left, stop, solving_seconds(context.task, stop - before)))
+            phases.append(audit_phase(n, min(AUDITED, candidates)))
+    return Plan((*phases, WRITING), workers, time_limit)
 
 
 class Observer(Protocol):
@@ -201,10 +198,6 @@ class Silent:
 
     def note(self, text: str) -> None:
         """Ignore a note."""
-
-
-TRUSTED = 2.0
-"""T [s]."""
 
 
 class TimeLeft:

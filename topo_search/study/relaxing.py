@@ -28,6 +28,10 @@ TREES = 2
 """The closest trees, for which limits are relaxed."""
 KEPT = 3
 """Most relaxations in an answer."""
+RELAXED = "relaxed"
+"""The folder of what gives the closest trees a design, one file per size without any."""
+SIZES = 2
+"""Most sizes that causes are sought for, the largest."""
 
 
 @dataclass
@@ -117,22 +121,25 @@ def relax(
     attempts = [_Attempt(task, tree, limit) for tree in trees for limit in relaxable(task, n)]
     resolved, few = task.resolve(n), range(min(starts, STARTS))
     proven = backends.prove_impossible(resolved) is not None  # else what is easier is not either
+
+    def deadline(numbered: tuple[int, int, Job]) -> float:
+        """Return the time after which a solve and its audit, with every margin, count as hung [s]."""
+        return (1 + LARGER_MARGINS) * (numbered[2].deadline + audit_deadline(n))
+
     over = False
     while not over and (due := _possible_attempts(attempts, backends if proven else None)):
         observer.phase(Phase("relaxing", n, len(due), len(few), solving_seconds(resolved, len(few))))
         jobs = [(k, place, Job(attempts[k].task_at(place), attempts[k].topology, 1, few, seed)) for k, place in due]
         over = True
-        ended = engine.run(
-            partial(_leads_to_a_design, backends), jobs, deadline=lambda job: _deadline(job[2]), until=until
-        )
+        ended = engine.run(partial(_leads_to_a_design, backends), jobs, deadline=deadline, until=until)
         for count, ((k, place, _), outcome) in enumerate(ended, 1):
             attempts[k].take(place, outcome)
             observer.settled(None)
             over = count < len(jobs)
-    found = _least(attempts)
-    if over and not found:
+    helpful = _least(attempts)
+    if over and not helpful:
         return None
-    others = [one for one in attempts if one.limit.limit not in {helped.limit for helped in found}]
+    others = [one for one in attempts if one.limit.limit not in {helped.limit for helped in helpful}]
     untried = {one.limit.limit: one.failure for one in others if one.failure is not None}
     in_vain = {
         one.limit.limit: one.change(one.short) + (" (still proven impossible)" if one.proven else "")
@@ -142,7 +149,7 @@ def relax(
     return Relaxed(
         modules=n,
         starts=starts,
-        relaxations=tuple(found[:KEPT]),
+        relaxations=tuple(helpful[:KEPT]),
         in_vain=tuple(sorted(words for limit, words in in_vain.items() if limit not in untried)),
         untried=tuple(sorted(untried.values())),
         topologies=tuple(tree.key for tree in trees),
@@ -164,16 +171,11 @@ def _possible_attempts(attempts: list[_Attempt], backends: Backends | None) -> l
 
 def _least(attempts: list[_Attempt]) -> list[Relaxation]:
     """Return the least change of every limit that helped: first what costs nothing, then the least change."""
-    found = [one.relaxation(one.enough) for one in attempts if one.enough is not None]
+    helpful = [one.relaxation(one.enough) for one in attempts if one.enough is not None]
     least = dict[str, Relaxation]()
-    for one in sorted(found, key=lambda one: (not one.tightens, one.share, one.limit, one.topology_key)):
+    for one in sorted(helpful, key=lambda one: (not one.tightens, one.share, one.limit, one.topology_key)):
         least.setdefault(one.limit, one)
     return list(least.values())
-
-
-def _deadline(job: Job) -> float:
-    """Return the time after which a solve and its audit, with every margin, count as hung [s]."""
-    return (1 + LARGER_MARGINS) * (job.deadline + audit_deadline(job.topology.n))
 
 
 def _leads_to_a_design(backends: Backends, numbered: tuple[int, int, Job]) -> bool:
@@ -193,12 +195,6 @@ def _leads_to_a_design(backends: Backends, numbered: tuple[int, int, Job]) -> bo
 
     raise_margins(tasks, [job.topology.key], judge)
     return clear
-
-
-RELAXED = "relaxed"
-"""The folder of what gives the closest trees a design, one file per size without any."""
-SIZES = 2
-"""Most sizes that causes are sought for, the largest."""
 
 
 def find_causes(folder: RunFolder, backends: Backends, engine: Engine, observer: Observer, until: float) -> None:
@@ -226,7 +222,7 @@ def find_causes(folder: RunFolder, backends: Backends, engine: Engine, observer:
         tried = kept is not None and kept.starts >= request.starts and not kept.untried
         if not ended or tried or not (trees := _closest(folder, n, proven=proven)):
             continue
-        found = relax(
+        relaxed = relax(
             request.task,
             trees,
             starts=request.starts,
@@ -236,8 +232,8 @@ def find_causes(folder: RunFolder, backends: Backends, engine: Engine, observer:
             observer=observer,
             until=until,
         )
-        if found is not None:
-            folder.keep_within(RELAXED, _name(n), to_json(found))
+        if relaxed is not None:
+            folder.keep_within(RELAXED, _name(n), to_json(relaxed))
 
 
 def causes(folder: RunFolder, n: int) -> Relaxed | None:

@@ -21,6 +21,13 @@ from topo_search.protocols import SamplerFactory
 from topo_search.study.margins import margins, with_margin
 from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 
+LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl", "scipy")
+"""Distributions whose versions can change a result."""
+StrategyName = Literal["exhaustive", "optuna"]
+Sampler = Literal["moves", "tpe", "nsga2", "random"]
+DEFAULT_ROUND = 8
+"""Proposals whose results may be unknown when another is made, when nobody says otherwise."""
+
 
 class Own(Value):
     """What a user brought to a run beside its task, as far as it tells one run from another."""
@@ -58,16 +65,6 @@ class Own(Value):
 
 
 NOTHING = Own()
-
-
-LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl", "scipy")
-"""Distributions whose versions can change a result."""
-
-StrategyName = Literal["exhaustive", "optuna"]
-Sampler = Literal["moves", "tpe", "nsga2", "random"]
-
-DEFAULT_ROUND = 8
-"""Proposals whose results may be unknown when another is made, when nobody says otherwise."""
 
 
 def installed_versions() -> dict[str, str]:
@@ -248,8 +245,8 @@ class Request:
                 "c1", True, f"every rooted tree is a candidate: {own.telling!r} may tell modules apart"
             )
         if self._proper:
-            found = resolve_symmetry(task, "c2")
-            return replace(found, reason=f"{found.reason}; {own.handed!r} may tell mirror images apart")
+            resolution = resolve_symmetry(task, "c2")
+            return replace(resolution, reason=f"{resolution.reason}; {own.handed!r} may tell mirror images apart")
         return _lossy_resolution(resolve_symmetry(task, self.symmetry), task, own)
 
     def covers(self, n: int) -> bool:
@@ -280,11 +277,11 @@ class Request:
         ]
 
 
-def _lossy_resolution(found: Resolution, task: ResolvedTask, own: Own) -> Resolution:
+def _lossy_resolution(resolution: Resolution, task: ResolvedTask, own: Own) -> Resolution:
     """Return a symmetry that was asked for by name, which own constraints may break."""
     broken = own.telling if task.search.root == "free" else None
-    if broken is None and found.group in ("d2", "d4"):
+    if broken is None and resolution.group in ("d2", "d4"):
         broken = own.handed
-    if broken is None or not found.exact:
-        return found
-    return Resolution(found.group, False, f"lossy: {broken!r} may tell trees apart that count as one")
+    if broken is None or not resolution.exact:
+        return resolution
+    return Resolution(resolution.group, False, f"lossy: {broken!r} may tell trees apart that count as one")

@@ -65,12 +65,12 @@ def run(
     """
     try:
         with RunFolder.open(path, request) as folder, refuse_lost(folder):
-            plan = remaining_plan(folder, workers, time_limit)
-            if plan.solves:
-                prepare()
-            until = time.monotonic() + time_limit
-            observer.plan(plan)
             try:
+                plan = remaining_plan(folder, workers, time_limit)
+                if plan.solves:
+                    prepare()
+                until = time.monotonic() + time_limit
+                observer.plan(plan)
                 for number, level in enumerate(folder.levels):  # one, unless the task has goals
                     if level.request.level is not None:
                         observer.note(f"level {number} of {len(folder.levels)}: {level.request.level.words}")

@@ -19,11 +19,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from itertools import islice
+from itertools import count
 from pathlib import Path
 
 from topo_search.engine import Space, scaled_violation
-from topo_search.model import Audit, BadInput, Design, Infeasible, ResolvedTask, Topology
+from topo_search.model import Audit, BadInput, Design, Topology
 from topo_search.study.answer import (
     NEAR,
     SHOWN,
@@ -41,11 +41,10 @@ from topo_search.study.folder import LEDGER, RunFolder
 from topo_search.study.front import front_of
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import LedgerLost, damage, parse
-from topo_search.study.proofs import subject_of, summarize
+from topo_search.study.proofs import ProofSummary, subject_of, summarize
 from topo_search.study.relaxing import causes
 from topo_search.study.request import Context, Request
 from topo_search.study.row import Row, flight_of
-from topo_search.topologies import Resolution
 
 BELOW_BOUND = 3.0e-6
 """Share of the bound by which J may lie below it: tolerances of solver and audit (1e-6 each), and rounding."""
@@ -86,61 +85,51 @@ def check_designs(ledger: Ledger, contexts: list[Context], space: Space, rows: I
         BadInput: they do not; names the candidate.
     """
     for row in rows:
-        if not 0 <= row.step < len(contexts):
-            raise _differs(ledger, row, f"margin has place {row.step} of {len(contexts)}")
-        context = contexts[row.step]
-        design = ledger.result(context, row.key)
-        if not isinstance(design, Design):
-            raise _differs(ledger, row, "design is none")
-        _check_tree(ledger, row, design, space)
-        cost = sum(
-            case.weight * sum(u * u for u in inputs)
-            for case, inputs in zip(design.task.load_cases, design.rotor_speeds_squared, strict=True)
-        )
-        told = {
-            "objective": (row.objective, design.objective),
-            "margin": (row.margin, context.margin),
-            "task": (design.task, context.task),
-            "gap": (row.gap, Design.gap_of(design.objective, row.lower_bound or 0.0)),
-        }
-        for name, (held, due) in told.items():
-            if held != due:
-                raise _differs(ledger, row, f"{name} is not that of its design")
-        if abs(cost - design.objective) > SAME * abs(design.objective):
-            raise _differs(ledger, row, f"objective is {design.objective!r}, but its inputs cost {cost!r}")
-        _check_audit(ledger, row, context)
+        for difference in _differences(ledger, contexts, space, row):
+            raise damage(ledger.path, f"{row.key}: its {difference}")
 
 
-def _check_tree(ledger: Ledger, row: Row, design: Design, space: Space) -> None:
-    """Compare the key with the tree, and both with the candidates that there are."""
+def _differences(ledger: Ledger, contexts: list[Context], space: Space, row: Row) -> Iterator[str]:
+    """Yield in what a row, its design, its audit and its tree differ; what follows may rely on what came before."""
+    if not 0 <= row.step < len(contexts):
+        yield f"margin has place {row.step} of {len(contexts)}"
+    context = contexts[row.step]
+    design, audit_text = ledger.result(context, row.key), ledger.audit(context, row.key)
+    if not isinstance(design, Design):
+        yield "design is none"
+        return
     try:
         candidate = space.candidate_of(Topology.from_key(row.key))
     except ValueError as error:
-        raise _differs(ledger, row, f"key names no tree: {error}") from None
-    stated = design.topology_key or row.key
-    if not row.key == stated == design.topology.key == candidate.key or design.topology.n != row.modules:
-        raise _differs(ledger, row, "key is not that of its tree")
-    if row.orbit != candidate.orbit:
-        raise _differs(ledger, row, f"tree stands for {candidate.orbit}, not {row.orbit}")
-
-
-def _check_audit(ledger: Ledger, row: Row, context: Context) -> None:
-    """Compare the verdict with the audit."""
-    text = ledger.audit(context, row.key)
-    if (text is None) != (row.audit is None):
-        raise _differs(ledger, row, "audit is gone")
-    if text is None:
+        yield f"key names no tree: {error}"
         return
-    audit = parse(ledger.path, Audit, "texts", text, strict=False)
-    stated = [one.stated for one in audit.residuals if one.name == "objective"]
-    if audit.verdict != row.audit or any(J not in (None, row.objective) for J in stated):
-        raise _differs(ledger, row, "audit is not that of its design")
-    if any(getattr(row, name) != value for name, value in flight_of(audit).items()):
-        raise _differs(ledger, row, "figures are not those of its audit")
-
-
-def _differs(ledger: Ledger, row: Row, what: str) -> BadInput:
-    return damage(ledger.path, f"{row.key}: its {what}")
+    keys = {row.key, design.topology_key or row.key, design.topology.key, candidate.key}
+    if len(keys) > 1 or design.topology.n != row.modules:
+        yield "key is not that of its tree"
+    if row.orbit != candidate.orbit:
+        yield f"tree stands for {candidate.orbit}, not {row.orbit}"
+    values = {
+        "objective": (row.objective, design.objective),
+        "margin": (row.margin, context.margin),
+        "task": (design.task, context.task),
+        "gap": (row.gap, Design.gap_of(design.objective, row.lower_bound or 0.0)),
+    }
+    yield from (f"{name} is not that of its design" for name, (held, due) in values.items() if held != due)
+    cost = sum(
+        case.weight * sum(u * u for u in inputs)
+        for case, inputs in zip(design.task.load_cases, design.rotor_speeds_squared, strict=True)
+    )
+    if abs(cost - design.objective) > SAME * abs(design.objective):
+        yield f"objective is {design.objective!r}, but its inputs cost {cost!r}"
+    if (audit_text is None) != (row.audit is None):
+        yield "audit is gone"
+    if audit_text is not None:
+        audit = parse(ledger.path, Audit, "texts", audit_text, strict=False)
+        efforts = [one.stated for one in audit.residuals if one.name == "objective"]
+        if audit.verdict != row.audit or any(J not in (None, row.objective) for J in efforts):
+            yield "audit is not that of its design"
+        if any(getattr(row, name) != value for name, value in flight_of(audit).items()):
+            yield "figures are not those of its audit"
 
 
 @contextmanager
@@ -171,11 +160,11 @@ def finished_answer(path: Path, request: Request) -> Answer | None:
 def answer_of(folder: RunFolder) -> Answer:
     """Return what a run has found, from its ledger."""
     goals = folder.request.task.goals
-    sizes = [_sizes(level) for level in folder.levels]
+    sizes = [tuple(_size_answer(level, n) for n in level.request.task.sizes) for level in folder.levels]
     answer = Answer(folder.path, sizes[0])
     if goals.names:
-        found = enumerate(zip(goals.levels, sizes, strict=True))
-        answer = replace(answer, levels=tuple(LevelAnswer(k, *one) for k, one in found), points=front_of(folder))
+        levels = tuple(map(LevelAnswer, count(), goals.levels, sizes))
+        answer = replace(answer, levels=levels, points=front_of(folder))
     if answer.best is None:
         return answer
     number = answer.points[0].number if answer.points else 0
@@ -190,84 +179,25 @@ def _best_unaudited(folder: RunFolder) -> Design | None:
     """Return the design of least effort of the smallest size that has any, whatever is known of its audit."""
     for level in folder.levels:
         for n in level.request.task.sizes:
-            for row in islice(level.ledger.ranking(n), 1):
-                found = level.ledger.result(level.request.contexts(n)[row.step], row.key)
-                if isinstance(found, Design):
-                    return found
+            row = next(level.ledger.ranking(n), None)
+            result = row and level.ledger.result(level.request.contexts(n)[row.step], row.key)
+            if isinstance(result, Design):
+                return result
     return None
 
 
-def _sizes(folder: RunFolder) -> tuple[SizeAnswer, ...]:
-    """Read the answer of a task without goals."""
-    found = (_add_proof(folder, _sum_up(folder.ledger, folder.request, n)) for n in folder.request.task.sizes)
-    return tuple(size if size.feasible else replace(size, relaxed=causes(folder, size.modules)) for size in found)
-
-
-def _add_proof(folder: RunFolder, answer: SizeAnswer) -> SizeAnswer:
-    """Return the answer of one size with what branch and bound proves of it."""
-    proofs = folder.proofs(answer.modules)
-    if not proofs:
-        return answer
-    task, rows = folder.request.contexts(answer.modules)[0].task, list(folder.ledger.ranking(answer.modules))
-    whom = subject_of(folder.request, answer.modules)
-    found = summarize(rows, proofs, answer.best, task, answer.candidates, whom)
-    told = answer.statement
-    if found.gap is not None:
-        told = proven_statement(answer.candidates, found.gap)
-    of_size = found.gap if answer.covers_size else None
-    return replace(
-        answer,
-        statement=told,
-        proven=found.sentence,
-        candidates_gap=found.gap,
-        proven_gap=of_size,
-        proof_resumable=found.resumable,
-    )
-
-
-def _sum_up(ledger: Ledger, request: Request, n: int) -> SizeAnswer:
-    """Read the answer of one size from the ledger."""
-    contexts, space = request.contexts(n), request.space(n)
-    lower_bound, proof = ledger.bound(contexts[0]) or (0.0, None)
-    answer = size_answer(
-        check_rows(ledger.ranking(n), space, lower_bound, ledger.path),
-        contexts[0].task,
-        candidates=space.count(),
-        starts=request.starts,
-        ended=proof is not None or ledger.has_ended(contexts[0], request.starts, request.trials),
-        audits_left=audits_left(ledger, contexts, request.starts),
-        lower_bound=lower_bound,
-        proof=proof,
-        quotient=request.quotient(n),
-        covers=request.covers(n),
-    )
-    best = [] if answer.best is None or answer.best in answer.top else [answer.best]
-    check_designs(ledger, contexts, space, [*answer.top, *best])
-    return answer
-
-
-def size_answer(
-    rows: Iterable[Row],
-    task: ResolvedTask,
-    *,
-    candidates: int,
-    starts: int,
-    ended: bool,
-    audits_left: bool,
-    lower_bound: float,
-    proof: Infeasible | None,
-    quotient: Resolution,
-    covers: bool,
-) -> SizeAnswer:
-    """Sum up the ranked rows of one size, of which at most `starts` starts each were asked for, in one pass."""
-    statuses: Counter[str] = Counter()
-    fewest = starts
-    feasible = 0
+def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
+    """Read the answer of one size of a task without goals."""
+    ledger, request = folder.ledger, folder.request
+    contexts, space, quotient = request.contexts(n), request.space(n), request.quotient(n)
+    candidates, covers = space.count(), request.covers(n)
+    lower_bound, impossible = ledger.bound(contexts[0]) or (0.0, None)
+    ended = impossible is not None or ledger.has_ended(contexts[0], request.starts, request.trials)
+    statuses = Counter[str]()
+    fewest, feasible = request.starts, 0
     best, closest, nearness = None, None, math.inf
-    top: list[Row] = []
-    near: list[Row] = []
-    remarks: list[str] = []
-    for row in rows:
+    top, near, remarks = list[Row](), list[Row](), list[str]()
+    for row in check_rows(ledger.ranking(n), space, lower_bound, ledger.path):  # one pass: there may be millions
         statuses[row.status] += 1
         if row.status in ("feasible", "infeasible"):
             fewest = min(fewest, row.asked)
@@ -275,33 +205,38 @@ def size_answer(
             feasible += row.orbit if quotient.exact else 1
             if best is None and row.clear:
                 best = row
-            if best is not None and _near(row, best):
+            if best is not None and _is_near(row, best):
                 near.append(row)
             if len(top) < SHOWN:
                 top.append(row)
             remarks.extend(remark(row))
         elif row.status == "infeasible" and row.violation is not None:
-            scaled = scaled_violation(row.violation, row.unit or "", task)
+            scaled = scaled_violation(row.violation, row.unit or "", contexts[0].task)
             if scaled < nearness:
                 closest, nearness = row, scaled
         elif row.status == "failed" and statuses["failed"] <= SHOWN:
             remarks.append(f"{row.key}: failed, {row.worst_constraint}")
     if statuses["failed"]:
         remarks.append("some candidates failed for reasons that may not recur; the same command tries them again")
-    settled = candidates if proof else statuses.total()
+    settled = candidates if impossible else statuses.total()
     if ended and settled < candidates:
         remarks.append(
             f"{candidates - settled} of {candidates} candidates were never proposed: nothing is known about them"
         )
-    if settled < candidates:
-        fewest = 0
+    check_designs(ledger, contexts, space, top if best is None or best in top else [*top, best])
+    proofs = folder.proofs(n)
+    proven = ProofSummary(None, None)
+    if proofs:
+        rows, subject = list(ledger.ranking(n)), subject_of(request, n)
+        proven = summarize(rows, proofs, best, contexts[0].task, candidates, subject)
+    words = None if best is None else statement(best, settled - statuses["failed"], candidates)
     return SizeAnswer(
-        modules=task.n,
+        modules=n,
         candidates=candidates,
         quotient=quotient_remark(quotient),
         settled=settled,
-        starts=fewest,
-        complete=ended and not audits_left,
+        starts=fewest if settled >= candidates else 0,
+        complete=ended and not audits_left(ledger, contexts, request.starts),
         statuses=dict(statuses),
         feasible=feasible,
         lower_bound=lower_bound,
@@ -310,14 +245,19 @@ def size_answer(
         near_ties=tuple(sorted((row for row in near if row.clear), key=_fragility)),
         near_ties_unaudited=sum(row.audit is None for row in near),
         remarks=tuple(remarks),
-        reason=None if feasible else reason(proof, closest, statuses),
+        reason=None if feasible else reason(impossible, closest, statuses),
         covers_size=covers,
-        impossible=proof is not None or (covers and statuses["impossible"] == candidates),
-        statement=None if best is None else statement(best, settled - statuses["failed"], candidates),
+        impossible=impossible is not None or (covers and statuses["impossible"] == candidates),
+        statement=words if proven.gap is None else proven_statement(candidates, proven.gap),
+        relaxed=None if feasible else causes(folder, n),
+        proven=proven.sentence,
+        proven_gap=proven.gap if covers else None,
+        candidates_gap=proven.gap,
+        proof_resumable=proven.resumable,
     )
 
 
-def _near(row: Row, best: Row) -> bool:
+def _is_near(row: Row, best: Row) -> bool:
     return row.objective is not None and row.objective <= (1 + NEAR) * (best.objective or 0.0)
 
 

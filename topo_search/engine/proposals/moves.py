@@ -150,12 +150,12 @@ class Moves(TreeSampler):
             yield self.uniform()
         # What one job carries over must not be what another one extends meanwhile: which ends first is chance.
         running = {idea.key for idea in trials.running.values()}
-        lent = running.union(*(idea.warm_starts for idea in trials.running.values()))
+        carried_over = running.union(*(idea.warm_starts for idea in trials.running.values()))
         for key in islice(known.designs, 1):
             if key not in running:
                 yield Idea(self._twin(key), (key,))
         repeats = running & trials.starts.keys()
-        kept = lent | trials.failed
+        kept = carried_over | trials.failed
         for _ in range(BATCHES):
             self._draw(known.surrogate, 1 if self._pool.keys() <= self._settled else MORE)
             new = [chance for key, (chance, _) in self._pool.items() if key not in self._settled]

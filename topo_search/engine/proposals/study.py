@@ -113,7 +113,7 @@ class OptunaSearch(Strategy):
 
     def proposals(self) -> Iterator[Proposal | None]:
         """Yield what the sampler draws, then the best again."""
-        yield from self._drawn()
+        yield from self._draws()
         best = sorted((reached, key) for key, reached in self._ranks.items() if reached[0] < NOT_PROMISING)
         most = CERTAIN if self._trials < self._space.count() else None
         for stop in self._stops:
@@ -131,7 +131,7 @@ class OptunaSearch(Strategy):
                     [_tell(study, _trial_again(study, proposer, score.key), score) for score in scores]
                 )
 
-    def _drawn(self) -> Iterator[Proposal | None]:
+    def _draws(self) -> Iterator[Proposal | None]:
         """Yield what the sampler draws, and more starts of what does well, if it promotes that."""
         proposer, ranks, had, starts = self._proposer, self._ranks, self._had, self._starts
         ladder = [*steps(starts, proposer.few)]

@@ -65,6 +65,14 @@ PATTERNS = tuple(
     for pattern in product((0, 1), repeat=length)
     if pattern <= pattern[::-1]  # the same path the other way
 )
+LINEAR = 0.1
+"""Variance of the trends."""
+NOISE = 0.6
+"""Variance of what one start says."""
+OPTIMISM = 2.0
+"""Standard deviations by which a tree may do better than expected."""
+MOST = 500
+"""Of more solved trees every second, third, ... in their ranking is looked at."""
 
 
 class Flat(NamedTuple):
@@ -167,16 +175,6 @@ def _asymmetry(places: Indices) -> tuple[Indices, Indices]:
         for u, v in images
     )
     return turn, np.min(mirrors, axis=0)
-
-
-LINEAR = 0.1
-"""Variance of the trends."""
-NOISE = 0.6
-"""Variance of what one start says."""
-OPTIMISM = 2.0
-"""Standard deviations by which a tree may do better than expected."""
-MOST = 500
-"""Of more solved trees every second, third, ... in their ranking is looked at."""
 
 
 class Surrogate:

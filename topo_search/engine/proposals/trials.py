@@ -26,6 +26,19 @@ from topo_search.model import Topology
 from topo_search.model.topology import ROOT, Joint
 from topo_search.topologies import Connectors
 
+FEW = 2
+"""Starts of a new candidate, if its sampler does not say otherwise."""
+SHARE = 4
+"""Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all, if its sampler promotes."""
+CERTAIN = 5
+"""So many of the best are given all starts in the end; all are if every candidate was proposed."""
+NOT_PROMISING = 2
+"""First number of the rank of candidates that are given no more starts."""
+Rank = tuple[int, float]
+"""Orders candidates: those with a design by objective, then those without by violation, then all others."""
+IMPOSSIBLE = 1.0e6
+"""Violation of a candidate that is proven impossible, behind all for which no design was found."""
+
 
 def ranges(n: int, connectors: Connectors) -> dict[str, int]:
     """Return the names of the numbers that make a tree of n modules, and how many values each can have."""
@@ -69,20 +82,6 @@ def _spin(k: int) -> str:
     return f"spin {k}"
 
 
-FEW = 2
-"""Starts of a new candidate, if its sampler does not say otherwise."""
-SHARE = 4
-"""Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all, if its sampler promotes."""
-CERTAIN = 5
-"""So many of the best are given all starts in the end; all are if every candidate was proposed."""
-
-NOT_PROMISING = 2
-"""First number of the rank of candidates that are given no more starts."""
-
-Rank = tuple[int, float]
-"""Orders candidates: those with a design by objective, then those without by violation, then all others."""
-
-
 def rank(score: Scored) -> Rank:
     """Return how a candidate stands."""
     if score.objective is not None:
@@ -111,10 +110,6 @@ def goes_on(score: Scored, others: Sequence[Rank], step: int) -> bool:
     """
     own = rank(score)
     return own[0] < NOT_PROMISING and bisect_left(others, own) < len(others) // SHARE**step
-
-
-IMPOSSIBLE = 1.0e6
-"""Violation of a candidate that is proven impossible, behind all for which no design was found."""
 
 
 class Idea(NamedTuple):
