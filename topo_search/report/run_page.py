@@ -33,8 +33,8 @@ from topo_search.report.relaxed_part import relaxed_limits
 from topo_search.report.view import shared_meshes
 from topo_search.report.wording import figures, modules, quantity
 from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
-from topo_search.study.answer import kind_of
 from topo_search.study.proofs import ProofState
+from topo_search.study.row import kind_of
 
 COLUMNS = (
     ("tree", "text"),

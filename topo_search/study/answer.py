@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,11 +72,6 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
         miss = f"{closest.key} misses `{closest.worst_constraint}` by {closest.violation:.3g} {closest.unit}"
         parts.append(f"smallest shortfall (not a proof): {miss}".rstrip())
     return "; ".join(parts)
-
-
-def kind_of(constraint: str) -> str:
-    """Return the name of a constraint without the numbers of its modules."""
-    return re.sub(r"\bmodule \d+", "a module", re.sub(r"\bmodules \d+ and \d+", "two modules", constraint))
 
 
 def remark(row: Row) -> list[str]:

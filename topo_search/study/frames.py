@@ -9,11 +9,10 @@ from pathlib import Path
 import pandas as pd
 
 from topo_search.model import Infeasible
-from topo_search.study.answer import kind_of
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import FRONT_COLUMNS, FrontPoint
 from topo_search.study.proofs import cells
-from topo_search.study.row import COLUMNS, FLIGHT, SolveEvent
+from topo_search.study.row import COLUMNS, FLIGHT, SolveEvent, kind_of
 
 
 def candidates(path: Path) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 from topo_search.engine import Failed, Outcome, Scored, record_of, scaled_violation
@@ -182,3 +183,8 @@ def score(row: Row, task: ResolvedTask) -> Scored:
     """Return what a strategy is told of a candidate."""
     violation = None if row.violation is None else scaled_violation(row.violation, row.unit or "", task)
     return Scored(row.key, row.asked, row.status, row.objective, violation)
+
+
+def kind_of(constraint: str) -> str:
+    """Return the name of a constraint without the numbers of its modules."""
+    return re.sub(r"\bmodule \d+", "a module", re.sub(r"\bmodules \d+ and \d+", "two modules", constraint))
