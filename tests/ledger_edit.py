@@ -4,7 +4,7 @@ import sqlite3
 from contextlib import ExitStack, closing
 
 from topo_search.study import RunFolder
-from topo_search.study.seals import PLACES, reseal
+from topo_search.study.ledger_file import PLACES, reseal
 
 
 def damaged(folder, *statements):

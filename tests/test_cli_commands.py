@@ -17,7 +17,7 @@ from topo_search.cli import main
 from topo_search.model import Assembly, Audit, Clearance, Design, EndEffectorSheet, Infeasible
 from topo_search.model.files import examples, read_json, read_task
 from topo_search.model.search import Search
-from topo_search.study.place import Place
+from topo_search.study.directory import Directory
 from topo_search.topologies import candidates, count, sample
 
 TOY = """
@@ -261,7 +261,7 @@ def test_a_full_disk_is_told_from_all_that_can_be_repaired_by_typing(command, mo
         raise error
 
     with monkeypatch.context() as patched:
-        patched.setattr(Place, "write", full)
+        patched.setattr(Directory, "write", full)
         result = command("run", "toy.toml", "--out", "out")
         assert result.exit_code == 74
         assert said in result.stderr

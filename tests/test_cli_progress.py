@@ -23,7 +23,7 @@ from topo_search.cli.progress import Bar
 from topo_search.model.files import to_toml
 from topo_search.report.progress import Lines, describe_plan
 from topo_search.study import Phase, Plan, TimeLeft
-from topo_search.study.phases import WRITING, audit_phase, proof_phase
+from topo_search.study.progress import WRITING, audit_phase, proof_phase
 
 SEARCHING = Phase("searching", 3, 100, 24, seconds=2.0)
 ROW = toy_problem.toy_row("a110", objective=4.0, gap=0.25)

@@ -18,7 +18,7 @@ from processes import eventually, gone
 
 from topo_search.child import ONE_THREAD
 from topo_search.engine import DaskWorkers, Failed, Workers
-from topo_search.engine.dask_guard import BATCH
+from topo_search.engine.dask_workers import BATCH
 
 
 @pytest.fixture(scope="module", params=["local", "dask"])

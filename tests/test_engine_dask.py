@@ -13,7 +13,7 @@ from engine_jobs import LONG, environment, misbehave, pause, report_pid, square
 from processes import eventually, gone
 
 from topo_search.engine import DaskWorkers, Failed, WorkersLost, dask_connection
-from topo_search.engine.dask_guard import TRIM
+from topo_search.engine.dask_workers import TRIM
 from topo_search.model import BadInput
 
 

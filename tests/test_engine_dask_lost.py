@@ -17,7 +17,7 @@ from processes import eventually
 from wording import says
 
 from topo_search.engine import DaskWorkers, WorkersLost, computing_versions, dask_connection, dask_workers
-from topo_search.engine.dask_guard import COMPUTING, PYTHON
+from topo_search.engine.dask_workers import COMPUTING, PYTHON
 
 
 @pytest.fixture

@@ -1,8 +1,8 @@
 import pytest
-from toy_problem import toy_task
+from toy_problem import follow, toy_task
 
-from topo_search.engine import Scored, Space, exhaustive_search
-from topo_search.engine.exhaustive import PRUNED_AFTER
+from topo_search.engine import ExhaustiveSearch, Scored, Space
+from topo_search.engine.strategy import PRUNED_AFTER
 from topo_search.model.proven import SOLVER_PRECISION
 
 SPACE = Space(toy_task(6).resolve(6), "c2")
@@ -16,7 +16,7 @@ class Solver:
         self.value, self.status = value, status
         self.stages, self.uncollected, self.reached = [], [], {}
 
-    def begin_stage(self, candidates, starts, *, again=False):
+    def begin_stage(self, candidates, starts, again):
         assert not self.uncollected
         self.stages.append([])
 
@@ -39,9 +39,8 @@ class Solver:
 def search(value, *, starts=24, timed=False, status="infeasible", bound=None):
     """Run the search; return the proposals of each stage, and the last result of each candidate."""
     solver = Solver(value, status)
-    exhaustive_search(
-        solver, SPACE, starts=starts, timed=timed, bound=bound and (lambda candidate: bound(candidate.key))
-    )
+    least = bound and (lambda candidate: bound(candidate.key))
+    follow(ExhaustiveSearch(SPACE, starts=starts, timed=timed, bound=least), solver)
     assert not solver.uncollected
     return solver.stages, solver.reached
 

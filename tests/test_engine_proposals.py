@@ -18,12 +18,13 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 from own_code import make_brute_force, make_grid, make_groups, make_qmc, make_random
+from toy_problem import follow
 
-from topo_search.engine.proposals import moves, optuna_search
-from topo_search.engine.proposals.promotion import CERTAIN, FEW
+from topo_search.engine.proposals import OptunaSearch, moves
 from topo_search.engine.proposals.study import LEARNT
+from topo_search.engine.proposals.trials import CERTAIN, FEW
 from topo_search.engine.space import Space
-from topo_search.engine.strategy import CandidateSolver, Proposal, Scored
+from topo_search.engine.strategy import Proposal, Scored, Strategy
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.protocols import SamplerFactory
@@ -36,11 +37,11 @@ STARTS = 10
 ROUND = 8
 
 Objective = Callable[[str, int], Scored]
-Search = Callable[[CandidateSolver], None]
+Search = Callable[[], Strategy]
 
 
 def study_of(space: Space, *, round_size: int = ROUND, **options: Any) -> Search:
-    return partial(optuna_search, space=space, round_size=round_size, **options)
+    return partial(OptunaSearch, space, round_size=round_size, **options)
 
 
 def space(n: int, connectors: str = "aligned") -> Space:
@@ -72,7 +73,7 @@ def scored(key: str, starts: int) -> Scored:
 
 
 @dataclass
-class Replayed(CandidateSolver):
+class Replayed:
     """A solver that answers by a formula, and what a search proposed to it."""
 
     objective: Objective
@@ -92,7 +93,7 @@ class Replayed(CandidateSolver):
         """The candidates in the order in which they were first proposed."""
         return list(dict.fromkeys(p.candidate.key for p in self.proposals))
 
-    def begin_stage(self, candidates: int, starts: int, *, again: bool = False) -> None:
+    def begin_stage(self, candidates: int, starts: int, again: bool) -> None:
         if again:
             self.stages.append([])
 
@@ -113,7 +114,7 @@ class Replayed(CandidateSolver):
 def replay(search: Search, objective: Objective = scored) -> Replayed:
     """Run a search to its end."""
     replayed = Replayed(objective)
-    search(replayed)
+    follow(search(), replayed)
     assert replayed.collected == len(replayed.proposals)
     return replayed
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from topo_search.engine.proposals.encoding import decode, encode, ranges
+from topo_search.engine.proposals.trials import decode, encode, ranges
 from topo_search.topologies import Connectors, Root, candidate_of, candidates, sample
 
 

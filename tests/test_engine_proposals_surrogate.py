@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from topo_search.engine.proposals.descriptors import PATTERNS, descriptors
 from topo_search.engine.proposals.moves import Moves
-from topo_search.engine.proposals.surrogate import MOST, Surrogate
+from topo_search.engine.proposals.surrogate import MOST, PATTERNS, Surrogate, descriptors
 from topo_search.engine.proposals.trials import Idea
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Scored

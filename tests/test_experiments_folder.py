@@ -12,8 +12,8 @@ from topo_search.experiments.folder import ABOUT, COLUMNS, RESULTS, Measured, Re
 from topo_search.experiments.plan import Variant, plan
 from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput
-from topo_search.study.lost import LedgerLost
-from topo_search.study.place import PARTIAL
+from topo_search.study.directory import PARTIAL
+from topo_search.study.ledger_file import LedgerLost
 
 SETTINGS = Settings(tasks=(("push", (3,)),), topologies=(3, 3), starts=1)
 

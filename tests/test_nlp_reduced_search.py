@@ -15,7 +15,7 @@ from nlp.reduced.search import local_minima, point_of
 from nlp.start_result import StartResult
 from nlp.starts.reduced_starts import draws
 from topo_search.model import Design, Topology
-from topo_search.study import phases
+from topo_search.study import progress
 
 TREE = Topology.from_key("a3010")
 """Four modules."""
@@ -117,4 +117,4 @@ def test_a_task_that_it_does_not_express_is_named() -> None:
 
 def test_a_plan_expects_the_reduced_search_of_the_sizes_that_take_it() -> None:
     """What a run is made of knows no solver, so the number stands in both."""
-    assert phases.REDUCED_UP_TO == REDUCED_UP_TO
+    assert progress.REDUCED_UP_TO == REDUCED_UP_TO

@@ -24,7 +24,7 @@ from toy_problem import InProcess, solved_keys, toy_run, toy_task
 from topo_search.model import BadInput
 from topo_search.model.files import to_toml
 from topo_search.study import COLUMNS, RunFolder, answer_of
-from topo_search.study.place import PARTIAL
+from topo_search.study.directory import PARTIAL
 
 RAN, ENDED, ODD = 0, 3, 99
 """Exit statuses of a child: it came to its end, it said why not, or something happened that nobody reckons with."""

@@ -8,7 +8,7 @@ from toy_problem import solved_keys, toy_run
 
 from topo_search.model import BadInput
 from topo_search.study import RunFolder, answer_of
-from topo_search.study.identity import Request
+from topo_search.study.request import Request
 
 
 def test_the_folder_alone_tells_what_was_asked_and_found(tmp_path):
@@ -48,7 +48,7 @@ def test_solves_come_in_the_order_in_which_they_ended(tmp_path, monkeypatch):
 
 def test_rows_of_other_library_versions_are_found_too(tmp_path, monkeypatch):
     answer = toy_run(tmp_path / "run")
-    monkeypatch.setattr("topo_search.study.identity.metadata.version", lambda name: "99")
+    monkeypatch.setattr("topo_search.study.request.metadata.version", lambda name: "99")
     assert Request.__dataclass_fields__["versions"].default_factory()["casadi"] == "99"
     with RunFolder.load(tmp_path / "run") as folder:
         assert "99" not in folder.request.versions.values()

@@ -24,7 +24,7 @@ from topo_search.model.search import Goals, Level
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import FrontPoint, Row, RunFolder, answer_of, front
-from topo_search.study.front import CLEARANCE, FRONT_COLUMNS, INPUT, STAND_OFF, idle_goals
+from topo_search.study.front import FRONT_COLUMNS, STEPS, idle_goals
 
 LEVELS = (1e-4, 2e-3, 1e-2)
 GOALS = Goals(clearance=LEVELS)
@@ -113,7 +113,13 @@ def test_differences_of_less_than_a_step_are_none(drawn):
     """None of the front covers another within a step, and all that is left out is covered within two."""
     goals = ["clearance", "stand_off", "peak_input"]
     noisy = [
-        point(1 + 1e-6 * J, CLEARANCE * c, STAND_OFF * s, 0.5 + INPUT * u, number=number)
+        point(
+            1 + 1e-6 * J,
+            STEPS["clearance"] * c,
+            STEPS["stand_off"] * s,
+            0.5 + STEPS["peak_input"] * u,
+            number=number,
+        )
         for number, (J, c, s, u) in enumerate(drawn)
     ]
     found = front(noisy, goals)

@@ -18,7 +18,7 @@ from topo_search.cli import main
 from topo_search.model import BadInput, Design
 from topo_search.model.files import to_json, to_toml, write_atomically
 from topo_search.study import LedgerLost, RunFolder, answer_of
-from topo_search.study.place import PARTIAL, Place
+from topo_search.study.directory import PARTIAL, Directory
 
 MINE = {"designs/mine.json": "mine", "audits/x.json": "x", "report.html": "page"}
 
@@ -304,8 +304,8 @@ def test_the_key_of_a_crafted_ledger_names_no_file(tmp_path, key):
 @pytest.mark.parametrize("name", ["../evil", "designs/../../evil", "/evil", ""])
 def test_no_name_leads_out_of_the_folder(tmp_path, name):
     (tmp_path / "run").mkdir()
-    with Place.open(tmp_path / "run") as place:
-        for use in (place.read, place.remove, lambda name: place.write(name, b"x")):
+    with Directory.open(tmp_path / "run") as directory:
+        for use in (directory.read, directory.remove, lambda name: directory.write(name, b"x")):
             with pytest.raises(ValueError, match="within the folder"):
                 use(name)
 
@@ -315,7 +315,7 @@ def test_names_of_files_in_a_crafted_ledger_remove_nothing_outside(tmp_path):
     toy_run(run)
     (tmp_path / "theirs.json").write_text("")
     row = ("designs/../../theirs.json", None, None, 1)
-    from topo_search.study.seals import checksum
+    from topo_search.study.ledger_file import checksum
 
     forged(run, ("INSERT INTO files VALUES (?, ?, ?, ?, ?)", (*row, checksum(row))))
     with pytest.raises(BadInput, match="is damaged"):

@@ -16,7 +16,7 @@ from toy_problem import solved_keys, toy_run
 from topo_search.engine import Engine
 from topo_search.model import BadInput
 from topo_search.study import Request, RunFolder, Silent
-from topo_search.study.identity import Identity
+from topo_search.study.request import Identity
 
 PROPOSED = {"modules": 6, "strategy": "optuna", "starts": 9}
 

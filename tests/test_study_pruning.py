@@ -5,7 +5,7 @@ import pytest
 import toy_problem
 from toy_problem import solved_keys, toy_run
 
-from topo_search.engine.exhaustive import PRUNED_AFTER
+from topo_search.engine.strategy import PRUNED_AFTER
 from topo_search.model import BadInput
 from topo_search.study import RunFolder
 

@@ -7,24 +7,33 @@ import pytest
 import toy_problem
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
-from topo_search.engine import Proposal, Space, TimeUp
+from topo_search.engine import Proposal, Space, Strategy
 from topo_search.model import BadInput
 from topo_search.study import Request, RunFolder, Silent
-from topo_search.study.solving import RecordedSolver
+from topo_search.study.run import solve_proposals
 
 
-def scores_of(solver, *proposals):
-    """Propose candidates, and return their results."""
-    for proposal in proposals:
-        solver.submit(proposal)
-    return solver.results(len(proposals))
+class Scripted(Strategy):
+    """Proposes what a script says, and keeps the results that it was told."""
+
+    def __init__(self, script, space):
+        self.script, self.space, self.told = script, space, []
+        super().__init__()
+
+    def proposals(self):
+        yield from self.script(self, self.space, self.told)
+
+    def scores_of(self, *proposals):
+        """Propose candidates, and return their results."""
+        yield from proposals
+        return (yield from self.results(len(proposals)))
 
 
-def halving(solver, space, told):
+def halving(strategy, space, told):
     """Propose all candidates, then the better half of them from more starts, and so on."""
     proposals, starts = [Proposal(candidate, 1) for candidate in space.candidates()], 1
     while len(proposals) > 1:
-        scores = scores_of(solver, *proposals)
+        scores = yield from strategy.scores_of(*proposals)
         told.append(scores)
         assert [scored.key for scored in scores] == [proposal.candidate.key for proposal in proposals]
         assert all(scored.starts >= starts for scored in scores)
@@ -35,18 +44,12 @@ def halving(solver, space, told):
 
 def run_strategy(path, *, until=math.inf, strategy=halving):
     """Run a strategy in a run's folder; return whether it ended and the results that it collected."""
-    request, told = Request(toy_task(4), "c2", 9, 0), []
+    request = Request(toy_task(4), "c2", 9, 0)
+    scripted = Scripted(strategy, request.space(4))
     with RunFolder.open(path, request) as folder:
-        context = request.contexts(4)[0]
-        folder.ledger.begin(context, toy_problem.BOUND, None)
-        solver = RecordedSolver(
-            folder.ledger, context, toy_problem.BOUND, toy_problem.solve, InProcess(1), Silent(), until=until
-        )
-        try:
-            strategy(solver, request.space(4), told)
-        except TimeUp:
-            return False, told
-        return True, told
+        folder.ledger.begin(request.contexts(4)[0], toy_problem.BOUND, None)
+        known = toy_problem.BOUND, toy_problem.BACKENDS, InProcess(1), Silent(), until
+        return solve_proposals(scripted, folder, 4, *known), scripted.told
 
 
 def test_a_strategy_is_told_the_value_of_every_proposal(tmp_path, log):
@@ -88,11 +91,11 @@ def test_what_has_no_design_comes_with_its_violation(tmp_path, monkeypatch):
         assert scored.violation == pytest.approx(toy_problem.value(scored.key, 0, 0, 1e-4) / unit)
 
 
-def warm_starting(solver, space, told):
+def warm_starting(strategy, space, told):
     first, second, third = itertools.islice(space.candidates(), 3)
-    told.append(scores_of(solver, Proposal(first, 1)))
-    told.append(scores_of(solver, Proposal(second, 3, near=(first.key,)), Proposal(third, 1)))
-    told.append(scores_of(solver, Proposal(first, 2), Proposal(third, 3, near=(second.key,))))
+    told.append((yield from strategy.scores_of(Proposal(first, 1))))
+    told.append((yield from strategy.scores_of(Proposal(second, 3, near=(first.key,)), Proposal(third, 1))))
+    told.append((yield from strategy.scores_of(Proposal(first, 2), Proposal(third, 3, near=(second.key,)))))
 
 
 def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
@@ -108,11 +111,11 @@ def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
 
 
 def test_designs_may_stand_for_all_of_the_first_starts(tmp_path, log):
-    def carried_over_alone(solver, space, told):
+    def carried_over_alone(strategy, space, told):
         first, second, third = itertools.islice(space.candidates(), 3)
-        told.append(scores_of(solver, Proposal(first, 1), Proposal(second, 1)))
-        told.append(scores_of(solver, Proposal(third, 2, near=(first.key, second.key))))
-        told.append(scores_of(solver, Proposal(third, 4)))
+        told.append((yield from strategy.scores_of(Proposal(first, 1), Proposal(second, 1))))
+        told.append((yield from strategy.scores_of(Proposal(third, 2, near=(first.key, second.key)))))
+        told.append((yield from strategy.scores_of(Proposal(third, 4))))
 
     ended, told = run_strategy(tmp_path / "run", strategy=carried_over_alone)
     lines = [line.split() for line in log.read_text().splitlines()]

@@ -225,6 +225,20 @@ def toy_run(
         return run(request, Path(path), backends, engine=engine, observer=observer or Silent(), **options)
 
 
+def follow(strategy, solver):
+    """Let a solver answer what a strategy proposes, each result when the strategy waits for it."""
+    stage = None
+    while not strategy.over:
+        proposal = strategy.ask()
+        if strategy.stage is not stage:
+            stage = strategy.stage
+            solver.begin_stage(*stage)
+        if proposal is not None:
+            solver.submit(proposal)
+        elif not strategy.over:
+            strategy.tell(*solver.results(1))
+
+
 def toy_row(key, *, objective, gap):
     return Row(
         key=key, modules=3, orbit=1, status="feasible", asked=1, lower_bound=BOUND, objective=objective, gap=gap

@@ -15,7 +15,7 @@ from topo_search.limits import NEAR, OWN_CONSTRAINTS
 from topo_search.model import BadInput, Design, Fault, Task
 from topo_search.protocols import OwnConstraint, OwnSampler, SamplerFactory, TopologySampler
 from topo_search.study import Own, Sampler
-from topo_search.study.identity import digest
+from topo_search.study.request import digest
 from topo_search.topologies import OwnTopology, own_candidates
 
 AnySampler = Sampler | OwnSampler | SamplerFactory | TopologySampler

@@ -27,7 +27,7 @@ from topo_search.compose import BACKENDS
 from topo_search.engine import Engine, Failed, Job, Space, Workers
 from topo_search.model.files import read_task
 from topo_search.study import Request, Silent, run
-from topo_search.study.own import Own
+from topo_search.study.request import Own
 
 FEW = 4
 """Trees of the search in which code is loaded."""

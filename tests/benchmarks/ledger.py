@@ -14,35 +14,19 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from toy_problem import BOUND, solve, toy_task
 
-from topo_search.engine import Engine, exhaustive_search
+from topo_search.engine import ExhaustiveSearch
 from topo_search.model import Design
 from topo_search.study import Request, RunFolder, Silent
-from topo_search.study.own_files import digest_of
+from topo_search.study.directory import digest_of
 from topo_search.study.row import row_of
-from topo_search.study.solving import RecordedSolver
+from topo_search.study.solving import Candidates
 
 BATCH = 1000
-
-
-class FirstJob(Exception):
-    """A job that is still to be done was reached."""
-
-
-class Stopping(Engine):
-    """Stands in for worker processes: the first job ends the measurement."""
-
-    def run(self, function: Any, jobs: Iterable[Any], **options: Any) -> Iterator[Any]:
-        """Draw the first job."""
-        for _ in jobs:
-            raise FirstJob
-        yield from ()
 
 
 def fill(path: Path, request: Request, n: int) -> None:
@@ -64,23 +48,20 @@ def fill(path: Path, request: Request, n: int) -> None:
                 rows.append((row, design))
             folder.ledger.record(context, rows)
             digests = [(f"designs/{row.key}.json", digest_of(row.key.encode()), None) for row, _ in rows]
-            folder.ledger.files.record(digests)
+            folder._files.record(digests)
 
 
 def resume(path: Path, request: Request, n: int) -> None:
     """Take the run up and print where the time goes."""
     laps = [("loading the program", time.process_time())]
-    space, context = request.space(n), request.contexts(n)[0]
+    space = request.space(n)
     with RunFolder.open(path, request) as folder:
         laps.append(("opening and checking the ledger", time.process_time()))
-        solver = RecordedSolver(folder.ledger, context, BOUND, solve, Stopping(), Silent())
+        candidates = Candidates(ExhaustiveSearch(space, starts=1, timed=False), folder, n, BOUND, Silent())
         laps.append(("reading what is known", time.process_time()))
-        try:
-            exhaustive_search(solver, space, starts=1, timed=False)
-        except FirstJob:
-            laps.append(("enumerating and answering all that is known", time.process_time()))
-        else:
+        if next(candidates.jobs(), None) is None:
             raise SystemExit("no job was left: the ledger holds everything")
+        laps.append(("enumerating and answering all that is known", time.process_time()))
     before = 0.0
     for name, at in laps:
         print(f"{name:45}{at - before:8.2f} s")

@@ -21,8 +21,8 @@ from random import Random
 from typing import NamedTuple
 
 import nlp
-from topo_search.engine import CandidateSolver, Proposal, Scored, Space, scaled_violation
-from topo_search.engine.proposals import optuna_search
+from topo_search.engine import Proposal, Scored, Space, scaled_violation
+from topo_search.engine.proposals import OptunaSearch
 from topo_search.engine.proposals.moves import AT_ONCE, MANY
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import read_task
@@ -95,7 +95,7 @@ def measured(space: Space, task: ResolvedTask, number: int, starts: int) -> list
     return jobs[1:]
 
 
-class SimulatedWorkers(CandidateSolver):
+class SimulatedWorkers:
     """Takes as long as measured jobs do, and keeps the time that the search itself takes in between."""
 
     def __init__(self, jobs: list[Job], workers: int) -> None:
@@ -105,14 +105,10 @@ class SimulatedWorkers(CandidateSolver):
         self._uncollected: deque[tuple[float, Scored]] = deque()
         self._since = time.process_time()
 
-    def begin_stage(self, candidates: int, starts: int, *, again: bool = False) -> None:
-        """Stop where candidates come again."""
+    def submit(self, proposal: Proposal, *, again: bool) -> None:
+        """Give a proposal to the worker that is free first; stop where candidates come again."""
         if again:
             raise StopIteration
-        self._since = time.process_time()
-
-    def submit(self, proposal: Proposal) -> None:
-        """Give a proposal to the worker that is free first."""
         self._pass_time()
         key, starts = proposal.candidate.key, proposal.starts
         job = Random(f"{key} {starts}").choice(self.jobs)
@@ -138,10 +134,15 @@ class SimulatedWorkers(CandidateSolver):
 
 def simulated(space: Space, jobs: list[Job], size: int, trials: int, workers: int) -> Busy:
     """Return how busy workers are that take jobs in the order in which they are proposed."""
-    solver = SimulatedWorkers(jobs, workers)
     starts = nlp.default_starts(space.task)
+    search = OptunaSearch(space, sampler="moves", trials=trials, round_size=size, starts=starts, seed=0)
+    solver = SimulatedWorkers(jobs, workers)
     with suppress(StopIteration):
-        optuna_search(solver, space, sampler="moves", trials=trials, round_size=size, starts=starts, seed=0)
+        while not search.over:
+            if (proposal := search.ask()) is not None:
+                solver.submit(proposal, again=search.stage is not None and search.stage.again)
+            elif not search.over:
+                search.tell(*solver.results(1))
     spans = solver.spans
     last, end = max(began for began, _ in spans), max(solver.free)
     shares = (sum(min(b, until) - a for a, b in spans) / (workers * until) for until in (last, end))

@@ -20,14 +20,13 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from statistics import median
 from typing import NamedTuple, Protocol
 
 import nlp
-from topo_search.engine import CandidateSolver, Proposal, Scored, Space, merge, record_of, scaled_violation
-from topo_search.engine.proposals import optuna_search
+from topo_search.engine import Proposal, Scored, Space, merge, record_of, scaled_violation
+from topo_search.engine.proposals import OptunaSearch
 from topo_search.model import Design, Infeasible, ResolvedTask, Task
 from topo_search.model.files import read_task
 from topo_search.study import DEFAULT_ROUND
@@ -227,40 +226,17 @@ def score(key: str, starts: int, reached: Reached) -> Scored:
 def explore(space: Space, way: Way, starts: int, seed: int, source: Source, ends: Callable[[Source], bool]) -> None:
     """Follow a sampler's proposals, and look after each whether it was enough."""
     trials = space.count() - 1  # where all are proposed all get all starts in the end, whatever the sampler
-    with suppress(Enough):
-        optuna_search(
-            Explored(source, ends),
-            space,
-            sampler=way.sampler,
-            trials=trials,
-            round_size=way.round_size,
-            starts=starts,
-            seed=seed,
-        )
-
-
-class Enough(Exception):
-    """No more has to be proposed."""
-
-
-class Explored(CandidateSolver):
-    """Solves proposals from a source until it was enough."""
-
-    def __init__(self, source: Source, ends: Callable[[Source], bool]) -> None:
-        self._source, self._ends, self._uncollected = source, ends, deque[Scored]()
-
-    def begin_stage(self, candidates: int, starts: int, *, again: bool = False) -> None:
-        """Nobody watches."""
-
-    def submit(self, proposal: Proposal) -> None:
-        """Solve a proposal."""
-        self._uncollected.append(self._source(proposal))
-        if self._ends(self._source):
-            raise Enough
-
-    def results(self, number: int) -> list[Scored]:
-        """Return the earliest results."""
-        return [self._uncollected.popleft() for _ in range(number)]
+    search = OptunaSearch(
+        space, sampler=way.sampler, trials=trials, round_size=way.round_size, starts=starts, seed=seed
+    )
+    results = deque[Scored]()
+    while not search.over:
+        if (proposal := search.ask()) is not None:
+            results.append(source(proposal))
+            if ends(source):
+                return
+        elif not search.over:
+            search.tell(results.popleft())
 
 
 if __name__ == "__main__":

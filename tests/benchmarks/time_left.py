@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from topo_search.study import Phase, Plan, Row, Silent, TimeLeft
-from topo_search.study.time_left import errors
+from topo_search.study.progress import errors
 
 RECORDED = Path(__file__).parent / "recorded_runs"
 FIRST = 0.1

@@ -50,7 +50,7 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
     """
     from topo_search.engine import WorkersLost
     from topo_search.model import BadInput
-    from topo_search.study.lost import LedgerLost
+    from topo_search.study.ledger_file import LedgerLost
 
     kept = "; finished results are safe; run the same command to continue" if resumes else ""
     current = signal.getsignal(signal.SIGTERM)

@@ -239,7 +239,7 @@ def _write_table(source: str, kind: Any, out: Path) -> None:
     """Write the candidates of a run's folder, or the clearances of an audit or a design."""
     from topo_search.export.audits import clearances, csv, parquet
     from topo_search.model.files import write_atomically
-    from topo_search.study.frame import candidates
+    from topo_search.study.frames import candidates
 
     if kind == "assembly":
         write_atomically(out, _audit_of(source).assembly.csv())

@@ -18,10 +18,8 @@ from topo_search.cli.errors import note
 
 if TYPE_CHECKING:
     from topo_search.report.progress import Words
-    from topo_search.study.observer import Observer
-    from topo_search.study.phases import Phase, Plan
+    from topo_search.study.progress import Observer, Phase, Plan, TimeLeft
     from topo_search.study.row import Row
-    from topo_search.study.time_left import TimeLeft
 
 WIDTH = 24
 """Width of the bar [characters]."""
@@ -118,7 +116,7 @@ class Bar:
     def _time_left(self) -> TimeLeft:
         """Return what follows the run, from the first that is known of it."""
         if self._left is None:
-            from topo_search.study.time_left import TimeLeft
+            from topo_search.study.progress import TimeLeft
 
             self._left = TimeLeft()
         return self._left

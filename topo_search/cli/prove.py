@@ -112,7 +112,7 @@ def prove(
                 observer=observer,
             )
         from topo_search.model.proven import lower_text
-        from topo_search.study.frame import candidates
+        from topo_search.study.frames import candidates
 
         table = candidates(folder)
         table = table if topology is None else table[table["key"] == topology]

@@ -147,8 +147,22 @@ def search(
             nlp.prepare(asked, observer.note)
         until = time.monotonic() + time_limit
 
+    def prove_best(gap: float) -> Answer:
+        return prove_run(
+            path,
+            nlp.prove_chunk,
+            nlp.proof_root,
+            gap=gap,
+            key=None,
+            engine=engine,
+            observer=observer,
+            time_limit=until - time.monotonic(),
+            prepare=_compiling(nlp.prepare_proof, dask, observer),
+            report=write_page,
+        )
+
     with open_engine(workers, dask, dask_tls, request.versions, observer) as engine:
-        answer = run(
+        return run(
             request,
             path,
             backends(handed.constraints),
@@ -158,20 +172,7 @@ def search(
             time_limit=time_limit,
             prepare=prepare,
             report=write_page,
-        )
-        if prove is None or answer.best is None or not answer.complete:
-            return answer
-        return prove_run(
-            path,
-            nlp.prove_chunk,
-            nlp.proof_root,
-            gap=prove,
-            key=None,
-            engine=engine,
-            observer=observer,
-            time_limit=until - time.monotonic(),
-            prepare=_compiling(nlp.prepare_proof, dask, observer),
-            report=write_page,
+            prove=None if prove is None else lambda: prove_best(prove),
         )
 
 

@@ -1,43 +1,54 @@
 """The search engine: solves candidates in worker processes and hands their outcomes on, storing nothing."""
 
-from topo_search.engine.backends import AuditDesign, Backends, Failed, Outcome, Solve
-from topo_search.engine.dask_guard import computing_versions
-from topo_search.engine.dask_tls import Certificates
-from topo_search.engine.dask_workers import DaskWorkers
-from topo_search.engine.exhaustive import exhaustive_search, may_beat
-from topo_search.engine.jobs import Engine, Job, WorkersLost, audit_deadline, solve_deadline, solve_jobs
+from topo_search.engine.dask_connection import Certificates
+from topo_search.engine.dask_workers import DaskWorkers, computing_versions
+from topo_search.engine.jobs import (
+    AuditDesign,
+    Backends,
+    Engine,
+    Failed,
+    Job,
+    Outcome,
+    WorkersLost,
+    audit_deadline,
+    merge,
+    record_of,
+    rounds,
+    scaled_violation,
+    solve_deadline,
+    solve_job,
+    solve_jobs,
+)
 from topo_search.engine.space import Listed, Space
-from topo_search.engine.starts import merge, record_of, rounds, scaled_violation
-from topo_search.engine.strategy import CandidateSolver, Proposal, Scored, TimeUp
+from topo_search.engine.strategy import ExhaustiveSearch, Proposal, Scored, Strategy, may_beat
 from topo_search.engine.workers import CallingProcess, Workers
 
 __all__ = [
     "AuditDesign",
     "Backends",
     "CallingProcess",
-    "CandidateSolver",
     "Certificates",
     "DaskWorkers",
     "Engine",
+    "ExhaustiveSearch",
     "Failed",
     "Job",
     "Listed",
     "Outcome",
     "Proposal",
     "Scored",
-    "Solve",
     "Space",
-    "TimeUp",
+    "Strategy",
     "Workers",
     "WorkersLost",
     "audit_deadline",
     "computing_versions",
-    "exhaustive_search",
     "may_beat",
     "merge",
     "record_of",
     "rounds",
     "scaled_violation",
     "solve_deadline",
+    "solve_job",
     "solve_jobs",
 ]

@@ -1,28 +1,164 @@
-"""The workers of a Dask cluster: the same jobs, on other machines."""
+"""The workers of a Dask cluster: the same jobs, on other machines.
+
+Each Dask worker hands jobs one by one to a child process, that of `Workers`, so that a crash or a hang costs one
+job. Jobs and results pass through the Dask worker as bytes: only the child loads what solves.
+"""
 
 from __future__ import annotations
 
 import math
+import os
 import pickle
+import platform
+import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+from importlib import metadata
+from multiprocessing import current_process
 from types import TracebackType
 from typing import Any, Self
 
-from topo_search.engine.backends import Failed
-from topo_search.engine.dask_connection import Connection
-from topo_search.engine.dask_guard import BATCH, Batch, Ended, find_fault, run_guarded
-from topo_search.engine.dask_tls import Certificates
-from topo_search.engine.jobs import Engine, J, R, WorkersLost
+from topo_search.engine.dask_connection import Certificates, Connection
+from topo_search.engine.jobs import Engine, Failed, J, R, WorkersLost
+from topo_search.engine.workers import Workers
 
+BATCH = 2.0
+"""How long a batch of jobs should take [s]: long beside the moment in which a child waits for the next one."""
+
+COMPUTING = (
+    "topo-search",
+    "casadi",
+    "llvmlite",
+    "networkx",
+    "numba",
+    "numpy",
+    "pydantic",
+    "python-fcl",
+    "scipy",
+    "trimesh",
+)
+"""Distributions that a job computes with, from the task to the audit; Python counts with them."""
+PYTHON = "Python"
+"""The name of its version among theirs."""
+
+TRIM = "MALLOC_TRIM_THRESHOLD_"
+"""Dask sets it for its workers, which may hold much data: the C library then gives memory back to the system as
+soon as it is free. A solver needs it again at once, and takes a sixth longer: children do without."""
+_thread = threading.local()
+"""Keeps, for each thread of a Dask worker, which runs one task at a time, a child that ends with the Dask worker,
+and the versions that it was found to have: they must not be changed under it."""
 RETURN = 600.0
 """How long Dask workers are waited for when all have left: a scheduler that was restarted may get none [s]."""
 LOOK = 1.0
 """How often it is asked for its workers [s]."""
 LARGEST_BATCH = 50
 """Jobs of a batch at most: they come back together."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Jobs that are sent together."""
+
+    calls: tuple[bytes, ...]
+    """A function and its job each, pickled."""
+    deadlines: tuple[float, ...]
+    """Seconds that each may take."""
+    seconds: float
+    """After which what has not ended is dropped."""
+    versions: dict[str, str]
+    """Of the distributions that can change a result."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What comes back of a batch."""
+
+    results: tuple[tuple[int, bytes | Failed], ...]
+    """The place in the batch, and the pickled result, of each job that was begun and not dropped."""
+    seconds: float
+    """What they took together."""
+
+
+def run_guarded(batch: Batch) -> Ended:
+    """Run the jobs of a batch that can be begun in its time (in a Dask worker).
+
+    Raises:
+        WorkersLost: this Dask worker can run no job, or none whose result could be reproduced.
+    """
+    if getattr(_thread, "versions", None) != batch.versions:  # to look them up takes as long as many a job
+        if fault := find_fault(batch.versions)():
+            raise WorkersLost(f"the Dask worker {current_process().name} {fault}")
+        _thread.versions = batch.versions
+    if not hasattr(_thread, "child"):
+        os.environ.pop(TRIM, None)
+        _thread.child = Workers(1).__enter__()
+    child: Workers = _thread.child
+    started_at = time.monotonic()
+
+    def calls() -> Iterator[tuple[int, bytes]]:
+        """Yield calls with their places. Slow jobs after quick ones may be many: who is idle shall have them."""
+        for place, call in enumerate(batch.calls):
+            if place == 0 or time.monotonic() - started_at < BATCH:
+                yield place, call
+
+    ended = child.run(
+        _call,
+        calls(),
+        deadline=lambda call: batch.deadlines[call[0]],
+        until=started_at + batch.seconds,
+    )
+    results: list[tuple[int, bytes | Failed]] = []
+    for (place, _), result in ended:
+        if isinstance(result, WorkersLost):
+            raise result
+        results.append((place, result))
+    return Ended(tuple(results), time.monotonic() - started_at)
+
+
+def _call(call: tuple[int, bytes]) -> bytes | WorkersLost:
+    """Call a function with its job (in the child); what cannot be loaded here is no fault of the job."""
+    try:
+        function, job = pickle.loads(call[1])
+    except (AttributeError, ImportError) as error:
+        return WorkersLost(f"Dask workers cannot import what they must run: {error}")
+    return pickle.dumps(function(job))
+
+
+def computing_versions() -> dict[str, str]:
+    """Return the versions that every Dask worker must have: those of what computes here."""
+    return {PYTHON: platform.python_version(), **{name: metadata.version(name) for name in COMPUTING}}
+
+
+def find_fault(versions: Mapping[str, str]) -> Callable[[], str | None]:
+    """Return a function that says what keeps a Dask worker from being used, if anything does.
+
+    It is sent by value and needs only Python's own library, for the worker may lack this package.
+
+    Args:
+        versions: that it must have, of the distributions that can change a result, and of Python.
+    """
+
+    def fault() -> str | None:
+        import platform
+        from importlib import metadata
+        from multiprocessing import current_process
+
+        if current_process().daemon:
+            setting = "DASK_DISTRIBUTED__WORKER__DAEMON=False"
+            return f"cannot start a child process for its jobs: set {setting} in the environment of Dask workers"
+        for name, version in versions.items():
+            try:
+                installed = platform.python_version() if name == "Python" else metadata.version(name)
+            except metadata.PackageNotFoundError:
+                return f"lacks {name}: it needs version {version}, as installed here"
+            if installed != version:
+                return f"has {name} {installed}, where this process has {version}: results could differ"
+        return None
+
+    return fault
 
 
 class DaskWorkers(Engine):
@@ -75,7 +211,7 @@ class DaskWorkers(Engine):
         *,
         deadline: Callable[[J], float],
         until: float = math.inf,
-    ) -> Iterator[tuple[J, R | Failed]]:
+    ) -> Generator[tuple[J, R | Failed], None, None]:
         """Yield (job, result) as batches end; about four batches a Dask thread are drawn from `jobs` ahead."""
         source = iter(jobs)
         suspects: list[J] | None = None

@@ -1,18 +1,74 @@
-"""Jobs, and what the search asks of those who run them: worker processes, on one machine or on many."""
+"""Jobs: what is solved or audited, by which functions, who runs them, and how outcomes of one candidate are merged.
+
+The best of two ranges of starts is the best of their union. Infeasible ends are compared by their violation, scaled
+so that units do not matter.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, TypeVar
+from typing import Literal, Protocol, TypeVar
 
-from topo_search.engine.backends import Failed, Outcome, Solve
-from topo_search.model import Design, Infeasible, ResolvedTask, Topology
+from topo_search.model import Audit, Design, Infeasible, ResolvedTask, SolverRecord, Topology
 
+AuditDesign = Callable[[Design], Audit]
 J = TypeVar("J")
 R = TypeVar("R")
+LARGEST_TIMED_ROUND = 4
+"""Starts a round under a time limit: what runs when it comes is lost."""
+
+
+class Solve(Protocol):
+    """Solves one topology from some of its starts: a pure function that can be sent to another process.
+
+    Start s is drawn from (task, topology, s, seed) alone: the best of two ranges is the best of their union.
+    """
+
+    def __call__(
+        self, task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design] = ()
+    ) -> Design | Infeasible:
+        """Return the best design over the starts, or the start that came closest.
+
+        Args:
+            task: the task.
+            topology: the tree.
+            starts: indices of the starts.
+            seed: draws them.
+            near: designs of other topologies that can be carried over, each as one more start before these.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Backends:
+    """The functions that know the physics."""
+
+    solve: Solve
+    audit: AuditDesign
+    lower_bound: Callable[[ResolvedTask], float]
+    """A value that no objective of this task's size can go below [rad^4/s^4]."""
+    prove_impossible: Callable[[ResolvedTask], Infeasible | None]
+    """A proof that no topology of this task's size can do it, if there is a simple one."""
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A job that ended without an answer."""
+
+    kind: Literal["crash", "timeout", "memory", "error"]
+    reason: str
+    """What happened, in one line."""
+
+    @property
+    def may_pass(self) -> bool:
+        """Whether a second attempt may end otherwise: a pure function raises again, but is not killed again."""
+        return self.kind != "error"
+
+
+Outcome = Design | Infeasible | Failed
 
 
 class WorkersLost(RuntimeError):
@@ -29,7 +85,7 @@ class Engine(Protocol):
         *,
         deadline: Callable[[J], float],
         until: float = math.inf,
-    ) -> Iterator[tuple[J, R | Failed]]:
+    ) -> Generator[tuple[J, R | Failed], None, None]:
         """Yield (job, result) as jobs end, in any order; `jobs` is drawn from only seconds ahead of the workers.
 
         A job that crashes its process or passes its deadline is tried twice, then comes back as Failed.
@@ -94,9 +150,71 @@ def solve_jobs(
         engine: where it runs.
         until: time.monotonic() at which to stop.
     """
-    return engine.run(partial(_solve, solve), jobs, deadline=lambda job: job.deadline, until=until)
+    return engine.run(partial(solve_job, solve), jobs, deadline=lambda job: job.deadline, until=until)
 
 
-def _solve(solve: Solve, job: Job) -> Design | Infeasible:
+def solve_job(solve: Solve, job: Job) -> Design | Infeasible:
     """Solve one job (in a worker)."""
     return solve(job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near)
+
+
+def rounds(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:
+    """Yield the ranges of starts that are solved one after the other, short ones first where time may end.
+
+    Args:
+        starts: how many there are; None: without end.
+        size: of a round without a time limit; with one, rounds grow from a single start.
+        timed: whether there is a time limit.
+    """
+    first = 0
+    while starts is None or first < starts:
+        length = min(max(1, first), LARGEST_TIMED_ROUND) if timed else size
+        stop = first + length if starts is None else min(first + length, starts)
+        yield range(first, stop)
+        first = stop
+
+
+def record_of(result: Design | Infeasible) -> SolverRecord | None:
+    """Return how a result came about, if it says so."""
+    if isinstance(result, Infeasible) or result.solver is None:
+        return result.solver if isinstance(result, Infeasible) else None
+    return SolverRecord.model_validate(result.solver)
+
+
+def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: ResolvedTask) -> Design | Infeasible:
+    """Return the better of two results of one candidate, with the starts of both counted; `earlier` wins a tie."""
+    best = min(earlier, later, key=lambda result: _rank(result, task))
+    records = [record for record in (record_of(earlier), record_of(later)) if record is not None]
+    kept = record_of(best)
+    if kept is None:
+        return best
+    record = kept.model_copy(
+        update={
+            "starts": sum(record.starts for record in records),
+            "starts_feasible": sum(record.starts_feasible for record in records),
+            "objectives": tuple(J for record in records for J in record.objectives),
+            "seconds": sum(record.seconds for record in records),
+        }
+    )
+    if isinstance(best, Design):
+        return best.model_copy(update={"solver": record.model_dump(mode="json")})
+    both = [result for result in (earlier, later) if isinstance(result, Infeasible)]
+    return best.with_starts((shortfall for result in both for shortfall in result.shortfalls), record)
+
+
+def _rank(result: Design | Infeasible, task: ResolvedTask) -> tuple[bool, float]:
+    """Order designs by objective, before all that is infeasible, by violation."""
+    if isinstance(result, Design):
+        return False, result.objective
+    return True, scaled_violation(result.violation, result.unit, task)
+
+
+def scaled_violation(violation: float, unit: str, task: ResolvedTask) -> float:
+    """Return a violation in the task's own units: m_t g, l_arm m_t g, l_arm, u_max, rad."""
+    scales = {
+        "N": task.force_unit(task.n),
+        "N m": task.torque_unit(task.n),
+        "m": task.module.arm_length,
+        "rad^2/s^2": task.module.max_input(task.gravity),
+    }
+    return violation / scales.get(unit, 1.0)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from random import Random
-from typing import TypedDict
+from typing import Any
 
 from topo_search.model import ResolvedTask, Topology
 from topo_search.topologies import (
@@ -20,17 +20,8 @@ from topo_search.topologies import (
     quotient_of,
     sample,
 )
-from topo_search.topologies.symmetry import Connectors, Root
+from topo_search.topologies.symmetry import Root
 from topo_search.topologies.tree_moves import with_spins_reversed
-
-
-class _Family(TypedDict):
-    """Which trees are candidates, and which of them are one."""
-
-    symmetry: Symmetry
-    connectors: Connectors
-    root: Root
-    task: ResolvedTask
 
 
 @dataclass(frozen=True)
@@ -96,7 +87,8 @@ class Space:
         return quotient_of(self.n, **self._family)
 
     @property
-    def _family(self) -> _Family:
+    def _family(self) -> dict[str, Any]:
+        """Which trees are candidates, and which of them are one."""
         search = self.task.search
         return {
             "symmetry": self.symmetry,

@@ -1,17 +1,34 @@
-"""The border between a search strategy and the solver that it asks for the results of candidates.
+"""Search strategies: what they have in common, and the exhaustive one.
 
-A strategy is a function that submits proposals to a `CandidateSolver` and collects their results. It knows neither
-workers nor files. It is deterministic, and collects results in the order of its proposals, whichever job ended
-first: with the same results it makes the same proposals. So a run that was killed repeats its proposals from the
-ledger, and neither the number of workers nor their speed changes what is proposed.
+A strategy is asked for proposals and told their results in the order of its proposals, whichever job ended first.
+It knows neither workers nor files, and it is deterministic: with the same results it makes the same proposals. So a
+run that was killed repeats its proposals from the ledger, and neither the number of workers nor their speed changes
+what is proposed.
+
+An exhaustive search gives all candidates the same number of starts: after a few starts a tree's best effort says
+little about what more of them will find, and giving more to those that are ahead finds the best ones less surely
+than giving as much to all (`tests/benchmarks/budget.py`).
 """
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple
 
+from topo_search.engine.jobs import rounds
+from topo_search.engine.space import Space
+from topo_search.model.proven import SOLVER_PRECISION
 from topo_search.topologies import Candidate
+
+PRUNED_AFTER = 32
+"""Number of candidates proposed ahead of the results that may rule them out."""
+
+Bound = Callable[[Candidate], float]
+"""Lower bound on the objective of a candidate."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +41,8 @@ class Proposal:
     near: tuple[str, ...] = ()
     """Keys of candidates whose designs are carried over in place of as many of the next starts.
 
-    The result of each has been collected, and none of them is proposed again before that of this one is: how far it
-    had come would depend on which job ends first.
+    The result of each was told, and none of them is proposed again before that of this one is: how far it had come
+    would depend on which job ends first.
     """
 
 
@@ -44,35 +61,118 @@ class Scored:
     """How far the closest start was from feasible, in the task's own units; None where there is a design."""
 
 
-class TimeUp(Exception):
-    """The time limit is reached before a result."""
+class Stage(NamedTuple):
+    """The proposals of a strategy that come next."""
+
+    candidates: int
+    """At most."""
+    starts: int
+    """Of each candidate, at most."""
+    again: bool = False
+    """Whether they were proposed before, from fewer starts."""
 
 
-class CandidateSolver(Protocol):
-    """Solves proposals, and returns their results in the order of submission."""
+class Strategy(ABC):
+    """Proposes candidates, and learns from their results."""
 
-    def begin_stage(self, candidates: int, starts: int, *, again: bool = False) -> None:
-        """Announce how many candidates come next, and from how many starts at most.
+    stage: Stage | None = None
+    """That of the latest proposal."""
+    over = False
+    """Whether no more will be proposed, and all results were told."""
+
+    def __init__(self) -> None:
+        self._results = deque[Scored]()
+        self._proposals = self.proposals()
+
+    def ask(self) -> Proposal | None:
+        """Return the next proposal; None if it depends on results that were not told, or if there is no more."""
+        for proposal in self._proposals:
+            return proposal
+        self.over = True
+        return None
+
+    def tell(self, scored: Scored) -> None:
+        """Take the result of the earliest proposal whose result was not told."""
+        self._results.append(scored)
+
+    @abstractmethod
+    def proposals(self) -> Iterator[Proposal | None]:
+        """Yield what `ask` returns."""
+
+    def results(self, number: int) -> Generator[None, None, list[Scored]]:
+        """Return so many results in the order of their proposals, once they were told (with `yield from`)."""
+        while len(self._results) < number:
+            yield None
+        return [self._results.popleft() for _ in range(number)]
+
+
+class ExhaustiveSearch(Strategy):
+    """Solves every candidate."""
+
+    def __init__(self, space: Space, *, starts: int, timed: bool, bound: Bound | None = None) -> None:
+        """Begin a search.
 
         Args:
-            candidates: how many.
-            starts: of each, at most.
-            again: whether they were proposed before, from fewer starts.
+            space: the candidates.
+            starts: number of starts of each candidate.
+            timed: whether there is a time limit: then all are solved from one start first, then from more.
+            bound: with it candidates come in the order of their bounds, and one that can be no better than the best
+                design so far is not proposed, nor from more starts.
         """
-        ...
+        super().__init__()
+        self._space = space
+        self._stops = [part.stop for part in rounds(starts, starts, timed=timed)]
+        self._bound = bound
 
-    def submit(self, proposal: Proposal) -> None:
-        """Solve a proposal. Returns at once unless many wait for a worker.
+    def proposals(self) -> Iterator[Proposal | None]:
+        """Yield every candidate, then those that may still win from more starts."""
+        bound, (first, *later) = self._bound, self._stops
+        self.stage = Stage(self._space.count(), first)
+        candidates = list[Candidate]()
+        if bound is None:
+            for candidate in self._space.candidates():  # there may be millions: enumerated as they are solved
+                candidates.append(candidate)
+                yield Proposal(candidate, first)
+            scores = yield from self.results(len(candidates))
+        else:
+            scores = yield from self._solve_in_order_of_bounds(candidates, first, bound)
+        least = _least(scores)
+        for stop in later:
+            candidates = [
+                candidate
+                for candidate, score in zip(candidates, scores, strict=True)
+                if score.status in ("feasible", "infeasible")
+                and (bound is None or may_beat(least, bound(candidate)))
+            ]
+            if candidates:
+                self.stage = Stage(len(candidates), stop, again=True)
+            for candidate in candidates:
+                yield Proposal(candidate, stop)
+            scores = yield from self.results(len(candidates))
+            least = min(least, _least(scores))
 
-        Raises:
-            TimeUp: the time limit is reached.
-        """
-        ...
+    def _solve_in_order_of_bounds(
+        self, candidates: list[Candidate], starts: int, bound: Bound
+    ) -> Generator[Proposal | None, None, list[Scored]]:
+        """Add candidates in the order of their bounds, as long as they may beat the best; return their results."""
+        scores = list[Scored]()
+        least = math.inf
+        for candidate in sorted(self._space.candidates(), key=lambda candidate: (bound(candidate), candidate.key)):
+            if len(candidates) - len(scores) == PRUNED_AFTER:
+                scores += yield from self.results(1)
+                least = min(least, _least(scores[-1:]))
+            if not may_beat(least, bound(candidate)):
+                break
+            candidates.append(candidate)
+            yield Proposal(candidate, starts)
+        scores += yield from self.results(len(candidates) - len(scores))
+        return scores
 
-    def results(self, number: int) -> list[Scored]:
-        """Wait for the results of the earliest proposals that were not collected, and return them in order.
 
-        Raises:
-            TimeUp: the time limit is reached.
-        """
-        ...
+def may_beat(objective: float, bound: float) -> bool:
+    """Whether an objective that cannot go below a bound can be less than another by more than rounding."""
+    return bound < objective * (1.0 - SOLVER_PRECISION)
+
+
+def _least(scores: Iterable[Scored]) -> float:
+    return min((score.objective for score in scores if score.objective is not None), default=math.inf)

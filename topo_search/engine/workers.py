@@ -9,7 +9,7 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -23,8 +23,7 @@ from typing import Any, Generic, Self
 from pebble import ProcessExpired, ProcessPool
 
 from topo_search.child import ONE_THREAD, call_pickled, die_with_parent
-from topo_search.engine.backends import Failed
-from topo_search.engine.jobs import Engine, J, R, WorkersLost
+from topo_search.engine.jobs import Engine, Failed, J, R, WorkersLost
 from topo_search.limits import WORKERS
 from topo_search.supervisor import AGAIN, STOPS, is_out_of_memory
 
@@ -97,7 +96,7 @@ class CallingProcess(_OneThread):
         *,
         deadline: Callable[[J], float],
         until: float = math.inf,
-    ) -> Iterator[tuple[J, R | Failed]]:
+    ) -> Generator[tuple[J, R | Failed], None, None]:
         """Yield (job, result) in order."""
         for job in jobs:
             if job is None or time.monotonic() >= until:
@@ -144,7 +143,7 @@ class Workers(_OneThread):
         *,
         deadline: Callable[[J], float],
         until: float = math.inf,
-    ) -> Iterator[tuple[J, R | Failed]]:
+    ) -> Generator[tuple[J, R | Failed], None, None]:
         """Yield (job, result) as jobs end; at most two jobs a worker are drawn from `jobs` ahead."""
         waiting: deque[_Try[J]] = deque()
         running: dict[Future[Any], _Try[J]] = {}

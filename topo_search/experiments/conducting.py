@@ -28,7 +28,7 @@ from topo_search.export.poses import poses
 from topo_search.model import Audit, Design, Infeasible, Status, Topology
 from topo_search.model.files import read_task
 from topo_search.study import Observer, Phase, Silent
-from topo_search.study.lost import KEPT
+from topo_search.study.ledger_file import KEPT
 from topo_search.topologies import sample
 
 if TYPE_CHECKING:

@@ -25,10 +25,9 @@ from topo_search.model.bad_input import show
 from topo_search.model.files import load_json
 from topo_search.model.parsing import NotReadable, read_regular
 from topo_search.model.tables import escape_formula
-from topo_search.study.identity import installed_versions
-from topo_search.study.lock import hold_lock
-from topo_search.study.lost import LedgerLost
-from topo_search.study.place import Place
+from topo_search.study.directory import Directory, hold_lock
+from topo_search.study.ledger_file import LedgerLost
+from topo_search.study.request import installed_versions
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -138,7 +137,7 @@ class Results:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _refusal(folder, f"cannot be made: {error.strerror}") from None
-        with hold_lock(folder), Place.open(folder) as directory:
+        with hold_lock(folder), Directory.open(folder) as directory:
             directory.tidy()
             if (folder / ABOUT).exists():
                 _compare(folder, load_json(folder / ABOUT), about)

@@ -9,9 +9,8 @@ from itertools import groupby
 
 from topo_search.model.proven import gap_percent
 from topo_search.report.wording import modules, quantity
-from topo_search.study.phases import Phase, Plan
+from topo_search.study.progress import Phase, Plan, TimeLeft
 from topo_search.study.row import Row
-from topo_search.study.time_left import TimeLeft
 
 EVERY = 10.0
 """Least time between two plain lines [s]."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,7 +20,7 @@ from topo_search.report.view import shared_meshes
 from topo_search.report.wording import figures, modules, near_tie_cells, near_tie_columns, quantity
 from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
 from topo_search.study.proofs import ProofState
-from topo_search.study.statements import kind_of
+from topo_search.study.row import kind_of
 
 COLUMNS = (
     ("tree", "text"),
@@ -56,7 +55,7 @@ def run_page(folder: RunFolder) -> dict[str, Any]:
     if not answer.levels:
         return _page(folder, answer)
     number = answer.points[0].number if answer.points else 0
-    level = next(itertools.islice(folder.levels(), number, None))  # the ledger now ranks its rows
+    level = folder.levels[number]
     at = answer.levels[number]
     page = _page(level, replace(answer, sizes=at.sizes))
     note = f"Everything except the front refers to level {number} of the goals: {at.level.words}."

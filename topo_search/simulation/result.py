@@ -7,7 +7,7 @@ from typing import Literal
 from topo_search.model.design import Design
 from topo_search.model.tables import heading, paragraph, table
 from topo_search.model.value import Flag, Index, Number, Value, Vector
-from topo_search.study.identity import digest
+from topo_search.study.request import digest
 
 Verdict = Literal["held", "not held", "not flown"]
 

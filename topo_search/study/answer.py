@@ -1,31 +1,90 @@
-"""The answer of a run, derived from the ledger alone, so that it is reproducible at any time."""
+"""The answer of a run: what was found, what is proven of it, and how both are said."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.engine import scaled_violation
-from topo_search.model import Audit, Design, Infeasible, Relaxed, ResolvedTask
+from topo_search.engine import may_beat
+from topo_search.model import Audit, Design, Infeasible, Relaxed
 from topo_search.model.proven import gap_percent
 from topo_search.model.search import Level
 from topo_search.model.tables import heading, paragraph, table
 from topo_search.study.front import FrontPoint, idle_goals
 from topo_search.study.row import FLIGHT, Row, proven_cell
-from topo_search.study.statements import reason, remark, statement
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
     import pandas as pd
-
 SHOWN = 10
 """Number of rows in the table of the best."""
 NEAR = 0.01
 """Share of the effort of the best by which another design may need more and still be as good a choice."""
+
+
+def statement(best: Row, solved: int, candidates: int) -> str:
+    """Say what is known of the best design: starts are no proof; the bound is, of every tree of the size."""
+    number = f"all {candidates}" if solved == candidates else f"{solved} of {candidates}"
+    words = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
+    if best.gap is None or best.objective is None or best.lower_bound is None:
+        return words
+    limit = f"more than {gap_percent(best.gap)} " if may_beat(best.objective, best.lower_bound) else ""
+    return f"{words}; proven: no {best.modules}-module topology is {limit}better"
+
+
+def proven_statement(candidates: int, gap: float) -> str:
+    """Say that the best design is proven to be the best, but for a share of its effort."""
+    number = "the only candidate" if candidates == 1 else f"all {candidates} candidates"
+    return f"the best of {number}, proven" + (f" to within {gap_percent(gap)}" if gap > 0 else "")
+
+
+def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
+    """Say why there is no design: what is proven, or the smallest shortfall of all starts, which proves nothing.
+
+    Args:
+        proof: that no topology can do it.
+        closest: the candidate of the start that came closest, of those that are not proven to be impossible.
+        statuses: how many candidates ended with which status.
+    """
+    if proof is not None:
+        return proof.message
+    number, impossible = statuses.total(), statuses["impossible"]
+    if number == 0:
+        return "time limit reached before the first candidate was solved; nothing is known yet"
+    if impossible == number:
+        which = "the only candidate" if number == 1 else f"each of {number} candidates"
+        return f"{which} is proven impossible; candidates.csv names what it cannot meet"
+
+    def candidates(some: int) -> str:
+        return "the only candidate" if number == 1 else f"{some} candidate{'s' * (some > 1)}"
+
+    parts, failed = list[str](), statuses["failed"]
+    if number > impossible + failed:
+        tried = f"no start of {candidates(number - failed)} led to a design"
+        parts.append(f"{tried} ({impossible} proven impossible)" if impossible else tried)
+    elif impossible:
+        parts.append(f"{candidates(impossible)} proven impossible")
+    if failed:
+        parts.append(f"{candidates(failed)} failed, so nothing is known of {'it' if failed == 1 else 'them'}")
+    if closest is not None:
+        miss = f"{closest.key} misses `{closest.worst_constraint}` by {closest.violation:.3g} {closest.unit}"
+        parts.append(f"smallest shortfall (not a proof): {miss}".rstrip())
+    return "; ".join(parts)
+
+
+def remark(row: Row) -> list[str]:
+    """Say what an audit led to, if it was not clear at once."""
+    again = f"solved again with margin {row.margin:g} m because its audit was not clear" if row.step else ""
+    if row.audit_failure is not None:
+        over = f"skipped, its audit failed: {row.audit_failure}"
+    elif row.audit is not None and not row.clear:
+        over = f"skipped, its audit is {row.audit}"
+    else:
+        over = ""
+    text = "; ".join(part for part in (again, over) if part)
+    return [f"{row.key}: {text}"] if text else []
 
 
 @dataclass(frozen=True)
@@ -103,15 +162,15 @@ class SizeAnswer:
         ]
         relaxed = self.relaxed.sentences if self.relaxed else ()
         remarks = (self.quotient, *self.remarks, *([self.reason] if self.reason else []), *relaxed)
-        told = title + (table(names, rows) if rows else "")
+        html = title + (table(names, rows) if rows else "")
         if len(self.near_ties) > 1:
             ties = [
                 (row.key, row.objective, *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
                 for row in self.near_ties
             ]
             near = heading(f"within {100 * NEAR:g} % of the least effort, largest force reserve first")
-            told += near + table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
-        return told + "".join(paragraph(text) for text in remarks)
+            html += near + table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
+        return html + "".join(paragraph(text) for text in remarks)
 
 
 @dataclass(frozen=True)
@@ -144,8 +203,8 @@ class Answer:
         """Say what was found, or why nothing was."""
         if self.best is not None:
             gap = "" if self.best.gap is None else f", gap {gap_percent(self.best.gap)}"
-            found = f"{self.best.key}, {self.best.modules} modules, J = {self.best.objective:.6g} rad^4/s^4{gap}"
-            return f"{found}, audit {self.best.audit}; everything is in {self.folder}"
+            words = f"{self.best.key}, {self.best.modules} modules, J = {self.best.objective:.6g} rad^4/s^4{gap}"
+            return f"{words}, audit {self.best.audit}; everything is in {self.folder}"
         if any(size.feasible for size in self._all_sizes):
             return f"designs were found, but none passed its audit; everything is in {self.folder}"
         reasons = "; ".join(f"{size.modules} modules: {size.reason}" for size in self._all_sizes)
@@ -212,28 +271,28 @@ class Answer:
     @property
     def candidates(self) -> pd.DataFrame:
         """A row for every candidate, with the columns of `candidates.csv`, best first."""
-        from topo_search.study.frame import candidates
+        from topo_search.study.frames import candidates
 
         return candidates(self.folder)
 
     @property
     def shortfalls(self) -> pd.DataFrame:
         """A row for every constraint that the starts of a candidate without a design missed."""
-        from topo_search.study.frame import shortfalls
+        from topo_search.study.frames import shortfalls
 
         return shortfalls(self.folder)
 
     @property
     def solves(self) -> pd.DataFrame:
         """A row for every solve, in the order of completion."""
-        from topo_search.study.frame import solves
+        from topo_search.study.frames import solves
 
         return solves(self.folder)
 
     @property
     def front(self) -> pd.DataFrame:
         """A row for every design of the front, with the columns of `front.csv`; none without goals."""
-        from topo_search.study.frame import front
+        from topo_search.study.frames import front
 
         return front(self.points)
 
@@ -265,8 +324,8 @@ class Answer:
                 )
                 for point in self.points
             ]
-            told = heading(f"front of {len(self.points)} designs, found at {len(self.levels)} levels")
-            return told + table(columns, rows) + paragraph(f"everything is in {self.folder}")
+            html = heading(f"front of {len(self.points)} designs, found at {len(self.levels)} levels")
+            return html + table(columns, rows) + paragraph(f"everything is in {self.folder}")
         return "".join(size._repr_html_() for size in self.sizes) + paragraph(f"everything is in {self.folder}")
 
     @property
@@ -275,88 +334,6 @@ class Answer:
         if self.best is not None:
             return 0
         return 1 if any(size.feasible for size in self._all_sizes) else 3
-
-
-def size_answer(
-    rows: Iterable[Row],
-    task: ResolvedTask,
-    *,
-    candidates: int,
-    starts: int,
-    ended: bool,
-    audits_left: bool,
-    lower_bound: float,
-    proof: Infeasible | None,
-    quotient: Resolution,
-    covers: bool,
-) -> SizeAnswer:
-    """Sum up the ranked rows of one size, of which at most `starts` starts each were asked for, in one pass."""
-    statuses: Counter[str] = Counter()
-    fewest = starts
-    feasible = 0
-    best, closest, nearness = None, None, math.inf
-    top: list[Row] = []
-    near: list[Row] = []
-    remarks: list[str] = []
-    for row in rows:
-        statuses[row.status] += 1
-        if row.status in ("feasible", "infeasible"):
-            fewest = min(fewest, row.asked)
-        if row.feasible:
-            feasible += row.orbit if quotient.exact else 1
-            if best is None and row.clear:
-                best = row
-            if best is not None and _near(row, best):
-                near.append(row)
-            if len(top) < SHOWN:
-                top.append(row)
-            remarks.extend(remark(row))
-        elif row.status == "infeasible" and row.violation is not None:
-            scaled = scaled_violation(row.violation, row.unit or "", task)
-            if scaled < nearness:
-                closest, nearness = row, scaled
-        elif row.status == "failed" and statuses["failed"] <= SHOWN:
-            remarks.append(f"{row.key}: failed, {row.worst_constraint}")
-    if statuses["failed"]:
-        remarks.append("some candidates failed for reasons that may not recur; the same command tries them again")
-    settled = candidates if proof else statuses.total()
-    if ended and settled < candidates:
-        remarks.append(
-            f"{candidates - settled} of {candidates} candidates were never proposed: nothing is known about them"
-        )
-    if settled < candidates:
-        fewest = 0
-    return SizeAnswer(
-        modules=task.n,
-        candidates=candidates,
-        quotient=quotient_remark(quotient),
-        settled=settled,
-        starts=fewest,
-        complete=ended and not audits_left,
-        statuses=dict(statuses),
-        feasible=feasible,
-        lower_bound=lower_bound,
-        best=best,
-        top=tuple(top),
-        near_ties=tuple(sorted((row for row in near if row.clear), key=_fragility)),
-        near_ties_unaudited=sum(row.audit is None for row in near),
-        remarks=tuple(remarks),
-        reason=None if feasible else reason(proof, closest, statuses),
-        covers_size=covers,
-        impossible=proof is not None or (covers and statuses["impossible"] == candidates),
-        statement=None if best is None else statement(best, settled - statuses["failed"], candidates),
-    )
-
-
-def _near(row: Row, best: Row) -> bool:
-    return row.objective is not None and row.objective <= (1 + NEAR) * (best.objective or 0.0)
-
-
-def _fragility(row: Row) -> tuple[float, float, float]:
-    """Return what designs are ranked by that cost about the same: unknown reserves come last."""
-    reserves = (row.force_reserve_N, row.torque_reserve_Nm)
-    force, torque = (-math.inf if reserve is None else reserve for reserve in reserves)
-    return -force, -torque, row.objective or 0.0
 
 
 def quotient_remark(quotient: Resolution) -> str:

@@ -8,91 +8,88 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import count
 
 from topo_search.engine import AuditDesign, Backends, Engine, Failed, Job, audit_deadline, solve_jobs
 from topo_search.model import Audit, Design, Topology
-from topo_search.study.identity import Context
+from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import parse
 from topo_search.study.margins import raise_margins
-from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase, audit_phase, solving_seconds
-from topo_search.study.recording import record
+from topo_search.study.progress import AUDITED, Observer, Phase, audit_phase, solving_seconds
+from topo_search.study.request import Context, Request
 from topo_search.study.row import Row
-
-AUDITED = 10
-"""Number of designs that are audited at a time, best first."""
+from topo_search.study.solving import record
 
 
 def audit_best(
-    ledger: Ledger,
-    contexts: Sequence[Context],
+    folder: RunFolder,
+    n: int,
+    lower_bound: float,
     backends: Backends,
     engine: Engine,
-    *,
-    starts: int,
-    lower_bound: float,
     observer: Observer,
     until: float = math.inf,
-    near: Sequence[Design] = (),
 ) -> None:
-    """Audit the best designs of one size until one is clear that nothing unaudited can beat.
+    """Audit the best designs of n modules until one is clear that nothing unaudited can beat.
 
     Args:
-        ledger: where designs are read and verdicts written.
-        contexts: of this size: the task's own margin, then each larger one.
+        folder: of the run.
+        n: number of modules.
+        lower_bound: of this size [rad^4/s^4].
         backends: solver and audit.
         engine: where they run.
-        starts: number of starts when a design is solved again.
-        lower_bound: of this size [rad^4/s^4].
         observer: is told what does not pass.
         until: time.monotonic() after which nothing is solved again.
-        near: designs that a design that is solved again starts from as well.
     """
+    ledger, request = folder.ledger, folder.request
+    contexts = request.contexts(n)
 
     def judge(step: int, keys: Sequence[str]) -> list[tuple[str, Audit]] | None:
         context, due = contexts[step], [rows[key] for key in keys]
         if step:
-            jobs = _jobs(ledger, context, due, starts, near)
+            jobs = _jobs(ledger, context, due, request)
             if jobs and time.monotonic() >= until:
                 return None
             ledger.begin(context, lower_bound, None)
             if jobs:
-                seconds = solving_seconds(context.task, starts)
-                observer.phase(Phase("polishing", context.task.n, len(jobs), starts, seconds))
+                seconds = solving_seconds(context.task, request.starts)
+                observer.phase(Phase("polishing", n, len(jobs), request.starts, seconds))
             for job, outcome in solve_jobs(iter(jobs), solve=backends.solve, engine=engine, until=until):
                 record(ledger, context, job, outcome, lower_bound=lower_bound)
-                observer.settled(shown)
+                observer.settled(best)
         _audit(ledger, context, _rows(ledger, context, due), backends.audit, engine, observer)
         failing = [row for row in _rows(ledger, context, due) if not row.clear and row.audit_failure is None]
         for row in failing:
             observer.note(f"{row.key}: the audit of the design with margin {row.margin:g} m is {row.audit}")
         return [(row.key, _verdict(ledger, context, row.key)) for row in failing]
 
-    place = 0
-    while batch := ledger.best_designs(contexts[0], place, AUDITED):
-        best = ledger.best_clear(contexts[0].task.n)
-        if place and best is not None and _objective(best) <= _objective(batch[0]):
-            return
-        rows, shown = {row.key: row for row in batch}, best or batch[0]
+    for batch in _batches(ledger, contexts[0]):
+        rows, best = {row.key: row for row in batch}, ledger.best_clear(n) or batch[0]
         raise_margins([context.task for context in contexts], rows, judge)
-        place += AUDITED
 
 
 def audits_left(ledger: Ledger, contexts: Sequence[Context], starts: int) -> bool:
     """Return whether a design that may be the best is still to be audited, or solved again after its audit."""
     best = ledger.best_clear(contexts[0].task.n)
-    place = 0
-    while batch := ledger.best_designs(contexts[0], place, AUDITED):
+    for batch in _batches(ledger, contexts[0]):
         for row in batch:
             if best is not None and _objective(best) <= _objective(row):
                 return False
             if _is_left(ledger, contexts, row.key, starts):
                 return True
-        place += AUDITED
     return False
+
+
+def _batches(ledger: Ledger, context: Context) -> Iterator[list[Row]]:
+    """Yield designs, the best first, until one that is clear is at least as good as all that follow."""
+    for first in count(0, AUDITED):
+        batch, best = ledger.best_designs(context, first, AUDITED), ledger.best_clear(context.task.n)
+        if not batch or (first and best is not None and _objective(best) <= _objective(batch[0])):
+            return
+        yield batch
 
 
 def _is_left(ledger: Ledger, contexts: Sequence[Context], key: str, starts: int) -> bool:
@@ -114,22 +111,21 @@ def _is_left(ledger: Ledger, contexts: Sequence[Context], key: str, starts: int)
     return left
 
 
-def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], starts: int, near: Sequence[Design]) -> list[Job]:
+def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], request: Request) -> list[Job]:
     """Return what is to be solved in a context with a larger margin."""
     jobs, reached = [], {scored.key: scored.starts for scored in ledger.scores(context)}
     for row in rows:
-        first = reached.get(row.key, 0)
-        if first < starts:
-            topology = Topology.from_key(row.key)
-            given = () if first else tuple(near)
-            jobs.append(Job(context.task, topology, row.orbit, range(first, starts), context.seed, given))
+        starts = range(reached.get(row.key, 0), request.starts)
+        if starts:
+            near = () if starts.start else request.near
+            jobs.append(Job(context.task, Topology.from_key(row.key), row.orbit, starts, context.seed, near))
     return jobs
 
 
 def _rows(ledger: Ledger, context: Context, rows: Sequence[Row]) -> list[Row]:
     """Return the rows of the same candidates that have a design in a context."""
-    found = (ledger.row(context, row.key) for row in rows)
-    return [row for row in found if row is not None and row.feasible]
+    candidates = (ledger.row(context, row.key) for row in rows)
+    return [row for row in candidates if row is not None and row.feasible]
 
 
 def _verdict(ledger: Ledger, context: Context, key: str) -> Audit:

@@ -15,11 +15,11 @@ from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proo
 from topo_search.model.bad_input import faults_of
 from topo_search.model.proof import Problem, chunk_count
 from topo_search.model.proven import gap_percent
-from topo_search.study.crosscheck import check_designs
 from topo_search.study.folder import PROOFS, RunFolder
-from topo_search.study.observer import Observer
-from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, subject_of, weakest_problem
+from topo_search.study.progress import Observer
+from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, sizes_with_best, subject_of, weakest_problem
 from topo_search.study.row import Row
+from topo_search.study.summary import check_designs
 
 CheckChunk = Callable[[ResolvedTask, Topology, int, float, Chunk, Problem], CheckedChunk]
 """Checks that no design of one chunk of a tree costs less than a cut [rad^4/s^4]: a pure function."""
@@ -117,78 +117,68 @@ def check(
     with RunFolder.load(path) as folder:
         if folder.request.task.goals.names:
             raise BadInput(str(path), [Fault("", NO_GOALS)])
-        known, sizes = set[str](), 0
-        for n in folder.request.task.sizes:
-            rows = list(folder.ledger.ranking(n))
-            known.update(row.key for row in rows)
-            best = folder.ledger.best_clear(n)
-            if best is None:
+        sizes, known = sizes_with_best(folder, key)
+        for n, best, rows in sizes:
+            if not rows:
                 continue
-            sizes += 1
-            looked_at = [row for row in rows if key in (None, row.key)]
-            if looked_at:
-                _check_size(folder, n, best, looked_at, check_chunk, audit, engine, observer, prepare, checked)
+            if fault := _best_fault(folder, best, audit, engine):
+                checked.faults.append(fault)
+            task, space = folder.request.contexts(n)[0].task, folder.request.space(n)
+            trees, jobs = dict[str, CheckedTree](), list[_Job]()
+            for row in rows:
+                trees[row.key], proof = _examine(folder, row, task, space)
+                if proof is not None:
+                    tree = proof.topology, proof.root_module, proof.cut
+                    jobs += [_Job(task, *tree, chunk, proof.problem) for chunk in proof.chunks]
+            if jobs:
+                prepare(task)
+            for checked_tree in _replay(jobs, trees, check_chunk, engine, observer):
+                observer.note(_describe(checked_tree))
+            checked.trees += trees.values()
+            if len(rows) > 1:
+                subject = subject_of(folder.request, n)
+                checked.sentences.append(_sentence(list(trees.values()), best, task, space.count(), subject))
         checked.faults += [
             f"{name} is not the file that this run wrote"
             for name in folder.changed_files()
             if not name.startswith(f"{PROOFS}/")  # those are refused with their trees
         ]
-        if not sizes:
-            raise BadInput(str(path), [Fault("", "holds no audited design that a proof could be against")])
-        if key is not None and key not in known:
-            raise BadInput(str(path), [Fault("", f"has no candidate {key}")])
+    if not sizes:
+        raise BadInput(str(path), [Fault("", "holds no audited design that a proof could be against")])
+    if not known:
+        raise BadInput(str(path), [Fault("", f"has no candidate {key}")])
     return checked
 
 
-def _check_size(
-    folder: RunFolder,
-    n: int,
-    best: Row,
-    rows: list[Row],
-    check_chunk: CheckChunk,
-    audit: AuditDesign,
-    engine: Engine,
-    observer: Observer,
-    prepare: Callable[[ResolvedTask], None],
-    checked: Checked,
-) -> None:
-    """Check the trees of one size."""
-    task, space = folder.request.contexts(n)[0].task, folder.request.space(n)
-    if fault := _best_fault(folder, best, audit, engine):
-        checked.faults.append(fault)
-    trees, jobs = dict[str, CheckedTree](), list[_Job]()
-    for row in rows:
-        tree = trees[row.key] = CheckedTree(row.key, n)
-        if not _is_candidate(space, row.key):
-            tree.fault = "is no candidate of this run"
-            continue
-        try:
-            content = folder.proof_text(row.key)
-            if content is None:
-                tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "not examined"
-                continue
-            proof = Proof.model_validate_json(content)
-        except BadInput as error:
-            tree.fault = f"{PROOFS}/{row.key} {error.faults[0].rule}"
-            continue
-        except ValidationError as error:
-            tree.fault = f"{PROOFS}/{row.key}: {faults_of(error, Proof)[0]}"
-            continue
-        tree.fault = _unfit(proof, row.key, task)
-        if tree.fault is None and not proof.complete:
-            tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "open"
-        if tree.fault is None and tree.left is None:
-            tree.bound, tree.problem = proof.cut, proof.problem
-            root = proof.root_module
-            jobs += [_Job(task, proof.topology, root, proof.cut, chunk, proof.problem) for chunk in proof.chunks]
-    if jobs:
-        prepare(task)
-    for tree in _replay(jobs, trees, check_chunk, engine, observer):
-        observer.note(_describe(tree))
-    checked.trees += trees.values()
-    if len(rows) > 1:
-        count, whom = space.count(), subject_of(folder.request, n)
-        checked.sentences.append(_sentence(list(trees.values()), best, task, count, whom))
+def _examine(folder: RunFolder, row: Row, task: ResolvedTask, space: Space) -> tuple[CheckedTree, Proof | None]:
+    """Return what can be said of a tree without checking chunks, and its proof if they are to be checked."""
+    tree = CheckedTree(row.key, row.modules)
+    try:
+        is_candidate = space.candidate_of(Topology.from_key(row.key)).key == row.key
+    except ValueError:
+        is_candidate = False
+    if not is_candidate:
+        tree.fault = "is no candidate of this run"
+        return tree, None
+    try:
+        content = folder.proof_text(row.key)
+        if content is None:
+            tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "not examined"
+            return tree, None
+        proof = Proof.model_validate_json(content)
+    except BadInput as error:
+        tree.fault = f"{PROOFS}/{row.key} {error.faults[0].rule}"
+        return tree, None
+    except ValidationError as error:
+        tree.fault = f"{PROOFS}/{row.key}: {faults_of(error, Proof)[0]}"
+        return tree, None
+    tree.fault = _unfit(proof, row.key, task)
+    if tree.fault is None and not proof.complete:
+        tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "open"
+    if tree.fault is not None or tree.left is not None:
+        return tree, None
+    tree.bound, tree.problem = proof.cut, proof.problem
+    return tree, proof
 
 
 def _replay(
@@ -201,21 +191,21 @@ def _replay(
             if trees[job.topology.key].fault is None:
                 yield job
 
-    told = time.monotonic()
-    for job, found in engine.run(partial(_check, check_chunk), due_jobs(), deadline=lambda _: CHUNK_DEADLINE):
+    noted_at = time.monotonic()
+    for job, result in engine.run(partial(_check, check_chunk), due_jobs(), deadline=lambda _: CHUNK_DEADLINE):
         tree = trees[job.topology.key]
         if tree.fault is not None:
             continue
-        fault = found.reason if isinstance(found, Failed) else found.fault
+        fault = result.reason if isinstance(result, Failed) else result.fault
         if fault is not None:
             tree.fault = f"chunk {job.chunk.number}: {fault}"
-        elif isinstance(found, CheckedChunk):
-            tree.boxes, tree.halved = tree.boxes + found.boxes, tree.halved + found.halved
+        elif isinstance(result, CheckedChunk):
+            tree.boxes, tree.halved = tree.boxes + result.boxes, tree.halved + result.halved
             tree.chunks += 1
         if tree.fault is not None or tree.chunks == chunk_count(tree.modules):
             yield tree
-        elif time.monotonic() - told > EVERY:
-            told = time.monotonic()
+        elif time.monotonic() - noted_at > EVERY:
+            noted_at = time.monotonic()
             observer.note(f"{tree.key}: {tree.chunks} of {chunk_count(tree.modules)} chunks, {tree.boxes:,} boxes")
 
 
@@ -233,18 +223,10 @@ def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine
         design = Design.model_validate_json(folder.text(best) or "")
     except BadInput as error:
         return str(error)
-    found = engine.run_one(audit, design, deadline=audit_deadline(n))
-    if isinstance(found, Failed):
-        return f"{best.key}: the audit of the best design failed: {found.reason}"
-    return None if found.verdict == "clear" else f"{best.key}: the audit of the best design is {found.verdict}"
-
-
-def _is_candidate(space: Space, key: str) -> bool:
-    """Return whether a key names the tree that stands for a candidate."""
-    try:
-        return space.candidate_of(Topology.from_key(key)).key == key
-    except ValueError:
-        return False
+    verdict = engine.run_one(audit, design, deadline=audit_deadline(n))
+    if isinstance(verdict, Failed):
+        return f"{best.key}: the audit of the best design failed: {verdict.reason}"
+    return None if verdict.verdict == "clear" else f"{best.key}: the audit of the best design is {verdict.verdict}"
 
 
 def _unfit(proof: Proof, key: str, task: ResolvedTask) -> str | None:
@@ -265,22 +247,22 @@ def _describe(tree: CheckedTree) -> str:
     return f"{tree.key}: checked, {tree.boxes:,} boxes ({tree.halved:,} of them halved further)"
 
 
-def _sentence(trees: list[CheckedTree], best: Row, task: ResolvedTask, candidates: int, whom: str) -> str:
+def _sentence(trees: list[CheckedTree], best: Row, task: ResolvedTask, candidates: int, subject: str) -> str:
     """Say what the checked proofs of one size come to."""
     done = [tree for tree in trees if tree.verdict == "checked"]
     counts = {word: sum(tree.verdict == word for tree in trees) for word in ("refused", "open", "not examined")}
     missing = counts["not examined"] + candidates - len(trees)
-    told = [f"{counts['refused']} refused"] if counts["refused"] else []
-    told += [f"{counts['open']} open"] if counts["open"] else []
-    told += [f"{missing} not examined"] if missing else []
+    left = [f"{counts['refused']} refused"] if counts["refused"] else []
+    left += [f"{counts['open']} open"] if counts["open"] else []
+    left += [f"{missing} not examined"] if missing else []
     impossible = sum(tree.verdict == IMPOSSIBLE for tree in trees)
     beside = f", {impossible} said to be impossible, which is not checked" if impossible else ""
-    if told or best.objective is None:
-        return f"{len(done)} of {candidates} trees checked, {', '.join(told)}{beside}"
+    if left or best.objective is None:
+        return f"{len(done)} of {candidates} trees checked, {', '.join(left)}{beside}"
     least = min([tree.bound for tree in done if tree.bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
     limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
     return (
-        f"checked: {whom} is {limit}better than {best.key} ({len(done)} of {candidates} trees"
+        f"checked: {subject} is {limit}better than {best.key} ({len(done)} of {candidates} trees"
         f"{beside}); {problem(task, weakest_problem([tree.problem for tree in done]))}"
     )

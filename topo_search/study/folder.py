@@ -1,7 +1,7 @@
 """The run folder: the ledger, and files made from it for people and other programs.
 
-A folder belongs to a run if it has its ledger. Any other must be empty, and in a run's folder only files that the
-run wrote itself are replaced or removed (`own_files`); whatever else is in it stays.
+A folder belongs to a run if it has its ledger, and to one request alone. Any other must be empty, or it is refused
+and left as it is. In a run's folder only files that the run wrote itself are replaced or removed (`directory`).
 """
 
 from __future__ import annotations
@@ -10,53 +10,153 @@ import csv
 import io
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import cached_property
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from topo_search.model import BadInput, Fault, Proof, ResolvedTask
+from topo_search.limits import STARTS, TASK_BYTES, TRIALS
+from topo_search.model import BadInput, Fault, Proof, ResolvedTask, Task
 from topo_search.model.bad_input import faults_of
-from topo_search.model.files import to_json, to_toml
+from topo_search.model.files import to_json, to_toml, validate
+from topo_search.model.parsing import NotParsed, toml_data
 from topo_search.model.tables import escape_formula
-from topo_search.study.claims import (
-    LEDGER,
-    PARTS,
-    REPORT,
-    RESULTS,
-    TASK,
-    hold,
-    holds_run,
-    last_request,
-    refusal,
-    require_same,
-    require_versions,
-)
-from topo_search.study.identity import Request
+from topo_search.model.task import before_requirement
+from topo_search.study.directory import HOLDER, LOCK, PARTIAL, Directory, ReadOnlyFolder, hold_lock
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import blank
-from topo_search.study.lock import ReadOnlyFolder, hold_lock
-from topo_search.study.own_files import contents
-from topo_search.study.place import Place
 from topo_search.study.proofs import ProofState, bounded_alike, cells, proof_state
+from topo_search.study.request import NOTHING, Own, Request, installed_versions
 from topo_search.study.row import COLUMNS, Row
 
+LEDGER = "ledger.sqlite"
+TASK = "task.toml"
+REPORT = "report.html"
+FRONT = "front.csv"
+RESULTS = ("best.json", "candidates.csv", FRONT, REPORT, TASK)
+"""Files that tell of a run; with a range of sizes there is a `best-nN.json` of each besides."""
+LEFT = "it is left unchanged"
+PARTS = ("designs", "audits")
+"""Folders with a file per candidate."""
 Model = TypeVar("Model", bound=BaseModel)
-
 PROOFS = "proof"
 """The folder of the proofs, one file per candidate that was looked at."""
+
+
+@contextmanager
+def hold(path: Path) -> Iterator[Directory]:
+    """Hold a run's folder."""
+    try:
+        with Directory.open(path) as directory:
+            yield directory
+    except NotADirectoryError:
+        raise refusal(path, "is a file") from None
+
+
+def holds_run(directory: Directory) -> bool:
+    """Return whether a folder is that of a run; refuse one that has anything else in it, or lost its ledger."""
+    names = directory.names()
+    if LEDGER in names:
+        return True
+    if LOCK in names and not HOLDER.fullmatch(directory.read(LOCK) or b""):
+        raise refusal(directory.path, f"has a {LOCK} of another program; {LEFT}")
+    others = [name for name in names if name not in (LOCK, PARTIAL)]
+    if not others:
+        return False
+    shown = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
+    if any(name in (*RESULTS, *PARTS) or name.startswith((LEDGER, "best-n")) for name in others):
+        raise refusal(
+            directory.path,
+            f"has {shown} but no {LEDGER}: the ledger was removed, or this is not a run folder; {LEFT}",
+        )
+    raise refusal(directory.path, f"is not a run folder, and not empty: it has {shown}; {LEFT}")
+
+
+def last_request(path: Path, directory: Directory, ledger: Ledger) -> Request:
+    """Return the request that a ledger was last given."""
+    held = ledger.identity()
+    starts, trials = ledger.last_request()
+    if starts < 1 or (trials is not None and trials < 1):
+        raise BadInput(str(path), [Fault("", "has no run yet")])
+    if starts > STARTS or (trials is not None and trials > TRIALS):
+        rule = f"must ask for at most {STARTS:,} starts and {TRIALS:,} trials, but holds a run with more"
+        raise BadInput(str(path), [Fault("", rule)])
+    return Request(
+        _read_task(path, directory),
+        held.symmetry,
+        starts,
+        held.seed,
+        strategy=held.strategy,
+        sampler=held.sampler or "moves",
+        trials=trials,
+        round_size=held.round_size,
+        prune=bool(held.prune),
+        versions=ledger.versions() or installed_versions(),
+        own=held.own or NOTHING,
+    )
+
+
+def require_same(path: Path, request: Request, ledger: Ledger) -> None:
+    """Refuse a ledger of another request."""
+    held = ledger.identity()
+    for name, value in request.identity:
+        if (other := getattr(held, name)) != value:
+            raise refusal(path, f"holds {_describe_other(name, other, value)}")
+
+
+def require_versions(path: Path, ledger: Ledger) -> None:
+    """Refuse to take up a run whose own functions may have changed since: nobody could tell."""
+    own = ledger.identity().own
+    if own is not None and own.unversioned:
+        names = ", ".join(map(repr, own.unversioned))
+        raise refusal(
+            path, f"holds a run with {names} of your own, which has no version, so that it cannot be resumed"
+        )
+
+
+def refusal(path: Path, what: str) -> BadInput:
+    """Return what to raise for a folder that the run cannot have."""
+    return BadInput(str(path), [Fault("", f"{what}; choose another folder with --out")])
+
+
+def _read_task(path: Path, directory: Directory) -> Task:
+    """Return the task as the run wrote it: it names no other file."""
+    content, name = directory.read(TASK, most_bytes=TASK_BYTES), str(path / TASK)
+    if content is None:
+        raise BadInput(name, [Fault("", "no such file")])
+    try:
+        data = toml_data(content.decode())
+    except UnicodeDecodeError as error:
+        rule = f"must be UTF-8 text, but got the byte {content[error.start]:#04x} at offset {error.start}"
+        raise BadInput(name, [Fault("", rule)]) from None
+    except NotParsed as error:
+        raise BadInput(name, [Fault("", str(error))]) from None
+    return validate(Task, before_requirement(data), name)
+
+
+def _describe_other(name: str, held: Any, requested: Any) -> str:
+    """Say what a folder holds in place of what was requested."""
+    if name == "task":
+        return "another task"
+    if name != "own":
+        return f"a run with {name} {held}, not {requested}"
+    held, requested = held or NOTHING, requested or NOTHING
+    other = [part for part in Own.model_fields if getattr(held, part) != getattr(requested, part)]
+    return f"a run with other {' and other '.join(other)}"
 
 
 class RunFolder:
     """The folder of one request, held by this process alone."""
 
-    def __init__(self, path: Path, request: Request, ledger: Ledger, place: Place, level: str = "") -> None:
+    def __init__(self, path: Path, request: Request, ledger: Ledger, directory: Directory, level: str = "") -> None:
         """Take a folder whose ledger is open; `level` is its part for one level of the goals, `levels/0/`."""
         self.path = path
         self.request = request
-        self.ledger = ledger
-        self._place = place
+        self.ledger = ledger.of(context for n in request.task.sizes for context in request.contexts(n))
+        self._directory = directory
+        self._files = ledger.files_in(directory)
         self._level = level
 
     @classmethod
@@ -74,22 +174,21 @@ class RunFolder:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise refusal(path, f"cannot be made: {error.strerror}") from None
-        with hold(path) as place:
-            resumed = holds_run(place)
-            if resumed and not os.access(path / LEDGER, os.W_OK):
+        with hold(path) as directory:
+            if holds_run(directory) and not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
             with hold_lock(path):
-                resumed = holds_run(place)
+                resumed = holds_run(directory)
                 if not resumed:
-                    place.tidy()
-                    place.write(LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
+                    directory.tidy()
+                    directory.write(LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
                 with Ledger.open(path / LEDGER) as ledger:
                     if resumed:
                         require_versions(path, ledger)
-                    folder = cls._of_ledger(path, request, ledger, place)
-                    place.tidy()
+                    folder = cls._of_ledger(path, request, ledger, directory)
+                    directory.tidy()
                     sizes = [f"best-n{n}.json" for n in request.task.sizes]
-                    ledger.files.require(place, (*RESULTS, *sizes))
+                    folder._files.require((*RESULTS, *sizes))
                     ledger.ask(request.starts, request.trials)
                     folder.keep(TASK, to_toml(request.task))
                     yield folder
@@ -98,9 +197,9 @@ class RunFolder:
     @contextmanager
     def read(cls, path: Path, request: Request) -> Iterator[Self]:
         """Open a folder that cannot be written to; errors as of `open`."""
-        with hold(path) as place, Ledger.open(path / LEDGER, read_only=True) as ledger:
+        with hold(path) as directory, Ledger.open(path / LEDGER, read_only=True) as ledger:
             require_versions(path, ledger)
-            yield cls._of_ledger(path, request, ledger, place)
+            yield cls._of_ledger(path, request, ledger, directory)
 
     @classmethod
     @contextmanager
@@ -115,38 +214,34 @@ class RunFolder:
             ReadOnlyFolder: it cannot be written to, but should be.
             BadInput: it is not a run folder, or another process works in it.
         """
-        with hold(path) as place:
-            if LEDGER not in place.names():
+        with hold(path) as directory:
+            if LEDGER not in directory.names():
                 raise BadInput(str(path), [Fault("", f"is not a run folder: it has no {LEDGER}")])
-            if not writes:
-                with Ledger.open(path / LEDGER, read_only=True) as ledger:
-                    yield cls._of_ledger(path, last_request(path, place, ledger), ledger, place)
-                return
-            if not os.access(path / LEDGER, os.W_OK):
+            if writes and not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
-            with hold_lock(path), Ledger.open(path / LEDGER) as ledger:
-                place.tidy()
-                yield cls._of_ledger(path, last_request(path, place, ledger), ledger, place)
+            with ExitStack() as stack:
+                if writes:
+                    stack.enter_context(hold_lock(path))
+                ledger = stack.enter_context(Ledger.open(path / LEDGER, read_only=not writes))
+                if writes:
+                    directory.tidy()
+                yield cls._of_ledger(path, last_request(path, directory, ledger), ledger, directory)
 
     @classmethod
-    def _of_ledger(cls, path: Path, request: Request, ledger: Ledger, place: Place) -> Self:
-        """Make sure that a ledger holds this request, and consider the rows that answer it."""
+    def _of_ledger(cls, path: Path, request: Request, ledger: Ledger, directory: Directory) -> Self:
+        """Make sure that a ledger holds this request."""
         require_same(path, request, ledger)
-        ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
-        return cls(path, request, ledger, place)
+        return cls(path, request, ledger, directory)
 
-    def levels(self) -> Iterator[RunFolder]:
-        """Yield the folder of each level of the goals in turn, while the ledger ranks its rows.
-
-        That of a run without goals is this one.
-        """
-        for number, request in enumerate(self.request.levels):
-            self.ledger.consider([context for n in request.task.sizes for context in request.contexts(n)])
-            if request.level is None:
-                yield self
-            else:
-                level = f"levels/{number}/"
-                yield RunFolder(self.path / level, request, self.ledger, self._place, level)
+    @cached_property
+    def levels(self) -> tuple[RunFolder, ...]:
+        """The folder of each level of the goals; that of a run without goals is this one."""
+        if not self.request.task.goals.names:
+            return (self,)
+        return tuple(
+            RunFolder(self.path / level, request, self.ledger, self._directory, level)
+            for level, request in ((f"levels/{k}/", request) for k, request in enumerate(self.request.levels))
+        )
 
     def keep(self, name: str, content: str | bytes) -> None:
         """Write a file of the run's own, unless it holds that already.
@@ -156,7 +251,7 @@ class RunFolder:
             OSError: it cannot be written.
         """
         data = content if isinstance(content, bytes) else content.encode()
-        self.ledger.files.keep(self._place, [(self._level + name, data)])
+        self._files.keep([(self._level + name, data)])
 
     def page_mark(self) -> str:
         """Return the last line of a page that is written now: a digest of all that it shows."""
@@ -164,16 +259,16 @@ class RunFolder:
 
     def page_is_current(self) -> bool:
         """Return whether the page is there, as the run wrote it, and nothing that it shows has changed since."""
-        page = self._place.read(REPORT)
+        page = self._directory.read(REPORT)
         return (
             page is not None
             and page.endswith(self.page_mark().encode())
-            and not self.ledger.files.is_changed(REPORT, page)
+            and not self._files.is_changed(REPORT, page)
         )
 
     def drop(self, name: str) -> None:
         """Remove a file of the run's own, if it is there."""
-        self.ledger.files.remove(self._place, [self._level + name])
+        self._files.remove([self._level + name])
 
     def journal(self, name: str) -> Path:
         """Return where a library may keep a journal, which it makes anew and locks.
@@ -182,8 +277,8 @@ class RunFolder:
             BadInput: a file is there that the run did not make.
         """
         if self._level:
-            self._place.make(self._level.rstrip("/"))
-        self.ledger.files.adopt(self._place, self._level + name, f"{self._level}{name}.lock")
+            self._directory.make(self._level.rstrip("/"))
+        self._files.adopt(self._level + name, f"{self._level}{name}.lock")
         return self.path / name
 
     def write(self) -> None:
@@ -201,20 +296,20 @@ class RunFolder:
         self.keep("candidates.csv", table.getvalue())
         self._write_best()
         for part in PARTS:
-            self._place.make(self._level + part)
-        files, valid = self.ledger.files, set[str]()
+            self._directory.make(self._level + part)
+        valid = set[str]()
 
-        def texts() -> Iterator[tuple[str, str]]:
+        def contents() -> Iterator[tuple[str, bytes]]:
             for n in self.request.task.sizes:
-                for key, *found in self.ledger.texts(n):
-                    for part, text in zip(PARTS, found, strict=True):
+                for key, *texts in self.ledger.texts(n):
+                    for part, text in zip(PARTS, texts, strict=True):
                         if text is not None:
                             valid.add(name := f"{self._level}{part}/{key}.json")
-                            yield name, text
+                            yield name, text.encode()
 
-        files.keep(self._place, contents(texts()), lasting=False)
+        self._files.keep(contents(), lasting=False)
         for part in PARTS:
-            files.remove(self._place, [name for name in files.names_in(self._level + part) if name not in valid])
+            self._files.remove(name for name in self._files.names_in(self._level + part) if name not in valid)
 
     def proof_states(self, n: int) -> Iterator[tuple[Row, ProofState]]:
         """Yield every ranked candidate of n modules with what is proven of it."""
@@ -232,11 +327,11 @@ class RunFolder:
         Raises:
             BadInput: the file has another content.
         """
-        return self.ledger.files.read(self._place, f"{self._level}{PROOFS}/{key}")
+        return self._files.read(f"{self._level}{PROOFS}/{key}")
 
     def changed_files(self) -> list[str]:
         """Return the names of all files whose content is not what the run wrote."""
-        return self.ledger.files.find_changed(self._place)
+        return self._files.find_changed()
 
     def proofs(self, n: int) -> dict[str, Proof]:
         """Return the proofs of candidates of n modules by key: those of this very task.
@@ -268,12 +363,12 @@ class RunFolder:
                     f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: "
                     "remove it, and run `topo-search prove` again"
                 )
-                raise BadInput(str(self._place.path / PROOFS / name), [Fault("", rule)])
+                raise BadInput(str(self._directory.path / PROOFS / name), [Fault("", rule)])
             yield proof
 
     def keep_within(self, part: str, name: str, content: str) -> None:
         """Write a file of the run's own into one of its folders; errors as of `keep`."""
-        self._place.make(f"{self._level}{part}")
+        self._directory.make(f"{self._level}{part}")
         self.keep(f"{part}/{name}", content)
 
     def read_within(self, part: str, model: type[Model]) -> dict[str, Model]:
@@ -282,19 +377,19 @@ class RunFolder:
         Raises:
             BadInput: one of them is damaged.
         """
-        found = dict[str, Model]()
-        for path in self.ledger.files.names_in(f"{self._level}{part}"):
-            if (content := self.ledger.files.read(self._place, path)) is None:
+        values = dict[str, Model]()
+        for path in self._files.names_in(f"{self._level}{part}"):
+            if (content := self._files.read(path)) is None:
                 continue
             try:
-                found[path.rsplit("/", 1)[1]] = model.model_validate_json(content)
+                values[path.rsplit("/", 1)[1]] = model.model_validate_json(content)
             except ValidationError as error:
-                raise BadInput(str(self._place.path / path), faults_of(error, model)) from None
-        return found
+                raise BadInput(str(self._directory.path / path), faults_of(error, model)) from None
+        return values
 
     def drop_within(self, part: str) -> None:
         """Remove what the run wrote into one of its folders."""
-        self.ledger.files.remove(self._place, self.ledger.files.names_in(f"{self._level}{part}"))
+        self._files.remove(self._files.names_in(f"{self._level}{part}"))
 
     def _write_best(self) -> None:
         """Write `best.json`, and `best-nN.json` of every size where there are several."""

@@ -28,22 +28,24 @@ from topo_search.model import Audit, Design, Flight, ResolvedTask
 from topo_search.model.reserves import Failing, centres_of
 from topo_search.model.search import FIELDS, Level
 from topo_search.model.tables import escape_formula
-from topo_search.study.claims import FRONT
-from topo_search.study.folder import RunFolder
+from topo_search.study.folder import FRONT, RunFolder
 from topo_search.study.row import Row, proven_cell
 
 EFFORT = 1.0e-6
 """Share of J that makes no difference: the audit's own tolerance of it."""
-CLEARANCE = 1.0e-5
-"""Clearance that makes none [m]: a tenth of the default margin; solves of one optimum differ by less."""
-STAND_OFF = 1.0e-4
-"""Distance that makes none [m]."""
-INPUT = 1.0e-5
-"""Share of u_max that makes none."""
-FORCE, TORQUE = 1.0e-4, 1.0e-5
-"""Reserve of force [N], and of torque or moment [N m], that makes none."""
-HINGE = 1.0e-3
-"""Error of hinge angles that makes none [deg]."""
+STEPS = {
+    "clearance": 1.0e-5,  # a tenth of the default margin; solves of one optimum differ by less
+    "stand_off": 1.0e-4,
+    "peak_input": 1.0e-5,
+    "force_reserve": 1.0e-4,
+    "torque_reserve": 1.0e-5,
+    "rotor_out": 0.5,  # counts what is possible
+    "joint_moment": 1.0e-5,
+    "hinge_angle_deg": 1.0e-3,
+    "modules": 0.5,
+}
+"""Differences of what a design reaches that make no difference, in the units of `FrontPoint`."""
+SMALLER_IS_BETTER = ("peak_input", "joint_moment", "modules")
 SAME_EFFORT = 1.0e-4
 """Relative difference of efforts that starts of their own may make, and no level."""
 UNITS = {
@@ -57,33 +59,11 @@ UNITS = {
     "hinge_angle_deg": "deg",
 }
 """Of what a design reaches."""
-MODULE = 0.5
-"""Number of modules that makes none."""
-
 FRONT_COLUMNS = (
-    "key",
-    "modules",
-    "objective",
-    "lower_bound",
-    "gap",
-    "clearance",
-    "stand_off",
-    "peak_input",
-    "force_reserve",
-    "torque_reserve",
-    "rotor_out",
-    "joint_moment",
-    "hinge_angle_deg",
-    "audit",
-    "level",
-    "level_clearance",
-    "level_stand_off",
-    "level_peak_input",
-    "level_force_reserve",
-    "level_torque_reserve",
-    "level_rotor_out",
-    "level_joint_moment",
-    "level_hinge_angle_deg",
+    *("key", "modules", "objective", "lower_bound", "gap"),
+    *UNITS,
+    *("audit", "level"),
+    *(f"level_{name}" for name in Level._fields),
     "design",
 )
 """The columns of `front.csv`: what a design reaches, then the level that it was found at, and its file."""
@@ -115,50 +95,30 @@ class FrontPoint:
     """[deg]; None where nothing is proven."""
 
     @property
-    def folder(self) -> str:
-        """The folder of its level, in that of the run."""
-        return f"levels/{self.number}"
-
-    @property
     def cells(self) -> dict[str, Any]:
         """Return its row of `front.csv`."""
-        row = self.row
         values: dict[str, Any] = {
-            **asdict(row),
-            "clearance": self.clearance,
-            "stand_off": self.stand_off,
-            "peak_input": self.peak_input,
-            "force_reserve": self.force_reserve,
-            "torque_reserve": self.torque_reserve,
-            "rotor_out": self.rotor_out,
-            "joint_moment": self.joint_moment,
-            "hinge_angle_deg": self.hinge_angle_deg,
+            **asdict(self.row),
+            **vars(self),
             "level": self.number,
             **{f"level_{name}": value for name, value in self.level._asdict().items()},
-            "design": f"{self.folder}/designs/{row.key}.json",
+            "design": f"levels/{self.number}/designs/{self.row.key}.json",
         }
         return {name: values[name] for name in FRONT_COLUMNS}
 
     def costs(self, names: Sequence[str]) -> tuple[float, ...]:
         """Return J and the goals of these names in steps that make a difference, the smaller the better."""
-        steps = {
-            "clearance": -_or_infinite(self.clearance) / CLEARANCE,
-            "stand_off": -_or_infinite(self.stand_off) / STAND_OFF,
-            "peak_input": self.peak_input / INPUT,
-            "force_reserve": -(self.force_reserve or 0.0) / FORCE,
-            "torque_reserve": -(self.torque_reserve or 0.0) / TORQUE,
-            "rotor_out": -2.0 * get_args(Failing).index(self.rotor_out),
-            "joint_moment": (self.joint_moment or 0.0) / TORQUE,
-            "hinge_angle_deg": -(self.hinge_angle_deg or 0.0) / HINGE,
-            "modules": self.row.modules / MODULE,
-        }
+        missing = dict.fromkeys(STEPS, 0.0) | {"clearance": math.inf, "stand_off": math.inf}
+        values = missing | {name: value for name, value in vars(self).items() if value is not None}
+        values |= {"modules": self.row.modules, "rotor_out": get_args(Failing).index(self.rotor_out)}
         effort = math.log(self.row.objective) / EFFORT if self.row.objective else -math.inf
-        return (effort, *(steps[name] for name in names))
+        signs = {name: 1 if name in SMALLER_IS_BETTER else -1 for name in names}
+        return (effort, *(signs[name] * values[name] / STEPS[name] for name in names))
 
 
 def front_of(folder: RunFolder) -> tuple[FrontPoint, ...]:
     """Return the front of a run with goals, the least effort first."""
-    points = [point for number, level in enumerate(folder.levels()) for point in _clear_points(level, number)]
+    points = [point for number, level in enumerate(folder.levels) for point in _clear_points(level, number)]
     return front(points, folder.request.task.goals.names)
 
 
@@ -187,7 +147,7 @@ def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[Fr
         levels: every level with the least J found there; None where there is none.
         points: the front, the least effort first.
     """
-    told = []
+    sentences = []
     for place, field in enumerate(FIELDS):
         name = Level._fields[place]
         groups: dict[tuple[Any, ...], list[float | None]] = {}
@@ -201,17 +161,17 @@ def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[Fr
             continue
         reached = points[0].cells[name]
         has = proven_cell(name, reached, 4)
-        told.append(
+        sentences.append(
             f"no level of goals.{name} binds: each gives the same least effort, whose design reaches {has} "
             f"({UNITS[name]}); try levels of {field} beyond that"
         )
-    return told
+    return sentences
 
 
 def _are_alike(efforts: list[float | None]) -> bool:
     """Whether efforts that were found at the levels of one goal are the same."""
-    found = [J for J in efforts if J is not None]
-    return len(found) == len(efforts) and (not found or max(found) <= min(found) * (1 + SAME_EFFORT))
+    known = [J for J in efforts if J is not None]
+    return len(known) == len(efforts) and (not known or max(known) <= min(known) * (1 + SAME_EFFORT))
 
 
 def write_front(folder: RunFolder) -> None:
@@ -287,7 +247,3 @@ def _of_flight(task: ResolvedTask, flight: Flight | None) -> dict[str, Any]:
 def _covers(one: Sequence[float], other: Sequence[float]) -> bool:
     """Return whether the one is no worse than the other in anything, by more than a step."""
     return all(x <= y + 1 for x, y in zip(one, other, strict=True))
-
-
-def _or_infinite(value: float | None) -> float:
-    return math.inf if value is None else value

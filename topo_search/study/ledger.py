@@ -2,7 +2,7 @@
 
 A row's key is its context (a digest of the task with its margin, the seed and the library versions) and its
 topology's key. Each row is on the disk before the next job's result is taken up (WAL, synchronous = FULL), with a
-checksum (`seals`); and whoever wrote it knows that the file is still there.
+checksum (`ledger_file`); and whoever wrote it knows that the file is still there.
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ import json
 import sqlite3
 import time
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import astuple, fields, replace
+from itertools import starmap
 from pathlib import Path
 from typing import Any, Self
 
 from topo_search.engine import Scored
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_json
-from topo_search.study.identity import Context, Identity, digest, installed_versions
-from topo_search.study.ledger_file import BESIDE, checked_text, damage, open_database, parse
-from topo_search.study.lost import LedgerLost
-from topo_search.study.own_files import OwnFiles, digest_of
+from topo_search.study.directory import Directory, RunFiles, digest_of
+from topo_search.study.ledger_file import BESIDE, LedgerLost, checked_text, damage, open_database, parse, reseal
+from topo_search.study.request import Context, Identity, digest, installed_versions
 from topo_search.study.row import Row, SolveEvent, flight_of, score
-from topo_search.study.seals import reseal
 
 _FIELDS = tuple(field.name for field in fields(Row))
 _SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
-_STANDING = "WHERE standing AND modules = ? AND context IN (SELECT context FROM current)"
+_STANDING = "WHERE standing AND modules = ? AND context IN (SELECT value FROM json_each(?))"
 _WRITTEN = (*_FIELDS, "context", "standing", "result_checksum", "checksum")
 _UPSERT = f"""
 INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * (len(_WRITTEN) - 1))}, 0)
@@ -40,12 +40,9 @@ _WRITE_RESULT = """
 INSERT INTO texts (context, key, result) VALUES (?, ?, ?)
 ON CONFLICT (context, key) DO UPDATE SET result = excluded.result, audit = CASE WHEN ? THEN audit END
 """
-_LOG = "INSERT INTO solves VALUES (?, ?, ?, ?, ?, ?, ?, ?, 0)"
-_LOGGED = "SELECT coalesce(max(number), 0) FROM solves"
-_LATEST = "SELECT context, fixed_by FROM contexts LEFT JOIN solves USING (context) ORDER BY number DESC LIMIT 1"
 _PLACE = "context = ? AND key = ?"
-_OF_A_KEY = "key = ? AND (context = ? OR context IN (SELECT context FROM current))"
-_STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (SELECT context FROM current)"
+_OF_A_KEY = "key = ? AND (context = ? OR context IN (SELECT value FROM json_each(?)))"
+_STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (SELECT value FROM json_each(?))"
 
 
 class Ledger:
@@ -53,10 +50,11 @@ class Ledger:
 
     def __init__(self, database: sqlite3.Connection, path: Path) -> None:
         self._database = database
-        self._path = path
+        self.path = path
         self._names = [Path(f"{path.absolute()}{end}") for end in ("", BESIDE[0])]
         self._made = self._identities()
-        self.files = OwnFiles(database, path)
+        self._ranked = "[]"
+        """Names of the contexts that rankings are made of, those of one request and its library versions (JSON)."""
 
     @classmethod
     @contextmanager
@@ -72,11 +70,6 @@ class Ledger:
         """
         with open_database(path, read_only=read_only) as database:
             yield cls(database, path)
-
-    @property
-    def path(self) -> Path:
-        """Its file."""
-        return self._path
 
     @contextmanager
     def _change(self, table: str, where: str = "true", values: Sequence[Any] = ()) -> Iterator[None]:
@@ -102,19 +95,19 @@ class Ledger:
             LedgerLost: the file, or the folder, was removed, moved, replaced or emptied.
         """
         if self._identities() != self._made:
-            raise LedgerLost(self._path)
+            raise LedgerLost(self.path)
 
     def _identities(self) -> list[tuple[int, int, bool] | None]:
         """Return which files there are, and whether the first has a content."""
-        found: list[tuple[int, int, bool] | None] = []
+        identities: list[tuple[int, int, bool] | None] = []
         for path in self._names:
             try:
                 status = path.lstat()
             except OSError:
-                found.append(None)
+                identities.append(None)
             else:
-                found.append((status.st_dev, status.st_ino, bool(found) or status.st_size > 0))
-        return found
+                identities.append((status.st_dev, status.st_ino, bool(identities) or status.st_size > 0))
+        return identities
 
     def identity(self) -> Identity:
         """Return the identity of the run that the ledger holds.
@@ -124,8 +117,8 @@ class Ledger:
         """
         rows = self._database.execute("SELECT identity FROM run").fetchall()
         if len(rows) != 1:
-            raise damage(self._path, f"its table run has {len(rows)} rows in place of one")
-        return parse(self._path, Identity, "run", rows[0][0])
+            raise damage(self.path, f"its table run has {len(rows)} rows in place of one")
+        return parse(self.path, Identity, "run", rows[0][0])
 
     def fingerprint(self, *, but: str) -> str:
         """Return a digest of all rows, of all files of the run but one, and of the versions that read them."""
@@ -147,10 +140,11 @@ class Ledger:
 
     def versions(self) -> dict[str, str] | None:
         """Return the versions of the libraries that solved last; None if nothing was begun."""
-        found = self._database.execute(_LATEST).fetchone()
-        if found is None:
+        latest = "contexts LEFT JOIN solves USING (context) ORDER BY number DESC LIMIT 1"
+        values = self._database.execute(f"SELECT context, fixed_by FROM {latest}").fetchone()
+        if values is None:
             return None
-        context, text = found
+        context, text = values
         try:
             fixed_by = json.loads(text)
             named = digest(fixed_by)
@@ -158,17 +152,17 @@ class Ledger:
             fixed_by, named = None, None
         versions = fixed_by.get("versions") if isinstance(fixed_by, dict) and named == context else None
         if not isinstance(versions, dict) or not all(isinstance(value, str) for value in versions.values()):
-            raise damage(self._path, f"what it holds of context {context} has changed since it was written")
+            raise damage(self.path, f"what it holds of context {context} has changed since it was written")
         return versions
 
     def bound(self, context: Context) -> tuple[float, Infeasible | None] | None:
         """Return the lower bound and the proof of impossibility of a context, if it was begun."""
         query = "SELECT lower_bound, proof FROM contexts WHERE context = ?"
-        found = self._database.execute(query, (context.name,)).fetchone()
-        if found is None:
+        values = self._database.execute(query, (context.name,)).fetchone()
+        if values is None:
             return None
-        lower_bound, proof = found
-        return lower_bound, None if proof is None else parse(self._path, Infeasible, "contexts", proof)
+        lower_bound, proof = values
+        return lower_bound, None if proof is None else parse(self.path, Infeasible, "contexts", proof)
 
     def begin(self, context: Context, lower_bound: float, proof: Infeasible | None) -> None:
         """Record a context."""
@@ -189,8 +183,8 @@ class Ledger:
         """Return whether the strategy came to its end with at least so many starts and proposals (None: all)."""
         enough = "ended_starts >= ? AND (ended_trials IS NULL OR ended_trials >= ?)"
         query = f"SELECT {enough} FROM contexts WHERE context = ?"
-        found = self._database.execute(query, (starts, trials, context.name)).fetchone()
-        return found is not None and bool(found[0])
+        values = self._database.execute(query, (starts, trials, context.name)).fetchone()
+        return values is not None and bool(values[0])
 
     def has_failures(self, context: Context) -> bool:
         """Return whether the last solve of some candidate failed."""
@@ -205,18 +199,17 @@ class Ledger:
         return number
 
     def scores(self, context: Context) -> Iterator[Scored]:
-        """Yield what candidates had reached after each solve that did not fail, in the order of their ends."""
+        """Return what candidates had reached after each solve that did not fail, in the order of their ends."""
         query = (
             "SELECT key, asked, status, objective, violation FROM solves "
             "WHERE context = ? AND status <> 'failed' ORDER BY number"
         )
-        for values in self._database.execute(query, (context.name,)):
-            yield Scored(*values)
+        return starmap(Scored, self._database.execute(query, (context.name,)))
 
     def row(self, context: Context, key: str) -> Row | None:
         """Return one candidate's row in a context."""
-        found = self._database.execute(f"{_SELECT} WHERE context = ? AND key = ?", (context.name, key)).fetchone()
-        return None if found is None else Row(*found)
+        values = self._database.execute(f"{_SELECT} WHERE context = ? AND key = ?", (context.name, key)).fetchone()
+        return None if values is None else Row(*values)
 
     def result(self, context: Context, key: str) -> Design | Infeasible | None:
         """Return one candidate's result so far; None if every attempt failed."""
@@ -224,7 +217,7 @@ class Ledger:
         if text is None:
             return None
         model: type[Design] | type[Infeasible] = Design if '"topo-search/design"' in text[:60] else Infeasible
-        return parse(self._path, model, "texts", text, strict=False)
+        return parse(self.path, model, "texts", text, strict=False)
 
     def audit(self, context: Context, key: str) -> str | None:
         """Return the audit of a candidate's design as JSON text."""
@@ -240,9 +233,9 @@ class Ledger:
             "SELECT key, result, result_checksum, texts.audit, audit_checksum "
             f"FROM candidates LEFT JOIN texts USING (context, key) {_STANDING} AND status = 'feasible'"
         )
-        for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n,)):
-            verdict = None if audit_checksum is None else checked_text(self._path, key, audit, audit_checksum)
-            yield key, checked_text(self._path, key, result, result_checksum), verdict
+        for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n, self._ranked)):
+            verdict = None if audit_checksum is None else checked_text(self.path, key, audit, audit_checksum)
+            yield key, checked_text(self.path, key, result, result_checksum), verdict
 
     def record(
         self, context: Context, rows: Sequence[tuple[Row, Design | Infeasible | None]], *, failed: bool = False
@@ -257,26 +250,27 @@ class Ledger:
                 standing = row.feasible or context.step == 0
                 values = [getattr(row, name) for name in _FIELDS]
                 text = None if result is None else to_json(result).encode()
-                with reseal(self._database, "candidates", _OF_A_KEY, (row.key, context.name)):
+                with reseal(self._database, "candidates", _OF_A_KEY, (row.key, context.name, self._ranked)):
                     if standing:
-                        self._database.execute(_STEP_DOWN, (row.key,))
+                        self._database.execute(_STEP_DOWN, (row.key, self._ranked))
                     self._database.execute(_UPSERT, (*values, context.name, standing, text and zlib.crc32(text)))
                 self._database.execute(_WRITE_RESULT, (context.name, row.key, text, row.audit is not None))
                 if row.status != "pruned":  # for another design may rule it out, or none
                     reached = score(row, context.task)
                     reached = replace(reached, status="failed") if failed else reached
-                    number = self._database.execute(_LOGGED).fetchone()[0] + 1
+                    number = self._database.execute("SELECT coalesce(max(number), 0) + 1 FROM solves").fetchone()[0]
                     with reseal(self._database, "solves", "number = ?", (number,)):
-                        self._database.execute(_LOG, (number, time.time(), context.name, *astuple(reached)))
+                        event = (number, time.time(), context.name, *astuple(reached), 0)
+                        self._database.execute(f"INSERT INTO solves VALUES ({', '.join('?' * 9)})", event)
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
         text = to_json(audit).encode()
         place = context.name, key
         with self._change("candidates", _PLACE, place):
-            told = {"audit": str(audit.verdict), "audit_checksum": zlib.crc32(text), **flight_of(audit)}
-            verdict = f"UPDATE candidates SET {', '.join(f'{name} = ?' for name in told)} WHERE {_PLACE}"
-            self._database.execute(verdict, (*told.values(), *place))
+            changes = {"audit": str(audit.verdict), "audit_checksum": zlib.crc32(text), **flight_of(audit)}
+            verdict = f"UPDATE candidates SET {', '.join(f'{name} = ?' for name in changes)} WHERE {_PLACE}"
+            self._database.execute(verdict, (*changes.values(), *place))
             self._database.execute(f"UPDATE texts SET audit = ? WHERE {_PLACE}", (text, *place))
 
     def forget_audit_failures(self, context: Context) -> None:
@@ -291,33 +285,35 @@ class Ledger:
         with self._change("candidates", _PLACE, place):
             self._database.execute(f"UPDATE candidates SET audit_failure = ? WHERE {_PLACE}", (reason, *place))
 
-    def consider(self, contexts: Sequence[Context]) -> None:
-        """Choose the contexts that rankings are made of: those of the present request and library versions."""
-        self._database.execute("CREATE TEMP TABLE IF NOT EXISTS current (context TEXT PRIMARY KEY)")
-        self._database.execute("DELETE FROM current")
-        self._database.executemany("INSERT INTO current VALUES (?)", [(context.name,) for context in contexts])
+    def files_in(self, directory: Directory) -> RunFiles:
+        """Return the files that the run wrote into its directory."""
+        return RunFiles(self._database, self.path, directory)
+
+    def of(self, contexts: Iterable[Context]) -> Self:
+        """Return the same ledger with rankings of the rows of these contexts."""
+        ledger = copy(self)
+        ledger._ranked = json.dumps([context.name for context in contexts])
+        return ledger
 
     def ranking(self, n: int) -> Iterator[Row]:
-        """Yield the row that stands for each candidate of n modules: by objective, ties by key, then the rest."""
+        """Return the row that stands for each candidate of n modules: by objective, ties by key, then the rest."""
         query = f"{_SELECT} {_STANDING} ORDER BY objective IS NULL, objective, key"
-        for values in self._database.execute(query, (n,)):
-            yield Row(*values)
+        return starmap(Row, self._database.execute(query, (n, self._ranked)))
 
     def best_clear(self, n: int) -> Row | None:
         """Return the best row of n modules whose audit is clear."""
         query = f"{_SELECT} {_STANDING} AND audit = 'clear' ORDER BY objective, key LIMIT 1"
-        found = self._database.execute(query, (n,)).fetchone()
-        return None if found is None else Row(*found)
+        values = self._database.execute(query, (n, self._ranked)).fetchone()
+        return None if values is None else Row(*values)
 
     def solves(self, n: int) -> Iterator[SolveEvent]:
-        """Yield the solves of n modules in the order in which they ended."""
+        """Return the solves of n modules in the order in which they ended."""
         query = (
             "SELECT at, key, status, objective, margin FROM solves JOIN contexts USING (context) "
-            "WHERE modules = ? AND context IN (SELECT context FROM current) "
+            "WHERE modules = ? AND context IN (SELECT value FROM json_each(?)) "
             "AND status <> 'impossible' ORDER BY number"  # a proof is no solve
         )
-        for values in self._database.execute(query, (n,)):
-            yield SolveEvent(*values)
+        return starmap(SolveEvent, self._database.execute(query, (n, self._ranked)))
 
     def best_designs(self, context: Context, first: int, count: int) -> list[Row]:
         """Return a context's designs from place `first` on, by objective, ties by key."""
@@ -331,4 +327,4 @@ class Ledger:
             "WHERE context = ? AND key = ?"
         )
         text, checksum = self._database.execute(query, (context.name, key)).fetchone() or (None, None)
-        return None if checksum is None else checked_text(self._path, key, text, checksum)
+        return None if checksum is None else checked_text(self.path, key, text, checksum)

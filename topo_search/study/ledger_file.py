@@ -1,33 +1,49 @@
 """The ledger's file: its tables, and whether it is whole.
 
 A file is checked when it is opened: its tables are those that this program makes, and their rows those that were
-written (`seals`). The texts of results and audits, which are nearly all of it, are checked whenever they are read:
-each has its checksum in the row of its candidate.
+written. The texts of results and audits, which are nearly all of it, are checked whenever they are read: each has
+its checksum in the row of its candidate. A file comes into being whole, with its run: an empty one was damaged.
 
-A file comes into being whole, with the run that it belongs to: one that is empty was damaged.
+| symbol | meaning |
+|---|---|
+| row's checksum | CRC-32 of its other values as text; every flipped bit changes it |
+| `tallies` | of each table: number of rows, and the sum of their checksums modulo 2^32 |
+
+Checksums tell damage, not malice: whoever writes a ledger on purpose writes its checksums too. What is read is
+checked for its meaning besides, before it becomes the name of a file or an answer.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import sqlite3
 import stat
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import faults_of
-from topo_search.study.seals import PLACES, fault, reseal, seal_fault
 
+if TYPE_CHECKING:
+    from topo_search.model import Design
+    from topo_search.study.answer import Answer
+
+KEPT = "all results are kept; run the same command to continue"
+"""Note (PEP 678) of what ends a run early, once it is so."""
+PLACES = {"run": "rowid", "contexts": "context", "candidates": "context, key", "solves": "number"}
+"""The tables that an answer is made from, and what a row of each is found by."""
+KEY = re.compile(r"[ap][0-9a-f]+")
+"""What a topology's key looks like: it names files too."""
+KINDS = {"TEXT": str, "INTEGER": int, "REAL": float, "BLOB": bytes}
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
 VERSION = 7
-
 SCHEMA = f"""
 BEGIN;
 PRAGMA application_id = {APPLICATION_ID};
@@ -67,19 +83,103 @@ COMMIT;
 results and audits, in JSON; `..._checksum` of a candidate is that of its text, null where there is none. `solves`:
 one row per solve, in the order of their ends, with what the candidate had reached after `asked` starts; a strategy
 is replayed from them. `ended_...`: what the strategy was asked for when it last came to its end. `tallies`: of the
-tables with a `checksum` (`seals`). `files`: what the run itself wrote into its folder (`own_files`)."""
-
+tables with a `checksum`. `files`: what the run itself wrote into its folder (`directory`)."""
 CHECKED = ("sqlite_schema", "run", "contexts", "candidates", "solves", "tallies", "files")
 """The tables whose pages are checked when the file is opened; SQLite before 3.33 checks all."""
-
 BESIDE = ("-wal", "-shm")
 """Ends of the names of what SQLite keeps beside a ledger in use."""
 WAL_MODE = b"\x02\x02"
 """Bytes 18 and 19 of a file in write-ahead mode (SQLite, Database File Format, sec. 1.3.3)."""
-
 ADVICE = "choose another folder with --out, or move it away"
-
 Model = TypeVar("Model", bound=BaseModel)
+
+
+class LedgerLost(Exception):
+    """The ledger, or its folder, was removed, moved, replaced or emptied while a run worked in it."""
+
+    def __init__(self, path: Path) -> None:
+        self.answer: Answer | None = None
+        """What the run had found, as far as it can still be read."""
+        self.design: Design | None = None
+        """The best design, audited if any is: nothing else may hold it any more."""
+        super().__init__(
+            f"{path}: was removed, moved, replaced or emptied during the run; the run stopped, and what it found "
+            "since then is kept only in the output printed here"
+        )
+
+
+def checksum(values: Sequence[Any]) -> int:
+    """Return the checksum of a row's values."""
+    return zlib.crc32(ascii(tuple(values)).encode("ascii"))
+
+
+@contextmanager
+def reseal(database: sqlite3.Connection, table: str, where: str, values: Sequence[Any]) -> Iterator[None]:
+    """Seal the rows of a table that meet a condition again, after they were changed within the block.
+
+    Args:
+        database: the ledger, in a transaction.
+        table: one of PLACES.
+        where: the condition in SQL.
+        values: its parameters.
+    """
+    old, before = _tally(database, table, where, values)
+    yield
+    place = PLACES[table]
+    keys = place.count(",") + 1
+    changed = database.execute(f"SELECT {place}, * FROM {table} WHERE {where}", values).fetchall()
+    sealed = [(checksum(row[keys:-1]), *row[:keys]) for row in changed]  # the last column is the checksum
+    at = " AND ".join(f"{name.strip()} = ?" for name in place.split(","))
+    database.executemany(f"UPDATE {table} SET checksum = ? WHERE {at}", sealed)
+    new, after = _tally(database, table, where, values)
+    database.execute(
+        "UPDATE tallies SET rows = rows + ?, total = (total + ?) & 4294967295 WHERE name = ?",
+        (new - old, after - before, table),
+    )
+
+
+def fault(database: sqlite3.Connection, table: str) -> str | None:
+    """Return what is wrong with a table, if its rows are not those that were written; `files` has no tally."""
+    kinds = _kinds(database, table)
+    known: set[tuple[type, ...]] = set()
+    rows = total = 0
+    place = slice(0, PLACES.get(table, "").count(",") + 1)
+    before: tuple[Any, ...] = ()
+    for values in database.execute(f"SELECT * FROM {table} NOT INDEXED"):
+        stored = values[-1]
+        if checksum(values[:-1]) != stored:
+            return f"a row of its table {table} is not what was written"
+        if table not in PLACES:
+            continue
+        if (types := tuple(map(type, values))) not in known:
+            if not all(kind in allowed for kind, allowed in zip(types, kinds, strict=True)):
+                return f"a row of its table {table} has a value of another kind"
+            known.add(types)
+        if table != "run" and not before < (before := values[place]):
+            return f"the rows of its table {table} are not in order"
+        if table == "candidates" and (len(values[1]) != values[2] + 1 or not KEY.fullmatch(values[1])):
+            return f"its table candidates has the key {values[1][:40]!r} for {values[2]} modules"
+        rows += 1
+        total += stored
+    held = database.execute("SELECT rows, total FROM tallies WHERE name = ?", (table,)).fetchall()
+    if table in PLACES and held != [(rows, total & 0xFFFFFFFF)]:
+        return f"its table {table} has {rows} rows, which are not those that were written"
+    return None
+
+
+def _tally(database: sqlite3.Connection, table: str, where: str, values: Sequence[Any]) -> tuple[int, int]:
+    """Return number and sum of the checksums of some rows."""
+    query = f"SELECT count(*), coalesce(sum(checksum), 0) FROM {table} WHERE {where}"
+    rows, total = database.execute(query, values).fetchone()
+    return rows, total
+
+
+def _kinds(database: sqlite3.Connection, table: str) -> list[set[type]]:
+    """Return which types the values of each column may have."""
+    return [
+        {KINDS[declared]} if not_null or key else {KINDS[declared], type(None)}
+        for _, _, declared, not_null, _, key in database.execute(f"PRAGMA table_info({table})")
+    ]
 
 
 def blank(identity: str) -> bytes:
@@ -197,14 +297,11 @@ def _check(database: sqlite3.Connection, path: Path) -> None:
     database.execute("BEGIN")  # all is read as of one moment, also beside a run that works
     _check_tables(database, path)
     for table in CHECKED:
-        if (found := database.execute(f"PRAGMA integrity_check({table})").fetchone()[0]) != "ok":
-            raise damage(path, found)
-    for table in PLACES:
+        if (report := database.execute(f"PRAGMA integrity_check({table})").fetchone()[0]) != "ok":
+            raise damage(path, report)
+    for table in (*PLACES, "files"):  # what the run wrote under a name that changed would be nobody's
         if wrong := fault(database, table):
             raise damage(path, wrong)
-    # Else what the run wrote under a name that changed would be nobody's.
-    if wrong := seal_fault(database, "files"):
-        raise damage(path, wrong)
     database.execute("COMMIT")
 
 
@@ -218,8 +315,8 @@ def _check_tables(database: sqlite3.Connection, path: Path) -> None:
                 raise damage(path, f"it has no table {table}")
             if lacking := columns - held[table]:
                 raise damage(path, f"its table {table} has no column {min(lacking)}")
-        made, found = pattern.execute(schema).fetchall(), database.execute(schema).fetchall()
-        if odd := set(found) ^ set(made):
+        made, present = pattern.execute(schema).fetchall(), database.execute(schema).fetchall()
+        if odd := set(present) ^ set(made):
             raise damage(path, f"its {min(map(str, odd))[:200]} is not as this program makes it")
 
 

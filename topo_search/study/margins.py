@@ -29,19 +29,19 @@ def larger_margin(margin: float) -> float:
 
 def margins(task: ResolvedTask) -> list[float]:
     """Return the margins that designs of a task may be asked for [m], its own first, each larger than the last."""
-    found = [task.search.margin]
+    ladder = [task.search.margin]
     if not task.flight.tolerances:
         for _ in range(LARGER_MARGINS):
-            found.append(larger_margin(found[-1]))
-        return found
+            ladder.append(larger_margin(ladder[-1]))
+        return ladder
     errors, module, n = task.tolerances, task.module, task.n
     delta, shift = math.radians(errors.hinge_angle_deg), 2 * errors.position + 2 * errors.envelope
     # Of a platform stretched out: every hinge moves a far end of airflow by as much.
     farthest = 2 * n * (module.connector_distance + module.arm_length) + module.reach
-    least = max(found[0], delta * module.arm_length + shift / 4)
+    least = max(ladder[0], delta * module.arm_length + shift / 4)
     most = 2 * (shift + delta * n * farthest)
     steps = max(LARGER_MARGINS, math.ceil(math.log(most / least, RUNG)))
-    return found + [least * RUNG**k for k in range(1, steps + 1)]
+    return ladder + [least * RUNG**k for k in range(1, steps + 1)]
 
 
 def with_margin(task: ResolvedTask, margin: float) -> ResolvedTask:

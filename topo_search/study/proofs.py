@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from topo_search.model import Proof, ResolvedTask
 from topo_search.model.proof import Problem
 from topo_search.model.proven import gap_percent, upper_text
-from topo_search.study.identity import Request
+from topo_search.study.request import Request
 from topo_search.study.row import COLUMNS, Row
+
+if TYPE_CHECKING:
+    from topo_search.study.folder import RunFolder
 
 EXCLUDED, WITHIN, OPEN, IMPOSSIBLE = "excluded", "within", "open", "impossible"
 NO_GOALS = "has goals: a proof needs a single objective; run the task without goals"
@@ -90,7 +93,7 @@ def summarize(
     best: Row | None,
     task: ResolvedTask,
     candidates: int,
-    whom: str,
+    subject: str,
 ) -> ProofSummary:
     """Say what the proofs of one size come to together.
 
@@ -100,7 +103,7 @@ def summarize(
         best: the best design whose audit is clear.
         task: the task.
         candidates: how many there are.
-        whom: of which trees a complete proof speaks, as `subject_of` has it.
+        subject: of which trees a complete proof speaks, as `subject_of` has it.
     """
     if best is None or best.objective is None or not proofs:
         return ProofSummary(None, None)
@@ -113,10 +116,12 @@ def summarize(
         OPEN: "open",
         "not examined": "not examined",
     }
-    told = ", ".join(f"{counts[name]} {text}" for name, text in words.items() if counts[name])
+    verdicts = ", ".join(f"{counts[name]} {text}" for name, text in words.items() if counts[name])
     left = counts[OPEN] + counts["not examined"] + candidates - len(rows)
     if left:
-        sentence = f"branch and bound, {candidates} candidates: {told}; nothing new is proven while some are open"
+        sentence = (
+            f"branch and bound, {candidates} candidates: {verdicts}; nothing new is proven while some are open"
+        )
         stuck = [
             row.key
             for row, state in zip(rows, states, strict=True)
@@ -134,10 +139,21 @@ def summarize(
     limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
     about = weakest_problem([proof.problem for row in rows if (proof := proofs.get(row.key)) is not None])
     sentence = (
-        f"proven by branch and bound: {whom} is {limit}better "
-        f"({candidates} candidates: {told}); {problem(task, about)}"
+        f"proven by branch and bound: {subject} is {limit}better "
+        f"({candidates} candidates: {verdicts}); {problem(task, about)}"
     )
     return ProofSummary(sentence, gap)
+
+
+def sizes_with_best(folder: RunFolder, key: str | None) -> tuple[list[tuple[int, Row, list[Row]]], bool]:
+    """Return every size with a clear design, the best, and all rows or that of a key; and if it is a candidate."""
+    sizes, known = list[tuple[int, Row, list[Row]]](), key is None
+    for n in folder.request.task.sizes:
+        rows = [row for row in folder.ledger.ranking(n) if key in (None, row.key)]
+        known = known or bool(rows)
+        if (best := folder.ledger.best_clear(n)) is not None:
+            sizes.append((n, best, rows))
+    return sizes, known
 
 
 def is_stuck(proof: Proof, best: float) -> bool:

@@ -15,13 +15,12 @@ from topo_search.model.proof import Aim, Problem
 from topo_search.model.proven import gap_percent
 from topo_search.study.answer import Answer
 from topo_search.study.folder import RunFolder
-from topo_search.study.identity import Request
-from topo_search.study.lost import KEPT
-from topo_search.study.observer import Observer
-from topo_search.study.phases import CHUNK_SECONDS, Phase
-from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, target
+from topo_search.study.ledger_file import KEPT
+from topo_search.study.progress import CHUNK_SECONDS, Observer, Phase
+from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, sizes_with_best, target
+from topo_search.study.request import Request
 from topo_search.study.row import Row
-from topo_search.study.runner import answer_of, refuse_lost
+from topo_search.study.summary import answer_of, refuse_lost
 
 ProveChunk = Callable[[ResolvedTask, Topology, int, float, Problem], Chunk]
 """Searches one chunk of a tree for designs under a cut [rad^4/s^4]: a pure function."""
@@ -143,21 +142,21 @@ def prove(
     with RunFolder.load(path, writes=True) as folder, refuse_lost(folder):
         sizes = _sizes(folder, path, key)
         try:
-            for n, best, rows in sizes:
+            for n, incumbent, best, rows in sizes:
                 impossible = frozenset(row.key for row in rows if row.status == IMPOSSIBLE)
                 work = _Work(folder, observer, best * (1 - gap), impossible=impossible)
                 task = folder.request.contexts(n)[0].task
-                kept, lent = folder.proofs(n), _lend(lender, task)
+                kept, reusable = folder.proofs(n), _lend(lender, task)
                 for row in rows:
                     aim, cut = target(row, best, gap)
                     held = kept.get(row.key)
-                    loan = lent.get(row.key)
+                    reused = reusable.get(row.key)
                     if held is not None and _serves(held, cut, work.floor, gap, problem):
                         if held.open_at is not None and held.cut > work.floor:
                             held = _lower(held, work.floor)
-                    elif loan is not None and loan.cut >= work.floor and loan.problem in ("task", problem):
-                        whole: Aim = "excluded" if loan.cut >= best else "within"
-                        held = loan.model_copy(update={"aim": whole, "gap": gap})
+                    elif reused is not None and reused.cut >= work.floor and reused.problem in ("task", problem):
+                        whole: Aim = "excluded" if reused.cut >= best else "within"
+                        held = reused.model_copy(update={"aim": whole, "gap": gap})
                         work.due.add(row.key)
                     else:
                         root = centre(task, Topology.from_key(row.key))
@@ -171,16 +170,16 @@ def prove(
                             cut=cut,
                         )
                     work.proofs[row.key] = held
-                incumbent, before = folder.ledger.best_clear(n), dict[str, float]()
+                before = dict[str, float]()
                 while before != (cuts := {key: proof.cut for key, proof in work.proofs.items()}):
                     before = cuts  # what was lowered meanwhile is due again
                     due = sum(
                         len(list(proof.due_chunks())) for proof in work.proofs.values() if proof.open_at is None
                     )
                     if due:
-                        begun = time.monotonic()
+                        started_at = time.monotonic()
                         prepare(task)
-                        until += time.monotonic() - begun
+                        until += time.monotonic() - started_at
                     observer.phase(Phase("proving", n, due, seconds=CHUNK_SECONDS))
                     ended = engine.run(
                         partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: CHUNK_DEADLINE, until=until
@@ -226,11 +225,11 @@ def _lend(lender: Path | None, task: ResolvedTask) -> dict[str, Proof]:
     if lender is None:
         return {}
     with RunFolder.load(lender) as other:
-        found = other.proofs_for(task)
-    if not found:
+        proofs = other.proofs_for(task)
+    if not proofs:
         text = f"has no complete proof that holds for {task.name}, n = {task.n}: only name and exposure may differ"
         raise BadInput(str(lender), [Fault("", text)])
-    return found
+    return proofs
 
 
 def _lower(proof: Proof, floor: float) -> Proof:
@@ -243,25 +242,18 @@ def _prove(prove_chunk: ProveChunk, job: _Job) -> Chunk:
     return prove_chunk(job.task, job.topology, job.number, job.cut, job.problem)
 
 
-def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, float, list[Row]]]:
-    """Return size, best effort and trees to prove of every size that has a best design."""
-    request, found = folder.request, list[tuple[int, float, list[Row]]]()
-    refuse_unprovable(request, str(path))
-    known = set[str]()
-    for n in request.task.sizes:
-        rows = list(folder.ledger.ranking(n))
-        known.update(row.key for row in rows)
-        best = folder.ledger.best_clear(n)
-        if best is None or not best.objective:
-            continue
-        due = [row for row in rows if key in (None, row.key)]
-        due.sort(key=lambda row: row.status == IMPOSSIBLE)  # last: theirs is for the check alone
-        found.append((n, best.objective, due))
-    if key is not None and key not in known:
+def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, Row, float, list[Row]]]:
+    """Return size, best design, its effort, and trees to prove of every size that has a best design."""
+    refuse_unprovable(folder.request, str(path))
+    sizes, known = sizes_with_best(folder, key)
+    if not known:
         raise BadInput(str(path), [Fault("", f"has no candidate {key}")])
-    if not found:
+    provable = [(n, best, best.objective, rows) for n, best, rows in sizes if best.objective]
+    if not provable:
         raise BadInput(str(path), [Fault("", "has no audited design to prove against")])
-    return found
+    for *_, rows in provable:
+        rows.sort(key=lambda row: row.status == IMPOSSIBLE)  # last: theirs is for the check alone
+    return provable
 
 
 def _words(proof: Proof, floor: float) -> str:

@@ -12,19 +12,26 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from heapq import nsmallest
+from itertools import islice
 
-from topo_search.engine import Backends, Engine, Failed, Job, audit_deadline
-from topo_search.model import Audit, Infeasible, ResolvedTask, Task, Topology
-from topo_search.model.design import STARTS, Relaxation, Relaxed
+from topo_search.engine import Backends, Engine, Failed, Job, audit_deadline, scaled_violation
+from topo_search.model import Audit, Infeasible, Relaxed, ResolvedTask, Task, Topology
+from topo_search.model.design import STARTS, Relaxation
+from topo_search.model.files import to_json
 from topo_search.model.relaxable import Relaxable, relaxable
+from topo_search.study.folder import RunFolder
 from topo_search.study.margins import LARGER_MARGINS, margins, raise_margins, with_margin
-from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase, solving_seconds
+from topo_search.study.progress import Observer, Phase, solving_seconds
 
 TREES = 2
 """The closest trees, for which limits are relaxed."""
 KEPT = 3
 """Most relaxations in an answer."""
+RELAXED = "relaxed"
+"""The folder of what gives the closest trees a design, one file per size without any."""
+SIZES = 2
+"""Most sizes that causes are sought for, the largest."""
 
 
 @dataclass
@@ -114,22 +121,25 @@ def relax(
     attempts = [_Attempt(task, tree, limit) for tree in trees for limit in relaxable(task, n)]
     resolved, few = task.resolve(n), range(min(starts, STARTS))
     proven = backends.prove_impossible(resolved) is not None  # else what is easier is not either
+
+    def deadline(numbered: tuple[int, int, Job]) -> float:
+        """Return the time after which a solve and its audit, with every margin, count as hung [s]."""
+        return (1 + LARGER_MARGINS) * (numbered[2].deadline + audit_deadline(n))
+
     over = False
     while not over and (due := _possible_attempts(attempts, backends if proven else None)):
         observer.phase(Phase("relaxing", n, len(due), len(few), solving_seconds(resolved, len(few))))
         jobs = [(k, place, Job(attempts[k].task_at(place), attempts[k].topology, 1, few, seed)) for k, place in due]
         over = True
-        ended = engine.run(
-            partial(_leads_to_a_design, backends), jobs, deadline=lambda job: _deadline(job[2]), until=until
-        )
+        ended = engine.run(partial(_leads_to_a_design, backends), jobs, deadline=deadline, until=until)
         for count, ((k, place, _), outcome) in enumerate(ended, 1):
             attempts[k].take(place, outcome)
             observer.settled(None)
             over = count < len(jobs)
-    found = _least(attempts)
-    if over and not found:
+    helpful = _least(attempts)
+    if over and not helpful:
         return None
-    others = [one for one in attempts if one.limit.limit not in {helped.limit for helped in found}]
+    others = [one for one in attempts if one.limit.limit not in {helped.limit for helped in helpful}]
     untried = {one.limit.limit: one.failure for one in others if one.failure is not None}
     in_vain = {
         one.limit.limit: one.change(one.short) + (" (still proven impossible)" if one.proven else "")
@@ -139,7 +149,7 @@ def relax(
     return Relaxed(
         modules=n,
         starts=starts,
-        relaxations=tuple(found[:KEPT]),
+        relaxations=tuple(helpful[:KEPT]),
         in_vain=tuple(sorted(words for limit, words in in_vain.items() if limit not in untried)),
         untried=tuple(sorted(untried.values())),
         topologies=tuple(tree.key for tree in trees),
@@ -161,16 +171,11 @@ def _possible_attempts(attempts: list[_Attempt], backends: Backends | None) -> l
 
 def _least(attempts: list[_Attempt]) -> list[Relaxation]:
     """Return the least change of every limit that helped: first what costs nothing, then the least change."""
-    found = [one.relaxation(one.enough) for one in attempts if one.enough is not None]
+    helpful = [one.relaxation(one.enough) for one in attempts if one.enough is not None]
     least = dict[str, Relaxation]()
-    for one in sorted(found, key=lambda one: (not one.tightens, one.share, one.limit, one.topology_key)):
+    for one in sorted(helpful, key=lambda one: (not one.tightens, one.share, one.limit, one.topology_key)):
         least.setdefault(one.limit, one)
     return list(least.values())
-
-
-def _deadline(job: Job) -> float:
-    """Return the time after which a solve and its audit, with every margin, count as hung [s]."""
-    return (1 + LARGER_MARGINS) * (job.deadline + audit_deadline(job.topology.n))
 
 
 def _leads_to_a_design(backends: Backends, numbered: tuple[int, int, Job]) -> bool:
@@ -190,3 +195,72 @@ def _leads_to_a_design(backends: Backends, numbered: tuple[int, int, Job]) -> bo
 
     raise_margins(tasks, [job.topology.key], judge)
     return clear
+
+
+def find_causes(folder: RunFolder, backends: Backends, engine: Engine, observer: Observer, until: float) -> None:
+    """Keep what gives the closest trees a design, of sizes that were searched to the end, if no size has any.
+
+    Where every candidate failed nothing is known to bind. Limits that could not be tried are tried again.
+
+    Args:
+        folder: of a run without goals, or of its loosest level.
+        backends: solver and proofs.
+        engine: where it runs.
+        observer: is told of the progress.
+        until: time.monotonic() at which to stop.
+    """
+    request, ledger = folder.request, folder.ledger
+    sizes = list(request.task.sizes)
+    if any(row.feasible for n in sizes for row in ledger.ranking(n)):
+        folder.drop_within(RELAXED)
+        return
+    for n in sizes[-SIZES:]:
+        context, kept = request.contexts(n)[0], causes(folder, n)
+        bound = ledger.bound(context)
+        proven = bound is not None and bound[1] is not None
+        ended = proven or ledger.has_ended(context, request.starts, request.trials)
+        tried = kept is not None and kept.starts >= request.starts and not kept.untried
+        if not ended or tried or not (trees := _closest(folder, n, proven=proven)):
+            continue
+        relaxed = relax(
+            request.task,
+            trees,
+            starts=request.starts,
+            seed=request.seed,
+            backends=backends,
+            engine=engine,
+            observer=observer,
+            until=until,
+        )
+        if relaxed is not None:
+            folder.keep_within(RELAXED, _name(n), to_json(relaxed))
+
+
+def causes(folder: RunFolder, n: int) -> Relaxed | None:
+    """Return what gives the closest trees of n modules a design; None where that was not tried.
+
+    Raises:
+        BadInput: what was written of it is damaged.
+    """
+    return folder.read_within(RELAXED, Relaxed).get(_name(n))
+
+
+def _name(n: int) -> str:
+    return f"n{n}.json"
+
+
+def _closest(folder: RunFolder, n: int, *, proven: bool) -> list[Topology]:
+    """Return the trees that came closest to a design; of those that are proven impossible, any."""
+    request, rows = folder.request, list(folder.ledger.ranking(n))
+    task = request.contexts(n)[0].task
+    missed = [
+        (scaled_violation(row.violation, row.unit or "", task), row.key)
+        for row in rows
+        if row.status == "infeasible" and row.violation is not None
+    ]
+    if missed:
+        return [Topology.from_key(key) for _, key in nsmallest(TREES, missed)]
+    if proven:
+        return list(dict.fromkeys(request.space(n).sample(TREES, request.seed)))
+    impossible = (row.key for row in rows if row.status == "impossible")
+    return [Topology.from_key(key) for key in islice(impossible, TREES)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 from topo_search.engine import Failed, Outcome, Scored, record_of, scaled_violation
@@ -164,17 +165,17 @@ def proven_cell(name: str, value: object, digits: int = 6) -> object:
 
 def flight_of(audit: Audit) -> dict[str, float | int | None]:
     """Return what a row says of its audit's figures of flight, by the names of FLIGHT."""
-    found = audit.flight
-    if found is None:
+    flight = audit.flight
+    if flight is None:
         return dict.fromkeys(FLIGHT)
     return {
-        "force_reserve_N": found.hover.force_reserve_N,
-        "torque_reserve_Nm": found.hover.torque_reserve_Nm,
-        "rotors_out_hover": found.rotors_out_hover.survive,
-        "load_factor": found.load_factor,
-        "joint_moment_Nm": found.joint_moment_Nm,
-        "hinge_tolerance_deg": found.hinge_tolerance_deg,
-        "rod_length_m": found.rod_length_m,
+        "force_reserve_N": flight.hover.force_reserve_N,
+        "torque_reserve_Nm": flight.hover.torque_reserve_Nm,
+        "rotors_out_hover": flight.rotors_out_hover.survive,
+        "load_factor": flight.load_factor,
+        "joint_moment_Nm": flight.joint_moment_Nm,
+        "hinge_tolerance_deg": flight.hinge_tolerance_deg,
+        "rod_length_m": flight.rod_length_m,
     }
 
 
@@ -182,3 +183,8 @@ def score(row: Row, task: ResolvedTask) -> Scored:
     """Return what a strategy is told of a candidate."""
     violation = None if row.violation is None else scaled_violation(row.violation, row.unit or "", task)
     return Scored(row.key, row.asked, row.status, row.objective, violation)
+
+
+def kind_of(constraint: str) -> str:
+    """Return the name of a constraint without the numbers of its modules."""
+    return re.sub(r"\bmodule \d+", "a module", re.sub(r"\bmodules \d+ and \d+", "two modules", constraint))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from topo_search.engine import (
@@ -22,7 +22,7 @@ from topo_search.engine import (
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.tables import paragraph
 from topo_search.study.margins import margins, raise_margins, with_margin
-from topo_search.study.observer import Silent
+from topo_search.study.progress import Silent
 from topo_search.study.relaxing import relax
 
 PATIENCE = 3
@@ -45,8 +45,8 @@ class Solved:
         """Say what was found, or why nothing was."""
         if not isinstance(self.outcome, Design):
             return _words(self.outcome)
-        told = self.audit.verdict if isinstance(self.audit, Audit) else "failed"
-        return f"{self.outcome.topology.key}, J = {self.outcome.objective:.6g} rad^4/s^4, audit {told}"
+        verdict = self.audit.verdict if isinstance(self.audit, Audit) else "failed"
+        return f"{self.outcome.topology.key}, J = {self.outcome.objective:.6g} rad^4/s^4, audit {verdict}"
 
     @property
     def found(self) -> bool:
@@ -66,15 +66,15 @@ class Solved:
             if value is not None
         ]
         relaxed = self.outcome.relaxed if isinstance(self.outcome, Infeasible) else None
-        told = (*self.notes, *(relaxed.sentences if relaxed else ()))
-        return "".join([*(paragraph(note) for note in told), *parts])
+        remarks = (*self.notes, *(relaxed.sentences if relaxed else ()))
+        return "".join([*(paragraph(note) for note in remarks), *parts])
 
     @property
     def exit_status(self) -> int:
         """Of the command line: 0 for an audited design, 1 if it did not pass its audit, 3 for no design."""
         if not isinstance(self.outcome, Design):
             return 3
-        return 0 if isinstance(self.audit, Audit) and self.audit.verdict == "clear" else 1
+        return 0 if self.found else 1
 
 
 def _words(outcome: Infeasible | Failed) -> str:
@@ -111,17 +111,15 @@ def solve_single(
     """
     until = math.inf if time_limit is None else time.monotonic() + time_limit
     task = base_task.resolve(topology.n)
-    proof = backends.prove_impossible(task)
-    notes: list[str] = []
     tasks = [with_margin(task, margin) for margin in margins(task)]
-    ends: list[tuple[Outcome, Audit | Failed | None]] = []
+    notes: list[str] = []
+    results: list[tuple[Outcome, Audit | Failed | None]] = []
 
     def explain(outcome: Infeasible) -> Infeasible:
-        most = round_size if starts is None else starts
         relaxed = relax(
             base_task,
             [topology],
-            starts=most,
+            starts=round_size if starts is None else starts,
             seed=seed,
             backends=backends,
             engine=engine,
@@ -130,20 +128,35 @@ def solve_single(
         )
         return outcome.model_copy(update={"relaxed": relaxed})
 
-    if proof is not None:
-        return Solved(explain(proof), None, ())
+    def best_of(task: ResolvedTask) -> Outcome:
+        """Return the best outcome over rounds of starts, until they end, the time does, or they no longer pay."""
+        best: Outcome = Failed("timeout", "time limit reached before the first start ended")
+        idle = 0
+        for part in rounds(starts, starts or round_size, timed=time_limit is not None):
+            job = Job(task, topology, 1, part, seed, () if part.start else tuple(near))
+            solves = solve_jobs(iter([job]), solve=backends.solve, engine=engine, until=until)
+            outcome = next((outcome for _, outcome in solves), None)
+            if outcome is None:  # the time limit
+                return best
+            if isinstance(outcome, Failed):
+                return outcome if isinstance(best, Failed) else best
+            before, best = best, outcome if isinstance(best, Failed) else merge(best, outcome, task)
+            progress(best)
+            idle = 0 if _pays(before, best, task) else idle + 1
+            if idle == PATIENCE and until == math.inf:
+                return best
+        return best
 
     def judge(step: int, names: Sequence[str]) -> list[tuple[str, Audit]] | None:
         if step and time.monotonic() >= until:
             return None
-        ranges = rounds(starts, starts or round_size, timed=time_limit is not None)
-        outcome = _best_of(tasks[step], topology, ranges, seed, backends, engine, until, progress, near)
+        outcome = best_of(tasks[step])
         if not isinstance(outcome, Design):
             if step == 0:
-                ends.append((explain(outcome) if isinstance(outcome, Infeasible) else outcome, None))
+                results.append((explain(outcome) if isinstance(outcome, Infeasible) else outcome, None))
             return []
         audit = engine.run_one(backends.audit, outcome, deadline=audit_deadline(topology.n))
-        ends.append((outcome, audit))
+        results.append((outcome, audit))
         if isinstance(audit, Failed):
             notes.append(f"the audit failed: {audit.reason}")
             return []
@@ -153,39 +166,11 @@ def solve_single(
         notes.append(f"the audit of the design with margin {margin:g} m is {audit.verdict}")
         return [(name, audit) for name in names]
 
+    proof = backends.prove_impossible(task)
+    if proof is not None:
+        return Solved(explain(proof), None, ())
     raise_margins(tasks, [topology.key], judge)
-    return Solved(*ends[-1], tuple(notes))
-
-
-def _best_of(
-    task: ResolvedTask,
-    topology: Topology,
-    ranges: Iterator[range],
-    seed: int,
-    backends: Backends,
-    engine: Engine,
-    until: float,
-    progress: Callable[[Outcome], None],
-    near: Sequence[Design],
-) -> Outcome:
-    """Return the best outcome over rounds of starts, until they end, the time does, or they no longer pay."""
-    best: Outcome = Failed("timeout", "time limit reached before the first start ended")
-    idle = 0
-    for starts in ranges:
-        job = Job(task, topology, 1, starts, seed, () if starts.start else tuple(near))
-        outcome = next(
-            (end for _, end in solve_jobs(iter([job]), solve=backends.solve, engine=engine, until=until)), None
-        )
-        if outcome is None:  # the time limit
-            return best
-        if isinstance(outcome, Failed):
-            return outcome if isinstance(best, Failed) else best
-        before, best = best, outcome if isinstance(best, Failed) else merge(best, outcome, task)
-        progress(best)
-        idle = 0 if _pays(before, best, task) else idle + 1
-        if idle == PATIENCE and until == math.inf:
-            return best
-    return best
+    return Solved(*results[-1], tuple(notes))
 
 
 def _pays(before: Outcome, after: Design | Infeasible, task: ResolvedTask) -> bool:

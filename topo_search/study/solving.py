@@ -1,120 +1,120 @@
-"""Solves the proposals of a strategy: known results come from the ledger, new ones are recorded as they end."""
+"""Solving what a strategy proposes: known results come from the ledger, new ones are recorded as their jobs end."""
 
 from __future__ import annotations
 
-import math
-import time
 from bisect import bisect_left
 from collections import defaultdict, deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
 
-from topo_search.engine import CandidateSolver, Engine, Job, Outcome, Proposal, Scored, Solve, TimeUp, solve_jobs
-from topo_search.model import Design
-from topo_search.study.identity import Context
+from topo_search.engine import ExhaustiveSearch, Failed, Job, Outcome, Proposal, Scored, Strategy, may_beat, merge
+from topo_search.model import Design, Infeasible
+from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Ledger
-from topo_search.study.observer import Observer
-from topo_search.study.phases import Phase, PhaseName, solving_seconds
-from topo_search.study.recording import record
-from topo_search.study.row import Row, score
+from topo_search.study.progress import Observer, Phase, PhaseName, solving_seconds
+from topo_search.study.request import Context
+from topo_search.study.row import FLIGHT, Row, row_of, score
 
-MAX_QUEUED = 1000
-"""Jobs that may wait for a worker; more proposals wait for results, so that millions need no memory."""
+MOST_ROWS_OF_A_PROOF = 100_000
+"""A proof holds for every candidate; beyond this number they are not written one by one."""
 
 
-class RecordedSolver(CandidateSolver):
-    """Solves candidates of one context on an engine, and records every result in the ledger."""
+def strategy_of(folder: RunFolder, n: int, *, bound: float | None, timed: bool) -> Strategy:
+    """Return what proposes the trees of n modules.
+
+    Args:
+        folder: of the run.
+        n: number of modules.
+        bound: of every candidate's objective; None: nothing is pruned.
+        timed: whether there is a time limit.
+    """
+    request, space = folder.request, folder.request.space(n)
+    if request.strategy == "exhaustive":
+        least = None if bound is None else lambda _: bound
+        return ExhaustiveSearch(space, starts=request.starts, timed=timed, bound=least)
+    from topo_search.engine.proposals import OptunaSearch  # loads Optuna
+
+    return OptunaSearch(
+        space,
+        sampler=request.propose or request.sampler,
+        trials=space.count() if request.trials is None else request.trials,
+        round_size=request.round_size,
+        starts=request.starts,
+        seed=request.seed,
+        journal=folder.journal(f"study-n{n}.journal"),
+        timed=timed,
+    )
+
+
+class Candidates:
+    """The candidates of one context that a strategy proposes: what is to be solved, and what became of it."""
 
     def __init__(
-        self,
-        ledger: Ledger,
-        context: Context,
-        lower_bound: float,
-        solve: Solve,
-        engine: Engine,
-        observer: Observer,
-        previous: Context | None = None,
-        near: Sequence[Design] = (),
-        until: float = math.inf,
+        self, strategy: Strategy, folder: RunFolder, n: int, lower_bound: float, observer: Observer
     ) -> None:
-        """Read what is known of a context.
-
-        Designs of `previous` are carried over to the same trees, those of `near` to all. Solving stops when
-        time.monotonic() reaches `until`.
-        """
+        """Read what is known of the candidates of n modules."""
+        request, ledger = folder.request, folder.ledger
+        self._strategy = strategy
         self._ledger = ledger
-        self._context = context
+        self._context = context = request.contexts(n)[0]
         self._lower_bound = lower_bound
-        self._solve = solve
-        self._engine = engine
         self._observer = observer
-        self._previous = previous
-        self._near = near
-        self._until = until
+        self._previous = None if request.previous is None else request.previous.contexts(n)[0]
+        """The context of the level before, whose designs are carried over to the same trees."""
+        self._near = request.near
+        """Designs that are carried over to all trees."""
         self._incumbent: Row | None = next(iter(ledger.best_designs(context, 0, 1)), None)
-        self._settled: set[str] = set()
+        self._shown: set[str] = set()
         """Candidates of the present stage that the observer has seen."""
-        self._stage_starts = 0
-        """Starts of the present stage."""
-        self._queue = deque[Job]()
-        """Jobs that no worker has taken yet."""
-        self._uncollected = deque[Proposal]()
-        """Proposals whose results were not collected."""
-        self._outcomes = self._start()
+        self._unknown = deque[Proposal]()
+        """Proposals whose results the strategy was not told."""
         self._scores = defaultdict[str, list[Scored]](list)
         for scored in ledger.scores(context):
             self._scores[scored.key].append(scored)
 
-    def begin_stage(self, candidates: int, starts: int, *, again: bool = False) -> None:
-        """Report the stage to the observer."""
-        task = self._context.task
-        name: PhaseName = "polishing" if again else "searching"
-        new = (starts - self._stage_starts if again else starts) or starts
-        self._observer.phase(Phase(name, task.n, candidates, starts, solving_seconds(task, new)))
-        self._settled.clear()
-        self._stage_starts = starts
+    def jobs(self) -> Iterator[Job | None]:
+        """Yield what is to be solved; None while that depends on what is being solved."""
+        stage = None
+        while True:
+            proposal = self._strategy.ask()
+            if self._strategy.over:
+                return
+            if self._strategy.stage is not stage:
+                self._begin_stage(stage.starts if stage else 0)
+                stage = self._strategy.stage
+            if proposal is None:
+                yield None
+                continue
+            self._unknown.append(proposal)
+            if self._result(proposal) is None:
+                yield self._job(proposal)
+            else:
+                self._report(proposal.candidate.key, known=True)
+                self._tell()
 
-    def submit(self, proposal: Proposal) -> None:
-        """Queue a proposal, unless its result is known."""
-        self._uncollected.append(proposal)
-        if self._result(proposal) is not None:
-            self._report(proposal.candidate.key, known=True)
-            return
-        self._queue.append(self._job(proposal))
-        while len(self._queue) > MAX_QUEUED:
-            self._record_next()
-
-    def results(self, number: int) -> list[Scored]:
-        """Return the results of the earliest proposals that were not collected, in order."""
-        return [self._wait_for(self._uncollected.popleft()) for _ in range(number)]
-
-    def close(self) -> None:
-        """Drop the jobs that are running."""
-        self._outcomes.close()
-
-    def _wait_for(self, proposal: Proposal) -> Scored:
-        while (scored := self._result(proposal)) is None:
-            self._record_next()
-        return scored
-
-    def _record_next(self) -> None:
-        """Record the next outcome of a job."""
-        ended = next(self._outcomes, None)
-        if ended is None:
-            if time.monotonic() >= self._until:
-                raise TimeUp
-            self._outcomes = self._start()  # the engine had nothing left to do
-            return
-        row = record(self._ledger, self._context, *ended, lower_bound=self._lower_bound)
+    def record(self, job: Job, outcome: Outcome) -> None:
+        """Write what became of a job, and tell the strategy."""
+        row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
         self._scores[row.key].append(score(row, self._context.task))
         self._incumbent = _better_of(self._incumbent, row)
         self._report(row.key)
+        self._tell()
 
-    def _start(self) -> Generator[tuple[Job, Outcome], None, None]:
-        yield from solve_jobs(self._jobs(), solve=self._solve, engine=self._engine, until=self._until)
+    def _begin_stage(self, starts_before: int) -> None:
+        if (stage := self._strategy.stage) is None:
+            return
+        task = self._context.task
+        name: PhaseName = "polishing" if stage.again else "searching"
+        new = (stage.starts - starts_before if stage.again else stage.starts) or stage.starts
+        self._observer.phase(Phase(name, task.n, stage.candidates, stage.starts, solving_seconds(task, new)))
+        self._shown.clear()
 
-    def _jobs(self) -> Iterator[Job | None]:
-        while True:
-            yield self._queue.popleft() if self._queue else None
+    def _tell(self) -> None:
+        """Tell the strategy the results that it can be told in the order of its proposals."""
+        while self._unknown and (scored := self._result(self._unknown[0])) is not None:
+            self._unknown.popleft()
+            self._strategy.tell(scored)
 
     def _job(self, proposal: Proposal) -> Job:
         """Return what is left to solve of a proposal."""
@@ -138,8 +138,8 @@ class RecordedSolver(CandidateSolver):
 
     def _report(self, key: str, *, known: bool = False) -> None:
         """Show the observer each candidate once a stage; more starts of it are no news."""
-        if key not in self._settled:
-            self._settled.add(key)
+        if key not in self._shown:
+            self._shown.add(key)
             self._observer.settled(self._incumbent, known=known)
 
     def _result(self, proposal: Proposal) -> Scored | None:
@@ -147,6 +147,67 @@ class RecordedSolver(CandidateSolver):
         known = self._scores[proposal.candidate.key]
         after = bisect_left(known, proposal.starts, key=lambda scored: scored.starts)
         return known[after] if after < len(known) else None
+
+
+def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lower_bound: float) -> Row:
+    """Write what became of a job, and return the candidate's row.
+
+    More starts of a candidate extend its row. A failure leaves what the earlier ones found, and is tried again by
+    the next call.
+    """
+    key, starts = job.topology.key, job.starts.stop
+    before, earlier = ledger.row(context, key), ledger.result(context, key)
+    if before is not None and earlier is not None and isinstance(outcome, Failed):
+        row = replace(before, asked=starts)
+        ledger.record(context, [(row, earlier)], failed=True)
+        return row
+    result = None if isinstance(outcome, Failed) else outcome
+    if result is not None and earlier is not None:
+        outcome = result = merge(earlier, result, context.task)
+    row = row_of(outcome, key=key, modules=context.task.n, orbit=job.orbit, asked=starts, lower_bound=lower_bound)
+    row = replace(row, margin=context.margin, step=context.step)
+    if before is not None and _same_platform(earlier, result):
+        kept = ("audit", "audit_failure", *FLIGHT)
+        row = replace(row, **{name: getattr(before, name) for name in kept})
+    ledger.record(context, [(row, result)])
+    return row
+
+
+def record_proof(folder: RunFolder, n: int, proof: Infeasible, lower_bound: float) -> None:
+    """Write a row for every candidate that a proof of impossibility rules out."""
+    request, space = folder.request, folder.request.space(n)
+    if space.count() > MOST_ROWS_OF_A_PROOF:
+        return
+    candidates = space.candidates()
+    while batch := list(islice(candidates, 1000)):
+        rows = [
+            row_of(proof, key=one.key, modules=n, orbit=one.orbit, asked=request.starts, lower_bound=lower_bound)
+            for one in batch
+        ]
+        folder.ledger.record(request.contexts(n)[0], [(row, None) for row in rows])
+
+
+def record_pruned(folder: RunFolder, n: int, lower_bound: float) -> bool:
+    """Write a row for every candidate that was not solved; False if the design that ruled them out is not clear."""
+    ledger, space = folder.ledger, folder.request.space(n)
+    best = ledger.best_clear(n)
+    if best is None or best.objective is None or may_beat(best.objective, lower_bound):
+        return False
+    known = {row.key for row in ledger.ranking(n)}
+    rows = [
+        Row(candidate.key, n, candidate.orbit, status="pruned", asked=0, lower_bound=lower_bound)
+        for candidate in space.candidates()
+        if candidate.key not in known
+    ]
+    ledger.record(folder.request.contexts(n)[0], [(row, None) for row in rows])
+    return True
+
+
+def _same_platform(earlier: Design | Infeasible | None, later: Design | Infeasible | None) -> bool:
+    """Whether an audit of the one is an audit of the other: they differ in how they were found, if at all."""
+    if not isinstance(earlier, Design) or not isinstance(later, Design):
+        return False
+    return earlier.model_copy(update={"solver": None}) == later.model_copy(update={"solver": None})
 
 
 def _better_of(incumbent: Row | None, row: Row) -> Row | None:

@@ -1,5 +1,5 @@
 """Proposals of candidates where there are too many to solve all: Optuna studies over trees."""
 
-from topo_search.engine.proposals.study import optuna_search
+from topo_search.engine.proposals.study import OptunaSearch
 
-__all__ = ["optuna_search"]
+__all__ = ["OptunaSearch"]

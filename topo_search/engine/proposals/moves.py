@@ -13,11 +13,9 @@ import numpy as np
 from optuna import Study
 from optuna.trial import FrozenTrial
 
-from topo_search.engine.proposals.descriptors import descriptors
-from topo_search.engine.proposals.promotion import steps
-from topo_search.engine.proposals.surrogate import Surrogate
+from topo_search.engine.proposals.surrogate import Surrogate, descriptors
 from topo_search.engine.proposals.tree_sampler import FRESH, TreeSampler
-from topo_search.engine.proposals.trials import Idea, Merit
+from topo_search.engine.proposals.trials import Idea, Merit, steps
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Scored
 from topo_search.model import Topology
@@ -152,12 +150,12 @@ class Moves(TreeSampler):
             yield self.uniform()
         # What one job carries over must not be what another one extends meanwhile: which ends first is chance.
         running = {idea.key for idea in trials.running.values()}
-        lent = running.union(*(idea.warm_starts for idea in trials.running.values()))
+        carried_over = running.union(*(idea.warm_starts for idea in trials.running.values()))
         for key in islice(known.designs, 1):
             if key not in running:
                 yield Idea(self._twin(key), (key,))
         repeats = running & trials.starts.keys()
-        kept = lent | trials.failed
+        kept = carried_over | trials.failed
         for _ in range(BATCHES):
             self._draw(known.surrogate, 1 if self._pool.keys() <= self._settled else MORE)
             new = [chance for key, (chance, _) in self._pool.items() if key not in self._settled]

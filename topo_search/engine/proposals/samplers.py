@@ -13,10 +13,9 @@ from optuna import Study
 from optuna.samplers import BaseSampler, NSGAIISampler, TPESampler
 from optuna.trial import FrozenTrial, TrialState
 
-from topo_search.engine.proposals.encoding import decode
 from topo_search.engine.proposals.moves import Moves
 from topo_search.engine.proposals.tree_sampler import FRESH, TreeSampler
-from topo_search.engine.proposals.trials import Idea, violation
+from topo_search.engine.proposals.trials import Idea, decode, violation
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Scored
 from topo_search.model import BadInput, Fault, Topology
@@ -169,7 +168,15 @@ def sampler_of(
     if not isinstance(sampler, str):
         made = make_own(sampler, seed)
         return OwnOptunas(space, seed, made) if isinstance(made, BaseSampler) else Owned(space, seed, made)
-    return _by_name(sampler, space, starts=starts, seed=seed, round_size=round_size)
+    if sampler == "moves":
+        return Moves(space, starts=starts, seed=seed, round_size=round_size)
+    if sampler == "random":
+        return Uniform(space, seed)
+    if sampler == "tpe":
+        return Optunas(space, seed, TPESampler(n_startup_trials=FRESH, seed=seed % SEEDS))
+    if sampler == "nsga2":
+        return Optunas(space, seed, NSGAIISampler(population_size=FRESH, seed=seed % SEEDS))
+    raise ValueError(f"sampler must be one of moves, tpe, nsga2, random, but got {sampler!r}")
 
 
 def make_own(factory: SamplerFactory, seed: int) -> BaseSampler | TopologySampler:
@@ -194,18 +201,5 @@ def _naming(own: object, method: str, rule: str = "raised an error") -> Iterator
         if is_out_of_memory(error):
             raise
         kind = getattr(own, "__qualname__", type(own).__name__)
-        told = " ".join(f"{rule}: {type(error).__name__}: {error}".split())
-        raise BadInput("sampler", [Fault(f"{kind}.{method}".rstrip("."), told)]) from error
-
-
-def _by_name(name: str, space: Space, *, starts: int, seed: int, round_size: int) -> TreeSampler:
-    if name == "moves":
-        return Moves(space, starts=starts, seed=seed, round_size=round_size)
-    if name == "random":
-        return Uniform(space, seed)
-    of_optuna = seed % SEEDS
-    if name == "tpe":
-        return Optunas(space, seed, TPESampler(n_startup_trials=FRESH, seed=of_optuna))
-    if name == "nsga2":
-        return Optunas(space, seed, NSGAIISampler(population_size=FRESH, seed=of_optuna))
-    raise ValueError(f"sampler must be one of moves, tpe, nsga2, random, but got {name!r}")
+        text = " ".join(f"{rule}: {type(error).__name__}: {error}".split())
+        raise BadInput("sampler", [Fault(f"{kind}.{method}".rstrip("."), text)]) from error

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,14 +28,24 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
-from topo_search.engine.proposals.encoding import decode, encode
-from topo_search.engine.proposals.promotion import CERTAIN, NOT_PROMISING, Rank, goes_on, rank, steps
+from topo_search.engine.jobs import rounds
 from topo_search.engine.proposals.samplers import sampler_of
 from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
-from topo_search.engine.proposals.trials import Idea, value, violation
+from topo_search.engine.proposals.trials import (
+    CERTAIN,
+    NOT_PROMISING,
+    Idea,
+    Rank,
+    decode,
+    encode,
+    goes_on,
+    rank,
+    steps,
+    value,
+    violation,
+)
 from topo_search.engine.space import Space
-from topo_search.engine.starts import rounds
-from topo_search.engine.strategy import CandidateSolver, Proposal, Scored
+from topo_search.engine.strategy import Proposal, Scored, Stage, Strategy
 from topo_search.model import Topology
 from topo_search.protocols import SamplerFactory
 from topo_search.topologies import Candidate
@@ -44,7 +55,7 @@ LEARNT, SHARE_LEARNT = 8, 16
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _Drawn:
     """A candidate whose result is not known."""
 
     trial: optuna.Trial
@@ -58,84 +69,101 @@ class _Asked:
         return self.candidate.key
 
 
-def optuna_search(
-    solver: CandidateSolver,
-    space: Space,
-    *,
-    sampler: str | SamplerFactory,
-    trials: int,
-    round_size: int,
-    starts: int,
-    seed: int,
-    journal: Path | None = None,
-    timed: bool = False,
-) -> None:
-    """Solve trees that an Optuna sampler draws until there are enough, or none is left.
+class OptunaSearch(Strategy):
+    """Solves trees that an Optuna sampler draws until there are enough, or none is left."""
 
-    Args:
-        solver: solves the proposals.
-        space: the candidates.
-        sampler: moves, tpe, nsga2 or random; or what makes one for a seed.
-        trials: how many different candidates to propose.
-        round_size: most proposals whose results are not known: the larger, the more jobs at a time, and the later
-            each is learnt from.
-        starts: starts of the best, or in the end of all if all are proposed; the others are given fewer.
-        seed: draws the proposals.
-        journal: a file that is written anew, for optuna-dashboard.
-        timed: whether there is a time limit: then what is left of the starts is given in parts.
+    def __init__(
+        self,
+        space: Space,
+        *,
+        sampler: str | SamplerFactory,
+        trials: int,
+        round_size: int,
+        starts: int,
+        seed: int,
+        journal: Path | None = None,
+        timed: bool = False,
+    ) -> None:
+        """Begin a search.
 
-    Raises:
-        ValueError: an unknown sampler.
-        BadInput: what is made is no sampler, or proposes what is no candidate.
-    """
-    proposer = sampler_of(sampler, space, starts=starts, seed=seed, round_size=round_size)
-    study = _new_study(sampler=proposer)
-    shown = None if journal is None else _new_journal(journal)
-    ranks: dict[str, Rank] = {}
-    ladder = [*steps(starts, proposer.few)]
-    had: dict[str, int] = {}  # starts of each candidate so far
-    left, learnt = min(trials, space.count()), min(round_size, max(LEARNT, round_size // SHARE_LEARNT))
+        Args:
+            space: the candidates.
+            sampler: moves, tpe, nsga2 or random; or what makes one for a seed.
+            trials: how many different candidates to propose.
+            round_size: most proposals whose results are not known: the larger, the more jobs at a time, and the
+                later each is learnt from.
+            starts: starts of the best, or in the end of all if all are proposed; the others are given fewer.
+            seed: draws the proposals.
+            journal: a file that is written anew, for optuna-dashboard.
+            timed: whether there is a time limit: then what is left of the starts is given in parts.
 
-    def next_starts(key: str) -> int:
-        return ladder[bisect_right(ladder, had.get(key, 0))]
+        Raises:
+            ValueError: an unknown sampler.
+            BadInput: what is made is no sampler; so of `ask`, where one proposes what is no candidate.
+        """
+        super().__init__()
+        self._space, self._trials, self._round_size, self._starts = space, trials, round_size, starts
+        self._proposer = sampler_of(sampler, space, starts=starts, seed=seed, round_size=round_size)
+        self._study = _new_study(sampler=self._proposer)
+        self._journal = None if journal is None else _new_journal(journal)
+        self._stops = [part.stop for part in rounds(starts, starts, timed=timed)]
+        self._ranks: dict[str, Rank] = {}
+        self._had: dict[str, int] = {}
+        """Starts of each candidate so far."""
 
-    solver.begin_stage(left, starts)
-    asked, again = deque[_Asked](), deque[_Asked]()  # those whose results are not known, and those that go on
-    while left or again or asked:
-        while (left or again) and len(asked) < round_size:
-            one = again.popleft() if again else _ask(study, proposer)
-            left -= one.key not in ranks
-            asked.append(one)
-            solver.submit(Proposal(one.candidate, next_starts(one.key), one.near))
-        scores = solver.results(min(learnt, len(asked)))
-        ranks |= {score.key: rank(score) for score in scores}
-        had |= {score.key: score.starts for score in scores}
-        ranking = sorted(ranks.values()) if proposer.promotes else []
-        told = []
-        for score in scores:
-            one = asked.popleft()
-            promoted = proposer.promotes and had[one.key] < starts
-            if promoted and goes_on(score, ranking, bisect_right(ladder, had[one.key])):
-                again.append(replace(one, near=()))
-            else:
-                proposer.note_score(one.trial.number, score)
-                told.append(_tell(study, one.trial, score))
-        if shown is not None:
-            shown.add_trials(told)
-    best = sorted((reached, key) for key, reached in ranks.items() if reached[0] < NOT_PROMISING)
-    most = CERTAIN if trials < space.count() else None
-    for stop in (part.stop for part in rounds(starts, starts, timed=timed)):
-        if short := [key for _, key in best[:most] if had[key] < stop]:
-            solver.begin_stage(len(short), stop, again=True)
+    def proposals(self) -> Iterator[Proposal | None]:
+        """Yield what the sampler draws, then the best again."""
+        yield from self._draws()
+        best = sorted((reached, key) for key, reached in self._ranks.items() if reached[0] < NOT_PROMISING)
+        most = CERTAIN if self._trials < self._space.count() else None
+        for stop in self._stops:
+            short = [key for _, key in best[:most] if self._had[key] < stop]
+            if not short:
+                continue
+            self.stage = Stage(len(short), stop, again=True)
             for key in short:
-                solver.submit(Proposal(space.candidate_of(Topology.from_key(key)), stop))
-            scores = solver.results(len(short))
+                yield Proposal(self._space.candidate_of(Topology.from_key(key)), stop)
+            scores = yield from self.results(len(short))
+            self._had |= {score.key: score.starts for score in scores}
+            if self._journal is not None:
+                study, proposer = self._study, self._proposer
+                self._journal.add_trials(
+                    [_tell(study, _trial_again(study, proposer, score.key), score) for score in scores]
+                )
+
+    def _draws(self) -> Iterator[Proposal | None]:
+        """Yield what the sampler draws, and more starts of what does well, if it promotes that."""
+        proposer, ranks, had, starts = self._proposer, self._ranks, self._had, self._starts
+        ladder = [*steps(starts, proposer.few)]
+        left = min(self._trials, self._space.count())
+        learnt = min(self._round_size, max(LEARNT, self._round_size // SHARE_LEARNT))
+        self.stage = Stage(left, starts)
+        unknown, again = deque[_Drawn](), deque[_Drawn]()  # those whose results are not known, and that go on
+        while left or again or unknown:
+            while (left or again) and len(unknown) < self._round_size:
+                one = again.popleft() if again else _draw(self._study, proposer)
+                left -= one.key not in ranks
+                unknown.append(one)
+                next_starts = ladder[bisect_right(ladder, had.get(one.key, 0))]
+                yield Proposal(one.candidate, next_starts, one.near)
+            scores = yield from self.results(min(learnt, len(unknown)))
+            ranks |= {score.key: rank(score) for score in scores}
             had |= {score.key: score.starts for score in scores}
-            if shown is not None:
-                shown.add_trials([_tell(study, _tell_again(study, proposer, score.key), score) for score in scores])
+            ranking = sorted(ranks.values()) if proposer.promotes else []
+            ended = []
+            for score in scores:
+                one = unknown.popleft()
+                promoted = proposer.promotes and had[one.key] < starts
+                if promoted and goes_on(score, ranking, bisect_right(ladder, had[one.key])):
+                    again.append(replace(one, near=()))
+                else:
+                    proposer.note_score(one.trial.number, score)
+                    ended.append(_tell(self._study, one.trial, score))
+            if self._journal is not None:
+                self._journal.add_trials(ended)
 
 
-def _ask(study: optuna.Study, proposer: TreeSampler) -> _Asked:
+def _draw(study: optuna.Study, proposer: TreeSampler) -> _Drawn:
     """Return the next candidate, with those whose designs are carried over to it."""
     trial = study.ask(proposer.distributions)
     candidate = proposer.space.candidate_of(decode(trial.params, proposer.space.n))
@@ -144,10 +172,10 @@ def _ask(study: optuna.Study, proposer: TreeSampler) -> _Asked:
     near = idea.warm_starts
     trial.set_user_attr(KEY, candidate.key)
     trial.set_user_attr(NEAR, near)
-    return _Asked(trial, candidate, near)
+    return _Drawn(trial, candidate, near)
 
 
-def _tell_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:
+def _trial_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:
     """Return a trial of a candidate that is not the sampler's."""
     study.enqueue_trial(dict(encode(Topology.from_key(key), proposer.connectors)), {KEY: key, NEAR: ()})
     return study.ask(proposer.distributions)

@@ -18,9 +18,7 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial
 
-from topo_search.engine.proposals.encoding import encode, ranges
-from topo_search.engine.proposals.promotion import FEW
-from topo_search.engine.proposals.trials import Idea, Trials
+from topo_search.engine.proposals.trials import FEW, Idea, Trials, encode, ranges
 from topo_search.engine.space import Space
 from topo_search.engine.strategy import Scored
 from topo_search.model import Topology

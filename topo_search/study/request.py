@@ -1,4 +1,4 @@
-"""What a run was asked, and what fixes the value of each of its rows."""
+"""What a run is asked for: the request, what the user brought to it, and what fixes the value of each row."""
 
 from __future__ import annotations
 
@@ -14,21 +14,57 @@ from pydantic import Field
 from topo_search.engine import Listed, Space
 from topo_search.limits import ROUND, STARTS, TRIALS
 from topo_search.model import Design, ResolvedTask, Task
+from topo_search.model.design import Stated, Versioned
 from topo_search.model.search import Level
 from topo_search.model.value import Value
 from topo_search.protocols import SamplerFactory
 from topo_search.study.margins import margins, with_margin
-from topo_search.study.own import NOTHING, Own
 from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 
 LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl", "scipy")
 """Distributions whose versions can change a result."""
-
 StrategyName = Literal["exhaustive", "optuna"]
 Sampler = Literal["moves", "tpe", "nsga2", "random"]
-
 DEFAULT_ROUND = 8
 """Proposals whose results may be unknown when another is made, when nobody says otherwise."""
+
+
+class Own(Value):
+    """What a user brought to a run beside its task, as far as it tells one run from another."""
+
+    topologies: tuple[str, ...] | None = None
+    """Keys of the only candidates, in ascending order; None: all trees."""
+    near: tuple[str, ...] = ()
+    """Digests of the designs that every candidate starts from."""
+    constraints: tuple[Stated, ...] = ()
+    sampler: Versioned | None = None
+
+    @property
+    def unversioned(self) -> tuple[str, ...]:
+        """Names of functions of which nobody can tell whether they are still the same."""
+        named: tuple[Versioned, ...] = (
+            self.constraints if self.sampler is None else (*self.constraints, self.sampler)
+        )
+        return tuple(one.name for one in named if one.version is None)
+
+    @property
+    def fixes(self) -> dict[str, Any]:
+        """What of it fixes the value of a row."""
+        given = self.model_dump(mode="json", include={"near", "constraints"})
+        return {name: value for name, value in given.items() if value}
+
+    @property
+    def telling(self) -> str | None:
+        """Name of a constraint that may tell modules apart by their numbers."""
+        return next((one.name for one in self.constraints if one.invariant == "none"), None)
+
+    @property
+    def handed(self) -> str | None:
+        """Name of a constraint that may tell a platform from its mirror image."""
+        return next((one.name for one in self.constraints if one.invariant != "mirror"), None)
+
+
+NOTHING = Own()
 
 
 def installed_versions() -> dict[str, str]:
@@ -209,8 +245,8 @@ class Request:
                 "c1", True, f"every rooted tree is a candidate: {own.telling!r} may tell modules apart"
             )
         if self._proper:
-            found = resolve_symmetry(task, "c2")
-            return replace(found, reason=f"{found.reason}; {own.handed!r} may tell mirror images apart")
+            resolution = resolve_symmetry(task, "c2")
+            return replace(resolution, reason=f"{resolution.reason}; {own.handed!r} may tell mirror images apart")
         return _lossy_resolution(resolve_symmetry(task, self.symmetry), task, own)
 
     def covers(self, n: int) -> bool:
@@ -241,11 +277,11 @@ class Request:
         ]
 
 
-def _lossy_resolution(found: Resolution, task: ResolvedTask, own: Own) -> Resolution:
+def _lossy_resolution(resolution: Resolution, task: ResolvedTask, own: Own) -> Resolution:
     """Return a symmetry that was asked for by name, which own constraints may break."""
     broken = own.telling if task.search.root == "free" else None
-    if broken is None and found.group in ("d2", "d4"):
+    if broken is None and resolution.group in ("d2", "d4"):
         broken = own.handed
-    if broken is None or not found.exact:
-        return found
-    return Resolution(found.group, False, f"lossy: {broken!r} may tell trees apart that count as one")
+    if broken is None or not resolution.exact:
+        return resolution
+    return Resolution(resolution.group, False, f"lossy: {broken!r} may tell trees apart that count as one")

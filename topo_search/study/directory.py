@@ -1,0 +1,411 @@
+"""The directory of a run: one process writes in it, names never lead outside, and only the run's files are changed.
+
+Its lock admits one process. Files are looked up by the directory's descriptor, and no symbolic link is followed.
+The ledger's table `files` says which of them the run wrote: it replaces and removes these alone.
+
+| column | meaning |
+|---|---|
+| `digest` | of the content that the run wrote last, or is about to write; null: none, the file is to go |
+| `before` | of the content before that, which is there until the write has happened; null: no file |
+| `changing` | 1: some other library appends to the file, so that its content says nothing |
+
+What is to be written is recorded first: a run that is killed in between finds either content, and knows both. An
+empty file of a known name is the run's too: a power cut may leave one of a file that is not made to last.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import os
+import platform
+import re
+import sqlite3
+import stat
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import islice
+from pathlib import Path
+from typing import Self
+
+from topo_search.limits import RUN_BYTES
+from topo_search.model import BadInput, Fault
+from topo_search.study.ledger_file import checksum
+
+LOCK = ".lock"
+HOLDER = re.compile(rb"(\d+ on [^\n]*\n)?")
+"""The content of the lock's file: who holds it, or held it last."""
+_NO_LOCKS_ON_FOLDERS = (errno.EBADF, errno.ENOLCK, errno.EINVAL, errno.ENOTSUP, errno.EISDIR)
+"""What network disks say."""
+PARTIAL = ".topo-search-partial"
+"""A file that is being written. There is one at a time, so that the next run removes what a killed one left."""
+_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
+BATCH = 1000
+"""Files that are recorded in one transaction."""
+_Entry = tuple[bytes | None, bytes | None, int]
+"""Digest, the one before, and whether the file changes."""
+
+
+class ReadOnlyFolder(BadInput):
+    """A folder in which this process can write nothing."""
+
+    def __init__(self, folder: Path, reason: str | None) -> None:
+        rule = f"cannot be written to: {reason}; choose another folder with --out"
+        super().__init__(str(folder), [Fault("", rule)])
+
+
+@contextmanager
+def hold_lock(folder: Path) -> Iterator[None]:
+    """Hold the folder's lock; the system frees it when the process ends, however it ends.
+
+    The folder itself is locked too where its disk can do that, so that removing the file lets nobody in.
+
+    Raises:
+        ReadOnlyFolder: nothing can be written there, or its disk knows no locks.
+        BadInput: another process holds it, or the lock's file is none of ours.
+    """
+    try:
+        itself = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise ReadOnlyFolder(folder, error.strerror) from None
+    with ExitStack() as stack:
+        stack.callback(os.close, itself)
+        _lock(folder, itself, itself, optional=True)
+        handle = _lock_file(folder, itself)
+        stack.callback(os.close, handle)
+        _lock(folder, itself, handle)
+        os.ftruncate(handle, 0)
+        os.write(handle, f"{os.getpid()} on {platform.node()}\n".encode())
+        yield
+
+
+def _lock_file(folder: Path, itself: int) -> int:
+    """Open the lock's file, or make it; it must be one that `hold_lock` made."""
+    try:
+        handle = os.open(LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644, dir_fd=itself)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
+            raise _not_ours(folder) from None
+        raise ReadOnlyFolder(folder, error.strerror) from None
+    status = os.fstat(handle)
+    if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1 or not HOLDER.fullmatch(os.pread(handle, 512, 0)):
+        os.close(handle)
+        raise _not_ours(folder)
+    return handle
+
+
+def _lock(folder: Path, itself: int, handle: int, *, optional: bool = False) -> None:
+    """Lock a descriptor, or say who holds it."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        rule = f"another run is using this folder (process {_holder(itself)})"
+        raise BadInput(str(folder), [Fault("", rule)]) from None
+    except OSError as error:
+        if optional and error.errno in _NO_LOCKS_ON_FOLDERS:
+            return
+        raise ReadOnlyFolder(folder, f"{error.strerror} on its disk") from None
+
+
+def _holder(itself: int) -> str:
+    """Return what the lock's file says of who holds it."""
+    try:
+        handle = os.open(LOCK, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=itself)
+    except OSError:
+        return "unknown"
+    try:
+        return os.read(handle, 256).decode(errors="replace").strip() or "unknown"
+    finally:
+        os.close(handle)
+
+
+def _not_ours(folder: Path) -> BadInput:
+    rule = "is not the lock file of a run, and is left unchanged: move it away, or choose another folder"
+    return BadInput(str(folder / LOCK), [Fault("", rule)])
+
+
+def is_within_folder(name: str) -> bool:
+    """Return whether a relative name leads nowhere else."""
+    return all(part not in ("", "..") for part in name.split("/"))
+
+
+class Directory:
+    """A folder; the names of its files are relative, with `/` between folder and file."""
+
+    def __init__(self, path: Path, handle: int) -> None:
+        self.path = path
+        self._handle = handle
+
+    @classmethod
+    @contextmanager
+    def open(cls, path: Path) -> Iterator[Self]:
+        """Hold a folder that is there; OSError says why it cannot be held. Its own path may have links in it."""
+        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            yield cls(path, handle)
+        finally:
+            os.close(handle)
+
+    def names(self) -> list[str]:
+        """Return the names of all that is in the folder itself."""
+        return sorted(os.listdir(self._handle))
+
+    def read(self, name: str, *, most_bytes: int = RUN_BYTES) -> bytes | None:
+        """Return the content of a file; None if there is none of this name.
+
+        Raises:
+            BadInput: it is no regular file, or one of its folders is none; nothing is opened then. Or it is larger
+                than `most_bytes`.
+        """
+        try:
+            with self._open_parent(name) as (folder, last):
+                handle = os.open(last, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise self._refusal(name, error) from None
+        with os.fdopen(handle, "rb") as stream:
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode):
+                raise self._refusal(name, None)
+            if status.st_size > most_bytes:
+                rule = f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}; it is left unchanged"
+                raise BadInput(str(self.path / name), [Fault("", rule)])
+            return stream.read(most_bytes)
+
+    def write(self, name: str, content: bytes, *, lasting: bool = True) -> None:
+        """Write a file so that a reader sees the old one or the whole new one, whatever happens in between.
+
+        Args:
+            name: of the file; its folders are made.
+            content: of the file.
+            lasting: whether it is on the disk when this returns; else a power cut may leave it empty.
+
+        Raises:
+            BadInput: one of its folders is none.
+            OSError: it cannot be written; names it.
+        """
+        try:
+            with self._open_parent(name, make=True) as (folder, last):
+                self.tidy()
+                handle = os.open(
+                    PARTIAL, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666, dir_fd=self._handle
+                )
+                try:
+                    with os.fdopen(handle, "wb", buffering=0) as stream:
+                        rest = memoryview(content)
+                        while rest:
+                            rest = rest[os.write(handle, rest) :]
+                        if lasting:
+                            os.fsync(stream.fileno())
+                    os.rename(PARTIAL, last, src_dir_fd=self._handle, dst_dir_fd=folder)
+                except BaseException:
+                    with suppress(OSError):
+                        os.unlink(PARTIAL, dir_fd=self._handle)
+                    raise
+                if lasting:
+                    os.fsync(folder)
+        except NotADirectoryError as error:
+            raise self._refusal(name, error) from None
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path / name)) from error
+
+    def remove(self, name: str) -> None:
+        """Remove a file, if it is there."""
+        try:
+            with self._open_parent(name) as (folder, last):
+                os.unlink(last, dir_fd=folder)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path / name)) from error
+
+    def make(self, name: str) -> None:
+        """Make a folder, if it is not there."""
+        try:
+            with self._open_parent(f"{name}/.", make=True):
+                return
+        except NotADirectoryError as error:
+            raise self._refusal(name, error) from None
+
+    def tidy(self) -> None:
+        """Remove what a run that was killed left of a file that it was writing; only who holds the lock may."""
+        with suppress(FileNotFoundError):
+            os.unlink(PARTIAL, dir_fd=self._handle)
+
+    @contextmanager
+    def _open_parent(self, name: str, *, make: bool = False) -> Iterator[tuple[int, str]]:
+        """Return the descriptor of the folder that a file is in, and its name there."""
+        *folders, last = name.split("/")
+        if not is_within_folder(name):
+            raise ValueError(f"a file's name must be within the folder, but got {name!r}")
+        handle = os.dup(self._handle)
+        try:
+            for folder in folders:
+                if make:
+                    with suppress(FileExistsError):
+                        os.mkdir(folder, 0o777, dir_fd=handle)
+                inner = os.open(folder, _FOLDER, dir_fd=handle)
+                os.close(handle)
+                handle = inner
+            yield handle, last
+        finally:
+            os.close(handle)
+
+    def _refusal(self, name: str, error: OSError | None) -> BadInput:
+        why = "is no regular file" if error is None else f"cannot be used ({error.strerror})"
+        rule = f"{why}: a run uses regular files only, no symbolic links; it is left unchanged"
+        return BadInput(str(self.path / name), [Fault("", rule)])
+
+
+def digest_of(content: bytes) -> bytes:
+    """Return what a file's content is known by."""
+    return hashlib.blake2b(content, digest_size=16).digest()
+
+
+class RunFiles:
+    """The files that a run wrote into its directory; only who holds its lock may change them."""
+
+    def __init__(self, database: sqlite3.Connection, ledger: Path, directory: Directory) -> None:
+        self._database = database
+        self._ledger = ledger
+        self._directory = directory
+
+    def keep(self, contents: Iterable[tuple[str, bytes]], *, lasting: bool = True) -> None:
+        """Bring files up to their contents.
+
+        Args:
+            contents: names and contents.
+            lasting: as of `Directory.write`.
+
+        Raises:
+            BadInput: a file of this name is there that the run did not write; all others are written.
+            OSError: the disk is full, or fails.
+        """
+        source, foreign = iter(contents), list[str]()
+        while batch := list(islice(source, BATCH)):
+            due: list[tuple[str, bytes]] = []
+            records: list[tuple[str, bytes, bytes | None]] = []
+            for name, content in batch:
+                old, digest, entry = self._directory.read(name), digest_of(content), self._entry(name)
+                before = None if old is None else digest_of(old)
+                if old is not None and not _is_ours(entry, old):
+                    if before != digest:  # the very same is in nobody's way
+                        foreign.append(name)
+                    continue
+                if before != digest:
+                    due.append((name, content))
+                if before != digest or entry is None or entry[0] != digest:
+                    records.append((name, digest, before))
+            self.record(records)
+            for name, content in due:
+                self._directory.write(name, content, lasting=lasting)
+        self._refuse(foreign)
+
+    def read(self, name: str) -> bytes | None:
+        """Return the content of a file as the run wrote it; None if the file is not there.
+
+        Raises:
+            BadInput: its content is another one: damaged, edited, or somebody else's.
+        """
+        content = self._directory.read(name)
+        if content is not None and self.is_changed(name, content):
+            rule = "is not the file that this run wrote: remove it, and run the same command again to make it anew"
+            raise BadInput(str(self._directory.path / name), [Fault("", rule)])
+        return content
+
+    def is_changed(self, name: str, content: bytes) -> bool:
+        """Return whether a content is none that the run gave the file of this name."""
+        digest, before, changing = self._entry(name) or (None, None, 0)
+        return not changing and digest_of(content) not in (digest, before)
+
+    def find_changed(self) -> list[str]:
+        """Return the names of all files that are there with another content than the run gave them."""
+        names = (name for (name,) in self._database.execute("SELECT name FROM files ORDER BY name").fetchall())
+        contents = ((name, self._directory.read(name)) for name in names if is_within_folder(name))
+        return [name for name, content in contents if content is not None and self.is_changed(name, content)]
+
+    def remove(self, names: Iterable[str]) -> None:
+        """Remove those of some files that the run wrote; what somebody else has changed since stays."""
+        for name in names:
+            if (entry := self._entry(name)) is None:
+                continue
+            if (content := self._directory.read(name)) is not None and _is_ours(entry, content):
+                self._directory.remove(name)
+            with self._database:
+                self._database.execute("BEGIN IMMEDIATE")
+                self._database.execute("DELETE FROM files WHERE name = ?", (name,))
+
+    def adopt(self, *names: str) -> None:
+        """Take files over that another library makes anew and appends to.
+
+        Raises:
+            BadInput: one is there that the run did not make.
+        """
+        self.require(names)
+        self.record([(name, None, None) for name in names], changing=True)
+
+    def require(self, names: Iterable[str]) -> None:
+        """Make sure that files of some names are the run's own, or not there.
+
+        Raises:
+            BadInput: some are somebody else's.
+        """
+        foreign = []
+        for name in names:
+            entry = self._entry(name)
+            if entry is not None and entry[2]:  # another library's, which need not be read
+                continue
+            if (content := self._directory.read(name)) is not None and not _is_ours(entry, content):
+                foreign.append(name)
+        self._refuse(foreign)
+
+    def names_in(self, folder: str) -> list[str]:
+        """Return the names of the files that the run wrote into one of its folders, `designs` for instance."""
+        query = "SELECT name FROM files WHERE name >= ? AND name < ?"
+        names = [name for (name,) in self._database.execute(query, (f"{folder}/", f"{folder}0"))]  # 0 follows /
+        for name in names:
+            if not is_within_folder(name):
+                raise self._damage(name)
+        return names
+
+    def record(self, records: Sequence[tuple[str, bytes | None, bytes | None]], *, changing: bool = False) -> None:
+        """Record what is about to be written: name, digest, and that of what is there before."""
+        if records:
+            rows = [(*record, int(changing)) for record in records]
+            with self._database:
+                self._database.execute("BEGIN IMMEDIATE")
+                self._database.executemany(
+                    "INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?, ?)", [(*row, checksum(row)) for row in rows]
+                )
+
+    def _refuse(self, names: list[str]) -> None:
+        """Name the files that stand where the run would write its own, if there are any."""
+        rule = (
+            "is not the file that this run wrote, and is left unchanged: move it away and run the same command "
+            "again, or choose another folder with --out"
+        )
+        if names:
+            raise BadInput(str(self._directory.path), [Fault(name, rule) for name in names])
+
+    def _entry(self, name: str) -> _Entry | None:
+        """Return what is recorded of a file that the run wrote."""
+        row = self._database.execute("SELECT * FROM files WHERE name = ?", (name,)).fetchone()
+        if row is None:
+            return None
+        if checksum(row[:-1]) != row[-1]:
+            raise self._damage(name)
+        return row[1], row[2], row[3]
+
+    def _damage(self, name: str) -> BadInput:
+        rule = f"is damaged (its entry of the file {name} has changed since it was written)"
+        return BadInput(str(self._ledger), [Fault("", rule)])
+
+
+def _is_ours(entry: _Entry | None, content: bytes) -> bool:
+    """Whether a file that is there is the run's own."""
+    if entry is None:
+        return False
+    digest, before, changing = entry
+    return bool(changing) or not content or digest_of(content) in (digest, before)

@@ -1,0 +1,299 @@
+"""The phases of a run, the plan of them, and the time that is left: expectations, corrected by what steps took.
+
+The expected processor times are rough: they say how long a run is about to take, and how its parts compare.
+
+| symbol | meaning | unit |
+|---|---|---|
+| E | time since the phase began | s |
+| d | steps done in it; one that runs counts half | |
+| s | expected time of a step on all workers together | s |
+| c | correction of all expectations: time taken over time expected, T seconds of each added | |
+| T | how much the expectations are trusted | s |
+
+A step of the present phase is taken to need (E + c T) / (d + T / s) seconds: what was seen, and T seconds of what
+was expected. Phases that are yet to come are expected to take c times what they were planned with. How long workers
+load what they compute with counts for c as well; but until the first step is done, nothing was seen of the steps.
+A time limit ends what is solved; audits come after it.
+`tests/benchmarks/time_left.py` measures the error over recorded runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Literal, Protocol
+
+from topo_search.engine import rounds
+from topo_search.model import ResolvedTask
+from topo_search.study.row import Row
+
+if TYPE_CHECKING:
+    from topo_search.study.folder import RunFolder
+
+PhaseName = Literal["proving", "searching", "polishing", "auditing", "relaxing", "writing"]
+
+AUDITED = 10
+"""Number of designs that are audited at a time, best first."""
+WAKING = 2.5
+"""Time until the first worker has loaded what it computes with [s]."""
+REDUCED_UP_TO = 20
+"""Modules up to which a start is a few cheap descents, and Ipopt takes up the best ends of all."""
+REDUCED_SECONDS = 0.08, 0.012
+"""Processor time of a candidate of twelve modules at most, and of each of its starts, with three load cases [s]."""
+START_SECONDS = 0.135
+"""Processor time of one start of twelve modules and three load cases [s]."""
+AUDIT_SECONDS = 0.6
+"""Processor time of the audit of five modules [s]."""
+PROVING_SECONDS = 0.5
+"""Time for the lower bound of a size, and whether it is proven impossible [s]."""
+CHUNK_SECONDS = 0.4
+"""Processor time of a chunk of a proof by branch and bound, three and five modules [s]."""
+WRITING_SECONDS = 1.5
+"""Time for all files and the page [s]."""
+TRUSTED = 2.0
+"""T [s]."""
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A part of a run, made of steps of about the same length."""
+
+    name: PhaseName
+    n: int
+    """Modules."""
+    steps: int
+    """How many candidates, or designs."""
+    starts: int = 0
+    """Of each candidate when the phase is over; 0 where nothing is solved."""
+    seconds: float = 0.0
+    """Expected processor time of a step [s]."""
+    alone: bool = False
+    """Whether the steps follow each other in one process."""
+
+    @property
+    def same(self) -> tuple[PhaseName, int, int]:
+        """What a phase that is planned, and the one that comes, have in common."""
+        return self.name, self.n, self.starts
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run is going to do."""
+
+    phases: tuple[Phase, ...]
+    workers: int | None
+    """How many steps are taken at a time; None where that is not known."""
+    time_limit: float = math.inf
+    """Of all that is solved [s]; audits come after it."""
+
+    @property
+    def solves(self) -> bool:
+        """Whether any candidate is solved."""
+        return any(phase.starts for phase in self.phases)
+
+    @property
+    def seconds(self) -> float:
+        """About how long it takes [s]."""
+        waking = WAKING if any(not phase.alone for phase in self.phases) else 0.0
+        solving, other = (
+            sum(duration(phase, self.workers or 1) for phase in self.phases if bool(phase.starts) is solves)
+            for solves in (True, False)
+        )
+        return min(self.time_limit, waking + solving) + other
+
+
+def duration(phase: Phase, workers: int) -> float:
+    """Return how long a phase is expected to take [s]."""
+    return phase.seconds * phase.steps / (1 if phase.alone else max(1, min(workers, phase.steps)))
+
+
+def solving_seconds(task: ResolvedTask, starts: int) -> float:
+    """Return the expected processor time of one candidate from so many starts [s]."""
+    cases = (1 + len(task.load_cases)) / 4
+    if task.n <= REDUCED_UP_TO:
+        candidate, start = REDUCED_SECONDS
+        return cases * max(1.0, task.n / 12) * (candidate + starts * start)
+    growth: float = (task.n / 12) ** 2
+    return cases * starts * START_SECONDS * growth
+
+
+def audit_phase(n: int, designs: int) -> Phase:
+    """Return the phase that audits designs of n modules."""
+    return Phase("auditing", n, designs, seconds=AUDIT_SECONDS * (n / 5) ** 1.5)
+
+
+def proof_phase(n: int) -> Phase:
+    """Return the phase that bounds the effort of a size, or proves it impossible."""
+    return Phase("proving", n, 1, seconds=PROVING_SECONDS, alone=True)
+
+
+WRITING = Phase("writing", 0, 1, seconds=WRITING_SECONDS, alone=True)
+"""The phase that writes all files, and the page."""
+
+
+def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) -> Plan:
+    """Return what is left to do of a run.
+
+    Args:
+        folder: of the run.
+        workers: how many jobs run at a time; None where that is not known.
+        time_limit: [s]
+    """
+    timed, phases = math.isfinite(time_limit), list[Phase]()
+    sizes = ((level.request, level.ledger, n) for level in folder.levels for n in level.request.task.sizes)
+    for request, ledger, n in sizes:
+        context = request.contexts(n)[0]
+        bound = ledger.bound(context)
+        if bound is None:
+            phases.append(proof_phase(n))
+        elif bound[1] is not None:
+            continue  # it is proven impossible
+        count = request.space(n).count()
+        candidates = count if request.trials is None else min(count, request.trials)
+        if ledger.has_failures(context) or not ledger.has_ended(context, request.starts, request.trials):
+            stops = [0, *(part.stop for part in rounds(request.starts, request.starts, timed=timed))]
+            for before, stop in pairwise(stops):
+                left = candidates - ledger.count_solved(context, stop)
+                name: PhaseName = "polishing" if before else "searching"
+                if left > 0:
+                    phases.append(Phase(name, n, left, stop, solving_seconds(context.task, stop - before)))
+            phases.append(audit_phase(n, min(AUDITED, candidates)))
+    return Plan((*phases, WRITING), workers, time_limit)
+
+
+class Observer(Protocol):
+    """Shows the progress of a run."""
+
+    def plan(self, plan: Plan) -> None:
+        """All of this is going to be done."""
+
+    def phase(self, phase: Phase) -> None:
+        """A part of the run begins."""
+
+    def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
+        """One more step of it is done; `incumbent` is the best design so far.
+
+        Args:
+            incumbent: None while there is none.
+            known: whether the result was there before.
+        """
+
+    def note(self, text: str) -> None:
+        """Something that the user should see happened."""
+
+
+class Silent:
+    """Shows nothing."""
+
+    def plan(self, plan: Plan) -> None:
+        """Ignore the plan."""
+
+    def phase(self, phase: Phase) -> None:
+        """Ignore the start of a part."""
+
+    def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
+        """Ignore progress."""
+
+    def note(self, text: str) -> None:
+        """Ignore a note."""
+
+
+class TimeLeft:
+    """Follows a run, and says how long it still takes."""
+
+    def __init__(self) -> None:
+        self._planned: list[Phase] = []
+        self._workers = 1
+        self._end = math.inf
+        self._phase: Phase | None = None
+        self._began = self._since = 0.0
+        self._done = self._known = 0
+        self._taken = self._expected = 0.0
+        self._woken = False
+
+    def plan(self, plan: Plan, now: float) -> None:
+        """Take up what is going to be done.
+
+        Args:
+            plan: of the run.
+            now: any clock [s]; so of the other methods.
+        """
+        self._planned, self._workers = list(plan.phases), plan.workers or 1
+        self._end = now + plan.time_limit
+
+    def begin(self, phase: Phase, now: float) -> None:
+        """Begin a phase, whether it was planned or not."""
+        self._close(now)
+        places = [place for place, planned in enumerate(self._planned) if planned.same == phase.same]
+        if places:
+            del self._planned[: places[0] + 1]
+        self._phase, self._began, self._done, self._known = phase, now, 0, 0
+
+    def step(self, now: float, *, known: bool) -> None:
+        """Count a step; one whose result was known took no time."""
+        if self._waking and not known and self._phase is not None:
+            self._taken += max(0.0, now - self._phase.seconds - self._began)
+            self._expected += WAKING
+            self._woken, self._began = True, now - self._phase.seconds
+        self._done += not known
+        self._known += known
+
+    def __call__(self, now: float) -> float:
+        """Return how long it still takes [s]."""
+        taken, expected = self._seconds_spent(now)
+        correction = (self._taken + taken + TRUSTED) / (self._expected + expected + TRUSTED)
+        solving = other = 0.0
+        for phase in self._planned:
+            left = correction * duration(phase, self._workers)
+            solving, other = (solving + left, other) if phase.starts else (solving, other + left)
+        present = self._present(now, correction)
+        if self._phase is not None and self._phase.starts:
+            solving += present
+        else:
+            other += present
+        return min(solving, max(0.0, self._end - now)) + other
+
+    def _present(self, now: float, correction: float) -> float:
+        """Return how long the present phase still takes [s]."""
+        phase = self._phase
+        if phase is None or not phase.steps:
+            return 0.0
+        due, step = phase.steps - self._known, duration(phase, self._workers) / phase.steps
+        if self._waking:
+            return max(0.0, self._began + WAKING - now) + correction * step * due
+        done = self._done + self._half(due)
+        taken = now - self._began
+        weight = TRUSTED if step else 0.0  # where nothing is expected only what is seen counts
+        seen = (taken + correction * weight) / (done + (weight / step if step else 0.0))
+        return seen * max(0.0, due - done)
+
+    def _half(self, due: int) -> float:
+        """Return what runs, in steps, each taken to be half done."""
+        alone = self._phase is not None and self._phase.alone
+        return 0.5 * max(0, min(1 if alone else self._workers, due - self._done))
+
+    @property
+    def _waking(self) -> bool:
+        """Whether no worker has done a step yet."""
+        return self._phase is not None and not self._phase.alone and not self._woken
+
+    def _seconds_spent(self, now: float) -> tuple[float, float]:
+        """Return what was spent on the present phase, and what was expected of as much [s]."""
+        phase = self._phase
+        if phase is None or not phase.steps or self._waking:
+            return 0.0, 0.0
+        share = (self._done + self._half(phase.steps - self._known)) / phase.steps
+        return now - self._began, share * duration(phase, self._workers)
+
+    def _close(self, now: float) -> None:
+        """Add up the phase that is over."""
+        taken, expected = self._seconds_spent(now)
+        self._taken += taken
+        self._expected += expected
+
+
+def errors(clocked: Iterable[tuple[float, float]], end: float) -> list[float]:
+    """Return by which factor each estimate (time, time left) was off; it ended at `end` [s]."""
+    return [max(left, end - at) / max(min(left, end - at), 1e-9) for at, left in clocked]

@@ -1,0 +1,268 @@
+"""The summary of a run: its answer, read from the ledger and its proofs.
+
+An answer is held against everything that it was made from before it is given. Checksums find what changed by
+accident; this finds what cannot be true, whoever wrote it.
+
+| symbol | meaning | unit |
+|---|---|---|
+| J | objective: of the row, of the design, and of the design's inputs again | rad^4/s^4 |
+| bound | of all topologies of the size: no J lies below it | rad^4/s^4 |
+| orbit | number of classes of the exact quotient that a candidate stands for; all add up to that of all | |
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sqlite3
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+
+from topo_search.engine import Space, scaled_violation
+from topo_search.model import Audit, BadInput, Design, Topology
+from topo_search.study.answer import (
+    NEAR,
+    SHOWN,
+    Answer,
+    LevelAnswer,
+    SizeAnswer,
+    proven_statement,
+    quotient_remark,
+    reason,
+    remark,
+    statement,
+)
+from topo_search.study.audits import audits_left
+from topo_search.study.folder import LEDGER, RunFolder
+from topo_search.study.front import front_of
+from topo_search.study.ledger import Ledger
+from topo_search.study.ledger_file import LedgerLost, damage, parse
+from topo_search.study.proofs import ProofSummary, subject_of, summarize
+from topo_search.study.relaxing import causes
+from topo_search.study.request import Context, Request
+from topo_search.study.row import Row, flight_of
+
+BELOW_BOUND = 3.0e-6
+"""Share of the bound by which J may lie below it: tolerances of solver and audit (1e-6 each), and rounding."""
+SAME = 1.0e-6
+"""Relative difference of J and what the inputs cost: the audit's tolerance."""
+STATUSES = ("feasible", "infeasible", "impossible", "pruned", "failed")
+
+
+def check_rows(rows: Iterable[Row], space: Space, lower_bound: float, path: Path) -> Iterator[Row]:
+    """Yield the ranked rows of one size, none of which may contradict the bound, the ranking or their number.
+
+    Raises:
+        BadInput: one does; names the candidate.
+    """
+    last, number, orbits, classes = -math.inf, 0, 0, space.classes
+    for row in rows:
+        number, orbits = number + 1, orbits + row.orbit
+        if row.status not in STATUSES or row.orbit < 1 or orbits > classes:
+            raise damage(path, f"{row.key} is {row.status!r} and stands for {row.orbit} of {classes} trees")
+        if row.feasible != (row.objective is not None):
+            raise damage(path, f"{row.key} is {row.status} with the objective {row.objective}")
+        if row.objective is not None:
+            least = max(lower_bound, row.lower_bound or 0.0)
+            if not (math.isfinite(row.objective) and row.objective >= least * (1 - BELOW_BOUND)):
+                raise damage(path, f"{row.key} has the objective {row.objective!r}, under the bound of {least!r}")
+            if row.objective < last:
+                raise damage(path, f"{row.key} is not where its objective ranks it")
+            last = row.objective
+        yield row
+    if number == space.count() and orbits != classes:
+        raise damage(path, f"its {number} candidates stand for {orbits} trees, but there are {classes}")
+
+
+def check_designs(ledger: Ledger, contexts: list[Context], space: Space, rows: Iterable[Row]) -> None:
+    """Make sure that rows, designs, audits and trees say the same of each other.
+
+    Raises:
+        BadInput: they do not; names the candidate.
+    """
+    for row in rows:
+        for difference in _differences(ledger, contexts, space, row):
+            raise damage(ledger.path, f"{row.key}: its {difference}")
+
+
+def _differences(ledger: Ledger, contexts: list[Context], space: Space, row: Row) -> Iterator[str]:
+    """Yield in what a row, its design, its audit and its tree differ; what follows may rely on what came before."""
+    if not 0 <= row.step < len(contexts):
+        yield f"margin has place {row.step} of {len(contexts)}"
+    context = contexts[row.step]
+    design, audit_text = ledger.result(context, row.key), ledger.audit(context, row.key)
+    if not isinstance(design, Design):
+        yield "design is none"
+        return
+    try:
+        candidate = space.candidate_of(Topology.from_key(row.key))
+    except ValueError as error:
+        yield f"key names no tree: {error}"
+        return
+    keys = {row.key, design.topology_key or row.key, design.topology.key, candidate.key}
+    if len(keys) > 1 or design.topology.n != row.modules:
+        yield "key is not that of its tree"
+    if row.orbit != candidate.orbit:
+        yield f"tree stands for {candidate.orbit}, not {row.orbit}"
+    values = {
+        "objective": (row.objective, design.objective),
+        "margin": (row.margin, context.margin),
+        "task": (design.task, context.task),
+        "gap": (row.gap, Design.gap_of(design.objective, row.lower_bound or 0.0)),
+    }
+    yield from (f"{name} is not that of its design" for name, (held, due) in values.items() if held != due)
+    cost = sum(
+        case.weight * sum(u * u for u in inputs)
+        for case, inputs in zip(design.task.load_cases, design.rotor_speeds_squared, strict=True)
+    )
+    if abs(cost - design.objective) > SAME * abs(design.objective):
+        yield f"objective is {design.objective!r}, but its inputs cost {cost!r}"
+    if (audit_text is None) != (row.audit is None):
+        yield "audit is gone"
+    if audit_text is not None:
+        audit = parse(ledger.path, Audit, "texts", audit_text, strict=False)
+        efforts = [one.stated for one in audit.residuals if one.name == "objective"]
+        if audit.verdict != row.audit or any(J not in (None, row.objective) for J in efforts):
+            yield "audit is not that of its design"
+        if any(getattr(row, name) != value for name, value in flight_of(audit).items()):
+            yield "figures are not those of its audit"
+
+
+@contextmanager
+def refuse_lost(folder: RunFolder) -> Iterator[None]:
+    """Say that folder or ledger are gone, if that is what ended the run, and what can still be read of them."""
+    try:
+        yield
+    except (LedgerLost, OSError, sqlite3.Error, BadInput) as error:
+        try:
+            folder.ledger.require()
+        except LedgerLost as lost:
+            with suppress(OSError, sqlite3.Error, BadInput):  # the file is open, but may be empty
+                lost.answer = answer_of(folder)
+                lost.design = lost.answer.design or _best_unaudited(folder)
+            raise lost from error
+        raise
+
+
+def finished_answer(path: Path, request: Request) -> Answer | None:
+    """Return the answer of a run that has nothing left to do, from a folder that cannot be written to."""
+    if not os.access(path / LEDGER, os.R_OK):
+        return None
+    with RunFolder.read(path, request) as folder:
+        answer = answer_of(folder)
+    return answer if answer.complete else None
+
+
+def answer_of(folder: RunFolder) -> Answer:
+    """Return what a run has found, from its ledger."""
+    goals = folder.request.task.goals
+    sizes = [tuple(_size_answer(level, n) for n in level.request.task.sizes) for level in folder.levels]
+    answer = Answer(folder.path, sizes[0])
+    if goals.names:
+        levels = tuple(map(LevelAnswer, count(), goals.levels, sizes))
+        answer = replace(answer, levels=levels, points=front_of(folder))
+    if answer.best is None:
+        return answer
+    number = answer.points[0].number if answer.points else 0
+    request = folder.levels[number].request
+    context, ledger = request.contexts(answer.best.modules)[answer.best.step], folder.ledger
+    design, text = ledger.result(context, answer.best.key), ledger.audit(context, answer.best.key)
+    audit = None if text is None else parse(ledger.path, Audit, "texts", text, strict=False)
+    return replace(answer, design=design if isinstance(design, Design) else None, audit=audit)
+
+
+def _best_unaudited(folder: RunFolder) -> Design | None:
+    """Return the design of least effort of the smallest size that has any, whatever is known of its audit."""
+    for level in folder.levels:
+        for n in level.request.task.sizes:
+            row = next(level.ledger.ranking(n), None)
+            result = row and level.ledger.result(level.request.contexts(n)[row.step], row.key)
+            if isinstance(result, Design):
+                return result
+    return None
+
+
+def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
+    """Read the answer of one size of a task without goals."""
+    ledger, request = folder.ledger, folder.request
+    contexts, space, quotient = request.contexts(n), request.space(n), request.quotient(n)
+    candidates, covers = space.count(), request.covers(n)
+    lower_bound, impossible = ledger.bound(contexts[0]) or (0.0, None)
+    ended = impossible is not None or ledger.has_ended(contexts[0], request.starts, request.trials)
+    statuses = Counter[str]()
+    fewest, feasible = request.starts, 0
+    best, closest, nearness = None, None, math.inf
+    top, near, remarks = list[Row](), list[Row](), list[str]()
+    for row in check_rows(ledger.ranking(n), space, lower_bound, ledger.path):  # one pass: there may be millions
+        statuses[row.status] += 1
+        if row.status in ("feasible", "infeasible"):
+            fewest = min(fewest, row.asked)
+        if row.feasible:
+            feasible += row.orbit if quotient.exact else 1
+            if best is None and row.clear:
+                best = row
+            if best is not None and _is_near(row, best):
+                near.append(row)
+            if len(top) < SHOWN:
+                top.append(row)
+            remarks.extend(remark(row))
+        elif row.status == "infeasible" and row.violation is not None:
+            scaled = scaled_violation(row.violation, row.unit or "", contexts[0].task)
+            if scaled < nearness:
+                closest, nearness = row, scaled
+        elif row.status == "failed" and statuses["failed"] <= SHOWN:
+            remarks.append(f"{row.key}: failed, {row.worst_constraint}")
+    if statuses["failed"]:
+        remarks.append("some candidates failed for reasons that may not recur; the same command tries them again")
+    settled = candidates if impossible else statuses.total()
+    if ended and settled < candidates:
+        remarks.append(
+            f"{candidates - settled} of {candidates} candidates were never proposed: nothing is known about them"
+        )
+    check_designs(ledger, contexts, space, top if best is None or best in top else [*top, best])
+    proofs = folder.proofs(n)
+    proven = ProofSummary(None, None)
+    if proofs:
+        rows, subject = list(ledger.ranking(n)), subject_of(request, n)
+        proven = summarize(rows, proofs, best, contexts[0].task, candidates, subject)
+    words = None if best is None else statement(best, settled - statuses["failed"], candidates)
+    return SizeAnswer(
+        modules=n,
+        candidates=candidates,
+        quotient=quotient_remark(quotient),
+        settled=settled,
+        starts=fewest if settled >= candidates else 0,
+        complete=ended and not audits_left(ledger, contexts, request.starts),
+        statuses=dict(statuses),
+        feasible=feasible,
+        lower_bound=lower_bound,
+        best=best,
+        top=tuple(top),
+        near_ties=tuple(sorted((row for row in near if row.clear), key=_fragility)),
+        near_ties_unaudited=sum(row.audit is None for row in near),
+        remarks=tuple(remarks),
+        reason=None if feasible else reason(impossible, closest, statuses),
+        covers_size=covers,
+        impossible=impossible is not None or (covers and statuses["impossible"] == candidates),
+        statement=words if proven.gap is None else proven_statement(candidates, proven.gap),
+        relaxed=None if feasible else causes(folder, n),
+        proven=proven.sentence,
+        proven_gap=proven.gap if covers else None,
+        candidates_gap=proven.gap,
+        proof_resumable=proven.resumable,
+    )
+
+
+def _is_near(row: Row, best: Row) -> bool:
+    return row.objective is not None and row.objective <= (1 + NEAR) * (best.objective or 0.0)
+
+
+def _fragility(row: Row) -> tuple[float, float, float]:
+    """Return what designs are ranked by that cost about the same: unknown reserves come last."""
+    reserves = (row.force_reserve_N, row.torque_reserve_Nm)
+    force, torque = (-math.inf if reserve is None else reserve for reserve in reserves)
+    return -force, -torque, row.objective or 0.0
