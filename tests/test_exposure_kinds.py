@@ -149,7 +149,7 @@ def test_every_kind_is_told_drawn_and_stored(kind):
     at = poses(design)
     for _, shape in shapes(design.task, at.p_E):
         assert len(region_mesh(shape, 1.0).faces) > 0
-    words = next(group for group in facts(point.task) if group.rows[0][0] == "requirement 0").rows[0][1]
+    words = next(rows[0][1] for _, rows in facts(point.task) if rows[0][0] == "requirement 0")
     assert len(words) > 10
     for pair in exposed(audit(design)):
         gap = math.dist(*pair.closest_m)
