@@ -52,7 +52,7 @@ def clearance(one: ConeSphere, other: ConeSphere | Ball, beta: ca.SX) -> ca.SX:
 
 def as_length(f: Sequence[ca.SX], R: float, beta: ca.SX) -> ca.SX:
     """Return the log-sum-exp of squares over 2 R; sharper where R is small, or it would ask for too much."""
-    return log_sum_exp(f, beta * max(1.0, 1 / (2 * R))) / (2 * R)
+    return log_sum_exp(f, beta * ca.fmax(1.0, 1 / (2 * R))) / (2 * R)
 
 
 def clearance_of_all(one: ConeSphere, balls: Sequence[Ball], beta: ca.SX) -> ca.SX:
