@@ -1,7 +1,7 @@
-"""Starts of the reduced search, and what Ipopt makes of the best of their ends.
+"""The reduced search of many starts, and the polish of its best local minima by Ipopt.
 
 A start is a handful of cheap descents from draws of its own. The best of those of all starts that are searched
-together go on at high prices, and the best of their distinct ends are polished by Ipopt on the whole problem.
+together go on at high prices, and the best of their distinct minima are polished by Ipopt on the whole problem.
 Starts that ended at the same minimum share the design. What no start leads to is searched for deeper, before a tree
 counts as infeasible.
 """
@@ -42,7 +42,7 @@ from topo_search.model.corners import CorneredTask
 from topo_search.model.topology import straight_chain
 
 DRAWS = 8
-"""Draws of a start."""
+"""Number of draws per start."""
 
 
 class Polish(NamedTuple):
@@ -82,7 +82,7 @@ class DeepSearch(NamedTuple):
     """Starts a batch, for each module."""
     gain: float = 0.02
     """Least relative decrease of the merit by the later half of the batches; the search ends with less."""
-    found: float = 0.005
+    close: float = 0.005
     """Largest violation of a local minimum that ends the search at once [l_arm, m_t g, l_arm m_t g]."""
 
 
@@ -114,7 +114,7 @@ class _Search:
         return self._descend(starts, f"{self._seed}", (FIRST, SECOND))
 
     def of_source(self, start: int, source: Design) -> list[LocalMinimum]:
-        """Return the local minimum that a design leads to which is carried over."""
+        """Return the local minimum that a carried-over design leads to."""
         rng = generator(self._plain, self._topology, start, self._seed)
         point = warm_start(self._plain, self._topology, source=source, rng=rng)
         best, _ = local_minima(self._stated, point.pack()[None, : len(self._stated.lower)])
@@ -132,7 +132,7 @@ class _Search:
         for batch in range(0, DEEP.most_starts, size):
             starts = range(batch, min(batch + size, DEEP.most_starts))
             found += self._descend(starts, f"{self._seed} deep", STIFF, anyhow=True).best
-            if min(minimum.missing for minimum in found) <= DEEP.found:
+            if min(minimum.missing for minimum in found) <= DEEP.close:
                 break
             least.append(min(minimum.merit for minimum in found))
             half = least[(len(least) - 1) // 2]

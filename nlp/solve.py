@@ -26,13 +26,13 @@ from topo_search.model.corners import to_corners
 from topo_search.protocols import OwnConstraint
 
 UNTANGLED_STARTS = 24
-"""Starts a topology when nobody says otherwise, where Ipopt solves the whole problem from each."""
+"""Default number of starts per topology for the full Ipopt solver."""
 REDUCED_STARTS = {5: 8, 9: 20, 12: 40, REDUCED_UP_TO: 48}
-"""Those of the reduced search, by the most modules they are for (`tests/benchmarks/reduced.py` compares them)."""
+"""Default number of starts of the reduced search by most modules; `tests/benchmarks/reduced.py` compares them."""
 
 
 def default_starts(task: Task) -> int:
-    """Return the number of starts per topology that a task gets when nobody says otherwise."""
+    """Return the default number of starts per topology of a task."""
     largest = max(task.sizes)
     if reason_against(task.resolve(largest)):
         return UNTANGLED_STARTS

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from topo_search.export.poses import PORTS, poses
+from topo_search.export.poses import poses
 from topo_search.model import Design, Topology
 from topo_search.model.files import read_task
+from topo_search.model.layout import PORT_DIRECTIONS
 from verify.kinematics import rotation
 
 
@@ -56,7 +57,7 @@ def test_two_modules_by_hand() -> None:
 
 def test_a_flat_cross_lies_on_the_grid() -> None:
     at = poses(design("af0000"))
-    np.testing.assert_allclose(at.p, 0.3 * np.vstack([np.zeros(3), PORTS]), atol=1e-15)
+    np.testing.assert_allclose(at.p, 0.3 * np.vstack([np.zeros(3), PORT_DIRECTIONS]), atol=1e-15)
     np.testing.assert_allclose(at.p_com, 0, atol=1e-15)
 
 
@@ -70,7 +71,7 @@ def test_the_two_connectors_of_a_joint_meet(key: str, seed: int) -> None:
     np.testing.assert_allclose(np.linalg.det(at.R), 1, rtol=1e-14)
     for (h, i, a, b), alpha in zip(drawn.topology.edges(), drawn.hinge_angles_rad, strict=True):
         np.testing.assert_allclose(
-            at.p[h] + l_c * at.R[h] @ PORTS[a], at.p[i] + l_c * at.R[i] @ PORTS[b], atol=1e-14
+            at.p[h] + l_c * at.R[h] @ PORT_DIRECTIONS[a], at.p[i] + l_c * at.R[i] @ PORT_DIRECTIONS[b], atol=1e-14
         )
         # the hinge axis is common to both, and the thrust axes are alpha apart
         axis = at.R[h] @ ([0, 1, 0] if a % 2 == 0 else [1, 0, 0])

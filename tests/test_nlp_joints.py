@@ -7,7 +7,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from nlp.user_constraints.joined import JoinedProgram
 from nlp_cases import GENTLE_PUSH, HOVER, as_design, push, random_point, random_tree, solved
 
 from nlp import joints, solve
@@ -16,6 +15,7 @@ from nlp.joints import LimitRows, Limits, holder, limit_of, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.requirements import clearances
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
+from nlp.user_constraints.rows import JoinedProgram
 from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology
 from topo_search.model.files import read_json, validate
 from verify import audit, choose_mount

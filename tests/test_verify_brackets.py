@@ -7,8 +7,9 @@ from export_cases import drawn_trees, random_design
 from verify_cases import design
 
 from topo_search.export.brackets import MILLIMETRES, TURNS, bracket, connector_turn
-from topo_search.export.poses import PORTS, poses
+from topo_search.export.poses import poses
 from topo_search.model import Design, Status, Task, Topology
+from topo_search.model.layout import PORT_DIRECTIONS
 from verify import audit
 from verify.brackets import bracket_hulls
 from verify.kinematics import platform
@@ -28,7 +29,7 @@ def printed(given: Design) -> dict[int, trimesh.Trimesh]:
         mesh.apply_scale(1 / MILLIMETRES)
         pose = np.eye(4)
         pose[:3, :3] = at.R[h] @ connector_turn(a)
-        pose[:3, 3] = at.p[h] + given.task.module.connector_distance * at.R[h] @ PORTS[a] - at.p_com
+        pose[:3, 3] = at.p[h] + given.task.module.connector_distance * at.R[h] @ PORT_DIRECTIONS[a] - at.p_com
         found[i] = mesh.apply_transform(pose)
     return found
 

@@ -87,9 +87,9 @@ def _section(each: Judged) -> Iterator[str]:
     yield from _table(["kind", *Status, "least clearance [m]", "of"], rows)
     wrong = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
     head = ["clearance", "status", "closed form [m]", "at least [m]", "at most [m]", "of the deepest"]
-    yield from _listed(head, [_clearance_row(pair) for pair in wrong], "clearances are not clear")
+    yield from _list_rows(head, [_clearance_row(pair) for pair in wrong], "clearances are not clear")
     off = [_residual_row(row) for row in audit.residuals if row.status != Status.CLEAR]
-    yield from _listed(["number", "status", "off by", "unit", "stated", "derived"], off, "numbers are off")
+    yield from _list_rows(["number", "status", "off by", "unit", "stated", "derived"], off, "numbers are off")
     if audit.sensitivity is not None:
         yield from ("", *(f"- {line}" for line in tolerance_lines(audit)))
     if audit.flight is not None:
@@ -104,7 +104,7 @@ def _section(each: Judged) -> Iterator[str]:
             yield from (f"    {finding}" for finding in pair.evidence)
 
 
-def _listed(head: list[str], rows: list[list[str]], words: str) -> Iterator[str]:
+def _list_rows(head: list[str], rows: list[list[str]], words: str) -> Iterator[str]:
     if rows:
         yield from ("", *_table(head, rows[:LISTED]))
     if len(rows) > LISTED:

@@ -22,11 +22,12 @@ import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 from trimesh import Trimesh
 
-from topo_search.export.poses import PORTS, poses, rod_of, rotation_to
+from topo_search.export.poses import poses, rod_of, rotation_to
 from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket, Module
 from verify.kinematics import rotation
 
@@ -104,7 +105,7 @@ def require_room(module: Module) -> None:
 
 def connector_turn(port: int) -> Array:
     """Return the axes of a connector's frame in those of its module, (3, 3)."""
-    x = PORTS[port]
+    x = PORT_DIRECTIONS[port]
     return np.stack([x, np.cross([0.0, 0.0, 1.0], x), [0.0, 0.0, 1.0]], axis=1)
 
 

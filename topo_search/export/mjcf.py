@@ -22,7 +22,7 @@ import math
 from xml.etree.ElementTree import Comment, Element, SubElement
 
 from topo_search.export import palette
-from topo_search.export.poses import PORTS, ROTOR_ANGLES, poses, rod_of
+from topo_search.export.poses import ROTOR_ANGLES, poses, rod_of
 from topo_search.export.simulator_xml import (
     AS_SEARCHED,
     Physics,
@@ -35,7 +35,7 @@ from topo_search.export.simulator_xml import (
     xml_text,
 )
 from topo_search.model.design import Design
-from topo_search.model.layout import ROTOR_SPINS
+from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.module import Module
 
 SPIN_CLASSES = {-1: "drag_against_thrust_axis", 1: "drag_along_thrust_axis"}
@@ -78,7 +78,7 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
     bodies = [_module_body(platform, 0, at_root, module)]
     for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
         hinge = _hinge(bodies[h], i, a, alpha, module)
-        behind = {"pos": numbers(*module.connector_distance * PORTS[a])}
+        behind = {"pos": numbers(*module.connector_distance * PORT_DIRECTIONS[a])}
         if kappa := (a + 2 - b) % 4:
             behind["euler"] = numbers(kappa * math.pi / 2, 0, 0)
         bodies.append(_module_body(hinge, i, behind, module))
@@ -131,7 +131,7 @@ def _defaults(default: Element, module: Module, gravity: float, physics: Physics
 def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Element:
     """Add the hinge at a parent's port a, at which module i hangs."""
     about_x, about_y = (0.0, alpha) if a % 2 == 0 else (alpha, 0.0)
-    step = numbers(*module.connector_distance * PORTS[a])
+    step = numbers(*module.connector_distance * PORT_DIRECTIONS[a])
     _bar(parent, a, module)
     hinge = SubElement(parent, "body", name=f"hinge_{i}", pos=step, euler=numbers(0, about_x, about_y))
     _bar(hinge, a, module)
@@ -140,7 +140,7 @@ def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Ele
 
 def _bar(body: Element, port: int, module: Module) -> None:
     """Draw the bar between a module's centre and a connector in use, which has neither mass nor contact."""
-    ends = numbers(0, 0, 0, *module.connector_distance * PORTS[port])
+    ends = numbers(0, 0, 0, *module.connector_distance * PORT_DIRECTIONS[port])
     SubElement(body, "geom", {"class": "joint", "fromto": ends})
 
 

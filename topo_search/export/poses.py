@@ -20,8 +20,6 @@ from topo_search.model.arrays import Array, read_only
 from topo_search.model.layout import PORT_DIRECTIONS
 from verify.kinematics import platform
 
-PORTS = read_only(PORT_DIRECTIONS)
-"""Directions of the ports 0..3, +x, +y, -x, -y, in the module frame."""
 ROTOR_ANGLES = tuple(math.radians(angle) for angle in (-45, -135, 135, 45))
 """Direction of rotor q = 1..4 from the module's centre (X layout)."""
 
@@ -125,7 +123,7 @@ def rod_of(design: Design, at: Poses) -> Rod | None:
     if design.mount is None:
         return None
     i, l_c = design.mount.module, design.task.module.connector_distance
-    start = at.p[i] + l_c * at.R[i] @ PORTS[design.mount.port]
+    start = at.p[i] + l_c * at.R[i] @ PORT_DIRECTIONS[design.mount.port]
     rod = Rod(start, at.end_effector, design.task.end_effector.rod_radius)
     return rod if rod.length > 0 else None
 

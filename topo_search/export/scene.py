@@ -16,7 +16,6 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from topo_search.export import palette
 from topo_search.export.poses import (
     ELEVATION_DEG,
-    PORTS,
     ROTOR_ANGLES,
     Poses,
     azimuth_deg,
@@ -27,6 +26,7 @@ from topo_search.export.poses import (
 from topo_search.export.regions import circle, cone, cone_slant, cone_sphere_outline, hull, shapes
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Module
 from topo_search.model.shape import Capsule, Cone, Polytope
 
@@ -123,7 +123,7 @@ class Scene:
         """Draw modules, joints and thrust axes, the centre of mass, the end-effector and the line between them."""
         module, at = self.design.task.module, self.at
         for h, i, a, _ in self.design.topology.edges():
-            joint = at.p[h] + module.connector_distance * at.R[h] @ PORTS[a]
+            joint = at.p[h] + module.connector_distance * at.R[h] @ PORT_DIRECTIONS[a]
             self._lines([np.stack([at.p[h], joint, at.p[i]])], palette.CONNECTOR, 2.0)
         frame, rotors = frame_faces(module), rotor_faces(module)
         one = np.concatenate([frame, rotors])

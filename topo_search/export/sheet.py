@@ -10,9 +10,10 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.export.brackets import DIGITS, MILLIMETRES, TURNS, Part, connector_turn
-from topo_search.export.poses import PORTS, ROTOR_ANGLES, poses, rod_of
+from topo_search.export.poses import ROTOR_ANGLES, poses, rod_of
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
 from topo_search.model.tables import csv_text, paragraph, table
 from topo_search.model.topology import PORT_NAMES
@@ -141,7 +142,7 @@ def ports() -> str:
         turn = "CCW" if q % 2 == 0 else "CW"
         svg.append(_text(x, y + 2, f"rotor {q}", 6))
         svg.append(_text(x, y + 9, turn, 6))
-    for number, (x, y, _) in enumerate(PORTS.tolist()):
+    for number, (x, y, _) in enumerate(PORT_DIRECTIONS.tolist()):
         svg.append(f'<line x1="0" y1="0" x2="{56 * x}" y2="{-56 * y}" stroke="#222" stroke-width="1.5"/>')
         svg.append(f'<circle cx="{56 * x}" cy="{-56 * y}" r="2.5" fill="{palette.CONNECTOR}"/>')
         svg.append(_text(66 * x, -66 * y - 1, f"port {number}", 7))

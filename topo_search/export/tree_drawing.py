@@ -14,9 +14,9 @@ import networkx as nx
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import PORTS
 from topo_search.model import Assembly, Design
 from topo_search.model.arrays import Array
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.topology import PORT_NAMES, Topology
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def flat_layout(topology: Topology) -> tuple[Array, list[int]]:
     """
     cells, turns = [np.zeros(2)], [0]
     for h, _, a, b in topology.edges():
-        cells.append(cells[h] + PORTS[(a + turns[h]) % 4, :2])
+        cells.append(cells[h] + PORT_DIRECTIONS[(a + turns[h]) % 4, :2])
         turns.append((turns[h] + a + 2 - b) % 4)
     return np.array(cells), turns
 
@@ -89,10 +89,10 @@ def draw_tree(axes: Axes, design: Design) -> None:
         axes.text(centre[0], centre[1], str(i), fontsize=size, ha="center", va="center", zorder=5)
         if turns is not None:
             for port in range(4):
-                out = PORTS[(port + turns[i]) % 4, :2]
+                out = PORT_DIRECTIONS[(port + turns[i]) % 4, :2]
                 colour = palette.CONNECTOR if (i, port) in used else palette.FREE_PORT
                 axes.add_patch(_rectangle(centre + out * PLOT_SIDE / 2, 0.12, colour, "white", 0.5))
-            mark = centre + 0.34 * PLOT_SIDE * PORTS[turns[i], :2]
+            mark = centre + 0.34 * PLOT_SIDE * PORT_DIRECTIONS[turns[i], :2]
             axes.plot(*mark, marker="o", color=palette.THRUST_AXIS, markersize=size / 3.5, zorder=6)
     axes.set_aspect("equal")
     x, y = (low + high) / 2
@@ -170,7 +170,7 @@ def _port_colours(design: Design, assembly: Assembly | None) -> dict[tuple[int, 
 
 def _drawn_direction(port: int) -> Array:
     """Return the direction of a port in the drawing."""
-    return np.asarray(PORTS[port % 4, :2] * np.array([1, -1]))
+    return np.asarray(PORT_DIRECTIONS[port % 4, :2] * np.array([1, -1]))
 
 
 def _add(svg: ElementTree.Element, name: str, **attributes: object) -> ElementTree.Element:

@@ -140,7 +140,10 @@ def write_atomically(path: Path, content: str | bytes, *, lasting: bool = True) 
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
         try:
-            with os.fdopen(_open_unnamed(path.parent) or _open_new(partial), "wb") as stream:
+            handle = _open_unnamed(path.parent)
+            if handle is None:
+                handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+            with os.fdopen(handle, "wb") as stream:
                 stream.write(content if isinstance(content, bytes) else content.encode("utf-8"))
                 stream.flush()
                 if lasting:
@@ -153,10 +156,6 @@ def write_atomically(path: Path, content: str | bytes, *, lasting: bool = True) 
             raise
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
-
-
-def _open_new(path: Path) -> int:
-    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
 
 
 def _open_unnamed(folder: Path) -> int | None:

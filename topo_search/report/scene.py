@@ -11,11 +11,12 @@ import plotly.graph_objects as go
 from trimesh import Trimesh
 
 from topo_search.export import palette
-from topo_search.export.poses import PORTS, Poses, azimuth_deg, towards_viewer
+from topo_search.export.poses import Poses, azimuth_deg, towards_viewer
 from topo_search.export.regions import cone_slant, cone_triangles, shapes
 from topo_search.export.solids import airflow, cone_sphere, frame, join, pose_matrix, region_mesh, rotors
 from topo_search.model import Assembly, Audit, Clearance, Design
 from topo_search.model.arrays import Array
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Module
 from topo_search.model.shape import Cone
 from topo_search.model.topology import PORT_NAMES
@@ -38,7 +39,9 @@ def scene(
         nearest: the clearance to mark, where its audit says; None if there is no audit.
         assembly: says which connector carries the end-effector, and which are blocked; None if there is no audit.
     """
-    connectors = at.p[:, None] + design.task.module.connector_distance * np.einsum("nij,aj->nai", at.R, PORTS)
+    connectors = at.p[:, None] + design.task.module.connector_distance * np.einsum(
+        "nij,aj->nai", at.R, PORT_DIRECTIONS
+    )
     mount = None if assembly is None else assembly.mount
     foot = None if mount is None else connectors[mount.module, mount.port]
     figure = go.Figure([*_volumes(design, at), *_platform(design, at, connectors)])
