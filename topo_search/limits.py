@@ -9,22 +9,22 @@ from __future__ import annotations
 MIB = 2**20
 
 TASK_BYTES = MIB
-"""Of a task's file; one at all the other limits at once is shorter."""
+"""Size of a task file; one at all the other limits at once is shorter."""
 DESIGN_BYTES = 8 * MIB
-"""Of a design's file; one of 200 modules and 200 load cases has about half as many."""
+"""Size of a design file; one of 200 modules and 200 load cases has about half as many bytes."""
 RESULT_BYTES = 64 * MIB
-"""Of any other file that the program wrote: audits and the tables of experiments."""
+"""Size of any other file that the program wrote: audits and the tables of experiments."""
 RUN_BYTES = 1024 * MIB
-"""Of a file in a run's folder that is compared with what the run wrote."""
+"""Size of a file in a run folder that is compared with what the run wrote."""
 MESH_BYTES = 16 * MIB
-"""Of an STL or OBJ file."""
+"""Size of an STL or OBJ file."""
 
 MODULES = 200
-"""Of a platform."""
+"""Modules of a platform."""
 SIZES = 20
 """Numbers of modules that one task asks for."""
 LISTED_MODULES = 1_000
-"""Of trees that are only counted, drawn or listed."""
+"""Modules of trees that are only counted, drawn or listed."""
 DRAWN_TREES = 1_000_000
 """Drawn at once."""
 LOAD_CASES = 200
@@ -35,9 +35,9 @@ REQUIREMENTS = 20
 SEGMENTS = 200
 """Straight pieces of motion paths, planes and convex pieces of all requirements of a task together."""
 CORNERS = 100
-"""Of a convex region, or of one of its pieces: the solver looks at each of them for every module."""
+"""Corners of a convex region, or of one of its pieces: the solver looks at each of them for every module."""
 ALL_CORNERS = 2_000
-"""Of all convex regions of a task together."""
+"""Corners of all convex regions of a task together."""
 PIECES = 100
 """Convex pieces of a region."""
 LEVELS = 1_000
@@ -57,27 +57,27 @@ LISTS = 50_000
 WORKERS = 256
 """Processes of one command; each takes as much memory as a solve."""
 STARTS = 10_000
-"""Of a topology."""
+"""Starts of a topology."""
 TRIALS = 100_000
 """Candidates that a sampler proposes."""
 ROUND = 1_000
 """Proposals whose results may be unknown when another is made."""
 CANDIDATES = 2_000_000
-"""Of one size in an exhaustive search: their table stays within RUN_BYTES."""
+"""Candidates of one size in an exhaustive search: their table stays within RUN_BYTES."""
 OWN_TOPOLOGIES = 10_000
 """That a user lists as the candidates of a run."""
 KEYS_BYTES = 4 * MIB
-"""Of a file of keys; one of as many topologies of 200 modules has about half as many."""
+"""Size of a file of keys; one of as many topologies of 200 modules has about half as many bytes."""
 NEAR = 100
 """Designs to start from: each is one more start of every candidate."""
 OWN_CONSTRAINTS = 100
-"""Of a user, in one run."""
+"""User constraints in one run."""
 TREES = 10_000
-"""Of one size in an experiment."""
+"""Trees of one size in an experiment."""
 CELLS = 20_000
-"""Of an experiment: its table stays within RESULT_BYTES."""
+"""Cells of an experiment: its table stays within RESULT_BYTES."""
 SECONDS = 1_000_000_000
-"""Of a time limit: 31 years."""
+"""Time limit: 31 years."""
 GAPS = (1e-4, 0.5)
 """Least and greatest gap that a proof can be asked for."""
 

@@ -41,7 +41,7 @@ from verify.meshes import ConvexMesh, Indices, encloses, inner_mesh, lies_within
 from verify.parts import RigidParts
 
 BISECTIONS = 52
-"""Of the axis: to rounding."""
+"""Bisections of the axis, down to rounding."""
 ROTORS = 4
 LEVELS = 2 + len(TURNED_LEVELS)
 """0: a box around the whole module; 1: common meshes of the parts; then meshes turned towards the witness."""
@@ -88,7 +88,7 @@ class _Found(NamedTuple):
 
     @property
     def closest(self) -> Array:
-        """Of a gap the points of part and envelope, of an overlap one in both, twice, shape (N, 2, 3)."""
+        """Closest points, shape (N, 2, 3): of a gap, of part and envelope; of an overlap, one in both, twice."""
         return np.stack([self.x, self.x - np.maximum(self.d, 0.0)[..., None] * self.n], axis=-2)
 
 

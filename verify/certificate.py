@@ -54,7 +54,7 @@ class Certificate:
     level: int
     """How often the meshes were refined: 0 is the common mesh."""
     closest: Array | None = None
-    """Of a gap the points nearest to each other, of an overlap a point in both, twice, shape (2, 3)."""
+    """Closest points: of a gap, the nearest of either side; of an overlap, a point in both, twice; shape (2, 3)."""
 
 
 class Solid:

@@ -42,7 +42,7 @@ NEWTON_STEPS = 12
 ASCENT_STEPS = 6
 """Most steps from the normal at that factor towards the shortest way out."""
 LEAST_GAIN = 1e-9
-"""Of a step towards the shortest way out [l_arm]."""
+"""Least gain of a step towards the shortest way out [l_arm]."""
 ASIDE = (1e-4, 1e-2, 1.0)
 """How far parts that nearly touch are moved apart to see which way they face, in sums of their radii."""
 TOUCHING = 1e-4
@@ -80,7 +80,7 @@ class Proximity(NamedTuple):
     b: int
     """The part of B."""
     x_A: Array
-    """Of nearest points, the one in A; or a point in both, shape (3,)."""
+    """Nearest point of A, or a point in both, shape (3,)."""
     x_B: Array
     """The one in B; or the same point."""
     normals: Array

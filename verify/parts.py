@@ -54,7 +54,7 @@ class RigidParts:
 
     modules: tuple[Compound, ...]
     centres: Array
-    """Of the modules, shape (n, 3)."""
+    """Centres of the modules, shape (n, 3)."""
     R: Array
     """Orientations of the modules, shape (n, 3, 3)."""
     p_E: Array

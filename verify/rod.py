@@ -45,7 +45,7 @@ class StraightRod:
 
     @property
     def length(self) -> float:
-        """Of its axis."""
+        """Length of its axis."""
         return float(np.linalg.norm(self.path))
 
     def body_beside(self, module: int) -> Compound | None:

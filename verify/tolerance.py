@@ -67,18 +67,18 @@ class Example(NamedTuple):
     """Errors of a platform, at most 1 each; errors of some size are these times their largest."""
 
     turns: Array
-    """Of the hinges, shape (n-1,)."""
+    """Turns of the hinges, shape (n-1,)."""
     shifts: Array
-    """Of the modules' centres, shape (n, 3)."""
+    """Shifts of the modules' centres, shape (n, 3)."""
     tip: Array
-    """Of p_E, shape (3,)."""
+    """Shift of p_E, shape (3,)."""
 
 
 class Weakest(NamedTuple):
     """A pair, its bound, and errors that bring its ends nearest to each other to first order."""
 
     bound: float
-    """Of its clearance [l_arm]."""
+    """Bound on its clearance [l_arm]."""
     requirement: Requirement
     examples: tuple[Example, ...]
     """One or more for each two ends."""

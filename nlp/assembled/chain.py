@@ -42,7 +42,7 @@ class Chain:
         """[j, i] = 1 where theta_j moves module i, else 0."""
         self.moves[3:] = outward[1:]
         self.parents = np.array(topology.parents)
-        """Of the modules, shape (n,)."""
+        """Parents of the modules, shape (n,)."""
         self._ports = np.array([0, *(a for _, _, a, _ in topology.edges())])
         self._kappas = np.array(topology.kappas)
 

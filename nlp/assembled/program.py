@@ -32,7 +32,7 @@ With 10 and 15 modules as many starts then end in designs, in a tenth less time;
 POLISH_LIMIT = 1.0
 """Most that a hinge turns in a polish [rad]."""
 GROWTH = 2.0
-"""Of the move limit after a round that ended in a design; its inverse twice over after one that lost it."""
+"""Growth of the move limit after a round that ended in a design; one that lost it divides it by the square."""
 LEAST_MOVE_LIMIT = 0.04
 """Move limit below which a lost design is not sought any more [rad]."""
 ROUNDS = 14
@@ -48,7 +48,7 @@ STAY: Options = {"ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6, "ipopt.max_
 WARM: Options = {"ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-5}
 """From a design on."""
 EXACT: Options = {"ipopt.tol": 1e-8}
-"""Of a polish, whose result is final."""
+"""Options of a polish, whose result is final."""
 
 
 class AssembledProgram:

@@ -39,7 +39,7 @@ OPTIONS: dict[str, int | float | str | bool] = {
     "ipopt.max_iter": 100,
 }
 SPLITS = 2
-"""Of the octahedron, for the first directions: 66 of them."""
+"""Subdivisions of the octahedron for the first directions: 66 of them."""
 ROUNDING = 1e-14
 """Share of the sum of all |nu_k| |f_k| that is left to rounding."""
 ROUNDS = 6

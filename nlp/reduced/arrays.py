@@ -33,7 +33,7 @@ Mask = NDArray[np.bool_]
 LEAST_WEIGHT = 1e-4
 """Share of the largest weight that load cases which weigh less count with together, so that inputs are unique."""
 MOST_BINDING = 20
-"""Of these at most that are expected to count at once."""
+"""Upper bound on how many load cases are active at a time."""
 
 
 class Tree(NamedTuple):

@@ -26,7 +26,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 LEAST_CURVATURE = 0.1
-"""Of the Lagrangian before anything is learnt; more where the first slope is steep, so that a step is a radian."""
+"""Initial curvature of the Lagrangian; more where the first slope is steep, so that a step is a radian."""
 
 
 TAKEN_IN = 3

@@ -22,7 +22,7 @@ class Distance:
     least: float
     """[l_arm]"""
     kind: int
-    """Of its row in the compiled search."""
+    """Kind of its row in the compiled search."""
     segment = None
 
     @property

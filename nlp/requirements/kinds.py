@@ -27,7 +27,7 @@ class Kernel(NamedTuple):
     size: float = 0.0
     """A radius or distance; of a cone, the end of the envelope that is to be inside: eta, 0 or 1."""
     sine: float = 0.0
-    """Of a half-angle."""
+    """Sine of a half-angle."""
     cosine: float = 0.0
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where a path starts or the apex of a cone is, from p'_E."""
@@ -38,7 +38,7 @@ class Kernel(NamedTuple):
     connector: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where a rod starts, in its module's frame: the row is about the rod, not about the envelope."""
     radius: float = 0.0
-    """Of the rod."""
+    """Radius of the rod."""
     tip: float = 0.0
     """Length at its end that does not count."""
     number: int = -1

@@ -85,7 +85,7 @@ class RodBeside:
 
     rod: Rod
     region: Formula
-    """Of that rod."""
+    """Formula of the rod's row."""
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:

@@ -39,7 +39,7 @@ class PlatformVector(NamedTuple):
     name: str
     """`p`, `x`, `y`, `z`, `p'_E` or `p_COM`."""
     of: int | None = None
-    """Of which module: 0 for i, 1 for j, its place among more; None for what the platform has one of."""
+    """Module that it belongs to: 0 for i, 1 for j, its index among more; None for what the platform has one of."""
 
     def at(self, vectors: VectorsByName, subject: Any) -> Any:
         """Return it, of a subject (i, j, ...) or, where the vectors are arrays, of columns of subjects."""

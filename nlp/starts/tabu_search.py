@@ -61,7 +61,7 @@ class Tree(NamedTuple):
     end: Indices
     """The modules i..end[i]-1 are i and all that hangs on it."""
     sign: Array
-    """Of the fold of the hinge that module i hangs on, at a positive angle."""
+    """Sign of the fold, at a positive angle, of the hinge that carries module i."""
 
 
 class Poses(NamedTuple):

@@ -69,7 +69,7 @@ class Batch:
     seconds: float
     """After which what has not ended is dropped."""
     versions: dict[str, str]
-    """Of the distributions that can change a result."""
+    """Versions of the distributions that can change a result."""
 
 
 @dataclass(frozen=True)

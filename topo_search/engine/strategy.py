@@ -67,7 +67,7 @@ class Stage(NamedTuple):
     candidates: int
     """At most."""
     starts: int
-    """Of each candidate, at most."""
+    """Most starts of a candidate."""
     again: bool = False
     """Whether they were proposed before, from fewer starts."""
 

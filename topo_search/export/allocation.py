@@ -96,13 +96,13 @@ class Allocation(Value):
     matrix: tuple[Row, ...]
     """B, (6, 4n): from squared speeds."""
     pseudo_inverse: tuple[Row, ...]
-    """Of `matrix`, (4n, 6): the squared speeds of least norm, limits aside."""
+    """Pseudo-inverse of `matrix`, (4n, 6): the squared speeds of least norm, without limits."""
     thrust_matrix: tuple[Row, ...]
     """B_T, (6, 4n): from thrusts."""
     thrust_pseudo_inverse: tuple[Row, ...]
-    """Of `thrust_matrix`, (4n, 6)."""
+    """Pseudo-inverse of `thrust_matrix`, (4n, 6)."""
     rank: Index
-    """Of the matrix: 6 if the platform is fully actuated."""
+    """Rank of the matrix: 6 if the platform is fully actuated."""
     rows: tuple[str, ...] = ROWS
     """What the rows of the matrices are."""
     units: dict[str, str] = UNITS

@@ -39,7 +39,7 @@ TURNS = (1.0, -1.0, -1.0, 1.0)
 GRIP = 6.0
 """Length of the socket that holds the rod, over the rod's radius."""
 DIGITS = 3
-"""Of angles in names [deg]."""
+"""Decimals of angles in names [deg]."""
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ CONTACT = "#56b4e9"
 BLOCKED_PORT = "#f0e442"
 
 VERDICTS = {"clear": "#009e73", "undecided": "#e69f00", "violated": "#d55e00", "inconsistent": "#000000"}
-"""Of an audit, always beside the word."""
+"""Colours of audit verdicts, always beside the word."""
 STATUSES = {"feasible": "#009e73", "infeasible": "#e69f00", "impossible": "#cc79a7", "failed": "#000000"}
-"""Of candidates, always beside the word."""
+"""Colours of candidates' statuses, always beside the word."""
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 """Lines and points of one chart, told apart by their markers too."""
 CASES = ("#000000", "#cc79a7", "#009e73", "#e69f00", "#56b4e9")

@@ -130,7 +130,7 @@ def rod_of(design: Design, at: Poses) -> Rod | None:
 
 ELEVATION_DEG = 20.0
 AZIMUTHS_DEG = (-60, -30, 30, 60)
-"""Of the viewer; none is close to an axis, whose labels would then run into each other."""
+"""Azimuths of the camera; none is close to an axis, whose labels would then run into each other."""
 
 
 FARTHEST = 1000.0

@@ -68,7 +68,7 @@ class Scene:
         left, bottom, width, height = part
         inches_wide, inches_high = figure.get_size_inches()
         self.size = np.array([width * inches_wide, height * inches_high])
-        """Of the part [in]."""
+        """Size of the part [in]."""
         side = self.size.max()  # the axes are a square around the part: what they hold is clipped at their edges
         w, h = side / inches_wide, side / inches_high
         square = (left + (width - w) / 2, bottom + (height - h) / 2, w, h)

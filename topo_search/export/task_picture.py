@@ -36,7 +36,7 @@ UP = np.array([0.0, 0.0, 1.0])
 LONGEST = 0.9
 """Length of the arrow of the largest force, and of the largest torque, over half the width of a view."""
 PLACE = np.array([-0.75, -0.75, 0.0])
-"""Of the module to scale, the same in all views, over half the width of one."""
+"""Position of the module to scale, the same in all views, over half the width of one."""
 RING = 0.07
 """Radius of the ring around a torque, over half the width of a view."""
 

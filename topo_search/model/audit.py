@@ -221,7 +221,7 @@ class Clearance(Pair):
     evidence: tuple[str, ...] = ()
     """What closed form, meshes and FCL say where they disagree; empty unless `inconsistent`."""
     closest_m: tuple[Vector, Vector] | None = None
-    """Of a gap the points of both sides nearest to each other, of an overlap a point in both, twice; of a
+    """Closest points: of a gap, the nearest point of either side; of an overlap, a point in both, twice; of a
     `separation` or `exclusion` the two centres. From the root's centre in the axes of the task [m]; None where
     digits are lost, and in files of programs that do not tell."""
 

@@ -298,13 +298,13 @@ class Relaxation(Value):
     """One limit, relaxed by the least share that gave a design with a clear audit; no proof that less would not."""
 
     topology_key: str
-    """Of the tree that has a design then."""
+    """Key of the tree that then has a design."""
     limit: str
     """What binds, in the user's words."""
     change: str
     """What to change it by, in words."""
     field: str
-    """Of the task."""
+    """Field of the task."""
     share: Number
     """The change over the limit as it is."""
     given: Number | None = None

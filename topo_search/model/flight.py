@@ -46,7 +46,7 @@ class CaseFlight(Value):
     what is asked for besides where the weight is carried at the COM."""
     load_factor_at_most: Size | None = None
     largest_input: Number | None = None
-    """Of the design's inputs, of hover of those of least effort, over the largest input of a rotor."""
+    """Largest input, of the design's cases and of the least-effort hover, over the largest input of a rotor."""
     least_input: Number | None = None
     inputs_at_limit: Index | None = None
     """How many of them are within a thousandth of their range from a limit."""

@@ -43,7 +43,7 @@ class ForceCone(Value):
     """All forces up to a size within an angle of an axis."""
 
     axis: Direction
-    """Of the cone, in the task frame."""
+    """Axis of the cone, in the task frame."""
     half_angle_deg: Annotated[float, Field(strict=True, gt=0, le=WIDEST)]
     """theta [deg]."""
     force: Positive

@@ -75,7 +75,7 @@ class CheckedChunk(Value):
     fault: Text | None
     """Why it is refused; None: it holds."""
     boxes: Index = 0
-    """Of the record."""
+    """Number of boxes in the record."""
     halved: Index = 0
     """Boxes that the check cut smaller than the record does, to settle them."""
 

@@ -86,21 +86,21 @@ class Level(NamedTuple):
     """One level of every goal; None of what is no goal."""
 
     clearance: float | None
-    """Of search.margin [m]."""
+    """Levels of search.margin [m]."""
     stand_off: float | None
-    """Of end_effector.stand_off [m]."""
+    """Levels of end_effector.stand_off [m]."""
     peak_input: float | None
-    """Of search.peak_input."""
+    """Levels of search.peak_input."""
     force_reserve: float | None = None
-    """Of flight.force_reserve."""
+    """Levels of flight.force_reserve."""
     torque_reserve: float | None = None
-    """Of flight.torque_reserve."""
+    """Levels of flight.torque_reserve."""
     rotor_out: Failing | None = None
-    """Of flight.rotor_out."""
+    """Levels of flight.rotor_out."""
     joint_moment: float | None = None
-    """Of flight.joint_moment [N m]."""
+    """Levels of flight.joint_moment [N m]."""
     hinge_angle_deg: float | None = None
-    """Of tolerances.hinge_angle_deg, which clearances survive then [deg]."""
+    """Levels of tolerances.hinge_angle_deg, which clearances then survive [deg]."""
 
     @property
     def words(self) -> str:

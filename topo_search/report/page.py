@@ -23,7 +23,7 @@ class Chart(NamedTuple):
     """A figure with what it shows in words."""
 
     name: str
-    """Of its element: letters, digits and dashes."""
+    """Name of its element: letters, digits and dashes."""
     caption: str
     figure: go.Figure
 

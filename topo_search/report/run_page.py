@@ -39,9 +39,9 @@ COLUMNS = (
     ("by", "number"),
     ("unit", "text"),
 )
-"""Of the ranking, with how they sort."""
+"""Columns of the ranking and how they sort."""
 PROOF_COLUMNS = (("proof", "text"), ("proven J at least", "number"), ("proven gap [%]", "number"))
-"""Of the ranking, once branch and bound was asked for."""
+"""Columns of the ranking after branch and bound."""
 
 
 def write_run_page(folder: RunFolder) -> None:

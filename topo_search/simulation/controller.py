@@ -55,7 +55,7 @@ class Reference:
     """Where the platform is to be, at rest, and what it exerts there."""
 
     position: Array
-    """Of the COM, (3,) [m]; the attitude is that of the task's axes."""
+    """Position of the COM, (3,) [m]; the attitude is that of the task's axes."""
     wrench: Array
     """Exerted on the environment, about the COM, world axes, (6,)."""
     free: Array

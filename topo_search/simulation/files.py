@@ -26,7 +26,7 @@ ROWS_EVERY = 4
 FRAMES_EVERY = 16
 """Steps of the controller a frame: 12.5 Hz, in real time."""
 WIDTH, HEIGHT = 400, 300
-"""Of a frame [pixels]."""
+"""Size of a frame [pixels]."""
 FILMED = ("return from +x", "load case", "rotor")
 """Scenarios that are filmed, by the beginnings of their names."""
 

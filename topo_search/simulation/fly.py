@@ -48,14 +48,14 @@ class Track:
 
     time: list[float] = field(default_factory=list)
     error: list[Array] = field(default_factory=list)
-    """Of the COM, world axes [m]."""
+    """Position error of the COM, world axes [m]."""
     tilt: list[float] = field(default_factory=list)
     force: list[Array] = field(default_factory=list)
     """On the environment at the end-effector [N]."""
     shares: list[Array] = field(default_factory=list)
     """Commanded thrusts over the largest."""
     missing: list[Array] = field(default_factory=list)
-    """Of the wrench that was asked for, in weights and arm lengths times weights."""
+    """Wrench commanded but not produced, in weights and arm lengths times weights."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from topo_search.model.arrays import Array, read_only
 from topo_search.model.design import Design
 
 STEP = 0.001
-"""Of the simulation [s]."""
+"""Time step of the simulation [s]."""
 TIP_ALONE, ALL_PARTS = 2, 3
 """Bits of what a wall touches; all geometries have the first bit, the tip has both."""
 LAG = 0.05

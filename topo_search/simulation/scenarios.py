@@ -21,7 +21,7 @@ RAMP = 1.5
 AWAY, TILT = 0.10, 10.0
 """Start of a return [m], [deg]."""
 GUST_FORCE, GUST_TORQUE = 0.05, 0.02
-"""Of a gust [m g], [l_arm m g]."""
+"""Force and torque of a gust [m g], [l_arm m g]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Scenario:
     judged_from: float
     """From here on drift and tilt count [s]."""
     start: Array = field(default_factory=lambda: np.zeros(3))
-    """Of the COM [m]."""
+    """Initial position of the COM [m]."""
     axis: Array = field(default_factory=lambda: np.zeros(3))
     """Unit vector about which the platform is tilted at first; zero: it is not."""
     exerted: Array = field(default_factory=lambda: np.zeros(6))

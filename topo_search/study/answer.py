@@ -330,7 +330,7 @@ class Answer:
 
     @property
     def exit_status(self) -> int:
-        """Of the command line: 0 for an audited design, 1 if no design passed its audit, 3 for no design."""
+        """Exit status of the command: 0 for an audited design, 1 if no design passed its audit, 3 for no design."""
         if self.best is not None:
             return 0
         return 1 if any(size.feasible for size in self._all_sizes) else 3

@@ -58,7 +58,7 @@ UNITS = {
     "joint_moment": "N m",
     "hinge_angle_deg": "deg",
 }
-"""Of what a design reaches."""
+"""Units of what a design reaches."""
 FRONT_COLUMNS = (
     *("key", "modules", "objective", "lower_bound", "gap"),
     *UNITS,
@@ -81,7 +81,7 @@ class FrontPoint:
     peak_input: float
     """Over u_max."""
     number: int
-    """Of the level that it was found at."""
+    """Number of the level at which it was solved."""
     level: Level
     force_reserve: float | None = None
     """[N]; None where nothing is proven."""

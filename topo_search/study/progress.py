@@ -66,7 +66,7 @@ class Phase:
     steps: int
     """How many candidates, or designs."""
     starts: int = 0
-    """Of each candidate when the phase is over; 0 where nothing is solved."""
+    """Starts of each candidate when the phase is over; 0 where nothing is solved."""
     seconds: float = 0.0
     """Expected processor time of a step [s]."""
     alone: bool = False
@@ -86,7 +86,7 @@ class Plan:
     workers: int | None
     """How many steps are taken at a time; None where that is not known."""
     time_limit: float = math.inf
-    """Of all that is solved [s]; audits come after it."""
+    """Time limit of the solves [s]; audits come after it."""
 
     @property
     def solves(self) -> bool:

@@ -87,9 +87,9 @@ class Context:
     """Which of the task's `margins` it has: 0 for its own, larger ones because an audit was not clear."""
     seed: int
     versions: dict[str, str]
-    """Of the libraries."""
+    """Versions of the libraries."""
     level: Level | None = None
-    """Of the goals, if the run has any: what was solved there had other designs to start from."""
+    """Level of the goals, if the run has any: what was solved there had other designs to start from."""
     own: Own = NOTHING
     """What the user brought."""
 
@@ -125,9 +125,9 @@ class Identity(Value):
     symmetry: Symmetry
     strategy: StrategyName
     prune: bool | None = None
-    """Of an exhaustive search."""
+    """Pruning of an exhaustive search; None for any other."""
     sampler: Sampler | None = None
-    """Of any other."""
+    """Sampler of a search that is not exhaustive."""
     round_size: int = Field(DEFAULT_ROUND, ge=1, le=ROUND)
     """Proposals whose results may be unknown when any other makes one."""
     proposals: Literal["by whole rounds", "ahead of results"] = "by whole rounds"
@@ -157,7 +157,7 @@ class Request:
     round_size: int = DEFAULT_ROUND
     """Most proposals whose results are unknown: what a proposal learns from is fixed by its place alone."""
     versions: dict[str, str] = field(default_factory=installed_versions)
-    """Of the libraries that solve; rows that others solved do not count."""
+    """Versions of the libraries that solve; rows that others solved do not count."""
     level: Level | None = None
     """The level of the goals that `task` holds, if this is one of those of a run with goals."""
     previous: Request | None = None

@@ -18,9 +18,9 @@ FLIGHT = (
     "hinge_tolerance_deg",
     "rod_length_m",
 )
-"""Of an audited design, what its audit says of it beyond the task."""
+"""Columns of an audited design: what its audit reports beyond the task."""
 PROVEN = ("proven_bound", "proven_gap", "proof", "proven_problem")
-"""Of a candidate, what branch and bound proves: read from its proof, not from its row in the ledger."""
+"""Columns that branch and bound fills: read from the candidate's proof, not from its row in the ledger."""
 COLUMNS = (
     "key",
     "modules",
@@ -118,7 +118,7 @@ class SolveEvent:
     """Time of its end [s since 1970, UTC]."""
     key: str
     status: str
-    """Of the candidate after it."""
+    """Key of the candidate after it."""
     objective: float | None
     """The candidate's best after it [rad^4/s^4]."""
     margin: float

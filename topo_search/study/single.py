@@ -71,7 +71,7 @@ class Solved:
 
     @property
     def exit_status(self) -> int:
-        """Of the command line: 0 for an audited design, 1 if it did not pass its audit, 3 for no design."""
+        """Exit status of the command: 0 for an audited design, 1 if it did not pass its audit, 3 for no design."""
         if not isinstance(self.outcome, Design):
             return 3
         return 0 if self.found else 1

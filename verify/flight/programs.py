@@ -34,7 +34,7 @@ RESIDUAL = 1e-9
 GAP = 1e-8
 """Distance of both bounds up to which a value counts as found."""
 ROUNDING = 1e-15
-"""Of a sum, for each of its terms, in units of the sum of their sizes."""
+"""Rounding error of a sum, for each of its terms, in units of the sum of their sizes."""
 
 
 @dataclass(frozen=True, eq=False)

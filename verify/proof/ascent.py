@@ -30,7 +30,7 @@ from verify.proof.platform import Numbers
 LIGHTEST = 1e-2
 """Weight that a load case counts with here at least: the dual function of one without is not smooth."""
 LONGEST = 3.0
-"""Of a step, in the multipliers' own size."""
+"""Longest step, in the multipliers' own size."""
 SHORTEST = 1e-3
 """Share of a Newton step under which it is given up."""
 PAYS = 1e-4

@@ -40,7 +40,7 @@ from verify.proof.platform import Numbers
 ROUNDING = 5e-11
 """Share of the sum of all magnitudes by which the bound may be wrong."""
 CHOICES = 27
-"""Of the root's corners."""
+"""Number of the root's corners."""
 STEEP = 1e300
 """1 / (2 lambda) of a case without weight: its rotors are off or at their limit."""
 

@@ -36,7 +36,7 @@ class Replayed(NamedTuple):
 
     how: int
     position: int
-    """Of the byte that it ended at."""
+    """Position of the byte at which it ended."""
     extra: int
     """How many boxes were halved here."""
     lower: Array

@@ -58,11 +58,11 @@ class Levers(NamedTuple):
     """Greatest distances over all angles [l_arm]."""
 
     rotor: Array
-    """Of module i's rotors from the axis of angle a, with the drag's lever; shape (n, A)."""
+    """Greatest distance of module i's rotors from the axis of angle a, with the lever of drag; shape (n, A)."""
     centre: Array
-    """Of its centre; shape (n, A)."""
+    """Greatest distance of its centre; shape (n, A)."""
     between: Array
-    """Of the axes of two angles; shape (A, A)."""
+    """Greatest distance between the axes of two angles; shape (A, A)."""
 
 
 class Loads(NamedTuple):
@@ -81,9 +81,9 @@ class Slack(NamedTuple):
     """What a dual value loses: to deviations that an audit lets pass, and to rounding."""
 
     force: Array
-    """Of every unit of |nu_k|, shape (K,)."""
+    """Loss per unit of |nu_k|, shape (K,)."""
     torque: Array
-    """Of every unit of |mu_k|, shape (K,)."""
+    """Loss per unit of |mu_k|, shape (K,)."""
     tip: float
     """Greatest |p'_E| [l_arm]."""
 

@@ -55,7 +55,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 CUBIC = 1 / (9 * math.sqrt(3))
-"""Of rho^3, see the module's docstring."""
+"""Largest coefficient of rho^3, see the module's docstring."""
 MISSED = 1e-14
 """Share of |g_k| |mu_k| that rounding takes from what is told of the condition on mu."""
 

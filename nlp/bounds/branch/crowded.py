@@ -31,7 +31,7 @@ MARGIN = 1e-11
 """Share of the largest squared length by which two modules must be too close."""
 NOWHERE, AT_MIDDLE, ALL_OVER = 0, 1, 2
 ROUNDS = 20
-"""Of the search for the two points."""
+"""Rounds of the search for the two points."""
 
 
 @njit(cache=True)

@@ -33,7 +33,7 @@ LEAST_WEIGHT = 1e-2
 LEAST_STEP = 1e-3
 """Share of a Newton step under which the search ends."""
 LONGEST = 2.0
-"""Of a step, in the multipliers' own size: where the balance cannot be met they grow without end."""
+"""Longest step, in the multipliers' own size: where the balance cannot be met they grow without end."""
 GAIN = 1e-5
 """Share of the dual value that another step should gain."""
 
@@ -55,7 +55,7 @@ class Workspace(NamedTuple):
     step: Array
     trial: Array
     ridge: Array
-    """Of every component, shape (6,)."""
+    """Ridge of every component, shape (6,)."""
 
 
 @njit(cache=True)

@@ -23,7 +23,7 @@ from topo_search.model.topology import straight_chain
 refresh(search, Path(__file__).parent, Path(cholesky.__file__))
 
 MOST_BOXES = 4_000_000
-"""Of one chunk, after which it is left open."""
+"""Boxes of one chunk, after which it is left open."""
 ABOVE = 1e-12
 """Share by which a bound must exceed the cut, for the rounding of units."""
 

@@ -65,7 +65,7 @@ class _Drawn:
 
     @property
     def key(self) -> str:
-        """Of the candidate."""
+        """Key of the candidate."""
         return self.candidate.key
 
 

@@ -72,14 +72,14 @@ NOISE = 0.6
 OPTIMISM = 2.0
 """Standard deviations by which a tree may do better than expected."""
 MOST = 500
-"""Of more solved trees every second, third, ... in their ranking is looked at."""
+"""Number of trees above which only every second, third, ... of their ranking is looked at."""
 
 
 class Flat(NamedTuple):
     """Trees of one size, flat on a grid."""
 
     parent: Indices
-    """Of all modules but the root, shape (k, n - 1)."""
+    """Parents of all modules but the root, shape (k, n - 1)."""
     cells: Indices
     """Where the modules are, from the root, shape (k, n, 2)."""
     quarters: Indices

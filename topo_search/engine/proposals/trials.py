@@ -116,7 +116,7 @@ class Idea(NamedTuple):
     """What may be proposed."""
 
     key: str
-    """Of the candidate."""
+    """Key of the candidate."""
     warm_starts: tuple[str, ...] = ()
     """Keys of the candidates whose designs are carried over to it."""
     again: bool = False
@@ -131,9 +131,9 @@ class Merit(NamedTuple):
     objective: float
     """Infinite without a design."""
     number: int
-    """Of the trial."""
+    """Number of the trial."""
     key: str
-    """Of its candidate."""
+    """Key of the trial's candidate."""
     status: str
     """What became of it."""
 
