@@ -24,9 +24,9 @@ SolveFrom = Callable[[Point, Limits | None], IpoptResult]
 NEAR_LIMIT = 0.6
 """Share of its limit from which a load in a joint is stated."""
 ROUNDS = 8
-"""Most solves, each with more corners than the one before."""
+"""Largest number of solves, each with more corners than the one before."""
 TAKEN = 8
-"""Most corners that are taken in at once, no two of one set."""
+"""Largest number of corners taken in at once, no two of one set."""
 
 
 def without_corners(task: ResolvedTask) -> ResolvedTask:

@@ -2,6 +2,7 @@
 
 import ast
 import re
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -42,7 +43,20 @@ def messages() -> Iterator[tuple[str, str]]:
             yield str(path.relative_to(ROOT)), "\n".join(texts)
 
 
-@pytest.mark.parametrize("read", [pages, messages])
+def docstrings_and_comments() -> Iterator[tuple[str, str]]:
+    """Yield every docstring and comment of the code, with the name of its file."""
+    for room in ("topo_search", "nlp", "verify"):
+        for path in sorted((ROOT / room).rglob("*.py")):
+            source, name = path.read_text(encoding="utf-8"), str(path.relative_to(ROOT))
+            for token in tokenize.generate_tokens(iter(source.splitlines(keepends=True)).__next__):
+                if token.type == tokenize.COMMENT:
+                    yield name, token.string
+            for node in ast.walk(ast.parse(source)):
+                if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                    yield name, str(node.value.value)
+
+
+@pytest.mark.parametrize("read", [pages, messages, docstrings_and_comments])
 def test_no_phrase_of_the_word_list_is_left(read):
     found = [
         f"{name}: {phrase!r}, better: {better}"
@@ -51,6 +65,10 @@ def test_no_phrase_of_the_word_list_is_left(read):
         if re.search(rf"\b{re.escape(phrase)}(?!\w)", re.sub(r"\s+", " ", text), re.IGNORECASE)
     ]
     assert found == []
+
+
+def test_docstrings_say_what_they_are_of():
+    assert [name for name, text in docstrings_and_comments() if text.startswith("Of ")] == []
 
 
 def test_every_page_has_one_title():

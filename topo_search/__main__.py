@@ -14,7 +14,7 @@ def _command() -> None:
     import logging
     import os
 
-    logging.disable()  # whatever libraries would log, such as a lost connection's traceback, is told in our words
+    logging.disable()  # libraries would log, for example, the traceback of a lost connection
 
     from topo_search.child import ONE_THREAD
 

@@ -48,7 +48,7 @@ class Stop:
 
     def __init__(self, end: int | None = None) -> None:
         self._end = end
-        """Where the process that waits is told that the command ends, and no library of it."""
+        """Write end of the pipe for the exit status; libraries do not inherit it."""
         self._raised = False
         self._ending = False
         self.asked = False

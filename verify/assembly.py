@@ -32,7 +32,7 @@ from verify.solid_regions import rod_keeps_out
 NO_ROD = "no straight rod reaches the end-effector: every free connector is blocked"
 IN_AIRFLOW = "no straight rod that reaches the end-effector is clear of all airflow"
 HEAVY = 0.05
-"""Share of the platform's mass from which a rod's, which the model leaves out, is told."""
+"""Share of the platform's mass above which the rod's, which the model leaves out, is reported."""
 REACHED = 1e-6
 """What the rod's length may be beyond the largest reach, as all residuals [l_arm]."""
 LOST = "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"

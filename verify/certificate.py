@@ -52,7 +52,7 @@ class Certificate:
     analytic: float
     """The closed form's value."""
     level: int
-    """How often the meshes were refined: 0 is the common mesh."""
+    """Number of refinements of the meshes: 0 is the common mesh."""
     closest: Array | None = None
     """Closest points: of a gap, the nearest of either side; of an overlap, a point in both, twice; shape (2, 3)."""
 

@@ -11,7 +11,7 @@ r"""How near two rigid bodies are that are unions of convex parts.
 For parts that are apart the maximum is their distance, and GJK finds n. One plane often proves the rest: a pair of
 parts whose gap across the n of another pair is no less than the distance of that pair needs no search of its own.
 
-For parts that overlap, the normal n at which their scaled copies touch tells how far they are in each other:
+For parts that overlap, the normal n at which their scaled copies touch gives their depth:
 -g_ij(n) is how far one has to move along n to be free. The gap of the copies across a given n is linear in s, so
 Newton's iteration from s = 0 (Dinkelbach's) climbs to s* from below in a few steps [1]. From there n climbs to a
 maximum of g_ij, the shortest way out.
@@ -38,9 +38,9 @@ from verify.meshes import Indices
 CHUNK = 2_000_000
 """Coordinates of vertices that are held at a time."""
 NEWTON_STEPS = 12
-"""Most steps towards a growth distance; a few are enough."""
+"""Largest number of steps towards a growth distance; a few are enough."""
 ASCENT_STEPS = 6
-"""Most steps from the normal at that factor towards the shortest way out."""
+"""Largest number of steps from the normal at that factor towards the shortest way out."""
 LEAST_GAIN = 1e-9
 """Least gain of a step towards the shortest way out [l_arm]."""
 ASIDE = (1e-4, 1e-2, 1.0)

@@ -34,7 +34,7 @@ Flags = NDArray[np.bool_]
 ACCURACY = 1e-10
 """Bounds this near to each other end the iteration [l_arm]; more for what is far away."""
 STEPS = 200
-"""Most iterations; polyhedra need about ten, the rims of cylinders a few dozen."""
+"""Largest number of iterations; polyhedra need about ten, the rims of cylinders a few dozen."""
 EDGES = np.array(list(combinations(range(4), 2)))
 TRIANGLES = np.array(list(combinations(range(4), 3)))
 OPPOSITE = 3 - np.arange(4)

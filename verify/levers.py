@@ -42,7 +42,7 @@ CHUNK = 500_000
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """By how much N points with two places each can move along n: at most `along(delta)`, delta in radians."""
+    """Largest motion along n of N points with two positions each: at most `along(delta)`, delta in radians."""
 
     L: Array
     """Shape (N, 2)."""

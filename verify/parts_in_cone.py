@@ -37,7 +37,7 @@ SIDES = (64, 1024, 16384, 262144)
 POINTS = 720
 """Places on a circle that are looked at side by side."""
 ZOOMS = 5
-"""How often those on both sides of the least are."""
+"""Refinements on both sides of the least."""
 
 
 def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:

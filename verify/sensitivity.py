@@ -38,13 +38,13 @@ LARGEST_FACTOR = 1e6
 ACCURACY = 1e-6
 """A largest error is found to this part of itself."""
 TRIALS = 10
-"""Most sizes of errors that are tried for one that violates a pair."""
+"""Largest number of error sizes that are tried for one that violates a pair."""
 OVERSHOOT = 1.05
 """How far beyond the expected size the next one is."""
 CROSSING = 1e-3
 """The factor at which an example begins to violate is found to this part of itself."""
 LEAP = 1.5
-"""Most by which the next one is larger: far beyond the first violation a pair may be clear again."""
+"""Largest ratio of one size to the one before: far beyond the first violation a pair may be clear again."""
 
 
 def sensitivity(

@@ -1,7 +1,7 @@
 r"""The least of f over the KKT candidates of two envelopes, smoothed, with its derivatives: compiled, by hand.
 
 The formulas are those of `nlp.symbols.envelope.quadratic_candidates`, with A = B and without F, and of
-`nlp.symbols.smooth`. Most candidates have next to no share in the log-sum-exp, and cost no derivatives here.
+`nlp.symbols.smooth`. Candidates with a negligible share in the log-sum-exp, the majority, cost no derivatives here.
 
 | symbol | meaning | shape |
 |---|---|---|

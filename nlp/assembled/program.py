@@ -23,20 +23,20 @@ from topo_search.model import ResolvedTask, Topology
 Options = dict[str, int | float | str]
 
 MOVE_LIMIT = 0.5
-"""Most that a hinge turns in the first round [rad]."""
+"""Largest turn of a hinge in the first round [rad]."""
 BOLD_LIMIT, BOLD_UP_TO = 1.0, 15
 """That of a round before it, on platforms of up to so many modules, which is taken back unless it ends in a design.
 
 With 10 and 15 modules as many starts then end in designs, in a tenth less time; with 20 no time is won.
 """
 POLISH_LIMIT = 1.0
-"""Most that a hinge turns in a polish [rad]."""
+"""Largest turn of a hinge in a polish [rad]."""
 GROWTH = 2.0
 """Growth of the move limit after a round that ended in a design; one that lost it divides it by the square."""
 LEAST_MOVE_LIMIT = 0.04
 """Move limit below which a lost design is not sought any more [rad]."""
 ROUNDS = 14
-"""Most rounds; the evaluation judges what is reached by then."""
+"""Largest number of rounds; the evaluation judges what is reached by then."""
 GAIN = 1e-4
 """Relative decrease of the effort without which there is no further round."""
 LEAST_DECREASE = 0.1

@@ -32,7 +32,7 @@ from topo_search.model.compiled_code import njit
 Jet = list[Array]
 """Values (m,), then as far as asked for gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
 KEPT = 30
-"""Most buffers of one expression, one for each order and number of columns in use."""
+"""Largest number of buffers of one expression, one for each order and number of columns in use."""
 Derived = Callable[[int, Array], Jet]
 """derived(order, y); order 0, 1 or 2."""
 

@@ -43,7 +43,7 @@ SPLITS = 2
 ROUNDING = 1e-14
 """Share of the sum of all |nu_k| |f_k| that is left to rounding."""
 ROUNDS = 6
-"""Most times that directions are added."""
+"""Largest number of refinements of the directions."""
 RING = 0.25
 """Angle from an added direction to its six companions [rad]; a third of it in every further round."""
 ASCENTS = 60

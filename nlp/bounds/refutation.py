@@ -15,7 +15,7 @@ from topo_search.model.tolerances import TOLERANCE
 
 @dataclass(frozen=True)
 class Refutation:
-    """By how much a constraint is missed at least."""
+    """Lower bound on the violation of a constraint."""
 
     name: str
     amount: float

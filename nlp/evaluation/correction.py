@@ -16,7 +16,7 @@ from nlp.requirements.bounds import running_rotors
 from topo_search.model.arrays import Array
 
 PASSES = 3
-"""Most corrections of the inputs; one leaves rounding errors only, unless an input meets its bound."""
+"""Largest number of corrections of the inputs; one leaves rounding errors only, unless an input meets its bound."""
 Limits = tuple[Array, Array]
 """Least and largest input of every rotor in every load case, shape (K, 4n) each."""
 STIFFNESS = 1e10

@@ -16,7 +16,7 @@ from nlp.requirements import balances, bounds, clearances
 from nlp.requirements.balances import missed_wrenches
 
 LOAD_TOLERANCE = 1e-7
-"""By how much a joint may bear more than the largest load [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
+"""Tolerance of a joint's load above the largest [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from topo_search.model.compiled_code import njit
 MISSED = 1e-6
 """Residual from which a corner counts [m_t g, l_arm m_t g]."""
 TAKEN = 8
-"""Most corners that are taken in at once, no two of one set."""
+"""Largest number of corners taken in at once, no two of one set."""
 
 
 @njit(cache=True)

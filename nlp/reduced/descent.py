@@ -28,15 +28,15 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 LARGEST_TURN = 0.7
-"""Most that a step turns an angle [rad]."""
+"""Largest change of an angle in a step [rad]."""
 LARGEST_MOVE = 4.0
-"""Most that it moves the end-effector along an axis [l_arm]."""
+"""Largest shift of the end-effector along an axis [l_arm]."""
 NEWTON_STEPS = 30
-"""Most Newton steps on a model."""
+"""Largest number of Newton steps on a model."""
 ARMIJO = 1e-4
 """Share of the model's slope that a step must bring."""
 HALVINGS = 12
-"""Most halvings of a step."""
+"""Largest number of halvings of a step."""
 CURVATURE = 0.2
 """Least share of the model's curvature that an update may learn (Powell's damping)."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from topo_search.model import ResolvedTask
 
 REDUCED_UP_TO = 20
-"""Most modules for which the reduced search leads; with more, starts are untangled and solved in rounds.
+"""Largest platform for which the reduced search leads; with more, starts are untangled and solved in rounds.
 
 `tests/benchmarks/sampled.py --both` compares them: with 10, 12 and 20 modules it is as good in half the CPU time
 or less; with 40 it misses designs that untangled starts find.

@@ -25,7 +25,7 @@ LEAST_DISTANCE = 1e-9
 FAR = 8.0
 """Envelopes at least so far apart are not looked at closer [l_arm]."""
 ROUNDING = 1e-12
-"""By how much a point of a face may be beyond the others [l_arm]."""
+"""Tolerance of the flatness of a face [l_arm]."""
 
 Vector = tuple[float, float, float]
 

@@ -31,7 +31,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 STEPS = 60
-"""Most Newton steps; a warm start takes one to four."""
+"""Largest number of Newton steps; a warm start takes one to four."""
 ACCURACY = 1e-11
 """Largest gradient of the dual at its maximum, relative to 1 + |w|."""
 

@@ -30,7 +30,7 @@ LEAST_CURVATURE = 0.1
 
 
 TAKEN_IN = 3
-"""How often a round goes on with corners that were missed at its end."""
+"""Continuations of a round with corners that were missed at its end."""
 MOST_MISSED = 0.2
 """What a minimum may miss without corners and still be asked about them [l_arm, m_t g, l_arm m_t g]."""
 
@@ -43,9 +43,9 @@ class Phase(NamedTuple):
     sigma: float
     """Price of missing clearance."""
     rounds: int
-    """How often it goes on with new multipliers, the first round counted."""
+    """Number of rounds, each with new multipliers."""
     steps: int
-    """Most steps a round."""
+    """Largest number of steps per round."""
     enough: float
     """Decrease of the merit, over one more than it, of a step that is the last one of its round."""
 

@@ -180,7 +180,7 @@ class InfiniteCone:
         return cone_clearance(swept, np.array(self.apex), axis, self.half_angle)
 
     def kernel(self, kind: int, eta: float) -> Kernel:
-        """Return the row of a ball, which eta tells from others."""
+        """Return the row of a ball; eta distinguishes it from others."""
         sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
         return Kernel(kind, self.axis or (0.0, 0.0, 0.0), eta, sine, cosine, self.apex)
 

@@ -36,13 +36,13 @@ CLEAR = 0.02
 ENOUGH = 0.1
 """Clearance that is given where there is room [l_arm]: leeway for the angles that the wrenches will want."""
 TURNS = 100
-"""Most turns of hinges, a module."""
+"""Largest number of hinge turns per module."""
 SWEEPS = 3
-"""How often every hinge is turned back towards zero, once no envelopes overlap."""
+"""Passes that turn every hinge back towards zero, once no envelopes overlap."""
 KICKS = 15
 """Hinges turned at random for the lever's sake, a module."""
 REPAIRS = 20
-"""Most turns of hinges after each, to undo the overlaps that it makes."""
+"""Largest number of hinge turns after each pass, to undo the overlaps that it makes."""
 PATIENCE = 1 / 6
 """Share of the kicks after which a platform that still has overlaps is let be: there each takes all its repairs."""
 

@@ -29,7 +29,7 @@ from topo_search.protocols import OwnConstraint, SymbolicPlatform
 DRAWS = 8
 """Platforms that each claim is tried on."""
 SAME = 1e-7
-"""Most that rounding leaves between what two listings miss a constraint by, over the larger of them, or over 1."""
+"""Largest relative difference by rounding between the violations of a constraint in two listings."""
 MIRROR = np.diag([1.0, -1.0, 1.0])
 """M."""
 

@@ -26,7 +26,7 @@ from topo_search.model.arrays import Array
 from topo_search.protocols import OwnConstraint
 
 TOLERANCE = 1e-6
-"""By how much of its scale an own constraint may be missed: the audit's own tolerance for residuals."""
+"""Tolerance of a user constraint, as a share of its scale: the audit's own tolerance for residuals."""
 IMPOSED = 0.1
 """Share of that which Ipopt leaves of a bound, so that what it reaches to its tolerance is within it."""
 UserConstraints = tuple[OwnConstraint, ...]

@@ -24,7 +24,7 @@ CONNECT = 60.0
 LONGEST_GREETING = 1 << 20
 """Longest first message of a scheduler [bytes]; it has a few hundred."""
 CLOSE = 1.0
-"""How long it is told that the connection ends [s]."""
+"""Time that it has to close the connection [s]."""
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ and the versions that it was found to have: they must not be changed under it.""
 RETURN = 600.0
 """How long Dask workers are waited for when all have left: a scheduler that was restarted may get none [s]."""
 LOOK = 1.0
-"""How often it is asked for its workers [s]."""
+"""Poll period of the scheduler's list of workers [s]."""
 LARGEST_BATCH = 50
 """Jobs of a batch at most: they come back together."""
 

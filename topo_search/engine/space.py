@@ -66,7 +66,7 @@ class Space:
         """Return the candidate that differs in the sense of all rotors alone, which may be the topology's own.
 
         Rotor drag torques are small, and so is what its optimum differs by. With the paper's root it stands
-        otherwise in the world, and there is none but itself; nor is there without symmetry, where half turns are
+        otherwise in the world, and there is only itself; nor is there without symmetry, where half turns are
         candidates of their own.
         """
         turned = self._root != "paper" and self.symmetry != "none"

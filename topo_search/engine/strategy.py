@@ -5,7 +5,7 @@ It knows neither workers nor files, and it is deterministic: with the same resul
 run that was killed repeats its proposals from the ledger, and neither the number of workers nor their speed changes
 what is proposed.
 
-An exhaustive search gives all candidates the same number of starts: after a few starts a tree's best effort says
+An exhaustive search gives all candidates the same number of starts: after a few starts per tree's best effort says
 little about what more of them will find, and giving more to those that are ahead finds the best ones less surely
 than giving as much to all (`tests/benchmarks/budget.py`).
 """

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 STATUS = Path("/proc/self/status")
-"""Linux tells here what a process holds."""
+"""Memory of a process, as Linux reports it."""
 
 
 class Clock:

@@ -28,9 +28,9 @@ from topo_search.limits import WORKERS
 from topo_search.supervisor import AGAIN, STOPS, is_out_of_memory
 
 ATTEMPTS = 2
-"""How often a job that crashes or hangs is tried."""
+"""Attempts at a job that crashes or hangs."""
 LOOK = 1.0
-"""How often the pool itself is looked at while jobs run [s]."""
+"""Poll period of the pool while jobs run [s]."""
 UNGUARDED = 78
 """EX_CONFIG of <sysexits.h>: a worker ends with it if the script that it imports starts workers itself."""
 

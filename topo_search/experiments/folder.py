@@ -124,7 +124,7 @@ class Results:
             about: the conditions of `identify`; a folder with rows of other conditions is refused.
 
         Raises:
-            BadInput: the folder cannot be used; it is left as it is.
+            BadInput: the folder cannot be used; it is left unchanged.
         """
         if folder.exists() and not folder.is_dir():
             raise _refusal(folder, "is a file")

@@ -1,4 +1,4 @@
-"""Audits to hand on: a Markdown summary, lines for a person, data frames, and files of them (CSV, Parquet)."""
+"""Audits to share: a Markdown summary, lines for a person, data frames, and files of them (CSV, Parquet)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LISTED = 50
-"""Most rows of a design in a list of what is not clear; the tables hold all."""
+"""Largest number of rows of a design in a list of what is not clear; the tables hold all."""
 NAMED_ROTORS = 8
-"""Most rotors that are named one by one."""
+"""Largest number of rotors that are named one by one."""
 DIGITS = 9
 """Digits of bounds and of numbers that are compared."""
 
@@ -112,7 +112,7 @@ def _list_rows(head: list[str], rows: list[list[str]], words: str) -> Iterator[s
 
 
 def tolerance_lines(audit: Audit) -> Iterator[str]:
-    """Yield how much error a design tolerates, each kind alone and all of the task's at once, a line each."""
+    """Yield the errors that a design tolerates, each kind alone and all of the task's at once, one line each."""
     if (found := audit.sensitivity) is None:
         return
     errors = (

@@ -44,7 +44,7 @@ def sheet(
         joints: its brackets, in the order of assembly.
         mount: the rod's.
         rows: the parts list.
-        notes: what else is to be said of the kit, a sentence each.
+        notes: further notes on the kit, one sentence each.
     """
     title = f"Assembly of {design.task.name}, {design.topology.key}"
     lines = [

@@ -2,7 +2,7 @@ r"""XML for simulators, and what MuJoCo may have of a platform beyond the model 
 
 The rod's mass moves the centre of mass off the origin of the body `platform`, and no keyframe hovers any more: a
 controller has to make up for it. A tip is a ball centred at the end-effector: as thick as the rod, but a point
-where the end-effector begins on a solid region, lest it begin inside.
+where the end-effector begins on a solid region, so that it does not begin inside.
 
 Solid regions of a task are bodies of the world: walls, panes, objects that platform and tip touch.
 
@@ -58,7 +58,7 @@ class Physics:
 
     @property
     def about(self) -> str:
-        """What the file says of itself, a line each."""
+        """Comments at the head of the file, one line each."""
         lines = []
         if self.motor_lag is not None:
             lines.append(f"Thrusts follow their controls with a time constant of {self.motor_lag:g} s.")

@@ -304,7 +304,7 @@ class AllowedContact(Value):
 
 
 class MeshExcess(Value):
-    """By how much a region that was read from a mesh is larger than the mesh."""
+    """Excess of a region over the mesh from which it was read."""
 
     exposure: Index
     """Number of the requirement."""

@@ -71,7 +71,7 @@ def faults_of(error: ValidationError, model: type[BaseModel]) -> list[Fault]:
 
     A file with very many faults gets one that says so.
     """
-    if error.error_count() > 1000:  # a file with more faults is of another kind, or means harm
+    if error.error_count() > 1000:  # a file with more faults is of another kind, or is malicious
         return [Fault("", f"must have few enough faults to list, but has {error.error_count():,}")]
     faults = [_fault(detail, model) for detail in error.errors(include_url=False)]
     return [fault for fault in faults if fault.path in ("format", "version")] or faults

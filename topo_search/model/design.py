@@ -34,7 +34,7 @@ from topo_search.model.topology import PORT_NAMES, Joint, Topology
 from topo_search.model.value import Index, Number, Value, Vector, refuse
 
 NOT_CERTIFIED = "stated by the user, not certified"
-"""How a reader is told that nothing proves it."""
+"""Wording for a claim that nothing proves."""
 
 Line = Annotated[str, Field(max_length=100, pattern=r"^[^\x00-\x1f\x7f]*$")]
 """One line of text."""
@@ -43,7 +43,7 @@ Named = Annotated[Line, Field(min_length=1)]
 
 
 class Versioned(Value):
-    """What tells one function of a user from another: its name and, where the user gives one, its version."""
+    """Identity of a user's function: its name and, where the user gives one, its version."""
 
     name: Named
     version: Named | None = None
@@ -80,7 +80,7 @@ class StatedCheck(Stated):
     value: Number | None = None
     """The value that is farthest from its bounds, or the nearest to them if all are met, in `unit`."""
     off_by: Number | None = None
-    """By how much that value is beyond its bounds; zero or negative when met, in `unit`."""
+    """Distance of that value from its bounds; zero or negative when met, in `unit`."""
 
     @property
     def words(self) -> str:
@@ -291,7 +291,7 @@ class Design(Value):
 
 
 STARTS = 4
-"""Most starts of each solve with a relaxed limit."""
+"""Largest number of starts of each solve with a relaxed limit."""
 
 
 class Relaxation(Value):
@@ -352,7 +352,7 @@ class Relaxed(Value):
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What to relax first, what else helps or does not, and what could not be tried, a sentence each."""
+        """What to relax first, what else helps or does not, and what could not be tried, one sentence each."""
         starts = min(self.starts, STARTS)
         solved = f"from {starts} start{'s' * (starts > 1)}"
         sentences = []
@@ -375,7 +375,7 @@ class Relaxed(Value):
 
 
 NAMED = 3
-"""Most constraints that a message names beside the closest."""
+"""Largest number of constraints that a message names beside the closest."""
 
 
 class Shortfall(Value):
@@ -416,7 +416,7 @@ class Infeasible(Value):
     worst_constraint: str
     """The most violated constraint of the start that came closest, in the user's words."""
     violation: Number
-    """By how much it is missed, positive, in `unit`."""
+    """Shortfall, positive, in `unit`."""
     unit: str
     message: str
     """The whole reason in one sentence."""

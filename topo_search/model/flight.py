@@ -15,7 +15,7 @@ from topo_search.model.proven import lower_text
 from topo_search.model.value import Index, Number, Value, Vector
 
 STRAIGHT = math.cos(math.radians(1.0))
-"""Directions are told as an axis up to this cosine of the angle between them."""
+"""Cosine of the angle from an axis up to which a direction is named after it."""
 
 Size = Annotated[float, Field(strict=True, ge=0)]
 """A measured quantity, however large."""

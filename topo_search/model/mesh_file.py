@@ -33,9 +33,9 @@ Triangles = NDArray[np.intp]
 FARTHEST = 1e15
 """Largest coordinate, without sign [m]."""
 LINES = 10 * FACETS
-"""Most lines of an OBJ: the most vertices, texture coordinates and normals that it may have, and all facets."""
+"""Largest number of lines of an OBJ: vertices, texture coordinates, normals and facets."""
 LINE = 10_000
-"""Most bytes of a line, with those that continue it."""
+"""Largest number of bytes of a line, with those that continue it."""
 HEADER, FACET = 84, 50
 """Bytes of a binary STL before its facets, and of each facet."""
 NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"

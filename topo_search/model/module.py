@@ -148,8 +148,8 @@ class ResolvedEndEffector(EndEffector):
     """The end-effector of a design: what an older file does not state was not asked for."""
 
     rod: Literal["none", "straight"] = "none"
-    """`straight`: a design needs a straight rod, clear of all parts and airflow; `none`: it is told where there is
-    none."""
+    """`straight`: a design needs a straight rod, clear of all parts and airflow; `none`: a missing
+    rod is reported, not required."""
     largest_reach: Reach = False
     """Largest distance of p_E from the connector that holds its rod [m]; or false."""
 

@@ -151,7 +151,7 @@ PAPER = (
 )
 """The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames, no rod."""
 NAME = 64
-"""Most characters of a name in a field."""
+"""Largest number of characters of a name in a field."""
 
 
 def apply_settings(data: dict[str, Any], settings: tuple[str, ...]) -> None:

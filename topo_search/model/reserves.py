@@ -35,7 +35,7 @@ AXES, DIAGONALS = math.sqrt(5) / 2, math.sqrt(5 / 3)
 """How far out the corners of a tetrakis hexahedron around the unit ball are, 12 and 29 %; it is the polar dual of a
 truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and sqrt(3/2) from its centre."""
 UNSEEN = 5 * TOLERANCE
-"""By how much a reserve may be less than asked in what an audit calls clear, and more [m_t g, l_arm m_t g]."""
+"""Tolerance of a reserve, to either side, in an audit [m_t g, l_arm m_t g]."""
 LEFT = 0.01
 """Torque that can be added with a rotor dead when nobody says otherwise [l_arm m_t g]."""
 

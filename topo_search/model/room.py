@@ -183,7 +183,7 @@ AIMS = 40
 RING = 0.5
 """Angle of the first turns [rad]; a little less in every further round."""
 NARROWER = 0.7
-"""By how much."""
+"""Excess."""
 
 
 def clear_folds(module: Module, margin: float = 0.0) -> Folds:

@@ -50,7 +50,7 @@ class Value(BaseModel):
 
 
 def _words(field: FieldInfo) -> str:
-    """Return what is said of a field, and its default if it is short."""
+    """Return the description of a field, and its default if it is short."""
     text = " ".join((field.description or "").split())
     if field.is_required():
         return f"{text} (required)".strip()

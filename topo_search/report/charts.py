@@ -17,11 +17,11 @@ from topo_search.report.wording import clearance, figures, length, millimetres
 from topo_search.study import SolveEvent
 
 IN_CELLS = 7
-"""Most rows and columns of a matrix whose values are written into its cells, so that they fit."""
+"""Largest matrix whose values are written into its cells, so that they fit."""
 TIGHT = 0.01
 """A clearance up to this has a colour [m]."""
 MOST_POINTS = 4000
-"""Most points of a chart; of more solves, evenly many are left out."""
+"""Largest number of points of a chart; of more solves, evenly many are left out."""
 PAIRWISE = {
     "airflow": "airflow envelopes, clearance of each pair [mm]",
     "separation": "module centres, distance beyond the least one [mm]",

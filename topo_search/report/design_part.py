@@ -27,7 +27,7 @@ from topo_search.report.wording import EFFORT, clearance, figures, length, modul
 NEAREST = 12
 """Number of clear pairs in the table of the nearest."""
 WRONG = 200
-"""Most pairs in it that are not clear, the deepest first."""
+"""Largest number of pairs in it that are not clear, the deepest first."""
 
 
 def design_part(design: Design, audit: Audit | None) -> dict[str, Any]:

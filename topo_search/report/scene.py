@@ -23,7 +23,7 @@ from topo_search.model.topology import PORT_NAMES
 from topo_search.report.wording import clearance
 
 NUMBERED = 30
-"""Most modules that carry their number in the picture; more are named where the pointer is."""
+"""Largest number of modules that carry their number in the picture; more are named where the pointer is."""
 AXIS = 1.8
 """Length of a drawn thrust axis [l_arm]."""
 

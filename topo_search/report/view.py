@@ -100,7 +100,7 @@ def _without_copies(trace: dict[str, Any]) -> dict[str, Any]:
 
 
 def _modules(design: Design, at: Poses, audit: Audit | None) -> list[str]:
-    """Return what the pointer tells of each module."""
+    """Return the tooltip of each module."""
     hinges = {
         i: f"port {PORT_NAMES[b]} bolted to port {PORT_NAMES[a]} of module {h}, "
         f"hinge {figures(math.degrees(alpha), 3)}°"

@@ -57,7 +57,7 @@ def hover_residual(nominal: Nominal, dead: int | None = None) -> tuple[float, fl
 
 
 def hardest_rotor(nominal: Nominal) -> tuple[int, int]:
-    """Return the rotor whose death leaves least, and how many single rotors may be dead in hover."""
+    """Return the rotor whose failure leaves least, and the number of single rotor failures that hover survives."""
     found = [hover_residual(nominal, rotor) for rotor in range(nominal.B.shape[1])]
     survived = sum(short <= MET for short, _ in found)
     worst = max(range(len(found)), key=lambda rotor: (max(found[rotor][0], MET), found[rotor][1]))

@@ -25,7 +25,7 @@ from topo_search.simulation.scenarios import (
 )
 
 CORNERS = 12
-"""Most corners of cones and vertices that are flown, which takes a second or two each."""
+"""Largest number of vertices of cones and sets that are flown, a second or two each."""
 
 Flown = tuple[Scenario, Track]
 
@@ -54,7 +54,7 @@ def fly_all(
         options: how.
         rotor_out: whether the death of a rotor has to be survived even if the task does not ask for it.
         only: beginnings of the names of scenarios; none: all.
-        tell: is told of every scenario as it ends.
+        tell: is called with each scenario as it finishes.
         watch: returns what watches a scenario.
 
     Raises:

@@ -141,7 +141,7 @@ class Plant:
         """Go on by STEP.
 
         Args:
-            commanded: thrusts that the rotors are told, (N,) [N].
+            commanded: commanded thrusts of the rotors, (N,) [N].
             at_tip: wrench of the environment on the end-effector, world axes, (6,).
             at_com: the same on the platform's COM.
         """

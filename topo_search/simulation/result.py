@@ -57,7 +57,7 @@ class FlightResult(Value):
     """The same over the weight."""
     weakest_direction: Vector
     rotors_out: Index
-    """How many single rotors may be dead in hover, by the same least squares as in flight."""
+    """Number of single rotor failures that hover survives, by the same least squares as in flight."""
     rotors: Index
     mass_kg: Number
     """Simulated, with the rod's."""

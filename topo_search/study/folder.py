@@ -1,7 +1,7 @@
 """The run folder: the ledger, and files made from it for people and other programs.
 
 A folder belongs to a run if it has its ledger, and to one request alone. Any other must be empty, or it is refused
-and left as it is. In a run's folder only files that the run wrote itself are replaced or removed (`directory`).
+and left unchanged. In a run's folder only files that the run wrote itself are replaced or removed (`directory`).
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ class RunFolder:
 
         Raises:
             ReadOnlyFolder: it is there, but cannot be written to.
-            BadInput: it holds another run or something else, or another process works in it; it is left as it is.
+            BadInput: it holds another run or something else, or another process works in it; it is left unchanged.
         """
         if os.path.lexists(path) and not path.is_dir():
             raise refusal(path, "is a file")

@@ -66,7 +66,7 @@ class Ledger:
             read_only: whether nothing may be written beside it either.
 
         Raises:
-            BadInput: the file is damaged, gone, or no ledger of this version; it is left as it is.
+            BadInput: the file is damaged, gone, or no ledger of this version; it is left unchanged.
         """
         with open_database(path, read_only=read_only) as database:
             yield cls(database, path)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from topo_search.model import Audit, ResolvedTask
 
 LARGER_MARGINS = 3
-"""How often a design that fails its audit is solved again, each time with a larger margin."""
+"""Repairs of a design that fails its audit, each with a larger margin."""
 RUNG = 1.25
 """A margin over the one before where the clearances must survive the tolerances."""
 

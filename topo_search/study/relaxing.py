@@ -27,11 +27,11 @@ from topo_search.study.progress import Observer, Phase, solving_seconds
 TREES = 2
 """The closest trees, for which limits are relaxed."""
 KEPT = 3
-"""Most relaxations in an answer."""
+"""Largest number of relaxations in an answer."""
 RELAXED = "relaxed"
 """The folder of what gives the closest trees a design, one file per size without any."""
 SIZES = 2
-"""Most sizes that causes are sought for, the largest."""
+"""Largest number of sizes whose causes are sought, the largest first."""
 
 
 @dataclass

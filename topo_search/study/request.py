@@ -155,7 +155,7 @@ class Request:
     prune: bool = False
     """Whether candidates are skipped that the bound proves to be no better than the best."""
     round_size: int = DEFAULT_ROUND
-    """Most proposals whose results are unknown: what a proposal learns from is fixed by its place alone."""
+    """Largest number of open proposals: what a proposal learns from is fixed by its place alone."""
     versions: dict[str, str] = field(default_factory=installed_versions)
     """Versions of the libraries that solve; rows that others solved do not count."""
     level: Level | None = None

@@ -29,7 +29,7 @@ from verify.meshes import Indices
 ACCURACY = 1e-7
 """Distance between both bounds of r that is good enough, in weights."""
 ROUNDS = 60
-"""Most times that normals are asked for."""
+"""Largest number of refinements of the normals."""
 ASKED = 12
 """Normals that are asked at a time."""
 SAME = 1e-13

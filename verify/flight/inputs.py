@@ -19,7 +19,7 @@ from verify.bodies import Array
 from verify.flight.programs import RESIDUAL, Box
 
 STEPS = 100
-"""Most steps."""
+"""Largest number of steps."""
 DAMPING = 1e-12
 """Added to the matrix of a step, in units of its largest entry: some wrenches may have no free rotors."""
 SHORTEST = 1e-3

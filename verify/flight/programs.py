@@ -30,7 +30,7 @@ from verify.meshes import Indices
 LARGEST = 1e6
 """Forces in m_t g and torques in l_arm m_t g beyond it have lost the digits that programs need."""
 RESIDUAL = 1e-9
-"""By how much a primal point may miss an equation: a thousandth of TOLERANCE."""
+"""Tolerance of a primal point's equations: a thousandth of TOLERANCE."""
 GAP = 1e-8
 """Distance of both bounds up to which a value counts as found."""
 ROUNDING = 1e-15

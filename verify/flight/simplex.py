@@ -33,7 +33,7 @@ PIVOT = 1e-9
 ROUNDING = 1e-10
 """Share of what a variable misses its bound by that the others need not make up for."""
 STEPS = 100
-"""Most steps, and as many more as there are equations and a tenth of the variables."""
+"""Largest number of steps, beside one per equation and one per ten variables."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,7 +57,7 @@ from topo_search.model.compiled_code import njit
 CUBIC = 1 / (9 * math.sqrt(3))
 """Largest coefficient of rho^3, see the module's docstring."""
 MISSED = 1e-14
-"""Share of |g_k| |mu_k| that rounding takes from what is told of the condition on mu."""
+"""Rounding error of the condition on mu, as a share of |g_k| |mu_k|."""
 
 
 class Sums(NamedTuple):

@@ -31,12 +31,12 @@ RANDOM_CANDIDATES = 16
 STALE = 160
 """A population is given up when so many trials made in sight of its best, of new trees or not, are no better."""
 RELUCTANCE = {"feasible": 1.0, "infeasible": 0.0}
-"""By how much more than a new tree another chance must promise, in standard deviations of what is known.
+"""Lead over a new tree that another chance must promise, in standard deviations of the known results.
 
 It is one more for every time that the tree had more starts. One start without a design says little.
 """
 REPEATS = 1 / 4
-"""Most that are tried again, of the proposals whose results may be unknown."""
+"""Largest share of the open proposals that repeat a candidate."""
 RELATIVES = 32
 """Moves from a tree by which solved ones are looked for to start from; of large trees they find few."""
 KEPT = 1 << 14
@@ -53,7 +53,7 @@ MORE = 1 / 8
 What was drawn for those before still stands. To draw all anew takes more than twice as long.
 """
 BATCHES = 2
-"""How often trees are drawn before it is said that all are known."""
+"""Attempts to draw an unseen tree before giving up."""
 
 
 class _Chance(NamedTuple):
@@ -106,7 +106,7 @@ class Moves(TreeSampler):
         self.few = AT_ONCE if round_size >= MANY else 1
         self._steps = [*steps(starts, self.few)]
         self._repeats = max(1, int(REPEATS * round_size))
-        """Most of the proposals whose results are not known that are tried again."""
+        """Largest number of open proposals that repeat a candidate."""
         self._first = 0
         """The first trial of the present population."""
         self._best = (-1, 0)

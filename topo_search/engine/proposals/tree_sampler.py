@@ -1,8 +1,7 @@
 """Optuna samplers over trees: each proposes a whole tree, one that was proposed before only for more starts.
 
-What a sampler knows of the trials is told to it, and stands in the study for Optuna's own samplers and for the
-journal. A trial that found no design has a constraint above zero there, by which Optuna orders it behind all that
-have one.
+A sampler learns of the trials through its arguments; the study keeps them for Optuna's own samplers and for the
+journal. A trial without a design has a constraint above zero there, so that Optuna ranks it behind all others.
 """
 
 from __future__ import annotations

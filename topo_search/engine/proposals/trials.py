@@ -127,7 +127,7 @@ class Merit(NamedTuple):
     """What a trial led to, in its order: less is better, and the earlier one wins a tie."""
 
     violation: float
-    """By how much a design was missed; 0 with one."""
+    """Violation of the best start; 0 with one."""
     objective: float
     """Infinite without a design."""
     number: int
