@@ -299,7 +299,7 @@ def test_the_sheet_has_a_step_for_every_joint_and_its_numbers(command, tmp_path,
     for step, ((h, i, a, b), alpha) in enumerate(
         zip(solved_push.topology.edges(), solved_push.hinge_angles_rad, strict=True), start=1
     ):
-        assert f"Step {step}: module {i} by its port {b}" in text
+        assert f"Step {step}. Bolt port {b} ({PORT_NAMES[b]}) of module {i} to port {a}" in text
         assert f"to port {a} ({PORT_NAMES[a]}) of module {h}, at {math.degrees(alpha):+.3f} deg" in text
     rod = audit(solved_push).assembly.end_effector.rod
     assert f"cut to {1000 * rod.length_m:.1f} mm" in text

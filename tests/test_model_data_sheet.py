@@ -68,5 +68,5 @@ def test_the_least_input_is_a_share_of_the_modules_largest_whatever_a_design_may
 
 
 def test_too_little_thrust_names_the_field_that_was_given() -> None:
-    (odd,) = (one for one in task_warnings(task({"max_thrust": 0.5})) if "pull with" in one.words)
+    (odd,) = (one for one in task_warnings(task({"max_thrust": 0.5})) if "produce at most" in one.words)
     assert odd.path == "module.max_thrust"

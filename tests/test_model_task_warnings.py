@@ -113,10 +113,10 @@ def test_a_task_in_which_nothing_hovers() -> None:
         ({"module": {"connector_distance": 150.0}}, "module.connector_distance", "150 m is outside"),
         ({"module": {"thrust_coefficient": 3.87e-3}}, "module.thrust_coefficient", "19.5 rad/s (186 rpm)"),
         ({"module": {"torque_coefficient": 1e-7}}, "module.torque_coefficient", "k_tau / k_f = 0.258 m"),
-        ({"module": {"max_thrust_to_weight": 1.05}}, "module.max_thrust_to_weight", "pull with 7.417 N at most"),
+        ({"module": {"max_thrust_to_weight": 1.05}}, "module.max_thrust_to_weight", "produce at most 7.417 N"),
         ({"module": {"body": {"rotor_radius": 0.08}}}, "module.body.rotor_radius", "rotors of a module overlap"),
         ({"module": {"connector_distance": 0.12}}, "module.connector_distance", "rotors reach 0.121 m out"),
-        ({"search": {"peak_input": 0.4}}, "search.peak_input", "pull with 7.064 N at most"),
+        ({"search": {"peak_input": 0.4}}, "search.peak_input", "produce at most 7.064 N"),
         ({"end_effector": {"stand_off": 100.0}}, "end_effector.stand_off", "lengths are in metres"),
         (
             {"end_effector": {"position": [0.2, 0.0, 0.1], "stand_off": 0.3}},

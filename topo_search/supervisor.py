@@ -3,7 +3,7 @@
 Python's own handling of signals waits until native code returns, which may take minutes (Ipopt, FCL, SciPy,
 LLVM), and memory that runs out in native code ends a process without a word. So the process that was started loads
 nothing: it waits for its child, passes Ctrl-C and SIGTERM on to it, kills it if it does not end by itself, and says
-what it died of. That loses nothing: whatever was finished is in the ledger, which survives that at any moment.
+why it crashed. That loses nothing: whatever was finished is in the ledger, which survives that at any moment.
 """
 
 from __future__ import annotations

@@ -161,7 +161,7 @@ def flight_lines(flight: Flight) -> Iterator[str]:
     if flight.hover_input is not None and flight.hover_power_ratio is not None:
         yield (
             f"hover takes {100 * flight.hover_input:.3g} % of the largest input on average, and "
-            f"{flight.hover_power_ratio:.3g} times the power of rotors that all pull straight up"
+            f"{100 * flight.hover_power_ratio - 100:.3g} % more power than with all rotors pointing straight up"
         )
     yield f"the platform spans {flight.span_m:.3g} m"
 

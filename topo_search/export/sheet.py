@@ -76,8 +76,8 @@ def _steps(design: Design, joints: Sequence[Part]) -> Iterator[str]:
     edges = zip(joints, design.topology.edges(), design.hinge_angles_rad, strict=True)
     for step, (part, (h, i, a, b), alpha) in enumerate(edges, start=1):
         text = (
-            f"Step {step}: module {i} by its port {b} ({PORT_NAMES[b]}) to port {a} ({PORT_NAMES[a]}) "
-            f"of module {h}, at {math.degrees(alpha):+.{DIGITS}f} deg: {tips(a, alpha)}. Bracket: {part.file}"
+            f"Step {step}. Bolt port {b} ({PORT_NAMES[b]}) of module {i} to port {a} ({PORT_NAMES[a]}) of module "
+            f"{h}, at {math.degrees(alpha):+.{DIGITS}f} deg, with {part.file}. Module {i} {slope(a, alpha)}."
         )
         yield f"<section>{joint(design.task.module.bracket_sizes, a, alpha)}{paragraph(text)}</section>"
 
@@ -92,9 +92,9 @@ def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
     i, a = design.mount.module, design.mount.port
     x, y, z = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
     yield paragraph(
-        f"Step {step}: the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, its mark hole "
-        f"up; the rod, cut to {1000 * rod.length:.1f} mm, into it to the end of the bore, which is the connector. "
-        f"Checked with a square: from there the end-effector is {1000 * rod.length * x:.1f} mm outwards, "
+        f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
+        f"up. Cut the rod to {1000 * rod.length:.1f} mm and push it in until it bottoms out. Check with a square: "
+        f"from the bottom of the bore, which is the connector, the tip is {1000 * rod.length * x:.1f} mm outwards, "
         f"{1000 * rod.length * y:.1f} mm to the left seen outwards, and {1000 * rod.length * z:.1f} mm up."
     )
 
@@ -175,11 +175,11 @@ def joint(sizes: Bracket, port: int, alpha: float) -> str:
     return "\n".join([*svg, "</svg>"])
 
 
-def tips(port: int, alpha: float) -> str:
-    """Say which way a child tips, for a reader who has the parent level before them."""
+def slope(port: int, alpha: float) -> str:
+    """Return how a child slopes away from its parent, for a reader who has the parent level before them."""
     if alpha == 0:
-        return "in line"
-    return "child's far end down" if TURNS[port] * alpha > 0 else "child's far end up"
+        return "is in line"
+    return "slopes down" if TURNS[port] * alpha > 0 else "slopes up"
 
 
 def _turn(points: Array, phi: float) -> Array:

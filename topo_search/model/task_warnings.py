@@ -313,7 +313,7 @@ def _thrust(task: Task, n: int) -> Iterator[TaskWarning]:
         limit = "module.max_thrust_to_weight" if task.module.max_thrust is None else "module.max_thrust"
         yield TaskWarning(
             limit if task.search.peak_input == 1 else "search.peak_input",
-            f"all rotors together pull with {pull} N at most, but {_platform(n)} weigh {load} N{units}",
+            f"all rotors together produce at most {pull} N, but {_platform(n)} weigh {load} N{units}",
         )
 
 

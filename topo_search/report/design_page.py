@@ -47,7 +47,7 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         "key": design.topology.key,
         "verdict": str(audit.verdict),
         "checked": tally(audit),
-        "answer": "One design: this page says nothing about other trees of modules.",
+        "answer": "This report covers one design, not a search.",
         "tiles": headline(design, audit, gap, "a single design"),
         "notes": (),
         "bound": bound(design.lower_bound, gap, task.n),
