@@ -51,6 +51,9 @@ def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: 
 
     Raises:
         BadInput: one fault for each thing that is wrong.
+
+    >>> read_task("push", ("modules=[3, 4]",)).modules
+    (3, 4)
     """
     if not isinstance(path, str | os.PathLike):
         rule = f"must be a Task, a file or the name of a shipped example, but got {type(path).__name__}"
@@ -113,7 +116,11 @@ def load_json(path: str | Path, *, most_bytes: int = RESULT_BYTES) -> Any:
 
 
 def to_toml(task: Task) -> str:
-    """Return a task as the text of a TOML file, with every default but those that derive from other fields."""
+    """Return a task as the text of a TOML file, with every default but those that derive from other fields.
+
+    >>> print(to_toml(read_task("push")).splitlines()[0])
+    name = "push"
+    """
     return tomli_w.dumps(task.model_dump(mode="json", exclude_none=True))
 
 

@@ -31,12 +31,20 @@ def at_most(value: float, digits: int) -> float:
 
 
 def lower_text(value: float, digits: int = 6) -> str:
-    """Return a proven lower bound in so many significant digits, rounded down."""
+    """Return a proven lower bound in so many significant digits, rounded down.
+
+    >>> lower_text(2.9999e15, 3)
+    '2.99e+15'
+    """
     return f"{at_least(value, digits):.{digits}g}"
 
 
 def upper_text(value: float, digits: int = 6) -> str:
-    """Return a proven upper bound in so many significant digits, rounded up."""
+    """Return a proven upper bound in so many significant digits, rounded up.
+
+    >>> upper_text(2.9901e15, 3)
+    '3e+15'
+    """
     return f"{at_most(value, digits):.{digits}g}"
 
 
@@ -48,7 +56,11 @@ def excess_texts(above: float, below: float, digits: int = 4) -> tuple[str, str]
 
 
 def gap_percent(gap: float, decimals: int = 2) -> str:
-    """Return in percent how much better another design can be at most; zero if by no more than rounding."""
+    """Return in percent how much better another design can be at most; zero if by no more than rounding.
+
+    >>> gap_percent(0.01541)
+    '1.55 %'
+    """
     return f"{_percent(gap, decimals)} %"
 
 

@@ -111,7 +111,11 @@ class Topology:
 
     @classmethod
     def from_key(cls, key: str) -> Topology:
-        """Return the one concrete rooted tree that a key names; ValueError says what is wrong with it."""
+        """Return the one concrete rooted tree that a key names; ValueError says what is wrong with it.
+
+        >>> Topology.from_key("a300").parents
+        (-1, 0, 0)
+        """
         return _read(key)
 
     @classmethod
@@ -123,6 +127,11 @@ class Topology:
 
         Raises:
             ValueError: it is no tree, an edge has no such ports, or they are not those of a tree of modules.
+
+        >>> chain = nx.Graph()
+        >>> chain.add_edge("root", "arm", ports={"root": 0, "arm": 2})
+        >>> Topology.from_graph(chain).key
+        'a10'
         """
         tree: nx.Graph[Any] = nx.Graph(graph)
         if not len(tree) or not nx.is_tree(tree):
@@ -163,7 +172,11 @@ class Topology:
         return tuple((i, port) for i in range(self.n) for port in range(4) if (i, port) not in used)
 
     def graph(self) -> nx.Graph[int]:
-        """Return the tree as a networkx graph; edges carry `ports = {module: port}`."""
+        """Return the tree as a networkx graph; edges carry `ports = {module: port}`.
+
+        >>> list(Topology.from_key("a300").graph().edges)
+        [(0, 1), (0, 2)]
+        """
         graph: nx.Graph[int] = nx.Graph()
         graph.add_nodes_from(range(self.n))
         for h, i, a, b in self.edges():

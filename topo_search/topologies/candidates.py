@@ -63,6 +63,9 @@ def candidates(
 
     Raises:
         ValueError: n < 1, an unknown name, or `task` without a task.
+
+    >>> [topology.key for topology in candidates(3)]
+    ['a300', 'a500', 'a600', 'aa00']
     """
     quotient = quotient_of(n, symmetry=symmetry, connectors=connectors, root=root, task=task)
     return _enumerate(n, quotient, connectors)
@@ -76,7 +79,13 @@ def count(
     root: Root = "free",
     task: ResolvedTask | None = None,
 ) -> int:
-    """Return the number of candidates, by closed form; arguments and errors as `candidates`."""
+    """Return the number of candidates, by closed form; arguments and errors as `candidates`.
+
+    >>> [count(n) for n in range(1, 7)]
+    [1, 2, 4, 14, 49, 216]
+    >>> count(5, symmetry="none")
+    91
+    """
     return classes(n, _group(n, symmetry, connectors, root, task), connectors=connectors, root=root)
 
 
@@ -93,6 +102,9 @@ def sample(
     """Return m candidates, drawn independently and uniformly, so that one may come twice.
 
     The first draws of a longer sample are those of a shorter one. Arguments and errors as `candidates`, and:
+
+    >>> [topology.key for topology in sample(4, 3, seed=0)]
+    ['a5020', 'a3010', 'a7000']
 
     Args:
         n: number of modules.
