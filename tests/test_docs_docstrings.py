@@ -16,4 +16,5 @@ MODULES = (
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_run(name):
     result = doctest.testmod(import_module(name))
-    assert result.attempted and not result.failed
+    assert result.attempted
+    assert not result.failed
