@@ -90,6 +90,16 @@ def test_checked_proofs_end_with_0_open_ones_with_4_and_refused_ones_with_1(run,
     assert "box 2 of 3" in refused["fault"]
 
 
+def test_nothing_is_claimed_after_a_refusal(run, monkeypatch):
+    prove(monkeypatch, Prover(), run)
+    (run / "best.json").write_text("{}")
+    done = check(monkeypatch, Checker(), run)
+    assert done.exit_code == 1
+    assert "refused: best.json is not the file that this run wrote" in done.stdout
+    assert "J >= " not in done.stdout
+    assert "better" not in done.stdout
+
+
 @pytest.mark.parametrize("given", [("--time-limit", "5"), ("--from", "other")])
 def test_a_check_takes_no_time_limit_and_no_other_run(run, monkeypatch, given):
     done = check(monkeypatch, Checker(), run, *given)
