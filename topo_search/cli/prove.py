@@ -130,7 +130,7 @@ def prove(
                     click.echo(size.proven)
         settled = table["proof"].isin(["excluded", "within", "impossible"]).all()
         if not settled or (topology is None and not answer.proven):
-            resumable = any(size.proof_resumable for size in answer.sizes)
+            resumable = any(topology in (None, key) for size in answer.sizes for key in size.proof_resumable)
             note("some trees are still open" + "; run the same command to continue" * resumable)
             raise SystemExit(OPEN)
 

@@ -26,7 +26,7 @@ from topo_search.topologies import Candidate
 PRUNED_AFTER = 32
 """Number of candidates proposed ahead of the results that may rule them out."""
 EVEN = 1e-5
-"""Share of an effort that is not worth a search; what a bound allows for the audit's tolerances is less as a rule."""
+"""Share of an effort that is not worth a search; what a bound leaves to the audit's tolerances is mostly less."""
 
 Bound = Callable[[Candidate], float]
 """Lower bound on the objective of a candidate."""

@@ -140,8 +140,8 @@ class SizeAnswer:
     """
     candidates_gap: float | None = None
     """The same of the candidates alone."""
-    proof_resumable: bool = False
-    """Whether the same `prove` could prove more of the trees that are open."""
+    proof_resumable: tuple[str, ...] = ()
+    """The trees that are open and of which the same `prove` could prove more."""
 
     def gap_of(self, row: Row) -> float | None:
         """Return how much less than a design of this size another can cost at most, as a share, if known."""
