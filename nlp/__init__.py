@@ -3,7 +3,7 @@
 `nlp.problem` states it as the paper does; `nlp.solve` is what a search calls.
 """
 
-from nlp.bounds import lower_bound, prove_impossible
+from nlp.bounds import lower_bound, prove_impossible, proven_bound
 from nlp.bounds.branch.arrays import centre as proof_root
 from nlp.prove import prepare_proof, prove_chunk
 from nlp.solve import default_starts, prepare, solve
@@ -11,5 +11,5 @@ from nlp.user_constraints import check_stated, refuse_unusable, refuse_wrong_cla
 
 __all__ = [
     "check_stated", "default_starts", "lower_bound", "prepare", "prepare_proof", "proof_root", "prove_chunk",
-    "prove_impossible", "refuse_unusable", "refuse_wrong_claims", "solve",
+    "prove_impossible", "proven_bound", "refuse_unusable", "refuse_wrong_claims", "solve",
 ]  # fmt: skip

@@ -5,6 +5,7 @@ import json
 import pytest
 import toy_problem
 from click.testing import CliRunner
+from ledger_edit import forged
 from test_study_checking import Checker
 from test_study_proving import Prover, table
 from toy_problem import InProcess, toy_run
@@ -88,6 +89,28 @@ def test_checked_proofs_end_with_0_open_ones_with_4_and_refused_ones_with_1(run,
     (refused,) = (tree for tree in json.loads(done.stdout)["trees"] if tree["verdict"] == "refused")
     assert refused["key"] == key
     assert "box 2 of 3" in refused["fault"]
+
+
+def test_only_what_the_same_command_can_prove_is_to_be_continued(run, monkeypatch):
+    key, *_ = table(run)
+    done = prove(monkeypatch, Prover(refuses=(key,)), run, "--topology", key)
+    assert done.exit_code == 4
+    assert "some trees are still open\n" in done.stderr
+    forged(run, ("DELETE FROM candidates WHERE key = ?", (list(table(run))[-1],)))
+    done = prove(monkeypatch, Prover(), run)
+    assert done.exit_code == 4
+    assert "1 not solved by `run`" in done.stdout
+    assert "some trees are still open\n" in done.stderr
+
+
+def test_nothing_is_claimed_after_a_refusal(run, monkeypatch):
+    prove(monkeypatch, Prover(), run)
+    (run / "best.json").write_text("{}")
+    done = check(monkeypatch, Checker(), run)
+    assert done.exit_code == 1
+    assert "refused: best.json is not the file that this run wrote" in done.stdout
+    assert "J >= " not in done.stdout
+    assert "better" not in done.stdout
 
 
 @pytest.mark.parametrize("given", [("--time-limit", "5"), ("--from", "other")])

@@ -52,6 +52,18 @@ def test_bad_input_is_status_two_and_writes_nothing(command, tmp_path, words, sa
     assert not [path for path in tmp_path.rglob("*") if path.suffix == ".html"]
 
 
+@pytest.mark.parametrize("out", [(), ("--out", "page.html")])
+@pytest.mark.parametrize("name", ["best.json", "candidates.csv", "designs/a300.json", "task.toml"])
+def test_a_file_that_somebody_changed_is_named_and_not_shown(command, tmp_path, name, out):
+    path = tmp_path / "run" / name
+    path.write_bytes(path.read_bytes() + b"\n")
+    result = command("run", *out)
+    assert result.exit_code == 0
+    assert result.stderr == (
+        f"warning: {name} is not the file that this run wrote; the page shows what the run wrote\n"
+    )
+
+
 def test_a_run_ends_in_its_page(tmp_path):
     words = ["run", "push", "--modules", "1", "--starts", "1", "--workers", "1", "--out", str(tmp_path / "run")]
     result = CliRunner().invoke(main, words, catch_exceptions=False)

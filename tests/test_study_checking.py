@@ -205,13 +205,15 @@ def test_a_bound_above_a_known_design_is_refused(run):
             use(run)
 
 
-@pytest.mark.parametrize("name", ["best.json", "candidates.csv", "task.toml"])
+@pytest.mark.parametrize("name", ["best.json", "candidates.csv", "designs/a300.json", "task.toml"])
 def test_a_check_refuses_files_that_the_run_did_not_write(run, name):
     path = run / name
     path.write_bytes(path.read_bytes().replace(b"toy", b"toy", 1) + b"\n")
     found = checked(run)
     assert found.faults == [f"{name} is not the file that this run wrote"]
     assert found.refused
+    assert found.sentences == ["4 of 4 trees checked"]
+    assert all(tree.bound is None for tree in found.trees)
 
 
 @pytest.mark.parametrize("other", ["a999", "a030", "aff"])
@@ -244,3 +246,24 @@ def test_a_replaced_best_design_is_refused(run):
         )
         (fault,) = checked(run).faults
         assert says(fault, best, "is not that of its design")
+
+
+def test_what_a_record_says_beside_its_cut_proves_nothing(run):
+    """With its digest right again: the claim is that of the cut, which is checked."""
+    file = min((run / "proof").iterdir())
+    proof = json.loads(file.read_text())
+    (sentence,) = checked(run).sentences
+    chunks = [chunk | {"boxes": 7, "stuck": [[0.0], [1.0]]} for chunk in proof["chunks"]]
+    for change in ({"aim": "within"}, {"gap": 0.5}, {"root_module": 1}, {"chunks": chunks}):
+        rewrite(file, json.dumps(proof | change))
+        assert checked(run).sentences == [sentence]
+
+
+def test_candidates_that_are_not_solved_yet_leave_a_check_open(run):
+    key = list(table(run))[-1]
+    forged(run, ("DELETE FROM candidates WHERE key = ?", (key,)))
+    (run / "proof" / key).unlink()
+    found = checked(run)
+    assert found.sentences == ["3 of 4 trees checked, 1 not examined"]
+    assert not found.settled
+    assert checked(run, key=next(iter(table(run)))).settled

@@ -84,7 +84,8 @@ def _expectations(size: dict[str, Any]) -> list[tuple[str, str]]:
     """Return what is known of a number of modules before anything is solved, in words."""
     from topo_search.model.proven import at_least
 
-    bound = f"at least {figures(at_least(size['lower_bound'], 4))} rad⁴/s⁴, whatever the topology"
+    least = figures(at_least(size["lower_bound"], 4))
+    bound = f"at least {least} rad⁴/s⁴ if every wrench is met exactly, whatever the topology"
     return [
         ("candidates", f"{size['candidates']}; {size['quotient']}"),
         ("effort J", f"impossible: {size['impossible']}" if size["impossible"] else bound),

@@ -129,8 +129,8 @@ def prove(
                 if size.proven is not None:
                     click.echo(size.proven)
         settled = table["proof"].isin(["excluded", "within", "impossible"]).all()
-        if not settled:
-            resumable = any(size.proof_resumable for size in answer.sizes)
+        if not settled or (topology is None and not answer.proven):
+            resumable = any(topology in (None, key) for size in answer.sizes for key in size.proof_resumable)
             note("some trees are still open" + "; run the same command to continue" * resumable)
             raise SystemExit(OPEN)
 
@@ -161,7 +161,7 @@ def _check(
         for fault in result.faults:
             click.echo(f"refused: {fault}")
         for tree in result.trees:
-            by = "" if tree.bound is None or tree.fault else f", J >= {lower_text(tree.bound)} rad^4/s^4"
+            by = "" if tree.bound is None else f", J >= {lower_text(tree.bound)} rad^4/s^4"
             click.echo(f"{tree.key}: {tree.verdict}{by}" + (f": {tree.fault}" if tree.fault else ""))
         for sentence in result.sentences:
             click.echo(sentence)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors
+from topo_search.cli.errors import explain_errors, note
 
 
 @click.command(epilog="Example: topo-search report runs/push-*/")
@@ -27,7 +27,8 @@ from topo_search.cli.errors import explain_errors
 def report(source: Path, out: Path | None, flight: Path | None) -> None:
     """Write the report of a run, or of a design after auditing it, as one offline HTML file.
 
-    `run` writes its report itself; this writes it again.
+    `run` writes its report itself; this writes it again, from the ledger, with a warning for each other file that
+    somebody changed.
 
     Exit status: 0 written, whatever the verdict; 2 bad input.
     """
@@ -36,4 +37,4 @@ def report(source: Path, out: Path | None, flight: Path | None) -> None:
 
         if out is not None:
             options.require_writable(out)
-        click.echo(f"the page is in {compose.write_report(source, out=out, flight=flight)}")
+        click.echo(f"the page is in {compose.write_report(source, out=out, flight=flight, note=note)}")

@@ -61,5 +61,5 @@ def backends(constraints: Sequence[OwnConstraint]) -> Backends:
 
 
 BACKENDS = Backends(
-    solve=solve_mounted, audit=audit_exactly, lower_bound=nlp.lower_bound, prove_impossible=nlp.prove_impossible
+    solve=solve_mounted, audit=audit_exactly, lower_bound=nlp.proven_bound, prove_impossible=nlp.prove_impossible
 )

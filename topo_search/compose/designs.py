@@ -93,12 +93,12 @@ def read_design(path: str | Path) -> Design:
     Raises:
         BadInput: the file cannot be read, or is no design.
     """
-    return add_bound(read_json(Design, path))
+    design = read_json(Design, path)
+    return with_bound(design, nlp.lower_bound(design.task))
 
 
-def add_bound(design: Design) -> Design:
-    """Return a design with its lower bound and gap computed anew: what its file says of them is no proof."""
-    bound = nlp.lower_bound(design.task)
+def with_bound(design: Design, bound: float) -> Design:
+    """Return a design with another lower bound, and its gap to that: what its file says of them is no proof."""
     gap = Design.gap_of(design.objective, min(bound, design.objective))
     return design.model_copy(update={"lower_bound": bound, "gap": gap})
 

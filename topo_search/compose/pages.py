@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from topo_search.compose.designs import add_bound, audit
+import nlp
+from topo_search.compose.designs import audit, with_bound
 from topo_search.model import Audit, BadInput, Design, Fault
 from topo_search.model.files import read_json, write_atomically
 from topo_search.study import REPORT, RunFolder
+from topo_search.study.directory import CHANGED
 
 
-def write_report(source: str | Path, *, out: str | Path | None = None, flight: str | Path | None = None) -> Path:
+def write_report(
+    source: str | Path,
+    *,
+    out: str | Path | None = None,
+    flight: str | Path | None = None,
+    note: Callable[[str], None] = warnings.warn,
+) -> Path:
     """Write the report of a run, or of a single design after auditing it, and return its path.
 
     Args:
         source: a run's folder or a design's file.
         out: the page; default: `report.html` in the folder, or the design's name with `.html`.
         flight: a folder that `fly --out` wrote for the design, whose flights are shown too.
+        note: is told of each file in a run's folder that differs from the ledger, which the page is made from.
 
     Raises:
         BadInput: the source is neither, or the flights are not of it; or the page would go into a folder that a
@@ -34,18 +45,25 @@ def write_report(source: str | Path, *, out: str | Path | None = None, flight: s
         raise BadInput("--flight", [Fault("", rule)])
     if source.is_dir() and out is None:
         with RunFolder.load(source, writes=True) as folder:
+            _name_changed(folder, note)
             write_run_page(folder)
         return source / REPORT
     if source.is_dir():
         with RunFolder.load(source) as folder:
+            _name_changed(folder, note)
             page = run_page(folder)
     else:
         design = read_json(Design, source)
         simulated = None if flight is None else read_simulated(Path(flight), design)
-        page = design_page(add_bound(design), audit(design), source.name, simulated)
+        page = design_page(with_bound(design, nlp.proven_bound(design.task)), audit(design), source.name, simulated)
     path = Path(out or source.with_suffix(".html"))
     write_atomically(path, render(page))
     return path
+
+
+def _name_changed(folder: RunFolder, note: Callable[[str], None]) -> None:
+    for name in folder.changed_files():
+        note(f"warning: {name} {CHANGED}; the page shows what the run wrote")
 
 
 def write_page(folder: RunFolder) -> None:

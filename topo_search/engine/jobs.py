@@ -49,7 +49,7 @@ class Backends:
     solve: Solve
     audit: AuditDesign
     lower_bound: Callable[[ResolvedTask], float]
-    """A value that no objective of this task's size can go below [rad^4/s^4]."""
+    """What no design of this task's size costs less than whose audit is clear [rad^4/s^4]."""
     prove_impossible: Callable[[ResolvedTask], Infeasible | None]
     """A proof that no topology of this task's size can do it, if there is a simple one."""
 

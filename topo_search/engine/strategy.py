@@ -21,11 +21,12 @@ from typing import NamedTuple
 
 from topo_search.engine.jobs import rounds
 from topo_search.engine.space import Space
-from topo_search.model.proven import SOLVER_PRECISION
 from topo_search.topologies import Candidate
 
 PRUNED_AFTER = 32
 """Number of candidates proposed ahead of the results that may rule them out."""
+EVEN = 1e-5
+"""Share of an effort that is not worth a search; what a bound leaves to the audit's tolerances is mostly less."""
 
 Bound = Callable[[Candidate], float]
 """Lower bound on the objective of a candidate."""
@@ -170,8 +171,8 @@ class ExhaustiveSearch(Strategy):
 
 
 def may_beat(objective: float, bound: float) -> bool:
-    """Whether an objective that cannot go below a bound can be less than another by more than rounding."""
-    return bound < objective * (1.0 - SOLVER_PRECISION)
+    """Whether an objective that cannot go below a bound can be less than another by more than EVEN."""
+    return bound < objective * (1.0 - EVEN)
 
 
 def _least(scores: Iterable[Scored]) -> float:

@@ -201,7 +201,7 @@ class Design(Value):
     objective: Number
     """J = sum_k lambda_k ||u_k||^2 [rad^4/s^4]."""
     lower_bound: Number | None = None
-    """Lower bound of the objective for every topology of this size [rad^4/s^4]."""
+    """Lower bound of the objective for every topology of this size, if each wrench is met exactly [rad^4/s^4]."""
     gap: Number | None = None
     """1 - lower_bound / objective."""
     stated: Annotated[tuple[Stated, ...], Field(exclude_if=lambda given: not given)] = ()

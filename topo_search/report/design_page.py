@@ -83,9 +83,8 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
         f"It holds for every platform of {modules(n)} of this kind, for any tree, hinge angles and end-effector "
         "position: it is what the forces of the load cases would cost rotors within their limits if every thrust "
         "axis could point wherever it is needed. Torques and geometry are neglected, so part of the gap may come "
-        "from the bound rather than from the design. The proof assumes that wrenches are met exactly. The audit "
-        "tolerates 1e-6 of the weight, so an audited design may lie below the bound by up to 3.5e-6 times the "
-        "weight over the forces of the load cases."
+        "from the bound rather than from the design. It allows for all that the audit lets pass of forces and "
+        "inputs, so no design whose audit is clear lies below it."
     )
     if gap is None:
         return told, meaning

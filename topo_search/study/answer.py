@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.engine import may_beat
 from topo_search.model import Audit, Design, Infeasible, Relaxed
-from topo_search.model.proven import gap_percent
+from topo_search.model.proven import SOLVER_PRECISION, gap_percent
 from topo_search.model.search import Level
 from topo_search.model.tables import heading, paragraph, table
 from topo_search.study.front import FrontPoint, idle_goals
@@ -28,9 +27,9 @@ def statement(best: Row, solved: int, candidates: int) -> str:
     """Say what is known of the best design: starts are no proof; the bound is, of every tree of the size."""
     number = f"all {candidates}" if solved == candidates else f"{solved} of {candidates}"
     words = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
-    if best.gap is None or best.objective is None or best.lower_bound is None:
+    if best.gap is None:
         return words
-    limit = f"more than {gap_percent(best.gap)} " if may_beat(best.objective, best.lower_bound) else ""
+    limit = f"more than {gap_percent(best.gap)} " if best.gap > SOLVER_PRECISION else ""
     return f"{words}; proven: no {best.modules}-module topology is {limit}better"
 
 
@@ -141,8 +140,8 @@ class SizeAnswer:
     """
     candidates_gap: float | None = None
     """The same of the candidates alone."""
-    proof_resumable: bool = False
-    """Whether the same `prove` could prove more of the trees that are open."""
+    proof_resumable: tuple[str, ...] = ()
+    """The trees that are open and of which the same `prove` could prove more."""
 
     def gap_of(self, row: Row) -> float | None:
         """Return how much less than a design of this size another can cost at most, as a share, if known."""

@@ -15,6 +15,7 @@ from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proo
 from topo_search.model.bad_input import faults_of
 from topo_search.model.proof import Problem, chunk_count
 from topo_search.model.proven import gap_percent
+from topo_search.study.directory import CHANGED
 from topo_search.study.folder import PROOFS, RunFolder
 from topo_search.study.progress import Observer
 from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, sizes_with_best, subject_of, weakest_problem
@@ -37,7 +38,7 @@ class CheckedTree:
     key: str
     modules: int
     bound: float | None = None
-    """No design of the tree costs less, if it is checked [rad^4/s^4]."""
+    """No design of the tree costs less, if it is checked and nothing of the run is refused [rad^4/s^4]."""
     problem: Problem = "task"
     """Which designs it is about."""
     fault: str | None = None
@@ -67,6 +68,9 @@ class Checked:
     faults: list[str] = field(default_factory=list)
     """What is wrong beside single trees."""
 
+    missing: int = 0
+    """Number of candidates that the run has not solved yet, unless one tree alone was to be looked at."""
+
     @property
     def refused(self) -> bool:
         """Whether anything is wrong."""
@@ -75,7 +79,7 @@ class Checked:
     @property
     def settled(self) -> bool:
         """Whether there is a proof, or another reason, for every tree."""
-        return not self.refused and all(tree.left in (None, IMPOSSIBLE) for tree in self.trees)
+        return not self.refused and not self.missing and all(tree.left in (None, IMPOSSIBLE) for tree in self.trees)
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,7 @@ def check(
         if folder.request.task.goals.names:
             raise BadInput(str(path), [Fault("", NO_GOALS)])
         sizes, known = sizes_with_best(folder, key)
+        results = list[tuple[int, Row, ResolvedTask, list[CheckedTree]]]()
         for n, best, rows in sizes:
             if not rows:
                 continue
@@ -135,14 +140,19 @@ def check(
             for checked_tree in _replay(jobs, trees, check_chunk, engine, observer):
                 observer.note(_describe(checked_tree))
             checked.trees += trees.values()
-            if len(rows) > 1:
+            results.append((n, best, task, list(trees.values())))
+        with_trees = {f"{PROOFS}/{tree.key}" for tree in checked.trees}  # refused with their trees
+        checked.faults += [f"{name} {CHANGED}" for name in folder.changed_files() if name not in with_trees]
+        if checked.refused:  # then nothing is claimed, whatever else holds
+            for examined in checked.trees:
+                examined.bound = None
+        for n, best, task, of_size in results:
+            count = folder.request.space(n).count()
+            if key is None:
+                checked.missing += count - len(of_size)
+            if len(of_size) > 1:
                 subject = subject_of(folder.request, n)
-                checked.sentences.append(_sentence(list(trees.values()), best, task, space.count(), subject))
-        checked.faults += [
-            f"{name} is not the file that this run wrote"
-            for name in folder.changed_files()
-            if not name.startswith(f"{PROOFS}/")  # those are refused with their trees
-        ]
+                checked.sentences.append(_sentence(of_size, best, task, count, subject, proven=not checked.refused))
     if not sizes:
         raise BadInput(str(path), [Fault("", "holds no audited design that a proof could be against")])
     if not known:
@@ -247,8 +257,10 @@ def _describe(tree: CheckedTree) -> str:
     return f"{tree.key}: checked, {tree.boxes:,} boxes ({tree.halved:,} of them halved further)"
 
 
-def _sentence(trees: list[CheckedTree], best: Row, task: ResolvedTask, candidates: int, subject: str) -> str:
-    """Say what the checked proofs of one size come to."""
+def _sentence(
+    trees: list[CheckedTree], best: Row, task: ResolvedTask, candidates: int, subject: str, *, proven: bool
+) -> str:
+    """Say what the checked proofs of one size come to; `proven`: nothing of the run is refused."""
     done = [tree for tree in trees if tree.verdict == "checked"]
     counts = {word: sum(tree.verdict == word for tree in trees) for word in ("refused", "open", "not examined")}
     missing = counts["not examined"] + candidates - len(trees)
@@ -257,8 +269,8 @@ def _sentence(trees: list[CheckedTree], best: Row, task: ResolvedTask, candidate
     left += [f"{missing} not examined"] if missing else []
     impossible = sum(tree.verdict == IMPOSSIBLE for tree in trees)
     beside = f", {impossible} said to be impossible, which is not checked" if impossible else ""
-    if left or best.objective is None:
-        return f"{len(done)} of {candidates} trees checked, {', '.join(left)}{beside}"
+    if left or not proven or best.objective is None:
+        return ", ".join([f"{len(done)} of {candidates} trees checked", *left]) + beside
     least = min([tree.bound for tree in done if tree.bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
     limit = f"more than {gap_percent(gap)} " if gap > 0 else ""

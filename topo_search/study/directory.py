@@ -43,6 +43,8 @@ PARTIAL = ".topo-search-partial"
 _FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
 BATCH = 1000
 """Files that are recorded in one transaction."""
+CHANGED = "is not the file that this run wrote"
+"""What is wrong with a file that somebody else changed or put there."""
 _Entry = tuple[bytes | None, bytes | None, int]
 """Digest, the one before, and whether the file changes."""
 
@@ -311,7 +313,7 @@ class RunFiles:
         """
         content = self._directory.read(name)
         if content is not None and self.is_changed(name, content):
-            rule = "is not the file that this run wrote: remove it, and run the same command again to make it anew"
+            rule = f"{CHANGED}: remove it, and run the same command again to make it anew"
             raise BadInput(str(self._directory.path / name), [Fault("", rule)])
         return content
 
@@ -383,8 +385,8 @@ class RunFiles:
     def _refuse(self, names: list[str]) -> None:
         """Name the files that stand where the run would write its own, if there are any."""
         rule = (
-            "is not the file that this run wrote, and is left unchanged: move it away and run the same command "
-            "again, or choose another folder with --out"
+            f"{CHANGED}, and is left unchanged: move it away and run the same command again, or choose another "
+            "folder with --out"
         )
         if names:
             raise BadInput(str(self._directory.path), [Fault(name, rule) for name in names])

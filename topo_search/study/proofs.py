@@ -83,8 +83,8 @@ class ProofSummary(NamedTuple):
     """None while nobody asked for a proof."""
     gap: float | None
     """How much less than the best a design of this size can cost at most, as a share; None while trees are open."""
-    resumable: bool = False
-    """Whether the same command could prove more of the trees that are open."""
+    resumable: tuple[str, ...] = ()
+    """The trees that are open and of which the same command could prove more."""
 
 
 def summarize(
@@ -117,23 +117,22 @@ def summarize(
         "not examined": "not examined",
     }
     verdicts = ", ".join(f"{counts[name]} {text}" for name, text in words.items() if counts[name])
-    left = counts[OPEN] + counts["not examined"] + candidates - len(rows)
-    if left:
+    unsolved = candidates - len(rows)
+    if unsolved:
+        verdicts += f", {unsolved} not solved by `run`"
+    due = [row.key for row, state in zip(rows, states, strict=True) if state.proof in (OPEN, None)]
+    if due or unsolved:
         sentence = (
             f"branch and bound, {candidates} candidates: {verdicts}; nothing new is proven while some are open"
         )
-        stuck = [
-            row.key
-            for row, state in zip(rows, states, strict=True)
-            if state.proof == OPEN and is_stuck(proofs[row.key], best.objective)
-        ]
+        stuck = [key for key in due if key in proofs and is_stuck(proofs[key], best.objective)]
         if stuck:
             shown = ", ".join(stuck[:3]) + ", ..." * (len(stuck) > 3)
             sentence += (
-                f"; the same command cannot close {shown}, where the smallest boxes may hold a better design: "
-                "try a larger --gap or --problem solver"
+                f"; the same command cannot close {shown}, of which some boxes may hold a better design or are too "
+                "many: try a larger --gap or --problem solver"
             )
-        return ProofSummary(sentence, None, resumable=len(stuck) < left)
+        return ProofSummary(sentence, None, tuple(key for key in due if key not in stuck))
     least = min([one.proven_bound for one in states if one.proven_bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
     limit = f"more than {gap_percent(gap)} " if gap > 0 else ""

@@ -146,13 +146,11 @@ def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, asked: int, 
             violation=outcome.violation,
             unit=outcome.unit,
         )
-    bound = lower_bound if outcome.lower_bound is None else outcome.lower_bound
     return replace(
         candidate,
         status="feasible",
         objective=outcome.objective,
-        lower_bound=bound,
-        gap=Design.gap_of(outcome.objective, bound),
+        gap=Design.gap_of(outcome.objective, lower_bound),
     )
 
 

@@ -47,7 +47,7 @@ from topo_search.study.request import Context, Request
 from topo_search.study.row import Row, flight_of
 
 BELOW_BOUND = 3.0e-6
-"""Share of the bound by which J may lie below it: tolerances of solver and audit (1e-6 each), and rounding."""
+"""Share of the bound by which J may lie below it: rounding, and what earlier ledgers leave to the audit."""
 SAME = 1.0e-6
 """Relative difference of J and what the inputs cost: the audit's tolerance."""
 STATUSES = ("feasible", "infeasible", "impossible", "pruned", "failed")
