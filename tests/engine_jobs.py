@@ -59,6 +59,20 @@ def environment(names):
     return {name: os.environ.get(name) for name in names}
 
 
+def mark(folder, tell):
+    tell("marking")
+    report_pid((folder, 0.0))
+
+
+def cache_folder(seconds):
+    """Where numba keeps compiled functions, after time for other children to start."""
+    from topo_search.model.compiled_code import CACHE_DIR, choose_folder
+
+    choose_folder()
+    time.sleep(seconds)
+    return os.environ.get(CACHE_DIR)
+
+
 def report_pid(job):
     path, seconds = job
     (Path(path) / str(os.getpid())).touch()

@@ -9,6 +9,7 @@ from verify_cases import design
 
 from topo_search.cli.tables import print_answer, print_solved
 from topo_search.model import Design, Topology
+from topo_search.report.design_part import design_part
 from topo_search.study import Solved
 from verify import audit
 
@@ -31,6 +32,16 @@ def test_the_last_line_about_a_solved_design_says_so(case, tmp_path, capsys):
     assert files.startswith("the design is in ")
     assert told[-1].endswith(WORDS) == (not clear)
     assert sum(WORDS in line for line in told) == (not clear)
+
+
+@pytest.mark.parametrize("verdict", ["clear", "violated"])
+def test_what_a_shorter_rod_costs_is_said_of_clear_designs_alone(verdict, capsys):
+    given = CASES["clear"][0].model_copy(update={"solver": {"shorter_rod": {"length_m": 0.26, "cost": 0.01}}})
+    judged = audit(given).model_copy(update={"verdict": verdict})
+    print_solved(Solved(given, judged, ()), None)
+    words = "rod of at most 0.26 m adds 1 % effort"
+    assert (words in capsys.readouterr().out) == (verdict == "clear")
+    assert any(words in line for line in design_part(given, judged)["findings"]) == (verdict == "clear")
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -9,7 +9,7 @@ from collections import Counter
 import distributed
 import pytest
 from dask_cluster import Cluster, free_port
-from engine_jobs import LONG, environment, misbehave, pause, report_pid, square
+from engine_jobs import LONG, cache_folder, environment, mark, misbehave, pause, report_pid, square
 from processes import eventually, gone
 
 from topo_search.engine import DaskWorkers, Failed, WorkersLost, dask_connection
@@ -46,6 +46,27 @@ def test_quick_jobs_do_not_make_one_worker_take_all_the_slow_ones(cluster, tmp_p
     assert shares.total() == 24
     assert len(shares) == 2
     assert min(shares.values()) >= 8
+
+
+def test_every_dask_worker_prepares_once_and_says_once_where_compiled_code_is(tmp_path):
+    """Two threads have two children; nothing can be kept where only NUMBA_CACHE_DIR would do, which is not set."""
+    noted, nowhere = [], {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator", "TMPDIR": str(tmp_path)}
+    with (
+        Cluster(tmp_path, **nowhere) as cluster,
+        DaskWorkers(cluster.address, {}, note=noted.append) as workers,
+    ):
+        for _ in range(2):
+            cluster.add_worker("--nthreads", "2")
+        eventually(lambda: len(workers._connection.threads()) == 2)
+        marks = tmp_path / "marks"
+        marks.mkdir()
+        workers.prepare(mark, marks)
+        assert len(list(marks.iterdir())) == 2
+        assert (tmp_path / "worker.log").read_text().count("marking") == 2
+        assert noted == ["preparing 2 Dask workers"]
+        folders = [folder for _, folder in workers.run(cache_folder, [0.2] * 8, deadline=lambda _: LONG)]
+    assert set(folders) == {str(tmp_path / f"topo-search-{os.getuid()}")}
+    assert (tmp_path / "worker.log").read_text().count("compiled functions are kept in") == 2
 
 
 def test_a_child_keeps_memory_for_its_next_job(cluster):

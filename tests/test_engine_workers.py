@@ -163,20 +163,47 @@ def test_an_interrupt_of_a_script_arrives_though_a_library_swallows_it():
             signal.signal(number, handler)
 
 
-UNGUARDED = """
+SCRIPT = """
 import sys
-sys.path.insert(0, {here!r})
+sys.path.insert(0, {folder!r})
 from engine_jobs import square
 from topo_search.engine import Workers
-with Workers(2) as workers:
-    print(workers.run_one(square, 3, deadline=60.0))
+{function}
+def main():
+    with Workers(1) as workers:
+        print(workers.run_one(square, 3, deadline=60.0))
+print("read")
+{guard}main()
 """
+GUARD = 'if __name__ == "__main__":'
+OF_THE_SCRIPT = "def square(x): return x * x"
 
 
-def test_a_script_that_starts_workers_without_a_guard_is_told_so_once(tmp_path):
+@pytest.mark.parametrize(
+    ("function", "guard", "status", "printed"),
+    [
+        ("", "", 0, "read\n9\n"),
+        (OF_THE_SCRIPT, GUARD, 0, "read\nread\n9\n"),
+        (OF_THE_SCRIPT, "", 1, "read\nread\n"),
+    ],
+    ids=["imported function", "guarded", "unguarded"],
+)
+def test_workers_import_a_script_only_for_what_it_defines(tmp_path, function, guard, status, printed):
     script = tmp_path / "script.py"
-    script.write_text(UNGUARDED.format(here=str(Path(__file__).parent)))
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True)
-    assert done.returncode == 1
-    assert done.stderr.count('under `if __name__ == "__main__":`') == 1
-    assert done.stderr.count("Traceback") == 1
+    script.write_text(SCRIPT.format(folder=str(Path(__file__).parent), function=function, guard=guard))
+    done = subprocess.run([sys.executable, "-u", script], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (status, printed), done.stderr
+    assert len(done.stderr.splitlines()) <= 10 * status
+    assert done.stderr.count(f"under `{GUARD}`") == status
+
+
+def test_a_lost_pool_is_told_without_the_frames_that_noticed_it(monkeypatch):
+    monkeypatch.setattr(Workers, "_submit", lambda *_: _lose())
+    with pytest.raises(WorkersLost) as lost, Workers(1) as workers:
+        workers.run_one(square, 3, deadline=LONG)
+    assert [frame.name for frame in lost.traceback][-1] == "__exit__"
+    assert len(lost.traceback) == 2
+
+
+def _lose():
+    raise WorkersLost("no worker process could be started")

@@ -3,6 +3,7 @@ import os
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
@@ -136,6 +137,41 @@ def test_a_failed_cell_has_its_reason_and_the_others_go_on(tmp_path, monkeypatch
     assert list(rows[rows["status"] == "failed"]["key"]) == [key]
     assert list(rows[rows["status"] == "failed"]["worst_constraint"]) == ["the worker process was ended"]
     assert (rows["status"] == "feasible").sum() == len(rows) - 1
+
+
+@pytest.mark.parametrize("failing", ["some", "all"])
+def test_a_failed_cell_counts_nowhere_and_is_tried_again(tmp_path, monkeypatch, failing):
+    key = trees(3, 3, 0)[0]
+
+    class Failing(toy_problem.InProcess):
+        def run(self, function, jobs, **limits):
+            for job in jobs:
+                yield (
+                    job,
+                    Failed("memory", "out of memory") if failing == "all" or job.key == key else function(job),
+                )
+
+    asked = experiment("scaling")
+    monkeypatch.setattr("topo_search.experiments.conduct", partial(conduct, backends=toy_problem.BACKENDS))
+    command = ["experiment", "scaling", "--small", "--task", "ten-wrenches:3", "--out", str(tmp_path)]
+    with monkeypatch.context() as broken:
+        broken.setattr("topo_search.experiments.conducting.Workers", Failing)
+        done = CliRunner().invoke(main, command)
+    rows = results(tmp_path)
+    failed = (rows["status"] == "failed").sum()
+    if failing == "all":
+        assert done.exit_code == 70
+        assert f"all {len(rows)} cells failed: out of memory" in done.output
+    else:
+        assert done.exit_code == 0
+        assert 0 < failed < len(rows)
+        answered = rows[rows["status"] != "failed"]
+        assert asked.summary(answered)["share_solved"].eq(1.0).all()
+        assert f"{failed} of {len(rows)} cells failed and are left out" in done.output
+        assert f"{len(answered)} of {len(answered)} problems have a design" in done.output
+    monkeypatch.setattr("topo_search.experiments.conducting.Workers", toy_problem.InProcess)
+    assert CliRunner().invoke(main, command).exit_code == 0
+    assert (results(tmp_path)["status"] == "feasible").sum() == len(rows) == len(results(tmp_path))
 
 
 def test_a_variant_that_does_not_fit_its_task_is_refused_before_any_work(tmp_path):

@@ -46,7 +46,11 @@ def test_rows_are_kept_as_they_are(tmp_path):
     assert kept[1]["status"] == "failed"
     assert kept[1]["worst_constraint"] == "still running, after a day"
     with Results.open(tmp_path, asked()) as rows:
+        assert [rows.has(cell) for cell in cells()] == [True, False, False]  # what failed is tried again
+        rows.add(row_of(second))
+    with Results.open(tmp_path, asked()) as rows:
         assert [rows.has(cell) for cell in cells()] == [True, True, False]
+    assert list(results(tmp_path)["status"]) == ["feasible", "feasible"]
 
 
 @pytest.mark.parametrize("kept", [0, 1, 20])

@@ -10,6 +10,7 @@ import os
 import pickle
 import signal
 import sys
+from typing import Any
 
 PR_SET_PDEATHSIG = 1
 """<linux/prctl.h>"""
@@ -34,7 +35,22 @@ def die_with_parent(parent: int) -> None:
         os._exit(1)
 
 
-def call_pickled(call: bytes) -> bytes:
-    """Call a function with its job: what that loads, and takes to do so, is part of the job that may fail."""
+def call_pickled(call: bytes, script: dict[str, str]) -> bytes:
+    """Call a function with its job: what that loads, and takes to do so, is part of the job that may fail.
+
+    Args:
+        call: both, pickled.
+        script: names the script that defines some of it, as `multiprocessing` does; may be empty.
+    """
+    if script:
+        from multiprocessing import current_process  # a worker has loaded them, the supervisor never does
+        from multiprocessing.spawn import prepare
+
+        process: Any = current_process()
+        process._inheriting = True  # as in a process that starts: the script may not start more of them
+        try:
+            prepare(script)
+        finally:
+            del process._inheriting
     function, job = pickle.loads(call)
     return pickle.dumps(function(job))

@@ -93,10 +93,11 @@ def experiment(
 
     Without options a study runs at its full size, which takes hours. Run the same command to resume.
 
-    Exit status: 0 done; 2 bad input.
+    Exit status: 0 done; 2 bad input; 70 no cell has an answer.
     """  # noqa: D301 (\b is click's)
     with explain_errors(resumes=True):
         from topo_search.cli.progress import shown_progress
+        from topo_search.engine import WorkersLost
         from topo_search.experiments import Settings, conduct
         from topo_search.experiments import experiment as found
 
@@ -121,11 +122,20 @@ def experiment(
             options.require_drawable(picture)
         with shown_progress(incumbent=False) as observer:
             rows = conduct(asked, settings, out, workers=workers, observer=observer)
+        failed = rows["status"] == "failed"
+        answered = rows[~failed]  # a cell without an answer is not one without a design
+        if answered.empty:
+            raise WorkersLost(f"all {len(rows)} cells failed: {rows['worst_constraint'].iloc[0]}")
+        findings = asked.findings(answered)
+        if failed.any():
+            findings.append(
+                f"{failed.sum()} of {len(rows)} cells failed and are left out; run it again to try them"
+            )
         if picture is not None:
             from topo_search.export.picture import save
 
-            save(asked.figure(rows), picture)
-        _print(out, asked.summary(rows), asked.findings(rows), picture, as_json=as_json)
+            save(asked.figure(answered), picture)
+        _print(out, asked.summary(answered), findings, picture, as_json=as_json)
 
 
 def _print(out: Path, summary: pd.DataFrame, findings: list[str], picture: Path | None, *, as_json: bool) -> None:

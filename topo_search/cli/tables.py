@@ -191,7 +191,7 @@ def print_solved(solved: Solved, out: Path | None) -> None:
             sheet = solved.audit.assembly.end_effector
             if sheet is None or not sheet.clear_rod:
                 click.echo(f"{solved.outcome.topology.key}{NO_CLEAR_ROD}")
-        if (words := solved.outcome.shorter_rod) is not None:
+        if solved.found and (words := solved.outcome.shorter_rod) is not None:
             click.echo(f"{solved.outcome.topology.key}: {words}")
         if out is not None:
             click.echo(f"the design is in {out}")

@@ -1,7 +1,7 @@
 """Where solver, audit and search meet: the Python interface, and what the command line calls.
 
-Most of these functions start worker processes: in a script, call them under `if __name__ == "__main__":`. `solve`
-and `audit` do so only for a time limit or for constraints of your own.
+Most of these functions start worker processes. These import the script that calls only if it defines a constraint
+of your own: then the calls belong under `if __name__ == "__main__":`.
 """
 
 from topo_search.compose.binding import BACKENDS

@@ -37,7 +37,7 @@ def solve(
     """Find the best design of one topology and audit it, both in the calling process.
 
     With a time limit, or with constraints of your own, which might crash or never end, both happen in a worker
-    process: in a script, call it under `if __name__ == "__main__":` then.
+    process. It imports a script that defines such a constraint: call it under `if __name__ == "__main__":` there.
 
     Without `starts` and `time_limit` it ends after three rounds of starts in a row without improvement.
 

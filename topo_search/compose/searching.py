@@ -6,14 +6,16 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import nlp
 import verify
 from topo_search.compose.binding import backends
 from topo_search.compose.pages import write_page
 from topo_search.compose.places import open_engine
-from topo_search.engine import Certificates, Workers
+from topo_search.engine import Certificates, DaskWorkers, Workers
 from topo_search.limits import CANDIDATES, GAPS
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
 from topo_search.model.files import read_task
@@ -35,6 +37,8 @@ from topo_search.study import check as check_run
 from topo_search.study import prove as prove_run
 from topo_search.study.proving import refuse_unprovable
 from topo_search.topologies import OwnTopology, Symmetry, improper_isometry
+
+T = TypeVar("T", Task, ResolvedTask)
 
 DEFAULT_TRIALS = 512
 """Candidates that are proposed when not all are solved and nobody says otherwise."""
@@ -143,8 +147,7 @@ def search(
 
     def prepare() -> None:
         nonlocal until
-        if dask is None:  # else every worker compiles where it is
-            nlp.prepare(asked, observer.note)
+        _compiling(nlp.prepare, engine, observer)(asked)
         until = time.monotonic() + time_limit
 
     def prove_best(gap: float) -> Answer:
@@ -157,7 +160,7 @@ def search(
             engine=engine,
             observer=observer,
             time_limit=until - time.monotonic(),
-            prepare=_compiling(nlp.prepare_proof, dask, observer),
+            prepare=_compiling(nlp.prepare_proof, engine, observer),
             report=write_page,
         )
 
@@ -229,7 +232,7 @@ def prove(
             problem=problem,
             lender=None if lender is None else Path(lender),
             time_limit=time_limit,
-            prepare=_compiling(nlp.prepare_proof, dask, observer),
+            prepare=_compiling(nlp.prepare_proof, engine, observer),
             report=write_page,
         )
 
@@ -273,15 +276,17 @@ def check_proofs(
             key=topology,
             engine=engine,
             observer=observer,
-            prepare=_compiling(verify.prepare_check, dask, observer),
+            prepare=_compiling(verify.prepare_check, engine, observer),
         )
 
 
 def _compiling(
-    prepare: Callable[[ResolvedTask, Callable[[str], None]], None], dask: str | None, observer: Observer
-) -> Callable[[ResolvedTask], None]:
-    """Return what compiles before workers of this machine would; those of a cluster compile where they are."""
-    return lambda task: prepare(task, observer.note) if dask is None else None
+    prepare: Callable[[T, Callable[[str], None]], None], engine: Workers | DaskWorkers, observer: Observer
+) -> Callable[[T], None]:
+    """Return what compiles before jobs would, on this machine or on every machine of a cluster."""
+    if isinstance(engine, DaskWorkers):
+        return partial(engine.prepare, prepare)
+    return lambda task: prepare(task, observer.note)
 
 
 def _versions(folder: str | Path) -> Mapping[str, str]:

@@ -168,9 +168,9 @@ class Connection:
         client, addresses = self.client(), list(workers)
         return self._reply(lambda: client.run(function, workers=addresses, on_error="ignore")) if addresses else {}
 
-    def submit(self, function: Callable[[Any], T], argument: Any) -> Future[T]:
-        """Hand a call to the scheduler."""
-        future: Future[T] = self.client().get_executor(pure=False).submit(function, argument)
+    def submit(self, function: Callable[[Any], T], argument: Any, *, worker: str | None = None) -> Future[T]:
+        """Hand a call to the scheduler, for one Dask worker or whichever is free."""
+        future: Future[T] = self.client().get_executor(pure=False, workers=worker).submit(function, argument)
         return future
 
     def close(self) -> None:

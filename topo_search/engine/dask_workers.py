@@ -24,6 +24,7 @@ from typing import Any, Self
 from topo_search.engine.dask_connection import Certificates, Connection
 from topo_search.engine.jobs import Engine, Failed, J, R, WorkersLost
 from topo_search.engine.workers import Workers
+from topo_search.supervisor import tell
 
 BATCH = 2.0
 """How long a batch of jobs should take [s]: long beside the moment in which a child waits for the next one."""
@@ -47,6 +48,7 @@ PYTHON = "Python"
 TRIM = "MALLOC_TRIM_THRESHOLD_"
 """Dask sets it for its workers, which may hold much data: the C library then gives memory back to the system as
 soon as it is free. A solver needs it again at once, and takes a sixth longer: children do without."""
+_first_child = threading.Lock()
 _thread = threading.local()
 """Keeps, for each thread of a Dask worker, which runs one task at a time, a child that ends with the Dask worker,
 and the versions that it was found to have: they must not be changed under it."""
@@ -54,6 +56,8 @@ RETURN = 600.0
 """How long Dask workers are waited for when all have left: a scheduler that was restarted may get none [s]."""
 LOOK = 1.0
 """Poll period of the scheduler's list of workers [s]."""
+PREPARATION = 600.0
+"""How long a Dask worker may compile before jobs are sent [s]."""
 LARGEST_BATCH = 50
 """Jobs of a batch at most: they come back together."""
 
@@ -94,6 +98,10 @@ def run_guarded(batch: Batch) -> Ended:
         _thread.versions = batch.versions
     if not hasattr(_thread, "child"):
         os.environ.pop(TRIM, None)
+        from topo_search.model.compiled_code import choose_folder
+
+        with _first_child:
+            choose_folder()  # for all children: where it is a temporary one, the line that says so comes once
         _thread.child = Workers(1).__enter__()
     child: Workers = _thread.child
     started_at = time.monotonic()
@@ -125,6 +133,12 @@ def _call(call: tuple[int, bytes]) -> bytes | WorkersLost:
     except (AttributeError, ImportError) as error:
         return WorkersLost(f"Dask workers cannot import what they must run: {error}")
     return pickle.dumps(function(job))
+
+
+def _prepare(call: tuple[Callable[[J, Callable[[str], None]], object], J]) -> None:
+    """Call what compiles for a task (in the child)."""
+    function, task = call
+    function(task, tell)
 
 
 def computing_versions() -> dict[str, str]:
@@ -203,6 +217,22 @@ class DaskWorkers(Engine):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._connection.close()
+
+    def prepare(self, function: Callable[[J, Callable[[str], None]], object], task: J) -> None:
+        """Compile on every Dask worker there is, before a time limit counts; messages go to its log.
+
+        One that joins later, or takes over ten minutes, compiles with its first job.
+        """
+        self._look()
+        if self._known:
+            self._note(f"preparing {len(self._known)} Dask worker{'s' * (len(self._known) > 1)}")
+        batch = Batch((pickle.dumps((_prepare, (function, task))),), (PREPARATION,), PREPARATION, self._versions)
+        running = {self._connection.submit(run_guarded, batch, worker=address) for address in self._known}
+        while running:
+            ended, running = wait(running, LOOK, FIRST_COMPLETED)
+            for future in ended:
+                self._result(future)
+            self._look()
 
     def run(
         self,

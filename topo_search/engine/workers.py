@@ -6,6 +6,7 @@ import math
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 from collections import deque
@@ -14,8 +15,11 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing import current_process, resource_tracker
+from importlib.machinery import ModuleSpec
+from multiprocessing import current_process, popen_spawn_posix, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.process import BaseProcess
+from multiprocessing.spawn import get_preparation_data
 from multiprocessing.synchronize import RLock
 from types import FrameType, TracebackType
 from typing import Any, Generic, Self
@@ -31,30 +35,40 @@ ATTEMPTS = 2
 """Attempts at a job that crashes or hangs."""
 LOOK = 1.0
 """Poll period of the pool while jobs run [s]."""
-UNGUARDED = 78
-"""EX_CONFIG of <sysexits.h>: a worker ends with it if the script that it imports starts workers itself."""
+_LAUNCH = threading.Lock()
+
+
+class _Process(SpawnProcess):
+    """A process that does not import the script that starts it: `call_pickled` does, for a job that needs it."""
+
+    @staticmethod
+    def _Popen(process_obj: BaseProcess) -> popen_spawn_posix.Popen:
+        script = sys.modules["__main__"]
+        with _LAUNCH:
+            spec, script.__spec__ = script.__spec__, ModuleSpec("__main__", None)  # a name that is never imported
+            try:
+                return SpawnProcess._Popen(process_obj)
+            finally:
+                script.__spec__ = spec
 
 
 class _KeepingContext(SpawnContext):
-    """A way to start processes that keeps the locks it made, and the latest processes.
+    """A way to start processes that keeps the locks it made.
 
     A pool that stops drops its locks before it ends its workers, which removes them from the system: a worker that
     is just starting would look for them in vain and end with a traceback.
     """
 
+    Process = _Process
+
     def __init__(self) -> None:
         super().__init__()
         self._kept: list[object] = []
-        self.latest: deque[SpawnProcess] = deque(maxlen=8)
 
     def RLock(self) -> RLock:
         lock = super().RLock()
         self._kept.append(lock)
         return lock
-
-    def Process(self, *args: Any, **options: Any) -> SpawnProcess:  # type: ignore[override]
-        self.latest.append(SpawnProcess(*args, **options))
-        return self.latest[-1]
 
 
 @dataclass
@@ -127,7 +141,10 @@ class Workers(_OneThread):
 
     def __enter__(self) -> Self:
         if getattr(current_process(), "_inheriting", False):  # a worker imports the script that started it
-            raise SystemExit(UNGUARDED)  # without a word: the process that started it has the message
+            raise WorkersLost(
+                "worker processes import this script, for a function that it defines: call what starts them "
+                'under `if __name__ == "__main__":`'
+            )
         return super().__enter__()
 
     def __exit__(
@@ -135,6 +152,8 @@ class Workers(_OneThread):
     ) -> None:
         self._stop()
         super().__exit__(kind, error, trace)
+        if isinstance(error, WorkersLost):  # its message says all; where it was noticed is no help
+            raise error.with_traceback(None) from None
 
     def run(
         self,
@@ -171,6 +190,8 @@ class Workers(_OneThread):
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
                         continue  # stays in `running`; the pool is no longer active and is replaced above
+                    if isinstance(error, WorkersLost):
+                        raise error
                     trial = running.pop(future)
                     self._breaks = 0
                     early = time.monotonic() - trial.since < deadline(trial.job)
@@ -200,7 +221,9 @@ class Workers(_OneThread):
                 raise WorkersLost("no worker process could be started")
         try:
             call = pickle.dumps((function, job))
-            future: Future[Any] = self._pool.schedule(call_pickled, args=(call,), timeout=deadline)
+            script = get_preparation_data("") if b"__main__" in call else {}
+            script = {key: value for key, value in script.items() if key.startswith("init_main")}
+            future: Future[Any] = self._pool.schedule(call_pickled, args=(call, script), timeout=deadline)
         except RuntimeError:
             if self._pool.active:
                 raise
@@ -210,10 +233,6 @@ class Workers(_OneThread):
     def _break(self) -> None:
         """Give up a pool that lost an idle worker or could not start one."""
         self._stop()
-        if any(process.exitcode == UNGUARDED for process in self._context.latest):
-            raise WorkersLost(
-                'worker processes import this script: call what starts them under `if __name__ == "__main__":`'
-            )
         self._breaks += 1
         if self._breaks > 2:
             raise WorkersLost(

@@ -70,8 +70,6 @@ def conduct(
 ) -> pd.DataFrame:
     """Measure the cells that have no row yet, and return all rows.
 
-    Call it from under `if __name__ == "__main__":` in a script, for it starts worker processes.
-
     Args:
         experiment: what to measure.
         settings: its conditions.

@@ -223,6 +223,7 @@ def results(folder: str | Path) -> pd.DataFrame:
         frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
     except (NotReadable, UnicodeDecodeError, pd.errors.ParserError) as error:
         raise BadInput(str(path), [Fault("", str(error))]) from None
+    frame = frame.drop_duplicates(list(IDENTITY), keep="last")  # a cell that failed may have been tried again
     return frame.sort_values(["n", "distance_m", "task", "variant"], kind="stable", ignore_index=True)
 
 
@@ -242,7 +243,7 @@ def _compare(folder: Path, held: Any, about: dict[str, Any]) -> None:
 
 
 def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
-    """Return the bytes of a file that are whole rows, and the rows' identities; BadInput names a damaged row."""
+    """Return the bytes of a file that are whole rows, and what they answer; BadInput names a damaged row."""
     try:
         content = read_regular(path, most_bytes=RESULT_BYTES)
         size = content.rfind(b"\n") + 1
@@ -255,7 +256,8 @@ def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
     lines = text.split("\n")[:-1]
     if not lines or tuple(lines[0].split(",")) != COLUMNS:
         raise _refusal(path.parent, f"has a {RESULTS} with other columns")
-    return size, {_identity(_cells(path, number, line)) for number, line in enumerate(lines[1:], start=2)}
+    rows = [_cells(path, number, line) for number, line in enumerate(lines[1:], start=2)]
+    return size, {_identity(row) for row in rows if row["status"] != "failed"}  # those are tried again
 
 
 def _cells(path: Path, number: int, line: str) -> dict[str, str]:

@@ -91,6 +91,11 @@ def _cache_of(function: Callable[..., Any]) -> FunctionCache:
     return cache
 
 
+def choose_folder() -> None:
+    """Choose the folder that numba keeps compiled functions in, for processes that this one starts, too."""
+    _cache_of(choose_folder)
+
+
 def _temporary_folder() -> str:
     """Return the user's temporary folder for compiled functions, which other commands use again, and say so.
 

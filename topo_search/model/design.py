@@ -362,7 +362,7 @@ class Relaxed(Value):
             if first.tightens:
                 verb, end = "try", "the design is one of the task as it is"
             sentences.append(f"{verb} first: {first.words}; solved again {solved}, its audit is clear; {end}")
-            sentences += [f"or {other.words}" for other in others]
+            sentences += [f"or {other.words}; solved and audited alike" for other in others]
         elif self.in_vain:
             of = f" of {' or '.join(self.topologies)}" if self.topologies else ""
             tried = "; ".join(self.in_vain)

@@ -111,7 +111,8 @@ def _findings(design: Design, audit: Audit) -> tuple[str, ...]:
             f"{quantity(overlaps.colliding_pairs, 'pair')} of airflow envelopes overlap, in clusters of {sizes} "
             f"modules; the deepest by {figures(at_most(overlaps.deepest_percent, 3), 3)} % of the deepest possible."
         )
-    found += [f"{words[0].upper()}{words[1:]}." for words in (audit.tolerances_words, design.shorter_rod) if words]
+    shorter = design.shorter_rod if audit.verdict == "clear" else None
+    found += [f"{words[0].upper()}{words[1:]}." for words in (audit.tolerances_words, shorter) if words]
     return tuple(found)
 
 
