@@ -302,7 +302,7 @@ def test_the_sheet_has_a_step_for_every_joint_and_its_numbers(command, tmp_path,
         assert f"Step {step}. Bolt port {b} ({PORT_NAMES[b]}) of module {i} to port {a}" in text
         assert f"to port {a} ({PORT_NAMES[a]}) of module {h}, at {math.degrees(alpha):+.3f} deg" in text
     rod = audit(solved_push).assembly.end_effector.rod
-    assert f"cut to {1000 * rod.length_m:.1f} mm" in text
+    assert f"the rod to {1000 * rod.length_m:.1f} mm" in text
     x, y, z = rod.direction_in_module
     out = {0: x, 1: y, 2: -x, 3: -y}[solved_push.mount.port]
     assert f"{1000 * rod.length_m * out:.1f} mm outwards" in text

@@ -1,7 +1,8 @@
 """The paper's studies and ours: many topologies solved under varied conditions, measured, summed up and drawn.
 
 An experiment is a list of cells, each one topology under one condition. A cell is measured in a worker process, and
-its row is on the disk before the next one counts, so that run the same command to continue where it was stopped.
+its row is on the disk before the next one counts, so that the same command continues where
+it was stopped.
 """
 
 from topo_search.experiments.conducting import Experiment, conduct

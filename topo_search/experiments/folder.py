@@ -223,7 +223,8 @@ def results(folder: str | Path) -> pd.DataFrame:
         frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
     except (NotReadable, UnicodeDecodeError, pd.errors.ParserError) as error:
         raise BadInput(str(path), [Fault("", str(error))]) from None
-    frame = frame.drop_duplicates(list(IDENTITY), keep="last")  # a cell that failed may have been tried again
+    tried_again = frame["status"].eq("failed") & frame.duplicated(list(IDENTITY), keep="last")
+    frame = frame[~tried_again]
     return frame.sort_values(["n", "distance_m", "task", "variant"], kind="stable", ignore_index=True)
 
 
