@@ -71,9 +71,7 @@ def test_a_clock_that_jumps_ends_no_job(tmp_path, monkeypatch):
     real = time.time
 
     def jumping():
-        begun = [
-            real() - path.stat().st_mtime > 0.3 for path in tmp_path.iterdir()
-        ]  # the pool has seen the job begin
+        begun = [real() - path.stat().st_mtime > 0.3 for path in tmp_path.iterdir()]  # by then the pool knows
         return real() + 1000.0 * min(sum(begun), 3)
 
     monkeypatch.setattr(time, "time", jumping)
