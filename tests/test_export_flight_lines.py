@@ -61,7 +61,7 @@ def test_the_lines_are_rounded_to_the_side_on_which_they_are_proven() -> None:
         ("hover", "survives 7 of 8, not rotor 3 of module 1"),
         ("all load cases", "survives 6 of 8, not rotor 3 of module 1", "undecided rotor 0 of module 0"),
         ("moment in a joint", "1.24 N m and 3.21 N", "modules 0 and 1", "load case 0"),
-        ("50 %", "1.25 times the power"),
+        ("50 %", "25 % more power"),
         ("spans 0.75 m",),
     ]
     for line, expected in zip(flight_lines(told()), parts, strict=True):
