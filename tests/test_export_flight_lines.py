@@ -84,6 +84,12 @@ def test_what_is_not_proven_is_not_claimed(hover: dict, out: dict, words: str) -
     assert not any("load factor" in line for line in flight_lines(found))
 
 
+@pytest.mark.parametrize("ratio", [1.0 - 2.3e-16, 1.0, 1.0 + 2.3e-16])
+def test_level_rotors_take_no_more_power_in_hover(ratio: float) -> None:
+    line = next(line for line in flight_lines(told(hover_power_ratio=ratio)) if "power" in line)
+    assert "and 0 % more power" in line
+
+
 def test_a_single_module_has_no_joints_to_tell_of() -> None:
     assert not any("joint" in line for line in flight_lines(told(joints=())))
 

@@ -5,9 +5,9 @@ It knows neither workers nor files, and it is deterministic: with the same resul
 run that was killed repeats its proposals from the ledger, and neither the number of workers nor their speed changes
 what is proposed.
 
-An exhaustive search gives all candidates the same number of starts: after a few starts per tree's best effort says
-little about what more of them will find, and giving more to those that are ahead finds the best ones less surely
-than giving as much to all (`tests/benchmarks/budget.py`).
+An exhaustive search gives all candidates the same number of starts: after a few starts, a tree's best effort says
+little about what more starts will find, and giving more to the trees ahead finds the best designs less surely than
+giving the same to all (`tests/benchmarks/budget.py`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from topo_search.topologies import Candidate
 PRUNED_AFTER = 32
 """Number of candidates proposed ahead of the results that may rule them out."""
 EVEN = 1e-5
-"""Share of an effort that is not worth a search; what a bound leaves to the audit's tolerances is mostly less."""
+"""Largest share of an effort not worth a search; a bound's allowance for tolerances is mostly less."""
 
 Bound = Callable[[Candidate], float]
 """Lower bound on the objective of a candidate."""
@@ -171,7 +171,7 @@ class ExhaustiveSearch(Strategy):
 
 
 def may_beat(objective: float, bound: float) -> bool:
-    """Whether an objective that cannot go below a bound can be less than another by more than EVEN."""
+    """Whether an objective with this lower bound can save more than EVEN of another."""
     return bound < objective * (1.0 - EVEN)
 
 

@@ -158,10 +158,10 @@ def flight_lines(flight: Flight) -> Iterator[str]:
         worst = max(loads, key=lambda load: load.moment_Nm)
         size = f"{upper_text(worst.moment_Nm, 3)} N m and {upper_text(worst.force_N, 3)} N"
         yield f"largest moment in a joint: {size}, between modules {worst.module} and {worst.child} in {worst.case}"
-    if flight.hover_input is not None and flight.hover_power_ratio is not None:
+    if flight.hover_input is not None and flight.hover_power_excess is not None:
         yield (
             f"hover takes {100 * flight.hover_input:.3g} % of the largest input on average, and "
-            f"{100 * flight.hover_power_ratio - 100:.3g} % more power than with all rotors pointing straight up"
+            f"{flight.hover_power_excess:.3g} % more power than with all rotors pointing straight up"
         )
     yield f"the platform spans {flight.span_m:.3g} m"
 

@@ -115,6 +115,11 @@ class Flight(Value):
     """Largest distance between the centres of two rotors, and the width of one [m]."""
 
     @property
+    def hover_power_excess(self) -> float | None:
+        """Percentage of power over that of rotors which all pull straight up, without rounding; None: no hover."""
+        return None if self.hover_power_ratio is None else round(100.0 * self.hover_power_ratio - 100.0, 9) + 0.0
+
+    @property
     def hover(self) -> CaseFlight:
         """What hover leaves."""
         return self.cases[0]

@@ -54,9 +54,8 @@ def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str
     peak = f"{figures(at_most(100 * float(throttle.max()), 3), 3)} %"
     yield Tile("Peak throttle", peak, f"mean {figures(100 * float(throttle.mean()), 3)} % over all load cases")
     flight = None if audit is None else audit.flight
-    if flight is not None and flight.hover_input is not None and flight.hover_power_ratio is not None:
-        more = figures(100 * flight.hover_power_ratio - 100, 3)
-        power = f"{more} % more power than with all rotors pointing straight up"
+    if flight is not None and flight.hover_input is not None and flight.hover_power_excess is not None:
+        power = f"{figures(flight.hover_power_excess, 3)} % more power than with all rotors pointing straight up"
         yield Tile("Throttle in hover", f"{figures(100 * flight.hover_input, 3)} %", power)
     if gap is not None:
         told = f"no platform of {modules(n)} can save more effort{', in the scope of the proofs' if scoped else ''}"
