@@ -51,7 +51,9 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
     assert cases["load case 2"] == "force at the centre of mass [0, 0, 12.2] N = [0, 0, 1] m_t g; weight 1"
     (paths,) = said["must stay out of the airflow"].values()
     assert paths == "capsules of radius 15 cm along 2 paths from the end-effector to [1, 0, 0], [1, 1, −1] m"
-    assert said["search of 5 modules"]["candidates"].startswith("49; half turns are the same design")
+    assert said["search of 5 modules"]["candidates"].startswith(
+        "49; trees that differ only by half turns of modules are merged"
+    )
     assert list(said["warnings"]) == ["load_cases[0]", "load_cases[1]"]
 
 

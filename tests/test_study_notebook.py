@@ -50,7 +50,7 @@ def toy_solved(key: str) -> Solved:
 def test_an_answer_shows_its_ranking_and_holds_its_best(tmp_path) -> None:
     answer = toy_run(tmp_path / "run", modules=(2, 3))
     (head, *rows), (near_head, *near) = tables(answer.sizes[1])
-    assert head == ["key", "J [rad^4/s^4]", "gap", "stands for", "audit"]
+    assert head == ["key", "J [rad^4/s^4]", "gap", "symmetric copies", "audit"]
     assert near_head == ["key", "J [rad^4/s^4]", *FLIGHT]
     assert [row[0] for row in near] == [row.key for row in answer.sizes[1].near_ties]
     assert [row[0] for row in rows] == [row.key for row in answer.sizes[1].top]

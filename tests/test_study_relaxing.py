@@ -292,7 +292,7 @@ def test_a_tighter_reach_is_named_before_what_takes_from_the_task(monkeypatch):
     )
     first, second = found.sentences
     assert says(first, "try first", "15 % less reach", "1 -> 0.85 m", "the design is one of the task as it is")
-    assert says(second, "or rotor limits: 1 % more thrust")
+    assert says(second, "or rotor limits", "1 % more thrust")
 
 
 def test_a_run_whose_candidates_all_fail_claims_nothing(tmp_path):
@@ -334,7 +334,7 @@ def test_no_word_of_proof():
         enough=2.6,
     )
     first, *_ = Relaxed(modules=3, starts=8, relaxations=(one,), in_vain=()).sentences
-    assert says(first, "relax first: rotor limits: 4 % more thrust", "a300", "max_thrust_to_weight: 2.5 -> 2.6")
+    assert says(first, "relax first: rotor limits", "4 % more thrust", "a300", "max_thrust_to_weight: 2.5 -> 2.6")
     assert says(first, "a smaller change may be enough")
     (alone,) = Relaxed(modules=3, starts=8, relaxations=(), in_vain=("rotor limits: 100 % more thrust",)).sentences
     assert "no single limit" in alone

@@ -291,8 +291,8 @@ def test_what_is_lossy_says_so() -> None:
     assert exact == {"task": True, "none": True, "c2": True, "d2": True, "c4": False, "d4": False}
     assert "reflection" in resolve_symmetry(push).reason
     assert not resolve_symmetry(directional, "d2").exact
-    assert "lossy: no mirror" in resolve_symmetry(directional, "d2").reason
-    assert "no mirror maps the task" in resolve_symmetry(directional).reason
+    assert "lossy: " in resolve_symmetry(directional, "d2").reason
+    assert "no mirror symmetry" in resolve_symmetry(directional).reason
     assert resolve_symmetry(paper).exact
     assert not resolve_symmetry(paper, "c2").exact
     with pytest.raises(ValueError, match="symmetry must be one of"):

@@ -120,7 +120,7 @@ def _print_front(answer: Answer) -> None:
 
 
 def _print_rows(rows: tuple[Row, ...]) -> None:
-    table = _table("key", "objective", "over bound", "gap", "starts at best", "stands for", "audit")
+    table = _table("key", "objective", "J over bound", "gap", "hits", "symmetric copies", "audit")
     for row in rows:
         table.add_row(
             row.key,

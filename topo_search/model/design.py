@@ -329,8 +329,8 @@ class Relaxation(Value):
 
     @property
     def words(self) -> str:
-        """What would do, in a line."""
-        return f"{self.limit}: {self.change} would do for {self.topology_key} ({self.setting})"
+        """The change and its setting in a line."""
+        return f"{self.limit}: {self.topology_key} becomes feasible with {self.change} ({self.setting})"
 
 
 class Relaxed(Value):

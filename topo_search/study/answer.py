@@ -154,7 +154,7 @@ class SizeAnswer:
         """Show a notebook the best designs of this size."""
         counts = ", ".join(f"{number} {status}" for status, number in sorted(self.statuses.items()))
         title = heading(f"modules: {self.modules}; candidates: {self.candidates} ({counts or 'none settled'})")
-        names = ("key", "J [rad^4/s^4]", "gap", "stands for", "audit")
+        names = ("key", "J [rad^4/s^4]", "gap", "symmetric copies", "audit")
         rows = [
             (row.key, row.objective, None if gap is None else gap_percent(gap), row.orbit, row.audit)
             for row, gap in ((row, self.gap_of(row)) for row in self.top)

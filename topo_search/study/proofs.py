@@ -117,14 +117,13 @@ def summarize(
         "not examined": "not examined",
     }
     verdicts = ", ".join(f"{counts[name]} {text}" for name, text in words.items() if counts[name])
+    number = f"{candidates} candidate{'s' * (candidates > 1)}"
     unsolved = candidates - len(rows)
     if unsolved:
         verdicts += f", {unsolved} not solved by `run`"
     due = [row.key for row, state in zip(rows, states, strict=True) if state.proof in (OPEN, None)]
     if due or unsolved:
-        sentence = (
-            f"branch and bound, {candidates} candidates: {verdicts}; nothing new is proven while some are open"
-        )
+        sentence = f"branch and bound, {number}: {verdicts}; nothing new is proven while some are open"
         stuck = [key for key in due if key in proofs and is_stuck(proofs[key], best.objective)]
         if stuck:
             shown = ", ".join(stuck[:3]) + ", ..." * (len(stuck) > 3)
@@ -138,8 +137,7 @@ def summarize(
     limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
     about = weakest_problem([proof.problem for row in rows if (proof := proofs.get(row.key)) is not None])
     sentence = (
-        f"proven by branch and bound: {subject} is {limit}better "
-        f"({candidates} candidates: {verdicts}); {problem(task, about)}"
+        f"proven by branch and bound: {subject} is {limit}better ({number}: {verdicts}); {problem(task, about)}"
     )
     return ProofSummary(sentence, gap)
 

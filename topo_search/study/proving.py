@@ -84,9 +84,7 @@ class _Work:
             self.observer.note(f"{key}: {_words(proof, self.floor)}, {proof.boxes:,} boxes")
         elif result.outcome != "closed" and proof.cut > self.floor:
             self.proofs[key] = _lower(proof, self.floor)
-            self.observer.note(
-                f"{key}: {_cause(result)}; is held to {gap_percent(proof.gap)} under the best instead"
-            )
+            self.observer.note(f"{key}: {_cause(result)}; proving a gap of {gap_percent(proof.gap)} instead")
         elif result.outcome != "closed" and not known_open:
             state = "impossible, but without a record to check" if key in self.impossible else "open"
             self.observer.note(f"{key}: {state}, for {_cause(result)}")
@@ -268,4 +266,4 @@ def _cause(chunk: Chunk) -> str:
     """Say why a chunk is open."""
     if chunk.outcome == "many":
         return f"chunk {chunk.number} needs more than {chunk.boxes:,} boxes"
-    return f"a box of chunk {chunk.number} at the smallest size may contain a better design"
+    return f"chunk {chunk.number} cannot exclude a better design at the smallest size of boxes"

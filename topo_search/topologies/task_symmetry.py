@@ -294,15 +294,16 @@ def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolut
         return Resolution(group, True, "every tree is a candidate")
     if group in ("c4", "d4"):
         return Resolution(group, False, "lossy: a quarter turn reverses every rotor's spin")
-    turns = "half turns" if connectors == "aligned" else "quarter turns with the spin flip"
+    turns = "half turns of modules" if connectors == "aligned" else "quarter turns of modules with the spin flip"
+    merged = f"trees that differ only by {turns} are merged"
     if group == "c2":
         if symmetry != "task":
-            return Resolution(group, True, f"{turns} are the same design")
-        return Resolution(group, True, f"{turns} are the same design; no mirror maps the task onto itself")
+            return Resolution(group, True, merged)
+        return Resolution(group, True, f"{merged}; the task has no mirror symmetry")
     if isometry is None:
-        return Resolution(group, False, "lossy: no mirror maps the task onto itself")
-    mirror = f"{describe(isometry)} maps the task onto itself"
-    return Resolution(group, True, f"{turns} and mirrored trees are the same design: {mirror}")
+        return Resolution(group, False, "lossy: the task has no mirror symmetry")
+    mirror = f"the task is symmetric under {describe(isometry)}, so mirror images are merged as well"
+    return Resolution(group, True, f"{merged}; {mirror}")
 
 
 def describe(O: NDArray[np.float64]) -> str:
