@@ -334,7 +334,7 @@ def test_no_word_of_proof():
         enough=2.6,
     )
     first, *_ = Relaxed(modules=3, starts=8, relaxations=(one,), in_vain=()).sentences
-    assert says(first, "relax first: rotor limits", "4 % more thrust", "a300", "max_thrust_to_weight: 2.5 -> 2.6")
+    assert says(first, "relax first: rotor limits", "a300", "4 % more thrust", "max_thrust_to_weight: 2.5 -> 2.6")
     assert says(first, "a smaller change may be enough")
     (alone,) = Relaxed(modules=3, starts=8, relaxations=(), in_vain=("rotor limits: 100 % more thrust",)).sentences
     assert "no single limit" in alone
