@@ -98,6 +98,12 @@ def solve(
             key=lambda one: one.rank,
         )
     best, shorter = min(found, key=lambda one: one.rank), None
+    if not best.worst.met and (narrower := _within_usual_reach(task, best.point)):
+        nearer = solve(narrower, topology, starts=starts, seed=seed, near=near, constraints=constraints)
+        if isinstance(nearer, Design):
+            carried = _carried_over(task, topology, nearer, best.start, seed, user_constraints)
+            best = min(best, *carried, key=lambda one: one.rank)
+            found = [best if one.start == best.start else one for one in found]
     if best.worst.met and task.end_effector.rod == "straight" and task.end_effector.fixed_position is None:
         from nlp.shortest_rod import shorten_rod  # compiled code, which other commands need not load
 
@@ -118,6 +124,15 @@ def solve(
         versions=_versions(),
     )
     return _design(best, record, constraints) if best.worst.met else _infeasible(found, best, record)
+
+
+def _within_usual_reach(task: ResolvedTask, closest: Point) -> ResolvedTask | None:
+    """Return the task with its default reach if all descents left that, as they may where reach costs nothing."""
+    usual = task.declared.end_effector.model_copy(update={"largest_reach": None})
+    narrower = task.declared.model_copy(update={"end_effector": usual})
+    reach, allowed = narrower.largest_reach(task.n), task.largest_reach(task.n)
+    distance = np.linalg.norm(closest.p_E - closest.poses[1], axis=1).min() - task.module.connector_distance
+    return narrower if reach is not None and reach < min(distance, allowed or np.inf) else None
 
 
 def _carried_over(
