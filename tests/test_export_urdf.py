@@ -71,6 +71,16 @@ def test_mass_and_inertia_of_the_whole_are_those_of_its_parts(topology: Topology
     np.testing.assert_allclose(M[3:, 3:], about_root, atol=1e-13)
 
 
+@pytest.mark.parametrize("inertia", [[1e-3, 1e-3, 2e-3], [1.3e-3, 0.9e-3, 2.2e-3], [0.7, 3.1, 3.8]])
+@pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
+def test_a_flat_body_loads_however_it_is_turned(topology: Topology, inertia: list[float]) -> None:
+    """Its largest moment is the sum of the others, which MuJoCo checks without tolerance."""
+    text = urdf(random_design(topology, 3, {"module": {"body": {"inertia": inertia}}}))
+    mujoco.MjModel.from_xml_string(text)
+    for origin in ElementTree.fromstring(text).findall("link/inertial/origin"):
+        assert not any(map(float, origin.attrib["rpy"].split()))  # some readers ignore the turn of a tensor
+
+
 @pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
 def test_thrust_applied_as_the_file_says_gives_the_wrench_of_the_audit(topology: Topology) -> None:
     design = random_design(topology, 7)
