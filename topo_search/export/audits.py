@@ -128,6 +128,16 @@ def tolerance_lines(audit: Audit) -> Iterator[str]:
         yield words
 
 
+def broken_lines(audit: Audit) -> Iterator[str]:
+    """Yield each requirement that is not clear, with what it misses in its unit."""
+    for pair in audit.pairs:
+        if pair.status != Status.CLEAR:
+            yield f"{pair.name}: {lower_text(1000 * pair.analytic_m, 3)} mm ({pair.status})"
+    for row in audit.residuals:
+        if row.status != Status.CLEAR:
+            yield f"{row.name}: short by {upper_text(row.value, 3)} {row.unit} ({row.status})"
+
+
 def _clearance_row(pair: Clearance) -> list[str]:
     lower = "" if pair.lower_m is None else lower_text(pair.lower_m, DIGITS)
     upper = "" if pair.upper_m is None else upper_text(pair.upper_m, DIGITS)
