@@ -22,7 +22,6 @@ from topo_search.model.proven import lower_text
 from topo_search.model.topology import PORT_NAMES
 from verify import audit
 
-
 DESIGNS = Path(__file__).parent / "designs"
 CLEAR = str(DESIGNS / "survives-a-rotor.json")
 

@@ -322,6 +322,8 @@ class Module(Value):
     """Rated force of a joint [N]."""
     min_input: Annotated[float, Field(strict=True, ge=0, lt=1, exclude_if=lambda given: given == 0.0)] = 0.0
     """Least squared speed of a running rotor, as a share of the largest; a failed rotor is exempt."""
+    battery_Wh: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    """Energy of a module's battery [Wh], of which the audit tells how long it lasts at most."""
     airflow: Airflow = Airflow()
     """The airflow envelope."""
     body: Body = Body()
@@ -422,8 +424,8 @@ class Module(Value):
             u: squared rotor speed [rad^2/s^2].
             density: rho [kg/m^3].
         """
-        disc = math.pi * self.body.rotor_radius**2
-        return (self.thrust_coefficient * u) ** 1.5 / math.sqrt(2 * density * disc)
+        thrust, disc = self.thrust_coefficient * u, math.pi * self.body.rotor_radius**2
+        return thrust * math.sqrt(thrust / (2 * density * disc))
 
     def propeller_coefficient(self, density: float) -> float:
         """Return C_T, in air of a density [kg/m^3]."""
