@@ -240,7 +240,8 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
     elif kind == "brackets":
         click.echo(f"the brackets are in {out}: {', '.join(write_brackets(design, out))}")
     else:
-        write_part(design, kind, out, notes)
+        for text in write_part(design, kind, out, notes):
+            note(f"warning: {text}")
         click.echo(f"the {'sheet' if kind == 'sheet' else 'table'} is in {out}")
 
 

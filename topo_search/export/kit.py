@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from topo_search.export.allocation import Allocation, allocation, px4_parameters, reason_against
+from topo_search.export.allocation import Allocation, allocation
 from topo_search.export.brackets import brackets, mount
 from topo_search.export.mjcf import mjcf
+from topo_search.export.px4 import px4_parameters, px4_warnings, reason_against
 from topo_search.export.sheet import parts_csv, parts_list, sheet
 from topo_search.export.simulator_xml import AS_SEARCHED, Physics
 from topo_search.model.bad_input import BadInput, Fault
@@ -49,7 +50,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
     require_kit_folder(folder)
     acts = allocation(design)
     left_out = reason_against(acts)
-    own = () if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
+    own = px4_warnings(acts) if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
     contents = dict(_contents(design, acts, (*notes, *own), physics))
     for old in (*(folder / name for name in FILES), *(folder / BRACKETS).glob("*.stl")):
         old.unlink(missing_ok=True)
@@ -79,10 +80,10 @@ def write_part(
     kind: Literal["allocation", "rotors", "px4", "sheet", "parts"],
     out: Path,
     notes: Sequence[str] = (),
-) -> None:
+) -> tuple[str, ...]:
     """Write a part of the kit that is one file; an allocation whose name ends in .json as JSON, else as a table.
 
-    A sheet says the notes first.
+    A sheet says the notes first. Returns what PX4 cannot do, where that is the part.
 
     Raises:
         BadInput: there are more rotors than PX4 takes, a number is beyond its range, or brackets do not fit.
@@ -96,6 +97,7 @@ def write_part(
         table = px4_parameters if kind == "px4" else Allocation.rotor_csv if kind == "rotors" else Allocation.csv
         text = to_json(acts) if kind == "allocation" and out.suffix.lower() == ".json" else table(acts)
     write_atomically(out, text)
+    return px4_warnings(allocation(design)) if kind == "px4" else ()
 
 
 def require_kit_folder(folder: Path) -> None:

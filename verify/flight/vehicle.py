@@ -59,8 +59,8 @@ def capability(vehicle: Vehicle, task: Task | None = None) -> Capability | None:
         zero_torque_ball_N=clamp(ball.lower * weight),
         flight=Flight(
             cases=rows,
-            rotors_out_hover=_numbered(measured.rotors_out(1)),
-            rotors_out_all=_numbered(measured.rotors_out(len(rows))),
+            rotors_out_hover=_count_through(measured.rotors_out(1)),
+            rotors_out_all=_count_through(measured.rotors_out(len(rows))),
             joints=(),
             hinge_tolerance_deg=None,
             hover_input=measured.hover_input,
@@ -100,7 +100,7 @@ def _cases(task: Task, weight: float) -> dict[str, LoadCase]:
     return cases
 
 
-def _numbered(out: RotorsOut) -> RotorsOut:
+def _count_through(out: RotorsOut) -> RotorsOut:
     """Return the same with rotors counted through, not in modules of four."""
     lost, undecided = (tuple((0, 4 * m + q) for m, q in some) for some in (out.lost, out.undecided))
     return out.model_copy(update={"lost": lost, "undecided": undecided})
