@@ -8,9 +8,9 @@ r"""What a flight controller needs to know of a platform: how its rotors push an
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | w | force, then torque about the COM, in the axes of the task | (6,) | N, N m |
-| u; T = k_f u | squared rotor speeds; thrusts; j = 4 i + q - 1, rotor q = 1..4 of module i | (4n,) | rad^2/s^2; N |
+| u; T = k_f u | squared rotor speeds; thrusts; j = 4 i + q, rotor q = 0..3 of module i | (4n,) | rad^2/s^2; N |
 | o_j, z_j | position of rotor j from the COM; its thrust axis | (3,) | m, - |
-| s_j = (-1)^q | sign of the drag torque along z_j: +1 for a rotor that turns clockwise seen against z_j | | |
+| s_j = -(-1)^q | sign of the drag torque along z_j: +1 for a rotor that turns clockwise seen against z_j | | |
 | J | inertia about the COM: modules by their own, the end-effector a point; the rod has none | (3, 3) | kg m^2 |
 """
 
@@ -133,7 +133,7 @@ def allocation(design: Design) -> Allocation:
     u_max = module.max_input(task.gravity)
     rotors = [
         Rotor(
-            name=f"module_{j // 4}_rotor_{j % 4 + 1}",
+            name=f"module_{j // 4}_rotor_{j % 4}",
             module=j // 4,
             rotor=j % 4,
             position_m=_vector(o[j]),

@@ -32,8 +32,8 @@ from verify.kinematics import rotation
 ABOUT = """
 Link `module_0`: origin at the root module's centre, axes of the task frame. Other module links: their own frames.
 Link `centre_of_mass`: of the whole platform, axes of the task frame. Load cases act there and at `end_effector`.
-A rotor Q = 1..4 at the squared speed u [rad^2/s^2] pushes along z of the link `module_I_rotor_Q` with
-{k_f!r} u [N], and turns the platform about it with (-1)^Q {k_tau!r} u [N m]; u is at most {u_max!r}.
+A rotor Q = 0..3 at the squared speed u [rad^2/s^2] pushes along z of the link `module_I_rotor_Q` with
+{k_f!r} u [N], and turns the platform about it with (-1)^(Q + 1) {k_tau!r} u [N m]; u is at most {u_max!r}.
 """
 
 ROUNDING = 1e-14
@@ -54,7 +54,7 @@ def urdf(design: Design) -> str:
     for i in range(design.topology.n):
         R = F[i].T @ at.R[i]
         _module_link(robot, i, R, module)
-        for q, angle in enumerate(ROTOR_ANGLES, start=1):
+        for q, angle in enumerate(ROTOR_ANGLES):
             rotor = f"module_{i}_rotor_{q}"
             _point(robot, rotor, 0.0)
             _joint(robot, f"module_{i}", rotor, R @ _point_towards(angle, module.arm_length), R)
