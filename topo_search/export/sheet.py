@@ -10,12 +10,14 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.export.brackets import DIGITS, MILLIMETRES, TURNS, Part, connector_turn
+from topo_search.export.overview import overview
+from topo_search.export.parts import ABOUT_PARTS, COLUMNS, Row
 from topo_search.export.poses import ROTOR_ANGLES, poses, rod_of
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
-from topo_search.model.tables import csv_text, paragraph, table
+from topo_search.model.tables import paragraph, table
 from topo_search.model.topology import PORT_NAMES
 
 STYLE = """
@@ -58,9 +60,12 @@ def sheet(
         paragraph(f"Angles are stated to {10**-DIGITS:g} deg. {_faces(design)}"),
         "<h2>Parts</h2>",
         table(COLUMNS, rows),
+        paragraph(ABOUT_PARTS),
         "<h2>Steps</h2>",
         *_steps(design, joints),
         *_rod(design, len(joints) + 1, mount),
+        "<h2>The whole platform</h2>",
+        *overview(design),
         "</body></html>",
     ]
     return "\n".join(lines) + "\n"
@@ -97,35 +102,6 @@ def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
         f"from the bottom of the bore, which is the connector, the tip is {1000 * rod.length * x:.1f} mm outwards, "
         f"{1000 * rod.length * y:.1f} mm to the left seen outwards, and {1000 * rod.length * z:.1f} mm up."
     )
-
-
-COLUMNS = ("part", "count", "size", "mass_kg", "file")
-Row = tuple[str, int, str, str, str]
-"""What `COLUMNS` names."""
-
-
-def parts_list(design: Design, joints: Sequence[Part], mount: Part | None) -> list[Row]:
-    """Return a row for every kind of part; masses are those of the model, empty where it has none."""
-    task, bracket = design.task, design.task.module.bracket_sizes
-    rows = [("module", design.topology.n, "", f"{task.module.mass:g}", "")]
-    rows += [("bracket", 1, f"{part.volume_cm3:.1f} cm^3", "", f"brackets/{part.file}") for part in joints]
-    flanges = 2 * len(joints)
-    rod = rod_of(design, poses(design))
-    if mount is not None and rod is not None:
-        flanges += 1
-        radius, mass = 1000 * rod.radius, task.end_effector.rod_linear_density * rod.length
-        rows.append(("rod mount", 1, f"{mount.volume_cm3:.1f} cm^3", "", f"brackets/{mount.file}"))
-        size = f"{1000 * rod.length:.1f} mm long, {2 * radius:g} mm thick"
-        rows.append(("rod", 1, size, f"{mass:.4g} (left out of the model)", ""))
-    rows.append(("end-effector", 1, "", f"{task.end_effector.mass:g}", ""))
-    bolt = f"hole {1000 * bracket.bolt_diameter:g} mm, through {1000 * bracket.thickness:g} mm and the module"
-    rows.append(("bolt with nut", 4 * flanges, bolt, "", ""))
-    return rows
-
-
-def parts_csv(rows: Sequence[Row]) -> str:
-    """Return the list as the text of a CSV file."""
-    return csv_text(COLUMNS, rows)
 
 
 Line = list[str]
