@@ -10,7 +10,7 @@ import trimesh
 from export_cases import random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
-from topo_search.export.brackets import Part, bracket, brackets, mount
+from topo_search.export.brackets import Part, bracket, brackets, mount, struts
 from topo_search.model import BadInput, Design, Task, Topology
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
@@ -156,3 +156,23 @@ def test_a_task_states_its_brackets_and_one_that_does_not_stays_as_it_was() -> N
     own = Task.model_validate({**plain.model_dump(), "module": {"bracket": {"wall": 0.004}}})
     assert own.model_dump()["module"]["bracket"]["wall"] == 0.004
     assert isinstance(random_design(Topology.from_key("a10"), 1), Design)
+
+
+def test_struts_reach_from_the_hub_to_every_bracket_and_keep_off_rotors() -> None:
+    design = with_rod(random_design(Topology.from_key("a300"), 3))
+    module = design.task.module
+    (part,) = struts(design)
+    assert (part.file, part.count) == ("strut_86.4mm.stl", 2 * 2 + 1)
+    mesh = read(part)
+    (centre, normal, up) = mating_face(mesh, 1, module.bracket_sizes.bolt_diameter)
+    distance = module.connector_distance - module.bracket_sizes.set_back
+    np.testing.assert_allclose(centre, [distance, 0, 0], atol=1e-6)
+    np.testing.assert_allclose([normal, up], [[1, 0, 0], [0, 0, 1]], atol=1e-6)
+    assert mesh.bounds[0][0] == pytest.approx(module.body.hub[0] / 2, abs=1e-7)
+    for x, y in ((1, 1), (1, -1)):
+        rotor = module.arm_length / math.sqrt(2) * np.array([x, y])
+        off = np.linalg.norm(mesh.vertices[:, :2] - rotor, axis=1)
+        assert off.min() > module.body.rotor_radius + 0.0019
+    wide = design.task.module.model_copy(update={"body": module.body.model_copy(update={"rotor_radius": 0.068})})
+    other = design.model_copy(update={"task": design.task.model_copy(update={"module": wide})})
+    assert struts(other) == []

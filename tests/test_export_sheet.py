@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from topo_search.export.allocation import allocation
-from topo_search.export.brackets import brackets, mount
+from topo_search.export.brackets import brackets, mount, struts
 from topo_search.export.mjcf import mjcf
 from topo_search.export.parts import bolt_of, parts_csv, parts_list
 from topo_search.export.poses import poses
@@ -21,7 +21,7 @@ from topo_search.model.files import read_json
 from topo_search.model.module import Bracket
 
 DESIGN = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
-ROWS = parts_list(DESIGN, brackets(DESIGN), mount(DESIGN))
+ROWS = parts_list(DESIGN, brackets(DESIGN), mount(DESIGN), struts(DESIGN))
 
 
 def test_the_parts_list_has_every_mass_and_the_total_beside_the_models() -> None:
@@ -30,8 +30,10 @@ def test_the_parts_list_has_every_mass_and_the_total_beside_the_models() -> None
     total = sum(int(row[1]) * float(row[3]) for row in listed)
     assert float(rows["all parts"]["total_kg"]) == pytest.approx(total, abs=1e-4)
     assert float(rows["model of the search"]["total_kg"]) == 0.768
-    assert total - 0.768 == pytest.approx(0.098, abs=5e-4)  # brackets, bolts and rod: 12.8 %
-    assert (rows["bolt with nut"]["count"], rows["bolt with nut"]["size"]) == ("20", "M3 x 12")
+    assert (rows["strut"]["count"], rows["strut"]["file"]) == ("5", "brackets/strut_86.4mm.stl")
+    assert (rows["bolt with nut"]["count"], rows["bolt with nut"]["size"]) == ("40", "M3 x 12")
+    struts_and_their_bolts = float(rows["strut"]["total_kg"]) + 20 * float(rows["bolt with nut"]["mass_kg"])
+    assert total - struts_and_their_bolts - 0.768 == pytest.approx(0.098, abs=5e-4)  # 12.8 % of the model
     assert bolt_of(Bracket(bolt_diameter=0.0055, thickness=0.006)) == (5.0, 20)
 
 

@@ -38,6 +38,8 @@ TURNS = (1.0, -1.0, -1.0, 1.0)
 """phi over alpha at the ports 0..3."""
 GRIP = 6.0
 """Length of the socket that holds the rod, over the rod's radius."""
+BESIDE_ROTOR = 0.002
+"""Least distance of a strut from the discs of rotors beside it [m]."""
 DIGITS = 3
 """Decimals of angles in names [deg]."""
 
@@ -49,6 +51,7 @@ class Part:
     file: str
     mesh: Trimesh
     """In millimetres."""
+    count: int = 1
 
     @property
     def volume_cm3(self) -> float:
@@ -77,6 +80,48 @@ def brackets(design: Design) -> list[Part]:
         name = f"bracket_{step:02d}_module{h}-port{a}_module{i}-port{b}_{angle}.stl"
         parts.append(Part(name, bracket(module.bracket_sizes, TURNS[a] * alpha)))
     return parts
+
+
+def struts(design: Design) -> list[Part]:
+    """Return what holds a bracket or the rod's mount on the hub: a kind for each length, with its count.
+
+    None where the frame is the user's own, or without room between rotors.
+    """
+    module, used = design.task.module, [port for h, i, a, b in design.topology.edges() for port in (a, b)]
+    if design.mount is not None and mount(design) is not None:
+        used.append(design.mount.port)
+    sizes, outer = module.bracket_sizes, module.connector_distance - module.bracket_sizes.set_back
+    beside = module.arm_length / math.sqrt(2) - module.body.rotor_radius - BESIDE_ROTOR
+    width = min(module.body.arm_width / 2, sizes.half_width)
+    lengths: dict[float, int] = {}
+    for port in used:
+        inner = module.body.hub[port % 2] / 2
+        lengths[inner] = lengths.get(inner, 0) + 1
+    if module.body.frame is not None or beside <= sizes.half_width:
+        return []
+    return [
+        Part(f"strut_{MILLIMETRES * (outer - inner):.1f}mm.stl", strut(sizes, inner, outer, width), count)
+        for inner, count in lengths.items()
+        if outer - inner > 2 * sizes.thickness
+    ]
+
+
+def strut(sizes: Bracket, inner: float, outer: float, width: float) -> Trimesh:
+    """Return two flanges with a cross between them, closed, in millimetres, in the axes of its module at port 0.
+
+    Args:
+        sizes: of the flanges.
+        inner: face of the hub [m].
+        outer: face of the bracket [m].
+        width: half width of the cross [m].
+    """
+    lengths = sizes.half_width, sizes.thickness, sizes.wall, inner, outer, width
+    r, t, w, start, end, wide = (MILLIMETRES * x for x in lengths)
+    solid = _box((start, -r, -r), (start + t, r, r)) + _box((end - t, -r, -r), (end, r, r))
+    solid += _box((start, -wide, -w / 2), (end, wide, w / 2)) + _box((start, -w / 2, -wide), (end, w / 2, wide))
+    for x in (start, end - t):
+        solid -= _holes(sizes, x, t, marks=1)
+    return _mesh(solid)
 
 
 def mount(design: Design) -> Part | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from topo_search.export.allocation import Allocation, allocation
-from topo_search.export.brackets import brackets, mount
+from topo_search.export.brackets import brackets, mount, struts
 from topo_search.export.mjcf import mjcf
 from topo_search.export.parts import parts_csv, parts_list
 from topo_search.export.px4 import px4_parameters, px4_warnings, reason_against
@@ -68,7 +68,7 @@ def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
     """
     _require_only(folder, lambda path: path.suffix == ".stl", "a new or empty folder, or one of STL files")
     held = mount(design)
-    parts = [*brackets(design), *([] if held is None else [held])]
+    parts = [*brackets(design), *([] if held is None else [held]), *struts(design)]
     for old in folder.glob("*.stl"):
         old.unlink()
     for part in parts:
@@ -91,7 +91,7 @@ def write_part(
     """
     if kind in ("sheet", "parts"):
         joints, held = brackets(design), mount(design)
-        rows = parts_list(design, joints, held)
+        rows = parts_list(design, joints, held, struts(design))
         text = parts_csv(rows) if kind == "parts" else sheet(design, joints, held, rows, notes)
     else:
         acts = allocation(design)
@@ -123,10 +123,10 @@ def _contents(
     yield "rotors.csv", acts.rotor_csv()
     if reason_against(acts) is None:
         yield PARAMETERS, px4_parameters(acts)
-    joints, held = brackets(design), mount(design)
-    for part in (*joints, *([] if held is None else [held])):
+    joints, held, arms = brackets(design), mount(design), struts(design)
+    for part in (*joints, *([] if held is None else [held]), *arms):
         yield f"{BRACKETS}/{part.file}", part.stl()
-    rows = parts_list(design, joints, held)
+    rows = parts_list(design, joints, held, arms)
     yield PARTS, parts_csv(rows)
     yield SHEET, sheet(design, joints, held, rows, notes)
     yield "platform.xml", mjcf(design, physics)

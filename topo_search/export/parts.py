@@ -26,12 +26,13 @@ ABOUT_PARTS = (
 )
 
 
-def parts_list(design: Design, joints: Sequence[Part], mount: Part | None) -> list[Row]:
+def parts_list(design: Design, joints: Sequence[Part], mount: Part | None, held: Sequence[Part] = ()) -> list[Row]:
     """Return a row for every kind of part, then the total, and the mass of the model."""
     task, bracket = design.task, design.task.module.bracket_sizes
     rows = [_row("module", design.topology.n, "", task.module.mass)]
     rows += [_printed("bracket", part) for part in joints]
-    flanges = 2 * len(joints)
+    rows += [_printed("strut", part) for part in held]
+    flanges = 2 * len(joints) + sum(part.count for part in held)
     rod = rod_of(design, poses(design))
     if mount is not None and rod is not None:
         flanges += 1
@@ -43,8 +44,8 @@ def parts_list(design: Design, joints: Sequence[Part], mount: Part | None) -> li
         d, length = bolt_of(bracket)
         rows.append(_row("bolt with nut", 4 * flanges, f"M{d:g} x {length:g}", _bolt_mass(d, length)))
     total = sum(float(row[4]) for row in rows)
-    rows.append(("all parts", "", "", "", f"{total:.4g}", ""))
-    rows.append(("model of the search", "", "", "", f"{task.total_mass(task.n):.4g}", ""))
+    rows.append(("all parts", "", "", "", f"{total:.4f}", ""))
+    rows.append(("model of the search", "", "", "", f"{task.total_mass(task.n):.4f}", ""))
     return rows
 
 
@@ -69,7 +70,7 @@ def _bolt_mass(d: float, length: float) -> float:
 
 def _printed(name: str, part: Part) -> Row:
     mass = PLASTIC * part.volume_cm3 / 100.0**3
-    return _row(name, 1, f"{part.volume_cm3:.1f} cm^3", mass, f"brackets/{part.file}")
+    return _row(name, part.count, f"{part.volume_cm3:.1f} cm^3", mass, f"brackets/{part.file}")
 
 
 def _row(name: str, count: int, size: str, mass: float, file: str = "") -> Row:

@@ -74,7 +74,12 @@ def sheet(
 def _faces(design: Design) -> str:
     module = design.task.module
     at = 1000 * (module.connector_distance - module.bracket_sizes.set_back)
-    return f"A bracket's flange bolts to a module's face {at:.2f} mm from the module's centre."
+    x, y = (1000 * edge / 2 for edge in module.body.hub[:2])
+    return (
+        f"A bracket's flange bolts to a module's face {at:.2f} mm from the module's centre. Struts, where the "
+        f"parts list has some, reach it from the hub, whose faces are {x:.2f} mm (ports 0 and 2) and {y:.2f} mm "
+        "(ports 1 and 3) from the centre. First bolt one to the hub at every port that a step names, mark hole up."
+    )
 
 
 def _steps(design: Design, joints: Sequence[Part]) -> Iterator[str]:
