@@ -109,10 +109,13 @@ def test_the_command_judges_a_vehicle_by_a_task(tmp_path: Path, monkeypatch: pyt
     def run(*words: str) -> Any:
         return CliRunner().invoke(main, ["capability", *words], catch_exceptions=False)
 
-    strong = run("strong.toml", "--task", "wall-push")
+    strong = run("strong.toml", "--task", "wall-push", "--out", "page.html")
     assert strong.exit_code == 0
     assert "strong.toml: 12 rotors, rank 6 of 6" in strong.output
     assert "load case 0 (push): possible" in strong.output
+    text = Path("page.html").read_text()
+    assert "12 rotors, rank 6 of 6. The vehicle meets every load case of the task." in text
+    assert "load case 0 (push)" in text
     heavy = run("heavy.toml", "--task", "wall-push", "--json")
     assert heavy.exit_code == 1
     told = json.loads(heavy.output)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from topo_search.cli import options
@@ -11,8 +13,9 @@ from topo_search.cli.errors import explain_errors
 @click.command(epilog="Example: topo-search capability kit/rotors.csv")
 @click.argument("vehicle", metavar="VEHICLE.toml|rotors.csv")
 @click.option("--task", "judge", metavar="TASK", help="Judge the vehicle against the load cases of this task.")
+@options.out("--out", "page", "Write the figures as a page (.html) as well.")
 @options.as_json
-def capability(vehicle: str, judge: str | None, as_json: bool) -> None:
+def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool) -> None:
     """State what any vehicle with fixed rotors can do, as the audit does of a design.
 
     \b
@@ -29,15 +32,21 @@ def capability(vehicle: str, judge: str | None, as_json: bool) -> None:
     with explain_errors():
         from topo_search.export.audits import flight_lines
         from topo_search.model import BadInput, Fault
-        from topo_search.model.files import read_task
+        from topo_search.model.files import read_task, write_atomically
         from topo_search.model.proven import lower_text
         from topo_search.model.vehicle import read_vehicle
         from verify.flight import capability as capability_of
 
+        if page is not None:
+            options.require_writable(page)
         stated = read_vehicle(vehicle)
         found = capability_of(stated, None if judge is None else read_task(judge))
         if found is None:
             raise BadInput(vehicle, [Fault("", "has wrenches too large, in its weight and size, to compute with")])
+        if page is not None:
+            from topo_search.report.vehicle_page import vehicle_page
+
+            write_atomically(page, vehicle_page(Path(vehicle).name, len(stated.rotors), found))
         if as_json:
             options.echo_json(found.model_dump(mode="json"))
         else:
