@@ -30,13 +30,13 @@ def parts_list(design: Design, joints: Sequence[Part], mount: Part | None, held:
     """Return a row for every kind of part, then the total, and the mass of the model."""
     task, bracket = design.task, design.task.module.bracket_sizes
     rows = [_row("module", design.topology.n, "", task.module.mass)]
-    rows += [_printed("bracket", part) for part in joints]
-    rows += [_printed("strut", part) for part in held]
+    rows += [_part_row("bracket", part) for part in joints]
+    rows += [_part_row("strut", part) for part in held]
     flanges = 2 * len(joints) + sum(part.count for part in held)
     rod = rod_of(design, poses(design))
     if mount is not None and rod is not None:
         flanges += 1
-        rows.append(_printed("rod mount", mount))
+        rows.append(_part_row("rod mount", mount))
         size = f"{MILLIMETRES * rod.length:.1f} mm long, {2 * MILLIMETRES * rod.radius:g} mm thick"
         rows.append(_row("rod", 1, size, task.end_effector.rod_linear_density * rod.length))
     rows.append(_row("end-effector", 1, "", task.end_effector.mass))
@@ -68,7 +68,7 @@ def _bolt_mass(d: float, length: float) -> float:
     return STEEL * volume / MILLIMETRES**3
 
 
-def _printed(name: str, part: Part) -> Row:
+def _part_row(name: str, part: Part) -> Row:
     mass = PLASTIC * part.volume_cm3 / 100.0**3
     return _row(name, part.count, f"{part.volume_cm3:.1f} cm^3", mass, f"brackets/{part.file}")
 

@@ -57,7 +57,7 @@ def reason_against(acts: Allocation) -> str | None:
 
 
 def px4_warnings(acts: Allocation) -> tuple[str, ...]:
-    """Return what PX4 cannot do with a platform, a sentence each."""
+    """Return what PX4 cannot do with a platform, one sentence each."""
     G = _matrix(acts)
     found = []
     if missing := _missing(G):
