@@ -134,11 +134,23 @@ def test_the_bore_of_the_mount_is_where_the_rod_is(tree: Topology) -> None:
     c = module.connector_distance * PORT_DIRECTIONS[design.mount.port]
     along = (inside - c) @ v
     off = np.linalg.norm(inside - c - along[:, None] * v, axis=1)
+    radius += 1e-4  # a sliding fit
     bore = along[np.abs(off - radius) < 2e-6]
     assert len(bore) >= 100
     assert bore.min() == pytest.approx(0, abs=1e-5)
-    assert bore.max() == pytest.approx(6 * radius, abs=1e-5)
-    assert not np.any((off < radius - 2e-6) & (along > 1e-5))  # nothing is in the rod's way
+    assert bore.max() == pytest.approx(0.03, abs=1e-5)
+    assert not np.any((off < radius - 1e-5) & (along > 1e-5))  # nothing is in the rod's way
+    # a slot at the end of the socket, and a bolt across it, upwards or outwards of the rod
+    up = np.array([0.0, 0.0, 1.0]) - v[2] * v
+    side = np.cross(v, up / np.linalg.norm(up)) if np.linalg.norm(up) > 0.3 else np.cross(v, PORT_DIRECTIONS[port])
+    side /= np.linalg.norm(side)
+    across, hole = (inside - c) @ side, module.bracket_sizes.bolt_diameter
+    ear = hole + 2 * module.bracket_sizes.wall
+    outwards = np.cross(side, v)
+    axis = c + (0.03 - ear / 2) * v + (0.008 + ear / 2) * outwards
+    round_it = np.linalg.norm(inside - axis - ((inside - axis) @ side)[:, None] * side, axis=1)
+    rim = across[np.abs(round_it - hole / 2) < 2e-6]
+    np.testing.assert_allclose(sorted({round(float(x), 5) for x in rim}), [-0.0035, -0.0005, 0.0005, 0.0035])
 
 
 def test_brackets_as_large_as_modules_are_refused() -> None:

