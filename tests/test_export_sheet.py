@@ -20,6 +20,7 @@ from topo_search.model import Design
 from topo_search.model.files import read_json
 
 DESIGN = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
+SVG = "{http://www.w3.org/2000/svg}"
 ROWS = parts_list(DESIGN, brackets(DESIGN), mount(DESIGN), struts(DESIGN))
 
 
@@ -42,11 +43,18 @@ def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:
     text = " ".join("".join(page.itertext()).split())
     at = poses(DESIGN)
     tables = [[[cell.text or "" for cell in row] for row in table.iter("tr")] for table in page.iter("table")]
-    head, *rows = next(one for one in tables if one[0][0] == "module")
+    head, *rows = next(one for one in tables if one[0][-1] == "to the tip [mm]")
     assert head[1:] == ["to module 0 [mm]", "to module 1 [mm]", "to module 2 [mm]", "to the tip [mm]"]
     places = np.vstack([at.p, at.end_effector])
     expected = 1000 * np.linalg.norm(at.p[:, None] - places, axis=2)
     np.testing.assert_allclose([[float(cell) for cell in row[1:]] for row in rows], expected, atol=0.051)
+    _, *lie = next(one for one in tables if one[0][-1] == "upper side points to")
+    for row, place, R in zip(lie, at.p - at.p_com, at.R, strict=True):
+        np.testing.assert_allclose([float(x) for x in row[1:4]], 1000 * place, atol=0.051)
+        axes = [[float(x) for x in cell[1:-1].split(",")] for cell in row[4:]]
+        np.testing.assert_allclose(axes, R.T, atol=1e-3)
+    drawing = next(svg for svg in page.iter(SVG + "svg") if svg.get("aria-label") == "strut of 86.4 mm")
+    assert [words.text for words in drawing.iter(SVG + "text")] == ["40.00", "126.40"]
     com, arrow, upper = (
         np.array([float(x) for x in re.search(rf"{words} \[([^]]+)\]", text)[1].split(",")])  # type: ignore[index]
         for words in ("mass is at", "arrow along", "side along")
@@ -59,10 +67,8 @@ def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:
         turns = "CCW" if one.spin == 1 else "CW"
         assert row[:5] == [str(j + 1), str(j), str(one.module), str(one.rotor), turns]
         np.testing.assert_allclose([float(x) for x in row[5:]], 1000 * np.array(one.position_m), atol=0.051)
-    views = [
-        svg for svg in page.iter("{http://www.w3.org/2000/svg}svg") if svg.get("aria-label", "").startswith("from")
-    ]
-    assert [[t.text for t in svg.iter("{http://www.w3.org/2000/svg}text")] for svg in views] == [
+    views = [svg for svg in page.iter(SVG + "svg") if svg.get("aria-label", "").startswith("from")]
+    assert [[t.text for t in svg.iter(SVG + "text")] for svg in views] == [
         ["0", "1", "2", "E", "+"],
         ["0", "1", "2", "E", "+"],
     ]

@@ -2,12 +2,14 @@
 
 import json
 import math
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.spatial import ConvexHull
 
 from topo_search.cli import main
 from topo_search.export.allocation import allocation
@@ -62,6 +64,29 @@ def test_the_omnicopter_exerts_any_force_without_torque(drag: float, ball: float
     found = capability(vehicle)
     assert found is not None
     assert found.zero_torque_ball_N == pytest.approx(ball, abs=1e-4 if drag else 2e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_forces_without_torque_are_those_of_all_vertices(seed: int) -> None:
+    """Every vertex of {u : T u = 0} has three inputs within their limits: all of them, one by one."""
+    rng = np.random.default_rng(seed)
+    places, axes = rng.normal(size=(7, 3)), rng.normal(size=(7, 3)) + np.array([0.0, 0.0, 1.5])
+    drawn = [rotor(r, a, k_tau=0.1) for r, a in zip(places, axes, strict=True)]
+    vehicle = Vehicle(rotors=[one | {"u_min": -0.4, "spin": int(rng.choice([-1, 1]))} for one in drawn])
+    found, A = capability(vehicle), rotor_map(vehicle)
+    forces = []
+    for free in combinations(range(7), 3):
+        held = [j for j in range(7) if j not in free]
+        for limits in product((-0.4, 1.0), repeat=4):
+            u = np.zeros(7)
+            u[held] = limits
+            u[list(free)] = np.linalg.solve(A[3:, free], -A[3:, held] @ limits)
+            if np.all(u >= -0.4 - 1e-9) and np.all(u <= 1 + 1e-9):
+                forces.append(A[:3] @ u)
+    hull = ConvexHull(forces)
+    assert found is not None
+    assert found.zero_torque_volume_N3 == pytest.approx(hull.volume, rel=1e-6)
+    assert found.zero_torque_ball_N == pytest.approx(max(0.0, -hull.equations[:, 3].max()), abs=1e-5)
 
 
 def test_a_flat_lattice_pulls_up_alone() -> None:

@@ -32,6 +32,14 @@ def overview(design: Design) -> Iterator[str]:
         "right and y (from above) or z (from the side) up. Distances between centres, to check with a rule:"
     )
     yield table(*_distances(at))
+    yield paragraph("How modules lie, from the centre of mass and in the axes of the task:")
+    yield table(
+        ("module", "x [mm]", "y [mm]", "z [mm]", "port 0 points to", "port 1 points to", "upper side points to"),
+        [
+            (i, *_millimetres(p - at.p_com), *(_direction(axis) for axis in R.T))
+            for i, (p, R) in enumerate(zip(at.p, at.R, strict=True))
+        ],
+    )
     yield paragraph(_autopilot(at))
     yield paragraph(
         "Rotors from the centre of mass, in the axes of the task. Columns of the matrix and CA_ROTOR parameters of "

@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.brackets import DIGITS, MILLIMETRES, TURNS, Part, connector_turn
+from topo_search.export.brackets import DIGITS, MILLIMETRES, TURNS, Part, connector_turn, struts
 from topo_search.export.overview import overview
 from topo_search.export.parts import ABOUT_PARTS, COLUMNS, Row
 from topo_search.export.poses import ROTOR_ANGLES, poses, rod_of
@@ -58,6 +58,7 @@ def sheet(
         "<h2>Convention</h2>",
         f'<section class="convention">{ports()}{paragraph(CONVENTION)}</section>',
         paragraph(f"Angles are stated to {10**-DIGITS:g} deg. {_faces(design)}"),
+        *(f"<section>{strut_drawing(design, part)}{paragraph(_strut(part))}</section>" for part in struts(design)),
         "<h2>Parts</h2>",
         table(COLUMNS, rows),
         paragraph(ABOUT_PARTS),
@@ -80,6 +81,26 @@ def _faces(design: Design) -> str:
         f"parts list has some, reach it from the hub, whose faces are {x:.2f} mm (ports 0 and 2) and {y:.2f} mm "
         "(ports 1 and 3) from the centre. First bolt one to the hub at every port that a step names, mark hole up."
     )
+
+
+def _strut(part: Part) -> str:
+    return (
+        f"The strut {part.file}, {part.count} of them, from its side: the hub on the left, a bracket or the rod's "
+        "mount on the right, mark holes up. Lengths are in millimetres from the module's centre."
+    )
+
+
+def strut_drawing(design: Design, part: Part) -> str:
+    """Return a strut from its side with the places of its faces."""
+    (start, _, low), (end, _, high) = part.mesh.bounds
+    t = MILLIMETRES * design.task.module.bracket_sizes.thickness
+    half = MILLIMETRES * design.task.module.body.arm_width / 2
+    svg = [HEAD.format(start - 15, -high - 15, end - start + 30, high - low + 40, f"strut of {end - start:.1f} mm")]
+    flanges = [np.array([[x, low], [x + t, low], [x + t, high], [x, high]]) for x in (start, end - t)]
+    beam = np.array([[start, -half], [end, -half], [end, half], [start, half]])
+    svg += [_polygon(flange, palette.CONNECTOR) for flange in flanges]
+    svg += [_polygon(beam, palette.MODULE), *(_text(x, -low + 12, f"{x:.2f}", 7) for x in (start, end))]
+    return "\n".join([*svg, "</svg>"])
 
 
 def _steps(design: Design, joints: Sequence[Part]) -> Iterator[str]:
