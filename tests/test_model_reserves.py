@@ -55,6 +55,22 @@ def test_corners_of_a_disc_are_level() -> None:
     assert np.hypot(*force[:, :2].T) == pytest.approx(np.full(8, 0.5 / math.cos(math.pi / 8)))
 
 
+def test_reserves_at_the_centre_of_mass_leave_the_torque_about_it() -> None:
+    stated = {"force_reserve": 0.5, "units": "SI", "directions": "horizontal"}
+    for at, places in (("tip", 1), ("com", 1), ("both", 2)):
+        resolved = task({**stated, "at": at}).resolve(4)
+        groups = reserve_corners(resolved, inner=False)
+        assert len(groups) == places
+        labels = [corner.label for corners in groups for corner in corners]
+        assert len({*labels}) == 8 * places
+        at_com = np.array([c.case.at_com.force for c in groups[-1]]) - [0.0, 0.0, resolved.force_unit(4)]
+        at_tip = np.array([c.case.at_end_effector.force for c in groups[0]])
+        assert inradius(at_com[:, :2] if at != "tip" else at_tip[:, :2]) == pytest.approx(0.5, rel=1e-9)
+        assert at_tip.any() == (at != "com")
+        assert ('"at"' in resolved.model_dump_json()) == (at != "tip")
+    assert "flight" not in task({"at": "com"}).resolve(4).model_dump_json()
+
+
 def test_reserves_are_around_hover_or_all_cases_that_carry_the_weight() -> None:
     for around, names in (("hover", ["hover"]), ("all", ["hover", "load case 0 (push)", "load case 2"])):
         resolved = task({"force_reserve": 0.1, "around": around}, PUSH, FREE, HOVER).resolve(4)
@@ -115,3 +131,5 @@ def test_too_many_corners_are_refused() -> None:
     cases = [{"carries_weight": True, "com": {"torque": [1e-3 * k, 0.0, 0.0]}} for k in range(16)]
     with pytest.raises(BadInput, match=r"flight: must ask for at most 200 wrenches with all load cases, .* 254"):
         task({"force_reserve": 0.1, "around": "all"}, *cases)
+    with pytest.raises(BadInput, match=r"at most 200 wrenches with all load cases, .* 260"):
+        task({"force_reserve": 0.1, "around": "all", "at": "both"}, *cases[:8])

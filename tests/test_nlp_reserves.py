@@ -40,6 +40,21 @@ def test_a_design_keeps_a_reserve_that_it_would_not_keep_unasked() -> None:
     assert more.inputs.shape == (1, 3, 4)
 
 
+def test_a_reserve_at_the_centre_of_mass_is_another_than_at_the_tip() -> None:
+    tip, com = (
+        solved(solve(asked(force_reserve=0.1, directions="horizontal", at=at), LOW, starts=range(6), seed=0))
+        for at in ("tip", "com")
+    )
+    (row,) = rows(com).values()
+    assert (row.name, row.status) == ("hover, horizontal force reserve at the centre of mass", Status.CLEAR)
+    assert audit(com).verdict == "clear"
+    demand = {"units": "SI", "force_reserve": row.stated, "directions": "horizontal", "at": "both"}
+    both = [changed(one, task={**one.task.model_dump(mode="json"), "flight": demand}) for one in (tip, com)]
+    (at_tip, _), (_, at_com) = ([one.status for one in rows(each).values()] for each in both)
+    assert (at_tip, at_com) == (Status.CLEAR, Status.CLEAR)
+    assert audit(both[0]).verdict == "violated"  # what is kept at the tip is not kept at the centre of mass
+
+
 def test_the_audit_judges_what_is_asked_against_what_it_measured() -> None:
     """By reserves between none and more than there is; a design that does not know of them is judged the same."""
     design = solved(solve(asked(force_reserve=0.1, directions="horizontal"), LOW, starts=range(6), seed=0))

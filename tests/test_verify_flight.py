@@ -81,9 +81,18 @@ def reserves(case: CaseFlight) -> list[tuple[str, float, Array]]:
     rows = (
         ("force", case.force_reserve_N, case.force_weakest),
         ("horizontal", case.horizontal_reserve_N, case.horizontal_weakest),
+        ("force_com", case.force_reserve_com_N, case.force_weakest_com),
+        ("horizontal_com", case.horizontal_reserve_com_N, case.horizontal_weakest_com),
         ("torque", case.torque_reserve_Nm, case.torque_weakest),
     )
     return [(name, size, np.array(v)) for name, size, v in rows if size is not None and v is not None]
+
+
+def added(name: str, x: Array, p_E: Array) -> Array:
+    """The wrench about the COM of a force or torque of the name's kind."""
+    if name == "torque":
+        return np.concatenate([np.zeros(3), x])
+    return np.concatenate([x, np.zeros(3) if name.endswith("com") else np.cross(p_E, x)])
 
 
 @pytest.mark.parametrize("seed", ABLE)
@@ -96,14 +105,12 @@ def test_all_within_a_reserve_can_be_produced_and_nothing_just_beyond_it_at_its_
         assert producible(given, b) is case.possible
         for name, size, weakest in reserves(case):
             for d in (*directions(rng), weakest):
-                if name == "horizontal":
+                if name.startswith("horizontal"):
                     d = np.append(d[:2], 0.0) / np.linalg.norm(d[:2])
                 least = 0.999 * size * d
-                added = np.concatenate([[0, 0, 0], least] if name == "torque" else [least, np.cross(p_E, least)])
-                assert producible(given, b + added)
+                assert producible(given, b + added(name, least, p_E))
             beyond = (1.001 * size + 1e-5) * weakest
-            added = np.concatenate([[0, 0, 0], beyond] if name == "torque" else [beyond, np.cross(p_E, beyond)])
-            assert not producible(given, b + added)
+            assert not producible(given, b + added(name, beyond, p_E))
         if case.load_factor is not None:
             carried = 0.0 * b if case.name == "hover" else asked(given)[0]  # the push carries the weight
             assert producible(given, carried + 0.9999 * case.load_factor * (b - carried))
@@ -144,6 +151,8 @@ def test_reserves_are_the_distances_of_the_nearest_facets_of_all(seed: int) -> N
         for size, along in (
             (case.force_reserve_N, at_tip),
             (case.horizontal_reserve_N, at_tip[:, :2]),
+            (case.force_reserve_com_N, normals[:, :3]),
+            (case.horizontal_reserve_com_N, normals[:, :2]),
             (case.torque_reserve_Nm, normals[:, 3:]),
         ):
             lengths = np.linalg.norm(along, axis=1)

@@ -157,6 +157,9 @@ def flight_lines(flight: Flight) -> Iterator[str]:
     if hover.torque_reserve_Nm is not None and hover.torque_weakest is not None:
         least = f"{lower_text(hover.torque_reserve_Nm, 3)} N m about {direction(hover.torque_weakest)}"
         yield f"least torque that can be added in hover: {least}"
+    if hover.force_reserve_com_N is not None and hover.force_weakest_com is not None:
+        least = f"{lower_text(hover.force_reserve_com_N, 3)} N towards {direction(hover.force_weakest_com)}"
+        yield f"least force that can be added at the centre of mass in hover: {least}"
     factors = [(case.load_factor, case.name) for case in flight.cases if case.load_factor is not None]
     if factors:
         factor, name = min(factors)

@@ -37,6 +37,14 @@ class CaseFlight(Value):
     """The same of horizontal forces alone [N]."""
     horizontal_reserve_at_most_N: Size | None = None
     horizontal_weakest: Vector | None = None
+    force_reserve_com_N: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    """Any force of this size can be added at the centre of mass [N]; None in older files."""
+    force_reserve_com_at_most_N: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    force_weakest_com: Annotated[Vector | None, Field(exclude_if=lambda given: given is None)] = None
+    horizontal_reserve_com_N: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    """The same of horizontal forces alone [N]."""
+    horizontal_reserve_com_at_most_N: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    horizontal_weakest_com: Annotated[Vector | None, Field(exclude_if=lambda given: given is None)] = None
     torque_reserve_Nm: Size | None = None
     """Any torque of this size can be added [N m]."""
     torque_reserve_at_most_Nm: Size | None = None

@@ -47,6 +47,11 @@ LargestLoad = (
     | None
 )
 Failing = Literal["none", "hover", "all"]
+Place = Literal["", "_com"]
+PLACES: dict[str, tuple[Place, ...]] = {"tip": ("",), "com": ("_com",), "both": ("", "_com")}
+"""Suffixes of a force reserve's name in an audit, by `flight.at`: at the end-effector, at the centre of mass."""
+AT: dict[Place, str] = {"": "", "_com": " at the centre of mass"}
+"""Words for a place, after those for the reserve."""
 Centre = tuple[int, str, LoadCase]
 """What something is asked for around: number (0: hover, k + 1: load case k), what it is called, its wrench."""
 
@@ -69,7 +74,10 @@ class AskedFlight(Value):
     around: Literal["hover", "all"] = "hover"
     """Where reserves are required: `hover`, or `all`: hover and every load case that carries the weight."""
     force_reserve: NonNegative = 0.0
-    """Any force of this size can be added at the end-effector, with unchanged torque."""
+    """Any force of this size can be added, with unchanged torque about where it acts."""
+    at: Annotated[Literal["tip", "com", "both"], Field(exclude_if=lambda given: given == "tip")] = "tip"
+    """Where that force acts: at the end-effector (`tip`), at the centre of mass, where gusts and position control
+    act (`com`), or at either (`both`)."""
     directions: Literal["all", "horizontal"] = "all"
     """Which forces: `all`, or `horizontal`: in the xy plane."""
     torque_reserve: NonNegative = 0.0
@@ -95,9 +103,10 @@ class AskedFlight(Value):
     @property
     def asks(self) -> bool:
         """Whether anything is asked for."""
-        return self != AskedFlight(units=self.units, around=self.around, directions=self.directions)
+        how = {"units", "around", "at", "directions"}
+        return self != AskedFlight(**{name: getattr(self, name) for name in how})
 
-    def at(self, level: Level) -> AskedFlight:
+    def at_level(self, level: Level) -> AskedFlight:
         """Return the same with what a level of goals sets; without failures no torque is left for them."""
         set_ = {name: value for name, value in level._asdict().items() if value is not None and hasattr(self, name)}
         held = self.model_copy(update=set_)
@@ -148,6 +157,7 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
         if r is not None and not r * factor <= MOST:
             yield ("flight", field), f"must be at most {MOST:g} N and N m, but got {r:g}{of}"
     around = len(_circumscribe(disc=flight.directions == "horizontal")) * (flight.force_reserve > 0)
+    around *= len(PLACES[flight.at])
     around += len(_circumscribe(disc=False)) * (flight.torque_reserve > 0)
     if around and (number := cases + around * (1 + cases * (flight.around == "all"))) > LOAD_CASES:
         text = f"must ask for at most {LOAD_CASES} wrenches with all load cases, but got up to {number:,}"
@@ -163,15 +173,15 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
     flight, groups = task.flight, list[list[Corner]]()
     level = flight.directions == "horizontal"
     for _, label, case in centres(task):
-        for field, r, unit, disc in (
-            ("force", flight.force_reserve, task.force_unit(task.n), level),
-            ("torque", flight.torque_reserve, task.torque_unit(task.n), False),
+        for field, place, r, unit, disc in (
+            *(("force", at, flight.force_reserve, task.force_unit(task.n), level) for at in PLACES[flight.at]),
+            ("torque", "", flight.torque_reserve, task.torque_unit(task.n), False),
         ):
             around = _circumscribe(disc=disc)
             if inner:
                 r, around = max(0.0, r - UNSEEN * unit), around / np.linalg.norm(around, axis=1, keepdims=True)
             if r > 0:
-                groups.append(_corners(f"{label}, {field} reserve", case, field, r * around))
+                groups.append(_corners(f"{label}, {field} reserve{AT[place]}", case, field, r * around, place))
     return groups
 
 
@@ -196,13 +206,14 @@ def rotor_name(rotor: int) -> str:
     return f"rotor {rotor % 4} of module {rotor // 4}"
 
 
-def _corners(words: str, case: LoadCase, field: str, around: Array) -> list[Corner]:
-    """Return corners around a load case, in its force or torque at the end-effector, shape (c, 3) [N, N m]."""
-    tip, corners = case.at_end_effector, list[Corner]()
-    for number, corner in enumerate((np.array(getattr(tip, field)) + around).tolist()):
+def _corners(words: str, case: LoadCase, field: str, around: Array, place: Place = "") -> list[Corner]:
+    """Return corners around a load case, in its force or torque at a place, shape (c, 3) [N, N m]."""
+    given, side = (case.at_com, "com") if place else (case.at_end_effector, "end_effector")
+    corners = list[Corner]()
+    for number, corner in enumerate((np.array(getattr(given, field)) + around).tolist()):
         x, y, z = corner
-        wrench = tip.model_copy(update={field: (x, y, z)})
-        corners.append(Corner(f"{words} {number}", case.model_copy(update={"end_effector": wrench})))
+        wrench = given.model_copy(update={field: (x, y, z)})
+        corners.append(Corner(f"{words} {number}", case.model_copy(update={side: wrench})))
     return corners
 
 

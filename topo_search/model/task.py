@@ -165,7 +165,7 @@ class Task(Value):
             units = self.force_unit(n), self.torque_unit(n)
             broken += broken_rules(self.load_cases, *units)
             corners = sum(1 + len(case.corners) for case in self.load_cases)
-            flights = dict.fromkeys(self.flight.at(level) for level in self.goals.levels)
+            flights = dict.fromkeys(self.flight.at_level(level) for level in self.goals.levels)
             broken += dict.fromkeys(x for flight in flights for x in broken_reserves(flight, corners, n, *units))
         refuse("Task", *broken, *self._broken_thrust(), *self._broken_flight(), *self._broken_goals())
         return self
@@ -366,7 +366,7 @@ class Task(Value):
             update={
                 "search": self.search.model_copy(update=_without_none(search)),
                 "end_effector": self.end_effector.model_copy(update=_without_none(end_effector)),
-                "flight": self.flight.at(level).model_copy(
+                "flight": self.flight.at_level(level).model_copy(
                     update={"tolerances": None if tolerances == Tolerances() else survive}
                 ),
                 "tolerances": tolerances,

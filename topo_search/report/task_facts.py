@@ -224,7 +224,12 @@ def _flight(task: ResolvedTask) -> Iterator[Facts]:
         rows = [("around", around)] if asked.keeps_reserves else []
         if asked.force_reserve:
             size = f"{figures(asked.force_reserve)} N = {figures(weights[0], 3)} m_t g"
-            rows.append(("force reserve", f"{which} of {size} at the end-effector"))
+            where = {
+                "tip": "end-effector",
+                "com": "centre of mass",
+                "both": "end-effector or at the centre of mass",
+            }
+            rows.append(("force reserve", f"{which} of {size} at the {where[asked.at]}"))
         if asked.torque_reserve:
             rows.append(("torque reserve", f"any of {figures(asked.torque_reserve)} N m"))
         if asked.rotor_out != "none":

@@ -25,7 +25,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
 from topo_search.model import Audit, Design, Flight, ResolvedTask
-from topo_search.model.reserves import Failing, centres_of
+from topo_search.model.reserves import PLACES, Failing, centres_of
 from topo_search.model.search import FIELDS, Level
 from topo_search.model.tables import escape_formula
 from topo_search.study.folder import FRONT, RunFolder
@@ -232,7 +232,8 @@ def _of_flight(task: ResolvedTask, flight: Flight | None) -> dict[str, Any]:
     level = task.flight.directions == "horizontal"
     numbers = [number for number, _, _ in centres_of(task, task.flight.around)]
     cases = [flight.cases[number] for number in numbers]
-    forces = [case.horizontal_reserve_N if level else case.force_reserve_N for case in cases]
+    names = [f"{'horizontal' if level else 'force'}_reserve{place}_N" for place in PLACES[task.flight.at]]
+    forces: list[float | None] = [getattr(case, name) for case in cases for name in names]
     torques = [case.torque_reserve_Nm for case in cases]
     kept = {"all": flight.rotors_out_all, "hover": flight.rotors_out_hover}
     return {

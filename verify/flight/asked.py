@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from topo_search.model import CaseFlight, Design, Flight, Residual, Sensitivity, Status
 from topo_search.model.audit import WITHIN_TOLERANCES
-from topo_search.model.reserves import centres
+from topo_search.model.reserves import AT, PLACES, centres
 from topo_search.model.tolerances import TOLERANCE
 
 
@@ -16,13 +16,13 @@ def reserve_residuals(design: Design, measured: Flight | None) -> Iterator[Resid
     side = "horizontal" if asked.directions == "horizontal" else "force"
     for number, label, _ in centres(task):
         case = None if measured is None else measured.cases[number]
-        for field, unit, r, scale in (
-            (side, "N", asked.force_reserve, task.force_unit(task.n)),
-            ("torque", "Nm", asked.torque_reserve, task.torque_unit(task.n)),
+        for field, place, unit, r, scale in (
+            *((side, at, "N", asked.force_reserve, task.force_unit(task.n)) for at in PLACES[asked.at]),
+            ("torque", "", "Nm", asked.torque_reserve, task.torque_unit(task.n)),
         ):
             if r > 0:
-                lower, upper = _bracket(case, f"{field}_reserve", unit)
-                words = f"{label}, {'horizontal force' if field == 'horizontal' else field} reserve"
+                lower, upper = _bracket(case, f"{field}_reserve{place}", unit)
+                words = f"{label}, {'horizontal force' if field == 'horizontal' else field} reserve{AT[place]}"
                 yield _judge(words, "N" if unit == "N" else "N m", r, lower, upper, scale)
 
 

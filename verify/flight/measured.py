@@ -10,8 +10,9 @@
 
 Each b_k is first replaced by a wrench that some v produce exactly, within the audit's tolerance of it. A force f at
 the end-effector adds [f, p_E x f], so that it leaves the torque about p_E alone: with that held, the forces of A v
-less that of b_k are those that can be added. A torque leaves the force alone. Reserves and load factors are of
-rotors that run between the module's least and largest input; a dead one stands still.
+less that of b_k are those that can be added. One at the COM adds [f, 0], and a torque leaves the force alone.
+Reserves and load factors are of rotors that run between the module's least and largest input; a dead one stands
+still.
 """
 
 from __future__ import annotations
@@ -163,17 +164,22 @@ class Measured:
 
     def _reserves(self, b: Array) -> list[dict[str, Any]]:
         """Return the fields of what can be added to wrenches that some v produce, shape (B, 6)."""
-        about, about_rows = self._about_tip(b.T).T, self._about_tip(self.A)
-        forces = largest_balls(self.A[:3], about_rows, b[:, :3], about, self.box)
         torques = largest_balls(self.A[3:], self.A[:3], b[:, 3:], b[:, :3], self.box)
-        level, held = np.vstack([about_rows, self.A[2:3]]), np.hstack([about, b[:, 2:3]])
-        sides = largest_balls(self.A[:2], level, b[:, :2], held, self.box)
-        return [
-            _ball("force", "N", force, self.force)
-            | _ball("horizontal", "N", side, self.force)
-            | _ball("torque", "Nm", torque, self.torque)
-            for force, side, torque in zip(forces, sides, torques, strict=True)
-        ]
+        told = [_ball("torque_reserve{}_Nm", "torque_weakest", ball, self.torque) for ball in torques]
+        for place, about_rows, about in (
+            ("", self._about_tip(self.A), self._about_tip(b.T).T),
+            ("_com", self.A[3:], b[:, 3:]),
+        ):
+            forces = largest_balls(self.A[:3], about_rows, b[:, :3], about, self.box)
+            level, held = np.vstack([about_rows, self.A[2:3]]), np.hstack([about, b[:, 2:3]])
+            sides = largest_balls(self.A[:2], level, b[:, :2], held, self.box)
+            for which, balls in (("force", forces), ("horizontal", sides)):
+                name, weakest = f"{which}_reserve{place}{{}}_N", f"{which}_weakest{place}"
+                told = [
+                    fields | _ball(name, weakest, ball, self.force)
+                    for fields, ball in zip(told, balls, strict=True)
+                ]
+        return told
 
     def rotors_out(self, cases: int) -> RotorsOut:
         """Return which single rotors may fail in the first so many cases."""
@@ -279,15 +285,22 @@ def _joint_loads(measured: Measured, design: Design, found: Platform, holder: in
     )
 
 
-def _ball(name: str, unit: str, ball: Ball, size: float) -> dict[str, Any]:
-    """Return the fields of a reserve; nothing where the programs proved nothing."""
+def _ball(name: str, weakest: str, ball: Ball, size: float) -> dict[str, Any]:
+    """Return the fields of a reserve; nothing where the programs proved nothing.
+
+    Args:
+        name: of the field of what is proven, with braces where that of the upper bound says so.
+        weakest: name of the field of the direction.
+        ball: the reserve.
+        size: its unit.
+    """
     if not np.isfinite(ball.upper):
         return {}
     x = np.append(ball.weakest, np.zeros(3 - len(ball.weakest)))
     return {
-        f"{name}_reserve_{unit}": ball.lower * size,
-        f"{name}_reserve_at_most_{unit}": max(ball.upper, 0.0) * size,
-        f"{name}_weakest": (float(x[0]), float(x[1]), float(x[2])),
+        name.format(""): ball.lower * size,
+        name.format("_at_most"): max(ball.upper, 0.0) * size,
+        weakest: (float(x[0]), float(x[1]), float(x[2])),
     }
 
 
