@@ -71,6 +71,22 @@ def test_reserves_at_the_centre_of_mass_leave_the_torque_about_it() -> None:
     assert "flight" not in task({"at": "com"}).resolve(4).model_dump_json()
 
 
+def test_the_corners_of_a_tilt_hold_its_cap_and_lift_no_more_than_the_weight() -> None:
+    resolved = task({"tilt_deg": 25.0}).resolve(4)
+    (corners,) = reserve_corners(resolved, inner=False)
+    f = np.array([corner.case.at_com.force for corner in corners]) / resolved.force_unit(4)
+    assert f[:, 2].max() == pytest.approx(1.0)
+    assert not any(corner.case.end_effector for corner in corners if corner.case.at_end_effector.force != (0, 0, 0))
+    sides, rng = ConvexHull(f).equations, np.random.default_rng(0)
+    for t in np.radians(rng.uniform(0.0, 25.0, 500)):
+        e = rng.uniform(0.0, 2 * math.pi)
+        on_cap = np.array([math.sin(t) * math.cos(e), math.sin(t) * math.sin(e), math.cos(t)])
+        assert np.all(sides[:, :3] @ on_cap + sides[:, 3] <= 1e-9)
+    assert reserve_corners(resolved, inner=True) == []
+    assert '"tilt_deg":25.0' in resolved.model_dump_json()
+    assert "tilt_deg" not in task({"torque_reserve": 0.1}).resolve(4).model_dump_json()
+
+
 def test_reserves_are_around_hover_or_all_cases_that_carry_the_weight() -> None:
     for around, names in (("hover", ["hover"]), ("all", ["hover", "load case 0 (push)", "load case 2"])):
         resolved = task({"force_reserve": 0.1, "around": around}, PUSH, FREE, HOVER).resolve(4)
@@ -113,6 +129,8 @@ def test_reserves_in_weights_grow_with_the_platform_and_a_design_has_newtons() -
         ({"directions": "up"}, 'flight.directions: must be "all" or "horizontal", but got "up"'),
         ({"around": "cases"}, 'flight.around: must be "hover" or "all", but got "cases"'),
         ({"units": "N"}, 'flight.units: must be "weight" or "SI", but got "N"'),
+        ({"tilt_deg": 91}, "flight.tilt_deg: must be at most 90, but got 91"),
+        ({"angular_acceleration": [1, 1]}, "flight.angular_acceleration[2]: is required"),
         ({"reserve": 1}, "flight.reserve: unknown field; did you mean `force_reserve`?"),
         (
             {"force_reserve": 1e15},

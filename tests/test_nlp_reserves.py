@@ -55,6 +55,27 @@ def test_a_reserve_at_the_centre_of_mass_is_another_than_at_the_tip() -> None:
     assert audit(both[0]).verdict == "violated"  # what is kept at the tip is not kept at the centre of mass
 
 
+def test_a_design_holds_the_tilt_that_is_asked_for() -> None:
+    plain = solved(solve(asked(), LOW, starts=range(3), seed=0))
+    tilted = solved(solve(asked(tilt_deg=5.0), LOW, starts=range(6), seed=0))
+    assert audit(plain).flight.hover.tilt_deg < 1.0
+    assert audit(tilted).verdict == "clear"
+    assert 5.0 - 1e-4 <= audit(tilted).flight.hover.tilt_deg < 15.0
+
+
+def test_what_a_program_does_not_know_is_found_missing() -> None:
+    """No rows of a program state accelerations yet: the audit does."""
+    design = solved(solve(asked(angular_acceleration=(40.0, 40.0, 40.0)), LOW, starts=range(2), seed=0))
+    assert audit(design).verdict == "violated"
+
+
+def test_axes_of_acceleration_keep_a_mirror_that_exchanges_equal_ones() -> None:
+    diagonal = [{"carries_weight": True, "end_effector": {"force": [0.1, 0.1, 0.0]}}]
+    for a, kept in (((4.0, 4.0, 1.0), True), ((4.0, 3.0, 1.0), False)):
+        task = push(3, load_cases=diagonal, flight={"angular_acceleration": a})
+        assert (improper_isometry(task) is not None) == kept
+
+
 def test_the_audit_judges_what_is_asked_against_what_it_measured() -> None:
     """By reserves between none and more than there is; a design that does not know of them is judged the same."""
     design = solved(solve(asked(force_reserve=0.1, directions="horizontal"), LOW, starts=range(6), seed=0))

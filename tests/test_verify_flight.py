@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from verify_cases import FAN, HOVER, changed, design, fan
 
+from topo_search.export.allocation import inertia
 from topo_search.export.poses import poses
 from topo_search.model import Audit, CaseFlight, Design, Flight, Topology
 from topo_search.topologies import sample
 from verify import audit
+from verify.flight.balls import half_angles
 from verify.kinematics import platform
 from verify.wrench import required_wrench, wrench_map
 
@@ -158,6 +160,86 @@ def test_reserves_are_the_distances_of_the_nearest_facets_of_all(seed: int) -> N
             lengths = np.linalg.norm(along, axis=1)
             reached = lengths > 1e-9 * np.linalg.norm(normals, axis=1)
             assert size == pytest.approx(float((h[reached] / lengths[reached]).min()), rel=1e-5, abs=1e-5)
+
+
+def force_at(angle: float, towards: Array) -> Array:
+    """A force of one weight at an angle from z, shape (2,) to (3,)."""
+    return np.append(math.sin(angle) * towards / np.linalg.norm(towards), math.cos(angle))
+
+
+@pytest.mark.parametrize("seed", ABLE)
+def test_hover_is_held_at_every_tilt_up_to_the_largest_and_not_just_beyond_it(seed: int) -> None:
+    given = drawn(seed)
+    weight, hover = given.task.force_unit(5), flight(given).hover
+    assert hover.tilt_deg is not None
+    assert hover.tilt_weakest is not None
+    t, rng = math.radians(hover.tilt_deg), np.random.default_rng(seed)
+    assert math.degrees(t) <= hover.tilt_at_most_deg <= math.degrees(t) + 1e-4
+    assert t > 0.01
+    for angle in (*rng.uniform(0.0, t - 1e-6, 40), t - 1e-6):
+        f = weight * force_at(angle, rng.normal(size=2))
+        assert producible(given, np.append(f, np.zeros(3)))
+    beyond = weight * force_at(t + 1e-4, np.array(hover.tilt_weakest[:2]))
+    assert not producible(given, np.append(beyond, np.zeros(3)))
+
+
+@pytest.mark.parametrize("seed", THREE)
+def test_the_tilt_is_where_the_first_arc_leaves_a_facet_of_all(seed: int) -> None:
+    """Along an arc a facet's n . f is R cos(s - phi): it is left at the first s at which that is h(n)."""
+    given = drawn(seed, 3)
+    task, at = given.task, platform(given)
+    A = wrench_map(at, task.module) * task.module.max_input(task.gravity) / task.force_unit(3)
+    normals = facets(A / np.repeat([1.0, 0.1], 3)[:, None]) / np.repeat([1.0, 0.1], 3)
+    normals = np.concatenate([normals, -normals])
+    h, first = np.maximum(normals @ A, 0).sum(axis=1), math.pi
+    for e in np.linspace(0.0, 2 * math.pi, 721):
+        x, z = normals[:, :2] @ [math.cos(e), math.sin(e)], normals[:, 2]
+        R = np.hypot(x, z)
+        left = (h < R) & (R > 1e-9)
+        s = np.arctan2(x[left], z[left]) - np.arccos(np.clip(h[left] / R[left], -1.0, 1.0))
+        first = min(first, float(s[s > -1e-6].min(initial=math.pi)))
+    tilt = flight(given).hover.tilt_deg
+    assert tilt is not None
+    assert -1e-4 <= math.degrees(max(first, 0.0)) - tilt <= 0.02
+
+
+def test_the_largest_tilt_does_not_imply_smaller_ones() -> None:
+    """A facet cuts arcs between 4 and 6 degrees alone."""
+    d, up = force_at(math.radians(5.0), np.array([1.0, 0.0])), np.array([0.0, 0.0, 1.0])
+    s = math.cos(math.radians(1.0))
+    assert d @ force_at(math.radians(10.0), np.array([1.0, 0.0])) < s
+    (t,) = half_angles(d[None], np.array([s - d @ up]), up)
+    assert math.degrees(t) == pytest.approx(4.0, abs=1e-9)
+    whole = half_angles(d[None], np.array([1.001 - d @ up]), up)
+    assert whole == pytest.approx(math.pi)
+
+
+@pytest.mark.parametrize("seed", ABLE[:3])
+def test_accelerations_about_each_axis_can_be_had_either_way_and_no_more_one_way(seed: int) -> None:
+    given = drawn(seed)
+    J = inertia(given, poses(given))
+    for case, b in zip(flight(given).cases, asked(given), strict=True):
+        for k, a in enumerate(case.angular_acceleration_rad_s2):
+            assert a > 0.1
+            added = np.append(np.zeros(3), J[:, k] * a)
+            assert producible(given, b + 0.9999 * added)
+            assert producible(given, b - 0.9999 * added)
+            assert not (producible(given, b + 1.0001 * added) and producible(given, b - 1.0001 * added))
+            assert a <= case.angular_acceleration_at_most_rad_s2[k] <= a * (1 + 1e-6)
+
+
+def test_tilt_and_accelerations_are_required_where_a_task_asks_for_them() -> None:
+    given = drawn(ABLE[0])
+    hover = flight(given).hover
+    a = hover.angular_acceleration_rad_s2
+    assert a is not None
+    for share, status in ((0.99, "clear"), (1.01, "violated")):
+        demand = {"tilt_deg": share * hover.tilt_deg, "angular_acceleration": [0.0, share * a[1], 0.0]}
+        task = given.task.model_dump(mode="json") | {"flight": {"units": "SI", **demand}}
+        rows = {row.name: row for row in audit(changed(given, task=task)).residuals}
+        told = [rows[name] for name in ("hover, tilt", "hover, angular acceleration about y")]
+        assert [(row.status, row.unit) for row in told] == [(status, "deg"), (status, "rad/s^2")]
+        assert not any("about x" in name for name in rows)
 
 
 def test_the_weight_does_not_grow_with_the_load() -> None:

@@ -111,7 +111,8 @@ def test_a_kit_can_do_what_the_audit_says(tmp_path: Path) -> None:
     found, expected = capability(read_vehicle(tmp_path / "kit.toml")), audit(design).flight
     assert found is not None
     assert expected is not None
-    for field in ("force_reserve_N", "horizontal_reserve_N", "torque_reserve_Nm", "load_factor"):
+    fields = "force_reserve_N", "horizontal_reserve_N", "force_reserve_com_N", "torque_reserve_Nm", "load_factor"
+    for field in (*fields, "tilt_deg"):
         assert getattr(found.flight.hover, field) == pytest.approx(getattr(expected.hover, field), abs=2e-6), field
     assert found.flight.rotors_out_hover.survive == expected.rotors_out_hover.survive
     assert [4 * m + q for m, q in expected.rotors_out_hover.lost] == [

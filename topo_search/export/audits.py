@@ -160,6 +160,11 @@ def flight_lines(flight: Flight) -> Iterator[str]:
     if hover.force_reserve_com_N is not None and hover.force_weakest_com is not None:
         least = f"{lower_text(hover.force_reserve_com_N, 3)} N towards {direction(hover.force_weakest_com)}"
         yield f"least force that can be added at the centre of mass in hover: {least}"
+    if hover.tilt_deg is not None:
+        yield f"hover can be held at any tilt up to {lower_text(hover.tilt_deg, 3)} degrees"
+    if hover.angular_acceleration_rad_s2 is not None:
+        sizes = ", ".join(lower_text(a, 3) for a in hover.angular_acceleration_rad_s2)
+        yield f"angular acceleration in hover, about x, y and z: {sizes} rad/s²"
     factors = [(case.load_factor, case.name) for case in flight.cases if case.load_factor is not None]
     if factors:
         factor, name = min(factors)

@@ -49,6 +49,19 @@ class CaseFlight(Value):
     """Any torque of this size can be added [N m]."""
     torque_reserve_at_most_Nm: Size | None = None
     torque_weakest: Vector | None = None
+    tilt_deg: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    """Of hover: it can be held at any tilt up to this, to every side, without torque [deg]."""
+    tilt_at_most_deg: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    tilt_weakest: Annotated[Vector | None, Field(exclude_if=lambda given: given is None)] = None
+    """Rotors lack force towards it, in the axes of the body, where more is asked for."""
+    angular_acceleration_rad_s2: Annotated[
+        tuple[Size, Size, Size] | None, Field(exclude_if=lambda given: given is None)
+    ] = None
+    """About x, y and z of the body at the centre of mass, one at a time and either way: torque J e a can be added,
+    with the platform's inertia J [rad/s^2]."""
+    angular_acceleration_at_most_rad_s2: Annotated[
+        tuple[Size, Size, Size] | None, Field(exclude_if=lambda given: given is None)
+    ] = None
     load_factor: Size | None = None
     """The load times this can be produced: what is left until a rotor saturates. The load is the whole wrench, or
     what is asked for besides where the weight is carried at the COM."""

@@ -6,8 +6,9 @@ r"""What a platform must be able to do beyond its load cases: reserves around so
 
 A ball is no polytope. A design keeps a reserve if all corners of a polytope around the ball can be added: a
 tetrakis hexahedron, a cube with a low pyramid on each face, or of a disc an octagon. Both have every mirror of a
-cube, so that a task that has one keeps it. Whoever proves that something is impossible may count on points of the
-ball itself alone: `inner`. The audit measures the ball.
+cube, so that a task that has one keeps it. A tilt asks for a cap of a sphere of forces, which a frustum holds.
+Whoever proves that something is impossible may count on points of the ball itself alone: `inner`. The audit
+measures ball and cap themselves.
 """
 
 from __future__ import annotations
@@ -82,6 +83,12 @@ class AskedFlight(Value):
     """Which forces: `all`, or `horizontal`: in the xy plane."""
     torque_reserve: NonNegative = 0.0
     """Any torque of this size can be added, with unchanged force."""
+    tilt_deg: Annotated[float, Field(strict=True, ge=0, le=90, exclude_if=lambda given: given == 0)] = 0.0
+    """Hover can be held at any tilt up to this, to every side [deg]."""
+    angular_acceleration: Annotated[
+        tuple[NonNegative, NonNegative, NonNegative], Field(exclude_if=lambda given: not any(given))
+    ] = (0.0, 0.0, 0.0)
+    """About x, y and z of the body, one at a time and either way, with unchanged force [rad/s^2]."""
     rotor_out: Annotated[Failing, Field(exclude_if=lambda given: given == "none")] = "none"
     """Required after any single rotor failure: `hover`, or `all`: also every load case that carries the weight."""
     rotor_out_torque: Annotated[NonNegative | None, Field(exclude_if=lambda given: given is None)] = None
@@ -98,7 +105,7 @@ class AskedFlight(Value):
     @property
     def keeps_reserves(self) -> bool:
         """Whether reserves are asked for with all rotors alive."""
-        return self.force_reserve > 0 or self.torque_reserve > 0
+        return self.force_reserve > 0 or self.torque_reserve > 0 or any(self.angular_acceleration)
 
     @property
     def asks(self) -> bool:
@@ -159,7 +166,9 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
     around = len(_circumscribe(disc=flight.directions == "horizontal")) * (flight.force_reserve > 0)
     around *= len(PLACES[flight.at])
     around += len(_circumscribe(disc=False)) * (flight.torque_reserve > 0)
-    if around and (number := cases + around * (1 + cases * (flight.around == "all"))) > LOAD_CASES:
+    around *= 1 + cases * (flight.around == "all")
+    around += len(_cover_cap(flight.tilt_deg)) * (flight.tilt_deg > 0)
+    if around and (number := cases + around) > LOAD_CASES:
         text = f"must ask for at most {LOAD_CASES} wrenches with all load cases, but got up to {number:,}"
         yield ("flight",), text
     failures = 4 * n * len(_circumscribe(disc=False)) * (1 + cases * (flight.rotor_out == "all"))
@@ -169,7 +178,7 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
 
 
 def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
-    """Return the corners around each reserve, or points of the balls themselves."""
+    """Return the corners around each reserve, or points of the balls themselves; of a tilt corners alone."""
     flight, groups = task.flight, list[list[Corner]]()
     level = flight.directions == "horizontal"
     for _, label, case in centres(task):
@@ -182,6 +191,10 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
                 r, around = max(0.0, r - UNSEEN * unit), around / np.linalg.norm(around, axis=1, keepdims=True)
             if r > 0:
                 groups.append(_corners(f"{label}, {field} reserve{AT[place]}", case, field, r * around, place))
+    if flight.tilt_deg and not inner:
+        (_, label, case), weight = centres_of(task, "hover")[0], task.force_unit(task.n)
+        around = weight * (_cover_cap(flight.tilt_deg) - np.array([0.0, 0.0, 1.0]))
+        groups.append(_corners(f"{label}, tilt", case, "force", around, "_com"))
     return groups
 
 
@@ -224,3 +237,13 @@ def _circumscribe(*, disc: bool) -> Array:
         return out * np.stack([np.cos(angles), np.sin(angles), np.zeros(SIDES)], axis=1)
     cube = np.array(list(product((1.0, -1.0), repeat=3))) / math.sqrt(3)
     return np.concatenate([AXES * np.eye(3), -AXES * np.eye(3), DIAGONALS * cube])
+
+
+def _cover_cap(half_angle_deg: float) -> Array:
+    """Return the corners of a polytope around a cap of the unit sphere about z, shape (c, 3).
+
+    No corner is higher than the cap: planes that touch it at its rim, and the one at its top, are its sides.
+    """
+    t, disc = math.radians(half_angle_deg), _circumscribe(disc=True)
+    z = np.array([0.0, 0.0, 1.0])
+    return np.concatenate([math.sin(t) * disc + math.cos(t) * z, math.tan(t / 2) * disc + z])

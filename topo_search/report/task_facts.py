@@ -232,6 +232,11 @@ def _flight(task: ResolvedTask) -> Iterator[Facts]:
             rows.append(("force reserve", f"{which} of {size} at the {where[asked.at]}"))
         if asked.torque_reserve:
             rows.append(("torque reserve", f"any of {figures(asked.torque_reserve)} N m"))
+        if asked.tilt_deg:
+            rows.append(("tilt", f"hover held at any tilt up to {figures(asked.tilt_deg)}°"))
+        if any(asked.angular_acceleration):
+            sizes = ", ".join(figures(a) for a in asked.angular_acceleration)
+            rows.append(("angular acceleration", f"{sizes} rad/s² about x, y and z"))
         if asked.rotor_out != "none":
             in_hover = "hover" + " and every load case that carries the weight" * (asked.rotor_out == "all")
             torque = f", any torque of {figures(asked.rotor_out_torque or 0.0)} N m to spare"

@@ -114,8 +114,8 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
 
     Load cases, and corners of those that stand for a set, must be mapped onto load cases with the same weight
     (equal load cases count as one with the sum of their weights), segments, convex regions, cones with fixed axes,
-    planes and a fixed p_E onto themselves. Balls, paths along p_E and cones about the COM axis go with p_E and
-    allow every isometry. Among several the one nearest to a plain reflection is returned.
+    planes, axes of acceleration and a fixed p_E onto themselves. Balls, paths along p_E and cones about the COM go
+    with p_E and allow every isometry. Among several the one nearest to a plain reflection is returned.
     """
     features = _features(to_corners(task))
     regions = [feature for feature in features if feature.kind == REGION]
@@ -165,6 +165,9 @@ def _features(task: ResolvedTask) -> list[_Feature]:
                 case Cone(axis=(_, _, _)):
                     vectors = _clean(np.array([shape.axis, shape.apex]), l_arm)
                     features.append(_Feature("axis", (shape.half_angle_deg, solid), vectors, none))
+    for axis, a in zip(np.eye(3), task.declared.flight.angular_acceleration, strict=True):
+        if a:
+            features += [_Feature("acceleration", (a,), none, way[None]) for way in (axis, -axis)]
     if p_E is not None:
         features.append(_Feature("p_E", (), _clean(np.array([p_E]), l_arm), none))
     return features

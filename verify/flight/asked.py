@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
 
 from topo_search.model import CaseFlight, Design, Flight, Residual, Sensitivity, Status
 from topo_search.model.audit import WITHIN_TOLERANCES
 from topo_search.model.reserves import AT, PLACES, centres
 from topo_search.model.tolerances import TOLERANCE
+from verify.flight.joints import inertia
+from verify.kinematics import platform
 
 
 def reserve_residuals(design: Design, measured: Flight | None) -> Iterator[Residual]:
@@ -21,9 +27,28 @@ def reserve_residuals(design: Design, measured: Flight | None) -> Iterator[Resid
             ("torque", "", "Nm", asked.torque_reserve, task.torque_unit(task.n)),
         ):
             if r > 0:
-                lower, upper = _bracket(case, f"{field}_reserve{place}", unit)
+                lower, upper = _bracket(case, f"{field}_reserve{place}{{}}_{unit}")
                 words = f"{label}, {'horizontal force' if field == 'horizontal' else field} reserve{AT[place]}"
                 yield _judge(words, "N" if unit == "N" else "N m", r, lower, upper, scale)
+
+        if any(asked.angular_acceleration):
+            yield from _accelerations(design, case, label)
+    if asked.tilt_deg:
+        hover = None if measured is None else measured.hover
+        words = "hover, tilt"
+        yield _judge(words, "deg", asked.tilt_deg, *_bracket(hover, "tilt{}_deg"), math.degrees(1.0))
+
+
+def _accelerations(design: Design, case: CaseFlight | None, label: str) -> Iterator[Residual]:
+    """Yield by how much each acceleration about an axis is less than asked."""
+    task, J = design.task, inertia(design, platform(design))
+    lower, upper = _bracket(case, "angular_acceleration{}_rad_s2")
+    rows = zip("xyz", task.flight.angular_acceleration, np.linalg.norm(J, axis=0), strict=True)
+    for k, (axis, a, size) in enumerate(rows):
+        if a > 0:
+            at_least, at_most = (side[k] if isinstance(side, tuple) else side for side in (lower, upper))
+            words = f"{label}, angular acceleration about {axis}"
+            yield _judge(words, "rad/s^2", a, at_least, at_most, task.torque_unit(task.n) / float(size))
 
 
 def failure_residuals(design: Design, measured: Flight | None) -> Iterator[Residual]:
@@ -113,11 +138,16 @@ def _judge(name: str, unit: str, r: float, lower: float, upper: float | None, sc
     )
 
 
-def _bracket(case: CaseFlight | None, name: str, unit: str) -> tuple[float, float | None]:
-    """Return what a reserve is at least, and at most; None where nothing is proven."""
+def _bracket(case: CaseFlight | None, name: str) -> tuple[Any, Any]:
+    """Return what a figure is at least, and at most; None where nothing is proven.
+
+    Args:
+        case: what was measured.
+        name: of the figure, with braces where that of the upper bound says so.
+    """
     if case is None or case.possible is None:
         return 0.0, None
     if not case.possible:
         return 0.0, 0.0
-    lower, upper = getattr(case, f"{name}_{unit}"), getattr(case, f"{name}_at_most_{unit}")
+    lower, upper = getattr(case, name.format("")), getattr(case, name.format("_at_most"))
     return (0.0 if lower is None else lower), upper

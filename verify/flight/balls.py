@@ -11,6 +11,18 @@ r"""The largest ball around a point of a polytope that linear programs describe,
 Points where h is attained are in P, and so is their hull: no r is less than the distance of its nearest facet. No r
 is more than any h(d). The normals of the hull's nearest facets are asked next, until none of them moves, so that
 only facets near the answer are ever found.
+
+The largest cap of a sphere in P is found alike. The sphere is about -g, where nothing is exerted, and ends at zero,
+which is the middle of the cap:
+
+| symbol | meaning |
+|---|---|
+| t | half-angle of the cap |
+| theta | angle between g and the normal d of a half-space d . x <= h |
+| s | (h + d . g) / |g|: the half-space ends s radii from the sphere's centre |
+
+A half-space with s >= 1 holds the whole sphere; any other a cap up to t = theta - arccos(s), beyond which an arc
+lies outside, even if its far end does not. The least t of all d is that of P.
 """
 
 from __future__ import annotations
@@ -27,7 +39,7 @@ from verify.flight.programs import Box, greatest
 from verify.meshes import Indices
 
 ACCURACY = 1e-7
-"""Distance between both bounds of r that is good enough, in weights."""
+"""Distance between both bounds of r, in weights, or of t that is good enough."""
 ROUNDS = 60
 """Largest number of refinements of the normals."""
 ASKED = 12
@@ -40,12 +52,12 @@ COVERED = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """The largest ball, as far as it is proven."""
+    """The largest ball, or cap, as far as it is proven."""
 
     lower: float
-    """All of a ball of this radius is in the polytope."""
+    """All of a ball of this radius, or of a cap of this half-angle [rad], is in the polytope."""
     upper: float
-    """The polytope ends at this distance towards `weakest`."""
+    """The polytope ends at this distance, or angle, towards `weakest`."""
     weakest: Array
     """Unit vector, shape (D,)."""
 
@@ -60,8 +72,32 @@ def largest_balls(C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball
         m: shape (B, k).
         box: bounds of the variables, the same for all, or a row a polytope.
     """
+    return _refine([_Polytope(len(C)) for _ in g], C, M, g, m, box)
+
+
+def largest_caps(C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball]:
+    """Return the largest cap in each polytope; the arguments are those of `largest_balls`."""
+    return _refine([_Polytope(len(C), one) for one in g], C, M, g, m, box)
+
+
+def half_angles(normals: Array, offsets: Array, g: Array) -> Array:
+    """Return the half-angles of the largest caps in some half-spaces, pi for the whole sphere, shape (F,) [rad].
+
+    Args:
+        normals: d, unit vectors, shape (F, D).
+        offsets: h, shape (F,).
+        g: from the sphere's centre to the middle of the cap, shape (D,).
+    """
+    radius = np.linalg.norm(g)
+    along = normals @ g / radius
+    s = along + offsets / radius
+    angles = np.arccos(np.clip(along, -1.0, 1.0)) - np.arccos(np.clip(s, -1.0, 1.0))
+    return np.where(s >= 1, np.pi, angles)
+
+
+def _refine(polytopes: list[_Polytope], C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball]:
+    """Return what is found in each polytope by asking in one direction after another."""
     bounds = box.rows(len(g))
-    polytopes = [_Polytope(len(C)) for _ in g]
     for _ in range(ROUNDS):
         asked = [(row, polytope.questions()) for row, polytope in enumerate(polytopes)]
         if not any(len(d) for _, d in asked):
@@ -85,6 +121,8 @@ class _Polytope:
     """What is known of one polytope."""
 
     D: int
+    g: Array | None = None
+    """The middle of a cap from its sphere's centre; None: a ball is looked for."""
     points: Array = field(init=False)
     asked: Array = field(init=False)
     bases: Indices | None = None
@@ -96,15 +134,20 @@ class _Polytope:
         self.points, self.asked = np.empty((0, self.D)), np.empty((0, self.D))
         self.weakest = np.zeros(self.D)
 
+    def size(self, normals: Array, offsets: Array) -> Array:
+        """Return the largest ball, or cap, in each half-space, shape (F,)."""
+        return offsets if self.g is None else half_angles(normals, offsets, self.g)
+
     def learn(self, d: Array, points: Array, upper: Array, bases: Indices) -> None:
         """Take what was found in directions d: points that are in the polytope, and how far it goes at most."""
         self.asked = np.concatenate([self.asked, d])
         self.bases = bases if self.bases is None else np.concatenate([self.bases, bases])
         points = np.concatenate([self.points, points])
         self.points = points[np.unique(np.round(points, 10), axis=0, return_index=True)[1]]
-        if len(d) and upper.min() < self.upper:
-            best = int(np.argmin(upper))
-            self.upper, self.weakest = float(upper[best]), d[best]
+        sizes = self.size(d, upper)
+        if len(d) and sizes.min() < self.upper:
+            best = int(np.argmin(sizes))
+            self.upper, self.weakest = float(sizes[best]), d[best]
 
     def near(self, d: Array) -> Indices:
         """Return where the programs of the nearest directions that were asked ended."""
@@ -128,9 +171,10 @@ class _Polytope:
         normals = hull.equations[:, : self.D]
         corners = self.points[hull.simplices]
         offsets = np.einsum("fd,fkd->fk", normals, corners).min(axis=1)
-        self.lower = max(self.lower, float(offsets.min()) if _surrounds(normals, corners) else 0.0)
-        near = np.flatnonzero(offsets < self.upper - ACCURACY)
-        return self._new_directions(normals[near[np.argsort(offsets[near], kind="stable")]])[:ASKED]
+        sizes = self.size(normals, offsets)
+        self.lower = max(self.lower, float(sizes.min()) if _surrounds(normals, corners) else 0.0)
+        near = np.flatnonzero(sizes < self.upper - ACCURACY)
+        return self._new_directions(normals[near[np.argsort(sizes[near], kind="stable")]])[:ASKED]
 
     def _flat_direction(self) -> Array | None:
         """Return a direction across which no points lie, if there is one."""

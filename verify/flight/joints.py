@@ -84,18 +84,13 @@ class _Borne:
         F = thrusts.sum(axis=(0, 1)) - self._f_E + (n * m + m_E) * weight
         tau = np.cross(found.rotors, thrusts).sum(axis=(0, 1)) + drags.sum(axis=0) - self._tau_E
         tau -= np.cross(self._p_E, self._f_E)
-        R = found.poses.R
-        inertias = R * np.array(module.inertia) @ np.swapaxes(R, 1, 2)
-        points = np.concatenate([found.o, found.p_e[None]])
-        masses = np.append(np.full(n, m), m_E)
-        spread = (points**2).sum(axis=1)[:, None, None] * np.eye(3) - points[:, :, None] * points[:, None, :]
-        turning = inertias.sum(axis=0) + (masses[:, None, None] * spread).sum(axis=0)
-        a, turned = F / masses.sum(), np.linalg.solve(turning, tau)
+        points, masses = _masses(design, found)
+        a, turned = F / masses.sum(), np.linalg.solve(inertia(design, found), tau)
         # what the joints must exert on each part: its inertia less all other forces on it
         falls = masses[:, None] * (a + np.cross(turned, points) - weight)
         self._forces = falls[:n] - thrusts.sum(axis=1)
         rotor_moments = np.cross(found.rotors - found.o[:, None], thrusts).sum(axis=1) + drags
-        self._moments = inertias @ turned - rotor_moments
+        self._moments = _inertias(design, found) @ turned - rotor_moments
         self._tip_force = falls[n] + self._f_E
 
     def at(self, c: Array, beyond: Array, tip: bool) -> tuple[Array, Array]:
@@ -107,3 +102,23 @@ class _Borne:
             force = force + self._tip_force
             moment = moment + np.cross(self._p_E - c, self._tip_force) + self._tau_E
         return force, moment
+
+
+def inertia(design: Design, found: Platform) -> Array:
+    """Return the inertia of a platform about its centre of mass, shape (3, 3) [kg m^2]."""
+    points, masses = _masses(design, found)
+    spread = (points**2).sum(axis=1)[:, None, None] * np.eye(3) - points[:, :, None] * points[:, None, :]
+    return np.asarray(_inertias(design, found).sum(axis=0) + (masses[:, None, None] * spread).sum(axis=0))
+
+
+def _inertias(design: Design, found: Platform) -> Array:
+    """Return the inertia of every module about its own centre, shape (n, 3, 3) [kg m^2]."""
+    R = found.poses.R
+    return np.asarray(R * np.array(design.task.module.inertia) @ np.swapaxes(R, 1, 2))
+
+
+def _masses(design: Design, found: Platform) -> tuple[Array, Array]:
+    """Return places, shape (n + 1, 3), and masses of the modules and the end-effector [m], [kg]."""
+    task = design.task
+    masses = np.append(np.full(design.topology.n, task.module.mass), task.end_effector.mass)
+    return np.concatenate([found.o, found.p_e[None]]), masses

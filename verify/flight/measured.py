@@ -7,16 +7,19 @@
 | A | wrench map about the COM, W = A v | (6, N) | m_t g, l_arm m_t g |
 | b_k | wrench of hover (k = 0) and of every load case | (6,) | the same |
 | p_E | end-effector from the COM | (3,) | l_arm |
+| J | inertia about the COM | (3, 3) | l_arm m_t g s^2 |
 
 Each b_k is first replaced by a wrench that some v produce exactly, within the audit's tolerance of it. A force f at
 the end-effector adds [f, p_E x f], so that it leaves the torque about p_E alone: with that held, the forces of A v
 less that of b_k are those that can be added. One at the COM adds [f, 0], and a torque leaves the force alone.
-Reserves and load factors are of rotors that run between the module's least and largest input; a dead one stands
-still.
+To hold hover at a tilt t is to exert [f, 0] with a force f of the weight's size at the angle t from z, in the axes
+of the body. Reserves and load factors are of rotors that run between the module's least and largest input; a dead
+one stands still.
 """
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 from functools import cached_property
@@ -39,10 +42,10 @@ from topo_search.model import (
 from topo_search.model.reserves import centres_of
 from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
-from verify.flight.balls import Ball, largest_balls
+from verify.flight.balls import Ball, largest_balls, largest_caps
 from verify.flight.failures import remainder
 from verify.flight.inputs import least_inputs
-from verify.flight.joints import joint_loads
+from verify.flight.joints import inertia, joint_loads
 from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest
 from verify.kinematics import Platform
 from verify.residuals import clamp
@@ -78,6 +81,7 @@ def flight(design: Design, found: Platform, sheet: Assembly, errors: Sensitivity
         Box(np.full(N, task.module.min_input), np.ones(N)),
         dict(zip(task.case_labels, task.load_cases, strict=True)),
         inputs,
+        inertia(design, found),
     )
     if not measured.in_range:
         return None
@@ -108,6 +112,7 @@ class Measured:
         box: bounds of the inputs, shape (N,) each.
         cases: load cases in SI by name.
         inputs: of hover and of every case, shape (N,) each; None: those of least effort.
+        J: inertia about the COM, shape (3, 3) [kg m^2]; None: unknown.
     """
 
     def __init__(
@@ -118,11 +123,13 @@ class Measured:
         box: Box,
         cases: dict[str, LoadCase],
         inputs: Sequence[Array | None],
+        J: Array | None,
     ) -> None:
         self.force, arm = units
         self.torque = arm * self.force
         unit = np.repeat([self.force, self.torque], 3)
         self.A, self.p_E, self.box, self.inputs = A / unit[:, None], p_E / arm, box, inputs
+        self.J = None if J is None else J / self.torque
         hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, self.force)))
         self.asked, self.names = (hover, *cases.values()), (HOVER, *cases)
         self.b = np.array([required_wrench(case, p_E) / unit for case in self.asked])
@@ -159,13 +166,19 @@ class Measured:
             possible = True if yes[row] else False if no[row] else None
             place = np.count_nonzero(yes[:row])
             left = {**told[place], **self._load_factor(b[place], case)} if possible else {}
+            if possible and name == HOVER:
+                (cap,) = largest_caps(self.A[:3], self.A[3:], b[[place], :3], b[[place], 3:], self.box)
+                left |= _ball("tilt{}_deg", "tilt_weakest", cap, math.degrees(1.0))
             rows.append(CaseFlight(name=name, possible=possible, **left, **self._inputs(v)))
         return tuple(rows)
 
     def _reserves(self, b: Array) -> list[dict[str, Any]]:
         """Return the fields of what can be added to wrenches that some v produce, shape (B, 6)."""
         torques = largest_balls(self.A[3:], self.A[:3], b[:, 3:], b[:, :3], self.box)
-        told = [_ball("torque_reserve{}_Nm", "torque_weakest", ball, self.torque) for ball in torques]
+        told = [
+            _ball("torque_reserve{}_Nm", "torque_weakest", ball, self.torque) | fields
+            for ball, fields in zip(torques, self._accelerations(b), strict=True)
+        ]
         for place, about_rows, about in (
             ("", self._about_tip(self.A), self._about_tip(b.T).T),
             ("_com", self.A[3:], b[:, 3:]),
@@ -180,6 +193,36 @@ class Measured:
                     for fields, ball in zip(told, balls, strict=True)
                 ]
         return told
+
+    def _accelerations(self, b: Array) -> list[dict[str, Any]]:
+        """Return the fields of accelerations about each axis: the greatest s of which A v = b +- s J e / |J e|."""
+        sizes = np.zeros(3) if self.J is None else np.linalg.norm(self.J, axis=0)
+        if self.J is None or not sizes.all():
+            return [{} for _ in b]
+        (B, _), N = b.shape, self.A.shape[1]
+        M = np.hstack([self.A, np.vstack([np.zeros((3, 3)), -self.J / sizes])])
+        most = np.abs(self.A[3:]) @ np.maximum(np.abs(self.box.low), np.abs(self.box.high))
+        ways = (
+            1.01
+            * (np.linalg.norm(most) + np.linalg.norm(b[:, 3:], axis=1).max())
+            * np.vstack([np.eye(3), -np.eye(3)])
+        )
+        box = Box(
+            np.hstack([np.tile(self.box.low, (6, 1)), np.minimum(ways, 0.0)]),
+            np.hstack([np.tile(self.box.high, (6, 1)), np.maximum(ways, 0.0)]),
+        )
+        c = np.hstack([np.zeros((6, N)), np.sign(ways)])
+        found = greatest(
+            np.tile(c, (B, 1)), M, np.repeat(b, 6, axis=0), Box(np.tile(box.low, (B, 1)), np.tile(box.high, (B, 1)))
+        )
+        lower, upper = (np.reshape(side, (B, 2, 3)).min(axis=1) / sizes for side in (found.attained, found.upper))
+        return [
+            {
+                "angular_acceleration_rad_s2": tuple(np.maximum(least, 0.0).tolist()),
+                "angular_acceleration_at_most_rad_s2": tuple(clamp(x) for x in np.maximum(at_most, 0.0).tolist()),
+            }
+            for least, at_most in zip(lower, upper, strict=True)
+        ]
 
     def rotors_out(self, cases: int) -> RotorsOut:
         """Return which single rotors may fail in the first so many cases."""

@@ -47,7 +47,9 @@ def capability(vehicle: Vehicle, task: Task | None = None) -> Capability | None:
     A, cases = rotor_map(vehicle), {} if task is None else _cases(task, weight)
     low = np.array([one.u_min / one.u_max for one in vehicle.rotors])
     box = Box(low, np.ones(len(low)))
-    measured = Measured(A, _end_effector(vehicle, task), (weight, arm), box, cases, [None] * (1 + len(cases)))
+    given = vehicle.inertia
+    J = None if given is None else np.diag(given) if np.ndim(given) == 1 else np.array(given)
+    measured = Measured(A, _end_effector(vehicle, task), (weight, arm), box, cases, [None] * (1 + len(cases)), J)
     if not measured.in_range:
         return None
     F, T = measured.A[:3], measured.A[3:]
