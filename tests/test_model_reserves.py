@@ -131,6 +131,7 @@ def test_reserves_in_weights_grow_with_the_platform_and_a_design_has_newtons() -
         ({"units": "N"}, 'flight.units: must be "weight" or "SI", but got "N"'),
         ({"tilt_deg": 91}, "flight.tilt_deg: must be at most 90, but got 91"),
         ({"angular_acceleration": [1, 1]}, "flight.angular_acceleration[2]: is required"),
+        ({"allocator": "px4"}, 'flight.allocator: must be "optimal" or "pseudo-inverse", but got "px4"'),
         ({"reserve": 1}, "flight.reserve: unknown field; did you mean `force_reserve`?"),
         (
             {"force_reserve": 1e15},

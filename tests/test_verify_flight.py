@@ -228,6 +228,55 @@ def test_accelerations_about_each_axis_can_be_had_either_way_and_no_more_one_way
             assert a <= case.angular_acceleration_at_most_rad_s2[k] <= a * (1 + 1e-6)
 
 
+@pytest.mark.parametrize("seed", ABLE)
+def test_the_pseudo_inverse_stays_within_limits_up_to_its_reserves_and_not_beyond(seed: int) -> None:
+    given = drawn(seed)
+    task, at, J = given.task, platform(given), inertia(given, poses(given))
+    A = wrench_map(at, task.module) * task.module.max_input(task.gravity)
+    unit = np.repeat([task.force_unit(5), task.torque_unit(5)], 3)
+    inverse = np.linalg.pinv(A / unit[:, None]) / unit
+
+    def within(b: Array) -> bool:
+        v = inverse @ b
+        return bool(np.all(v >= -1e-12) and np.all(v <= 1 + 1e-12))
+
+    rng = np.random.default_rng(seed)
+    for case, b in zip(flight(given).cases, asked(given), strict=True):
+        for name, best, _ in reserves(case):
+            which, _, place = name.partition("_")
+            field = f"{which}_reserve{place and '_' + place}_{'Nm' if name == 'torque' else 'N'}"
+            size = getattr(case, f"{field}_pseudo_inverse")
+            assert 0 <= size <= best * (1 + 1e-9) + 1e-6
+            turns = rng.normal(size=(3000, 3)) * ([1, 1, 0] if name.startswith("horizontal") else 1)
+            turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+            wrenches = [added(name, x, at.p_e) for x in turns]
+            assert all(within(b + 0.9999 * size * w) for w in wrenches) == within(b)
+            assert not all(within(b + (1.1 * size + 1e-6) * w) for w in wrenches)
+        for k, a in enumerate(case.angular_acceleration_rad_s2_pseudo_inverse):
+            turn = np.append(np.zeros(3), J[:, k])
+            assert 0 <= a <= case.angular_acceleration_rad_s2[k] * (1 + 1e-6)
+            ways = [within(b + sign * 0.9999 * a * turn) for sign in (1, -1)]
+            assert all(ways) == within(b)
+            assert not all(within(b + sign * (1.0001 * a + 1e-6) * turn) for sign in (1, -1))
+        if case.name == "hover":
+            t = math.radians(case.tilt_deg_pseudo_inverse)
+            assert t <= math.radians(case.tilt_deg) + 1e-6
+            arcs = np.linspace(0.0, 2 * math.pi, 1441)
+            for angle in np.linspace(0.0, 0.9999 * t, 9):
+                forces = [b[2] * force_at(angle, np.array([math.cos(e), math.sin(e)])) for e in arcs]
+                assert all(within(np.append(f, np.zeros(3))) for f in forces) == within(b)
+            beyond = [b[2] * force_at(t + 1e-3, np.array([math.cos(e), math.sin(e)])) for e in arcs]
+            assert not all(within(np.append(f, np.zeros(3))) for f in beyond)
+
+
+def test_a_wrench_that_no_inputs_exert_is_no_reserve_of_the_pseudo_inverse() -> None:
+    flat = flight(design(FAN, {"module": {"max_thrust_to_weight": 2.0}}, hinges=(0.0, 0.0))).hover
+    names = "force_reserve_com_N", "horizontal_reserve_N", "tilt_deg"
+    assert [getattr(flat, f"{name}_pseudo_inverse") for name in names] == [0.0, 0.0, 0.0]
+    assert flat.torque_reserve_Nm_pseudo_inverse > 0
+    assert min(flat.angular_acceleration_rad_s2_pseudo_inverse) > 0
+
+
 def test_tilt_and_accelerations_are_required_where_a_task_asks_for_them() -> None:
     given = drawn(ABLE[0])
     hover = flight(given).hover
@@ -239,6 +288,12 @@ def test_tilt_and_accelerations_are_required_where_a_task_asks_for_them() -> Non
         rows = {row.name: row for row in audit(changed(given, task=task)).residuals}
         told = [rows[name] for name in ("hover, tilt", "hover, angular acceleration about y")]
         assert [(row.status, row.unit) for row in told] == [(status, "deg"), (status, "rad/s^2")]
+        task["flight"]["allocator"] = "pseudo-inverse"
+        rows = {row.name: row for row in audit(changed(given, task=task)).residuals}
+        told = [rows[name] for name in ("hover, tilt", "hover, angular acceleration about y")]
+        known = [hover.tilt_deg_pseudo_inverse, hover.angular_acceleration_rad_s2_pseudo_inverse[1]]
+        assert [row.derived for row in told] == pytest.approx(known, rel=1e-9)
+        assert [row.status for row in told] == ["violated", "violated"]
         assert not any("about x" in name for name in rows)
 
 

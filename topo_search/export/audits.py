@@ -165,6 +165,16 @@ def flight_lines(flight: Flight) -> Iterator[str]:
     if hover.angular_acceleration_rad_s2 is not None:
         sizes = ", ".join(lower_text(a, 3) for a in hover.angular_acceleration_rad_s2)
         yield f"angular acceleration in hover, about x, y and z: {sizes} rad/s²"
+    if hover.horizontal_reserve_com_N_pseudo_inverse is not None:
+        at_com, at_tip = (
+            hover.horizontal_reserve_com_N_pseudo_inverse,
+            hover.horizontal_reserve_N_pseudo_inverse or 0.0,
+        )
+        tilt = hover.tilt_deg_pseudo_inverse or 0.0
+        yield (
+            f"by the pseudo-inverse alone, in hover: side force of {lower_text(at_tip, 3)} N at the tip and "
+            f"{lower_text(at_com, 3)} N at the centre of mass, tilt of {lower_text(tilt, 3)} degrees"
+        )
     factors = [(case.load_factor, case.name) for case in flight.cases if case.load_factor is not None]
     if factors:
         factor, name = min(factors)

@@ -50,7 +50,7 @@ class CaseFlight(Value):
     torque_reserve_at_most_Nm: Size | None = None
     torque_weakest: Vector | None = None
     tilt_deg: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    """Of hover: it can be held at any tilt up to this, to every side, without torque [deg]."""
+    """Hover can be held at any tilt up to this, to every side, without torque [deg]; None of load cases."""
     tilt_at_most_deg: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
     tilt_weakest: Annotated[Vector | None, Field(exclude_if=lambda given: given is None)] = None
     """Rotors lack force towards it, in the axes of the body, where more is asked for."""
@@ -60,6 +60,21 @@ class CaseFlight(Value):
     """About x, y and z of the body at the centre of mass, one at a time and either way: torque J e a can be added,
     with the platform's inertia J [rad/s^2]."""
     angular_acceleration_at_most_rad_s2: Annotated[
+        tuple[Size, Size, Size] | None, Field(exclude_if=lambda given: given is None)
+    ] = None
+    force_reserve_N_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    """The same by an allocator that only multiplies wrenches, the case's own included, by the pseudo-inverse of the
+    map from inputs, and does not desaturate; likewise below."""
+    horizontal_reserve_N_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = (
+        None
+    )
+    force_reserve_com_N_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    horizontal_reserve_com_N_pseudo_inverse: Annotated[
+        Size | None, Field(exclude_if=lambda given: given is None)
+    ] = None
+    torque_reserve_Nm_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    tilt_deg_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    angular_acceleration_rad_s2_pseudo_inverse: Annotated[
         tuple[Size, Size, Size] | None, Field(exclude_if=lambda given: given is None)
     ] = None
     load_factor: Size | None = None

@@ -89,6 +89,11 @@ class AskedFlight(Value):
         tuple[NonNegative, NonNegative, NonNegative], Field(exclude_if=lambda given: not any(given))
     ] = (0.0, 0.0, 0.0)
     """About x, y and z of the body, one at a time and either way, with unchanged force [rad/s^2]."""
+    allocator: Annotated[
+        Literal["optimal", "pseudo-inverse"], Field(exclude_if=lambda given: given == "optimal")
+    ] = "optimal"
+    """Inputs for the reserves, tilt and accelerations above: `optimal`: the best; `pseudo-inverse`: those of
+    autopilots before they desaturate. Both are measured."""
     rotor_out: Annotated[Failing, Field(exclude_if=lambda given: given == "none")] = "none"
     """Required after any single rotor failure: `hover`, or `all`: also every load case that carries the weight."""
     rotor_out_torque: Annotated[NonNegative | None, Field(exclude_if=lambda given: given is None)] = None
@@ -110,7 +115,7 @@ class AskedFlight(Value):
     @property
     def asks(self) -> bool:
         """Whether anything is asked for."""
-        how = {"units", "around", "at", "directions"}
+        how = {"units", "around", "at", "directions", "allocator"}
         return self != AskedFlight(**{name: getattr(self, name) for name in how})
 
     def at_level(self, level: Level) -> AskedFlight:

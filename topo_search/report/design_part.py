@@ -189,7 +189,8 @@ def _loads(design: Design) -> Table:
 def flight_part(found: Flight) -> dict[str, Any]:
     """Return all that is shown of it."""
     first, *others = (f"{line[0].upper()}{line[1:]}." for line in flight_lines(found))
-    return {"summary": first, "cases": cases(found), "sentences": others, "joints": _joint_loads(found)}
+    shown = {"cases": cases(found), "allocators": allocators(found), "joints": _joint_loads(found)}
+    return {"summary": first, "sentences": others, **shown}
 
 
 def _power(audit: Audit) -> Table | None:
@@ -223,6 +224,34 @@ def cases(found: Flight) -> Table:
         "at a limit",
     )
     return Table(columns, [_case(case) for case in found.cases], {2, 4, 6, 8, 9, 10})
+
+
+def allocators(found: Flight) -> Table | None:
+    """Return two rows for each case, of the best inputs and of the pseudo-inverse; None of older files."""
+    rows = [
+        {
+            "case": case.name,
+            "inputs": inputs,
+            **{
+                title: _size(getattr(case, name + end), unit)
+                for title, name, unit in (
+                    ("any force at the tip", "force_reserve_N", " N"),
+                    ("at the centre of mass", "force_reserve_com_N", " N"),
+                    ("any side force at the tip", "horizontal_reserve_N", " N"),
+                    ("at the centre of mass, sideways", "horizontal_reserve_com_N", " N"),
+                    ("any torque", "torque_reserve_Nm", " N m"),
+                    ("any tilt up to", "tilt_deg", "°"),
+                )
+            },
+            "acceleration about x, y, z": ", ".join(
+                _size(a, "") for a in getattr(case, f"angular_acceleration_rad_s2{end}") or ()
+            ),
+        }
+        for case in found.cases
+        if case.force_reserve_com_N is not None
+        for inputs, end in (("optimal", ""), ("pseudo-inverse", "_pseudo_inverse"))
+    ]
+    return Table.from_rows(rows, range(2, 9)) if rows else None
 
 
 def reserves(found: Flight) -> Table:

@@ -237,6 +237,8 @@ def _flight(task: ResolvedTask) -> Iterator[Facts]:
         if any(asked.angular_acceleration):
             sizes = ", ".join(figures(a) for a in asked.angular_acceleration)
             rows.append(("angular acceleration", f"{sizes} rad/s² about x, y and z"))
+        if asked.allocator == "pseudo-inverse":
+            rows.append(("inputs for these", "by the pseudo-inverse, without desaturation"))
         if asked.rotor_out != "none":
             in_hover = "hover" + " and every load case that carries the weight" * (asked.rotor_out == "all")
             torque = f", any torque of {figures(asked.rotor_out_torque or 0.0)} N m to spare"

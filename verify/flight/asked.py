@@ -10,7 +10,7 @@ import numpy as np
 
 from topo_search.model import CaseFlight, Design, Flight, Residual, Sensitivity, Status
 from topo_search.model.audit import WITHIN_TOLERANCES
-from topo_search.model.reserves import AT, PLACES, centres
+from topo_search.model.reserves import AT, PLACES, AskedFlight, centres
 from topo_search.model.tolerances import TOLERANCE
 from verify.flight.joints import inertia
 from verify.kinematics import platform
@@ -27,7 +27,7 @@ def reserve_residuals(design: Design, measured: Flight | None) -> Iterator[Resid
             ("torque", "", "Nm", asked.torque_reserve, task.torque_unit(task.n)),
         ):
             if r > 0:
-                lower, upper = _bracket(case, f"{field}_reserve{place}{{}}_{unit}")
+                lower, upper = _bracket(asked, case, f"{field}_reserve{place}{{}}_{unit}")
                 words = f"{label}, {'horizontal force' if field == 'horizontal' else field} reserve{AT[place]}"
                 yield _judge(words, "N" if unit == "N" else "N m", r, lower, upper, scale)
 
@@ -36,14 +36,14 @@ def reserve_residuals(design: Design, measured: Flight | None) -> Iterator[Resid
     if asked.tilt_deg:
         hover = None if measured is None else measured.hover
         words = "hover, tilt"
-        yield _judge(words, "deg", asked.tilt_deg, *_bracket(hover, "tilt{}_deg"), math.degrees(1.0))
+        yield _judge(words, "deg", asked.tilt_deg, *_bracket(asked, hover, "tilt{}_deg"), math.degrees(1.0))
 
 
 def _accelerations(design: Design, case: CaseFlight | None, label: str) -> Iterator[Residual]:
     """Yield by how much each acceleration about an axis is less than asked."""
-    task, J = design.task, inertia(design, platform(design))
-    lower, upper = _bracket(case, "angular_acceleration{}_rad_s2")
-    rows = zip("xyz", task.flight.angular_acceleration, np.linalg.norm(J, axis=0), strict=True)
+    task, asked, J = design.task, design.task.flight, inertia(design, platform(design))
+    lower, upper = _bracket(asked, case, "angular_acceleration{}_rad_s2")
+    rows = zip("xyz", asked.angular_acceleration, np.linalg.norm(J, axis=0), strict=True)
     for k, (axis, a, size) in enumerate(rows):
         if a > 0:
             at_least, at_most = (side[k] if isinstance(side, tuple) else side for side in (lower, upper))
@@ -138,10 +138,11 @@ def _judge(name: str, unit: str, r: float, lower: float, upper: float | None, sc
     )
 
 
-def _bracket(case: CaseFlight | None, name: str) -> tuple[Any, Any]:
-    """Return what a figure is at least, and at most; None where nothing is proven.
+def _bracket(asked: AskedFlight, case: CaseFlight | None, name: str) -> tuple[Any, Any]:
+    """Return what a figure of the allocator is at least, and at most; None where nothing is proven.
 
     Args:
+        asked: says which allocator.
         case: what was measured.
         name: of the figure, with braces where that of the upper bound says so.
     """
@@ -149,5 +150,8 @@ def _bracket(case: CaseFlight | None, name: str) -> tuple[Any, Any]:
         return 0.0, None
     if not case.possible:
         return 0.0, 0.0
-    lower, upper = getattr(case, name.format("")), getattr(case, name.format("_at_most"))
+    names = name.format(""), name.format("_at_most")
+    if asked.allocator == "pseudo-inverse":  # its figures are exact
+        names = (f"{names[0]}_pseudo_inverse",) * 2
+    lower, upper = (getattr(case, one) for one in names)
     return (0.0 if lower is None else lower), upper

@@ -47,6 +47,7 @@ from verify.flight.failures import remainder
 from verify.flight.inputs import least_inputs
 from verify.flight.joints import inertia, joint_loads
 from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest
+from verify.flight.pseudo_inverse import FORCES, TORQUES, PseudoInverse
 from verify.kinematics import Platform
 from verify.residuals import clamp
 from verify.wrench import required_wrench, wrench_map
@@ -169,6 +170,7 @@ class Measured:
             if possible and name == HOVER:
                 (cap,) = largest_caps(self.A[:3], self.A[3:], b[[place], :3], b[[place], 3:], self.box)
                 left |= _ball("tilt{}_deg", "tilt_weakest", cap, math.degrees(1.0))
+                left["tilt_deg_pseudo_inverse"] = math.degrees(self.pseudo_inverse.cap(b[place]))
             rows.append(CaseFlight(name=name, possible=possible, **left, **self._inputs(v)))
         return tuple(rows)
 
@@ -179,6 +181,7 @@ class Measured:
             _ball("torque_reserve{}_Nm", "torque_weakest", ball, self.torque) | fields
             for ball, fields in zip(torques, self._accelerations(b), strict=True)
         ]
+        told = [fields | self._allocated(one) for fields, one in zip(told, b, strict=True)]
         for place, about_rows, about in (
             ("", self._about_tip(self.A), self._about_tip(b.T).T),
             ("_com", self.A[3:], b[:, 3:]),
@@ -223,6 +226,28 @@ class Measured:
             }
             for least, at_most in zip(lower, upper, strict=True)
         ]
+
+    @cached_property
+    def pseudo_inverse(self) -> PseudoInverse:
+        """The allocator that only multiplies."""
+        return PseudoInverse(self.A, self.box)
+
+    def _allocated(self, b: Array) -> dict[str, Any]:
+        """Return the fields of what the pseudo-inverse can add to a wrench."""
+        at_tip = FORCES.copy()
+        at_tip[3:] = np.cross(self.p_E, np.eye(3)).T
+        added = {
+            "force_reserve_N": (at_tip, self.force),
+            "horizontal_reserve_N": (at_tip[:, :2], self.force),
+            "force_reserve_com_N": (FORCES, self.force),
+            "horizontal_reserve_com_N": (FORCES[:, :2], self.force),
+            "torque_reserve_Nm": (TORQUES, self.torque),
+        }
+        told: dict[str, Any] = {name: self.pseudo_inverse.ball(b, E) * unit for name, (E, unit) in added.items()}
+        if self.J is not None:
+            ways = TORQUES @ self.J
+            told["angular_acceleration_rad_s2"] = tuple(self.pseudo_inverse.ball(b, ways[:, [k]]) for k in range(3))
+        return {f"{name}_pseudo_inverse": value for name, value in told.items()}
 
     def rotors_out(self, cases: int) -> RotorsOut:
         """Return which single rotors may fail in the first so many cases."""
