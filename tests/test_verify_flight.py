@@ -3,6 +3,7 @@
 import math
 import sys
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -15,6 +16,7 @@ from verify_cases import FAN, HOVER, changed, design, fan
 from topo_search.export.allocation import inertia
 from topo_search.export.poses import poses
 from topo_search.model import Audit, CaseFlight, Design, Flight, Topology
+from topo_search.model.files import read_json
 from topo_search.topologies import sample
 from verify import audit
 from verify.flight.balls import half_angles
@@ -267,6 +269,20 @@ def test_the_pseudo_inverse_stays_within_limits_up_to_its_reserves_and_not_beyon
                 assert all(within(np.append(f, np.zeros(3))) for f in forces) == within(b)
             beyond = [b[2] * force_at(t + 1e-3, np.array([math.cos(e), math.sin(e)])) for e in arcs]
             assert not all(within(np.append(f, np.zeros(3))) for f in beyond)
+
+
+@pytest.mark.parametrize(
+    ("name", "tip", "com", "tilt_deg"),
+    [("wall-push", 0.1356, 0.2768, 8.170), ("window-cleaning", 0.1327, 0.3239, 9.217)],
+)
+def test_reserves_of_1_08_newtons_are_lost_by_the_pseudo_inverse_and_at_a_tilt_of_ten_degrees(
+    name: str, tip: float, com: float, tilt_deg: float
+) -> None:
+    found = flight(read_json(Design, Path(__file__).parent / f"designs/{name}.json")).hover
+    assert found.force_reserve_N >= 1.0
+    assert found.force_reserve_N_pseudo_inverse == pytest.approx(tip, abs=1e-4)
+    assert found.force_reserve_com_N_pseudo_inverse == pytest.approx(com, abs=1e-4)
+    assert found.tilt_deg == pytest.approx(tilt_deg, abs=1e-3)
 
 
 def test_a_wrench_that_no_inputs_exert_is_no_reserve_of_the_pseudo_inverse() -> None:

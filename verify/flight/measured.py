@@ -181,7 +181,7 @@ class Measured:
             _ball("torque_reserve{}_Nm", "torque_weakest", ball, self.torque) | fields
             for ball, fields in zip(torques, self._accelerations(b), strict=True)
         ]
-        told = [fields | self._allocated(one) for fields, one in zip(told, b, strict=True)]
+        told = [fields | self._allocation(one) for fields, one in zip(told, b, strict=True)]
         for place, about_rows, about in (
             ("", self._about_tip(self.A), self._about_tip(b.T).T),
             ("_com", self.A[3:], b[:, 3:]),
@@ -232,7 +232,7 @@ class Measured:
         """The allocator that only multiplies."""
         return PseudoInverse(self.A, self.box)
 
-    def _allocated(self, b: Array) -> dict[str, Any]:
+    def _allocation(self, b: Array) -> dict[str, Any]:
         """Return the fields of what the pseudo-inverse can add to a wrench."""
         at_tip = FORCES.copy()
         at_tip[3:] = np.cross(self.p_E, np.eye(3)).T
