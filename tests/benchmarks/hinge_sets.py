@@ -1,6 +1,6 @@
 """What do hinge angles from a set cost, and what does the search of the set miss?
 
-    python tests/benchmarks/hinge_sets.py [--modules N ...] [--steps DEG ...] [--set FIELD=VALUE ...] [--all] [TASK ...]
+    python tests/benchmarks/hinge_sets.py [--modules N ...] [--steps DEG ...] [--set FIELD=VALUE] [--all] [TASK ...]
 
 Searches every tree with any hinge angles, then with multiples of each step, and prints by how much the best effort
 of all trees grows, how many trees have a design, and the CPU time over that with any angles. `--all`: every
