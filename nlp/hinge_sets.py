@@ -145,7 +145,9 @@ def solve_on_set(
         if last is None or one.objective - last.objective > SAME_AFTER * one.objective:
             optima[one.start], starts[one.start] = one, []
         starts[next(reversed(optima))].append(one.start)
-    found = (_whole if reason_against(task) else _reduced)(task, topology, list(optima.values()), constraints)
+    found = (_solve_whole if reason_against(task) else _solve_reduced)(
+        task, topology, list(optima.values()), constraints
+    )
     outcomes = {}
     for one in free:
         held = StartResult.at(one.start, replace(one.point, task=task), one.result, one.corners, constraints)
@@ -195,7 +197,7 @@ def _search(angles: _Set, optima: Sequence[StartResult], solve: Solve[End], most
     return sorted(found.values(), key=lambda each: (each.rank, each.places))
 
 
-def _reduced(
+def _solve_reduced(
     task: ResolvedTask, topology: Topology, optima: Sequence[StartResult], constraints: UserConstraints
 ) -> list[StartResult]:
     """Return the best combinations that the compiled search finds, made exact."""
@@ -215,7 +217,7 @@ def _reduced(
     return list(search.polish([each.end for each in found], POLISHED))
 
 
-def _whole(
+def _solve_whole(
     task: ResolvedTask, topology: Topology, optima: Sequence[StartResult], constraints: UserConstraints
 ) -> list[StartResult]:
     """Return the best combinations that Ipopt finds."""
