@@ -79,9 +79,8 @@ carries_weight = true
 
 LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "tolerances": True}
 RATINGS = {"joint_moment": 4.0, "joint_force": 60.0, "battery_Wh": 12.0}
-"""Examples of fields of [flight] and of a module that have no default."""
-HINGE_STEP = 15.0
-"""Example of a step of hinge angles [deg]; any angle is the default."""
+SETS = {"hinge_step_deg": 15.0}
+"""Examples of fields of [flight], of a module and of [search] that have no default."""
 
 
 def task_template(name: str) -> str:
@@ -97,7 +96,7 @@ def task_template(name: str) -> str:
     changed = {
         "module": module.model_copy(update={**forms, **RATINGS}),
         "flight": filled.flight.model_copy(update=LIMITS),
-        "search": filled.search.model_copy(update={"hinge_step_deg": HINGE_STEP}),
+        "search": filled.search.model_copy(update=SETS),
     }
     filled = filled.model_copy(update=changed)
     explained = {"name", "modules", "load_cases", "exposure", "task_seed"}  # or of a random family
