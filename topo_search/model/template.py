@@ -79,7 +79,7 @@ carries_weight = true
 
 LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "tolerances": True}
 RATINGS = {"joint_moment": 4.0, "joint_force": 60.0, "battery_Wh": 12.0}
-SETS = {"hinge_step_deg": 15.0}
+SETS = {"hinge_step_deg": 15.0, "hinge_angles_deg": (0.0, 30.0, 45.0, 60.0, 90.0)}
 """Examples of fields of [flight], of a module and of [search] that have no default."""
 
 
