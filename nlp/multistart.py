@@ -100,12 +100,13 @@ class _Minima(NamedTuple):
     """Where the rest had come to when they were given up."""
 
 
-class _Search:
+class ReducedSearch:
     """The reduced search and the polish of one task and topology."""
 
     def __init__(self, task: ResolvedTask, topology: Topology, seed: int, constraints: UserConstraints) -> None:
+        """State them; `seed` draws the starts."""
         self._task, self._topology, self._seed, self._constraints = task, topology, seed, constraints
-        self._stated: ReducedProblem = to_arrays(task, topology)
+        self.stated: ReducedProblem = to_arrays(task, topology)
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)
 
@@ -117,7 +118,7 @@ class _Search:
         """Return the local minimum that a carried-over design leads to."""
         rng = generator(self._plain, self._topology, start, self._seed)
         point = warm_start(self._plain, self._topology, source=source, rng=rng)
-        best, _ = local_minima(self._stated, point.pack()[None, : len(self._stated.lower)])
+        best, _ = local_minima(self.stated, point.pack()[None, : len(self.stated.lower)])
         return [replace(minimum, starts=(start,)) for minimum in best]
 
     def deep_minima(self) -> list[LocalMinimum]:
@@ -144,17 +145,22 @@ class _Search:
         self, starts: Sequence[int], seed: str, phases: tuple[Phase, Phase], *, anyhow: bool = False
     ) -> _Minima:
         numbers = [DRAWS * start + k for start in starts for k in range(DRAWS)]
-        drawn = draws(self._task, self._topology, self._stated, numbers, seed, anyhow=anyhow)
+        drawn = draws(self._task, self._topology, self.stated, numbers, seed, anyhow=anyhow)
         least = CONSTRAINED.most if self._constraints else LEAST_KEPT
         if self._cornered and not anyhow:
             least = len(drawn)
-        best, others = local_minima(self._stated, drawn, phases, least=least)
+        best, others = local_minima(self.stated, drawn, phases, least=least)
         return _Minima(*([replace(each, starts=_starts(each, starts)) for each in side] for side in (best, others)))
 
-    def polish(self, minima: list[LocalMinimum]) -> Iterator[StartResult]:
-        """Yield the results of the best distinct minima, one for each of their starts."""
+    def polish(self, minima: list[LocalMinimum], plain: Polish = PLAIN) -> Iterator[StartResult]:
+        """Yield the results of the best distinct minima, one for each of their starts.
+
+        Args:
+            minima: the minima.
+            plain: how many are polished where the descents know all that the task asks for.
+        """
         tried, met = 0, False
-        enough, most = CONSTRAINED if self._constraints else CORNERED if self._cornered else PLAIN
+        enough, most = CONSTRAINED if self._constraints else CORNERED if self._cornered else plain
         for minimum in _one_of_each(minima)[:most]:
             if tried >= enough and met:
                 return
@@ -180,7 +186,7 @@ class _Search:
         task, counted = self._plain, minimum.counting[len(self._plain.load_cases) :]
         if isinstance(self._task, CorneredTask):
             task = self._task.with_corners(np.flatnonzero(counted).tolist())
-        return point_of(task, self._topology, self._stated, minimum)
+        return point_of(task, self._topology, self.stated, minimum)
 
 
 def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
@@ -217,7 +223,7 @@ def solve_starts(
         near: designs carried over, as the starts -1, -2, ...
         constraints: constraints of the user, which the polish alone knows: so it takes more minima.
     """
-    search = _Search(task, topology, seed, constraints)
+    search = ReducedSearch(task, topology, seed, constraints)
     best = [minimum for k, source in enumerate(near) for minimum in search.of_source(-1 - k, source)]
     others: list[LocalMinimum] = []
     if starts:

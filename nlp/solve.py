@@ -67,7 +67,8 @@ def solve(
 
     Each start is drawn from its index, whatever ran before it. What is proven to be impossible is not tried. Tasks
     that the reduced search expresses take it, where the best draws of all starts of a call go on; for others Ipopt
-    solves the whole problem from every start.
+    solves the whole problem from every start. Where hinge angles come from a set, both do so with any angles, and
+    combinations of the set are sought from where they end.
 
     Args:
         task: the task, resolved for `topology.n` modules.
@@ -88,10 +89,15 @@ def solve(
         raise ValueError(f"`starts` must have at least one index, but got {starts}")
     if proof := prove_impossible(task, topology):
         return proof
+    free = to_corners(task.model_copy(update={"search": task.search.any_angle}))
     task, began = to_corners(task), time.perf_counter()
     solve_starts = _whole_problem if reason_against(task) else _reduced_search
     user_constraints = tuple(constraints)
-    found = solve_starts(task, topology, starts=starts, seed=seed, near=near, constraints=user_constraints)
+    found = solve_starts(free, topology, starts=starts, seed=seed, near=near, constraints=user_constraints)
+    if task.search.hinge_set_deg is not None:
+        from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load
+
+        found = solve_on_set(task, topology, found, user_constraints)
     for k, source in enumerate(near):
         found[k] = min(
             (found[k], *_carried_over(task, topology, source, found[k].start, seed, user_constraints)),

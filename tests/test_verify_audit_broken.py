@@ -225,3 +225,17 @@ def test_a_direction_taken_from_p_e_needs_a_p_e(offset):
     result = audit(fan(task, end_effector=(0.0, 0.0, mean_z + offset)))
     assert "end-effector's distance from the COM" in failing(result)
     assert result.verdict == Status.VIOLATED
+
+
+# ---- a set of hinge angles
+
+
+def test_a_hinge_angle_beside_the_set_of_the_task_is_violated_by_one_bit():
+    angle, asked = math.radians(30), {"search": {"hinge_step_deg": 15.0}}
+    assert audit(fan(asked, hinges=(-angle, angle))).verdict == audit(fan(hinges=(-angle, angle))).verdict
+    beside = audit(fan(asked, hinges=(-angle, math.nextafter(angle, 1.0))))
+    row = "hinge angle of module 2 against the task's set"
+    assert failing(beside) == {row}
+    (found,) = (each for each in beside.residuals if each.name == row)
+    assert found.derived == angle
+    assert 0 < found.value < 1e-15

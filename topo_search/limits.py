@@ -42,6 +42,8 @@ PIECES = 100
 """Convex pieces of a region."""
 LEVELS = 1_000
 """Combinations of the levels of all goals: each takes as long as a run of its own."""
+HINGE_ANGLES = 1_000
+"""Angles of a set that hinges are held to; a step may make more."""
 
 FACETS = 100_000
 """Triangles of a mesh file, polygons cut into triangles; of its vertices there may be three times as many."""

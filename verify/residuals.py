@@ -98,6 +98,11 @@ def _angles(design: Design) -> Iterator[Residual]:
 
     for i, alpha in enumerate(design.hinge_angles_rad, start=1):
         yield _row(f"hinge angle of module {i}", excess(alpha, math.pi / 2), "rad", 1.0, stated=alpha)
+    if (allowed := design.task.search.hinge_set_deg) is not None:
+        for i, alpha in enumerate(design.hinge_angles_rad, start=1):
+            nearest = min(map(math.radians, allowed), key=lambda angle: abs(angle - alpha))
+            name = f"hinge angle of module {i} against the task's set"
+            yield _row(name, abs(nearest - alpha), "rad", 1.0, tolerance=0.0, stated=alpha, derived=nearest)
     if design.task.search.root == "paper":
         for name, angle, limit in zip(
             ("psi", "alpha_0", "alpha_1"), design.root_orientation_rad, (0.0, math.pi / 2, math.pi / 2), strict=True

@@ -16,6 +16,7 @@ from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
 from nlp.joints import LimitRows, Limits
 from nlp.numbers.point import Point
 from nlp.requirements import clearances, variable_bounds
+from nlp.requirements.modules import module_clearances
 from nlp.user_constraints import UserConstraints, correct_point, rows_of, violations_of
 from nlp.user_constraints.rows import Assembled, JoinedProgram
 from topo_search.model import ResolvedTask, Topology
@@ -63,7 +64,10 @@ class AssembledProgram:
     ) -> None:
         """Keep what a solve needs; nothing expensive is built. `limits`: the loads in joints that are stated."""
         self._task, self._topology, self._constraints, self._limits = task, topology, constraints, limits
-        self._clearances = clearances(task, topology)
+        stated = clearances(task, topology)
+        if task.search.hinge_set_deg is not None:  # no step changes what modules keep from each other
+            stated = stated[len(list(module_clearances(task, topology))) :]
+        self._clearances = stated
 
     def solve(self, start: Point) -> IpoptResult:
         """Return the best point of all rounds, with the iterations of all rounds.

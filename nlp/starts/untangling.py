@@ -22,7 +22,7 @@ import math
 import numpy as np
 
 from nlp.numbers.geometry import cone_reach, envelopes, poses
-from nlp.numbers.hinges import largest_turn, nearest_angles, signs
+from nlp.numbers.hinges import largest_turn, nearest_angles, signs, turns
 from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
 from nlp.requirements.modules import EnvelopePair, module_clearances
@@ -179,5 +179,5 @@ def _rules(task: ResolvedTask, topology: Topology, enough: float) -> Rules:
         growth=growth,
         apart=apart,
         turn=largest_turn(task),
-        folds=np.array(task.folds(task.search.margin) or ((0.0, 0.0),)),
+        folds=np.array(turns(task, task.search.margin) or ((0.0, 0.0),)),
     )

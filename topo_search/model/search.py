@@ -7,20 +7,30 @@ and the trade is seen by solving the task once for each of its levels (the epsil
 from __future__ import annotations
 
 import math
-from itertools import product
+from itertools import pairwise, product
 from typing import Annotated, Any, Literal, NamedTuple, Self, TypeVar, get_args
 
 from pydantic import AfterValidator, Field, Tag, model_validator
 
-from topo_search.limits import LEVELS
+from topo_search.limits import HINGE_ANGLES, LEVELS
 from topo_search.model.bad_input import show
 from topo_search.model.reserves import Failing
-from topo_search.model.value import Angle, Flag, NonNegative, Positive, Value, at_most, one_of, refuse
+from topo_search.model.value import Angle, Flag, NonEmpty, NonNegative, Positive, Value, at_most, one_of, refuse
 
 BodyClearance = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[Literal[False], Tag("<false>")],
     one_of("must be a length or false"),
 ]
+
+APART_DEG = 0.1
+"""Least difference of two angles of a set, and least step [deg]: brackets are not made more exactly."""
+
+
+def _check_apart(angles: tuple[float, ...]) -> tuple[float, ...]:
+    for low, high in pairwise(sorted(angles)):
+        if high - low < APART_DEG:
+            raise ValueError(f"must differ by {APART_DEG:g} deg or more, but got {show([low, high])}")
+    return angles
 
 
 class Search(Value):
@@ -43,6 +53,42 @@ class Search(Value):
     """Largest squared speed of a rotor in a load case, as a share of its limit."""
     body_clearance: BodyClearance | None = None
     """Least distance between centres not bolted together [m]; default: 2 (arm_length + rotor_radius); or false."""
+    hinge_step_deg: Annotated[
+        Annotated[float, Field(strict=True, ge=APART_DEG, le=90)] | None,
+        Field(exclude_if=lambda given: given is None),
+    ] = None
+    """Hinge angles are multiples of this step, up to 90 deg either way [deg]; default: any angle."""
+    hinge_angles_deg: Annotated[
+        Annotated[tuple[Angle, ...], at_most(HINGE_ANGLES), NonEmpty, AfterValidator(_check_apart)] | None,
+        Field(exclude_if=lambda given: given is None),
+    ] = None
+    """Hinge angles are these, turned either way, in place of a step [deg]."""
+
+    @property
+    def hinge_set_deg(self) -> tuple[float, ...] | None:
+        """The angles that hinges may have, in order, both signs of each [deg]; None where any angle will do.
+
+        A hinge's angle [rad] is `math.radians` of one of them, bit by bit.
+        """
+        angles = self.hinge_angles_deg
+        if self.hinge_step_deg is not None:
+            steps = math.floor(90 / self.hinge_step_deg * (1 + 1e-12))  # 90 is a multiple of 0.9 = 90 / 100
+            angles = tuple(min(k * self.hinge_step_deg, 90.0) for k in range(steps + 1))
+        if angles is None:
+            return None
+        return tuple(sorted({-angle for angle in angles if angle} | set(angles)))
+
+    @property
+    def any_angle(self) -> Search:
+        """The same without a set of hinge angles."""
+        return self.model_copy(update={"hinge_step_deg": None, "hinge_angles_deg": None})
+
+    @model_validator(mode="after")
+    def _one_kind_of_set(self) -> Self:
+        if self.hinge_step_deg is not None and self.hinge_angles_deg is not None:
+            text = f"must be left out where hinge_angles_deg is given, but got {self.hinge_step_deg:g}"
+            refuse("Search", (("hinge_step_deg",), text))
+        return self
 
     @model_validator(mode="after")
     def _no_body_clearance_in_the_ablation(self) -> Self:

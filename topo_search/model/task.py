@@ -22,7 +22,16 @@ from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AGREE, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.reserves import AskedFlight, broken_reserves
-from topo_search.model.room import LARGE, Folds, airflow_folds, body_radius, clear_folds, intersect, packed_width
+from topo_search.model.room import (
+    LARGE,
+    Folds,
+    airflow_folds,
+    body_radius,
+    clear_folds,
+    in_words,
+    intersect,
+    packed_width,
+)
 from topo_search.model.search import Goals, Level, Search
 from topo_search.model.tolerances import FARTHEST
 from topo_search.model.value import (
@@ -167,7 +176,8 @@ class Task(Value):
             corners = sum(1 + len(case.corners) for case in self.load_cases)
             flights = dict.fromkeys(self.flight.at_level(level) for level in self.goals.levels)
             broken += dict.fromkeys(x for flight in flights for x in broken_reserves(flight, corners, n, *units))
-        refuse("Task", *broken, *self._broken_thrust(), *self._broken_flight(), *self._broken_goals())
+        broken += [*self._broken_thrust(), *self._broken_hinges()]
+        refuse("Task", *broken, *self._broken_flight(), *self._broken_goals())
         return self
 
     def _broken_thrust(self) -> Broken:
@@ -186,6 +196,16 @@ class Task(Value):
                 f"must be less than the largest share that rotors may use, {lowest:g}, but got {module.min_input}"
             )
             yield ("module", "min_input"), text
+
+    def _broken_hinges(self) -> Broken:
+        """Yield what is wrong with a set of hinge angles that has none within the folds that parts leave."""
+        angles = self.search.hinge_set_deg
+        if angles is None or not (folds := self.folds(self.search.margin)):
+            return
+        if not any(low <= math.radians(angle) <= high for angle in angles for low, high in folds):
+            field = "hinge_step_deg" if self.search.hinge_angles_deg is None else "hinge_angles_deg"
+            text = f"must have an angle that keeps rotors clear of a neighbour, {in_words(folds, ' deg')}, but got "
+            yield ("search", field), text + show(getattr(self.search, field))
 
     def _broken_flight(self) -> Broken:
         """Yield what contradicts itself in what is asked for beyond load cases, or is asked for and not given."""

@@ -79,7 +79,8 @@ carries_weight = true
 
 LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "tolerances": True}
 RATINGS = {"joint_moment": 4.0, "joint_force": 60.0, "battery_Wh": 12.0}
-"""Examples of fields of [flight] and of a module that have no default."""
+SETS = {"hinge_step_deg": 15.0, "hinge_angles_deg": (0.0, 30.0, 45.0, 60.0, 90.0)}
+"""Examples of fields of [flight], of a module and of [search] that have no default."""
 
 
 def task_template(name: str) -> str:
@@ -95,6 +96,7 @@ def task_template(name: str) -> str:
     changed = {
         "module": module.model_copy(update={**forms, **RATINGS}),
         "flight": filled.flight.model_copy(update=LIMITS),
+        "search": filled.search.model_copy(update=SETS),
     }
     filled = filled.model_copy(update=changed)
     explained = {"name", "modules", "load_cases", "exposure", "task_seed"}  # or of a random family

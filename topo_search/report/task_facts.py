@@ -194,6 +194,11 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
     if search.interference == "separation":
         apart = f"centres of modules at least {figures(task.separation)} m apart, in place of airflow (ablation)"
     body, kept, folds = task.body_clearance, task.centre_distance, task.folds(search.margin)
+    turns = in_words(folds, "°") if folds else "none: at any angle rotors would touch a neighbour or its airflow"
+    if search.hinge_step_deg is not None:
+        turns += f", in steps of {figures(search.hinge_step_deg)}°"
+    if search.hinge_angles_deg is not None:
+        turns += f", of {', '.join(map(figures, sorted(search.hinge_angles_deg)))}° either way"
     centres = "any distance" if body is None else f"at least {figures(body)} m apart"
     if body is not None and kept is not None and kept > body:
         centres += f"; the search keeps {figures(kept)} m, at which no parts can touch"
@@ -207,10 +212,7 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         *([] if search.peak_input == 1 else [("rotor inputs", f"at most {figures(search.peak_input)} u_max")]),
         ("interference", apart),
         ("centres of modules not bolted together", centres),
-        (
-            "hinge angles",
-            in_words(folds, "°") if folds else "none: at any angle rotors would touch a neighbour or its airflow",
-        ),
+        ("hinge angles", turns),
     )
 
 

@@ -1,0 +1,232 @@
+"""Hinge angles from a set: from the local optima of free angles to the best combination of angles near them.
+
+With the hinges fixed, what is left of the problem is the root's orientation, the end-effector and the inputs. The
+effort of an optimum of free angles is taken as the least that combinations near it cost: a bound of its own
+neighbourhood, and so of the whole set as far as all local optima are known. In the order of their efforts, from
+every optimum that costs less than the best combination so far, the nearest angles below and above of each hinge are
+combined; where there are few combinations in all, each is tried. Then one hinge or two turn to the next angles, as
+long as that costs less. How clear modules are of each other depends on hinges alone, so that combinations in which
+they are not are left out without a solve.
+
+The compiled search solves a combination in milliseconds, and Ipopt makes the best of them exact. Tasks that it does
+not express are solved by Ipopt alone, with fewer combinations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, islice, product
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from nlp.assembled import polish_with
+from nlp.corners import take_in_corners, with_some
+from nlp.evaluation.correction import correct
+from nlp.multistart import ACCEPTED, Polish, ReducedSearch
+from nlp.numbers.hinges import signs, turns
+from nlp.numbers.point import Point
+from nlp.reduced.expressed import reason_against
+from nlp.reduced.search import SAME_AFTER, LocalMinimum, local_minima
+from nlp.requirements.modules import module_clearances
+from nlp.start_result import StartResult
+from nlp.units import Units
+from nlp.user_constraints import UserConstraints
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
+
+COMPLETE = 256
+"""Most combinations tried for the sake of one optimum.
+
+If there are no more in all, each is tried; else as many hinges take either angle as make no more, those whose
+angles are farthest from the set, and the others take the nearest."""
+WIDEST = 3
+"""Most angles on each side of a hinge's angle among which clear combinations are sought."""
+MOST_REDUCED, MOST_WHOLE = 4096, 48
+"""Most combinations solved for one tree, by the compiled search and by Ipopt."""
+MOST_MISSED = 0.1
+"""What an end of free angles misses at most if combinations are sought near it [l_arm, m_t g, l_arm m_t g, rad]."""
+POLISHED = Polish(enough=4, most=8)
+"""How many of the best combinations Ipopt makes exact: their order may change by a little."""
+
+Places = tuple[int, ...]
+"""Where the angles of a combination are in the set."""
+End = TypeVar("End", LocalMinimum, StartResult)
+
+
+@dataclass(frozen=True)
+class _Solved(Generic[End]):
+    """A combination with its hinges fixed, solved."""
+
+    places: Places
+    rank: tuple[bool, float]
+    """Whether it misses anything, and its effort, with a price of what it misses [rad^4/s^4]."""
+    x: Array
+    """Where it ended: unknowns that begin with those of a reduced search."""
+    end: End
+
+
+Solve = Callable[[int, Array, Places], _Solved[End]]
+"""Solves a combination for a start, from unknowns of which the hinges do not count."""
+
+
+class _Set:
+    """The angles that the hinges of a tree may have, as folds, and the combinations that leave modules clear."""
+
+    def __init__(self, task: ResolvedTask, topology: Topology) -> None:
+        self.hinges = topology.n - 1
+        self._task, self._topology, self._signs = task, topology, signs(topology)
+        self._between = list(module_clearances(task, topology))
+        self._folds = np.array([fold for fold, _ in turns(task, task.search.margin)])
+
+    def angles(self, places: Places) -> Array:
+        """Return the hinge angles of a combination, shape (n-1,) [rad]."""
+        result: Array = self._signs * self._folds[list(places)]
+        return result
+
+    def near(self, alpha: Array) -> list[Places]:
+        """Return clear combinations near angles alpha (n-1,), all if they are few.
+
+        Else there is one angle on each side of a hinge's, or more where no combination of fewer is clear.
+        """
+        count = len(self._folds)
+        if count**self.hinges <= COMPLETE:
+            return self._clear(product(range(count), repeat=self.hinges))
+        phi = self._signs * alpha
+        above, off = np.searchsorted(self._folds, phi), np.abs(self._folds[:, None] - phi)
+        order = np.argsort(-off.min(axis=0), kind="stable")
+        for width in range(1, WIDEST + 1):
+            either = order[: int(math.log(COMPLETE, 2 * width))]
+            sides = [[place] for place in np.argmin(off, axis=0).tolist()]
+            for hinge in either.tolist():
+                sides[hinge] = list(range(max(0, above[hinge] - width), min(count, above[hinge] + width)))
+            if found := self._clear(product(*sides)):
+                return found
+        return []
+
+    def _clear(self, listed: Iterable[Places]) -> list[Places]:
+        """Return the combinations in which modules keep clear of each other: that depends on hinges alone."""
+        return [places for places in listed if self._is_clear(places)]
+
+    def _is_clear(self, places: Places) -> bool:
+        nowhere, still = np.zeros(3), np.zeros((0, self._topology.n, 4))
+        vectors = Point(self._task, self._topology, nowhere, self.angles(places), nowhere, still).vectors
+        return all(np.all(each.gaps(vectors) >= each.margin) for each in self._between)
+
+    def moves(self, places: Places) -> Iterator[Places]:
+        """Yield clear combinations in which one hinge, then those in which two have the next angle either way."""
+        for moved in (*combinations(range(self.hinges), 1), *combinations(range(self.hinges), 2)):
+            for steps in product((-1, 1), repeat=len(moved)):
+                other = np.array(places)
+                other[list(moved)] += steps
+                inside = np.all((other >= 0) & (other < len(self._folds)))
+                if inside and self._is_clear(to := tuple(other.tolist())):
+                    yield to
+
+
+def solve_on_set(
+    task: ResolvedTask, topology: Topology, free: Sequence[StartResult], constraints: UserConstraints = ()
+) -> list[StartResult]:
+    """Return the outcome of each start with hinge angles from the task's set, or else with any, judged by the task.
+
+    Args:
+        task: a task with a set of hinge angles, and with its corners.
+        topology: the tree.
+        free: where the starts ended with any angles.
+        constraints: constraints of the user, which Ipopt alone knows.
+    """
+    near = [one for one in free if one.worst.scaled <= MOST_MISSED]
+    optima: dict[int, StartResult] = {}
+    starts: dict[int, list[int]] = {}
+    for one in sorted(near, key=lambda each: each.objective):
+        last = next(reversed(optima.values()), None)
+        if last is None or one.objective - last.objective > SAME_AFTER * one.objective:
+            optima[one.start], starts[one.start] = one, []
+        starts[next(reversed(optima))].append(one.start)
+    found = (_solve_whole if reason_against(task) else _solve_reduced)(
+        task, topology, list(optima.values()), constraints
+    )
+    outcomes = {}
+    for one in free:
+        held = StartResult.at(one.start, replace(one.point, task=task), one.result, one.corners, constraints)
+        own = [replace(each, start=one.start) for each in found if one.start in starts[each.start]]
+        outcomes[one.start] = min([held, *own], key=lambda each: each.rank)
+    return list(outcomes.values())
+
+
+def _search(angles: _Set, optima: Sequence[StartResult], solve: Solve[End], most: int) -> list[_Solved[End]]:
+    """Return combinations that were solved, the best first, each as it ended best.
+
+    Args:
+        angles: the set.
+        optima: ends of free angles, the least effort first.
+        solve: solves a combination.
+        most: combinations to solve.
+    """
+    found: dict[Places, _Solved[End]] = {}
+    solved = 0
+
+    def attempt(start: int, x: Array, places: Places) -> _Solved[End]:
+        nonlocal solved
+        one, solved = solve(start, x, places), solved + 1
+        found[places] = min(found.get(places, one), one, key=lambda each: each.rank)
+        return one
+
+    best: tuple[StartResult, _Solved[End]] | None = None
+    for optimum in optima:
+        if best is not None and best[1].rank <= (False, optimum.objective):
+            break
+        for places in islice(angles.near(optimum.point.alpha), max(0, most - solved)):
+            one = attempt(optimum.start, optimum.point.pack(), places)
+            if best is None or one.rank < best[1].rank:
+                best = optimum, one
+    tried = set[Places]()
+    while best is not None:
+        optimum, at = best
+        tried.add(at.places)
+        best = None
+        for places in angles.moves(at.places):
+            if places not in tried and solved < most:
+                tried.add(places)
+                one = attempt(optimum.start, at.x, places)
+                if one.rank < at.rank:
+                    best = optimum, one
+                    break
+    return sorted(found.values(), key=lambda each: (each.rank, each.places))
+
+
+def _solve_reduced(
+    task: ResolvedTask, topology: Topology, optima: Sequence[StartResult], constraints: UserConstraints
+) -> list[StartResult]:
+    """Return the best combinations that the compiled search finds, made exact."""
+    search, angles = ReducedSearch(task, topology, 0, constraints), _Set(task, topology)
+    stated, hinges = search.stated, slice(3, topology.n + 2)
+    one = 4 * topology.n * sum(case.weight for case in task.load_cases) * Units.of(task).input ** 2
+
+    def solve(start: int, x: Array, places: Places) -> _Solved[LocalMinimum]:
+        x, lower, upper = x[: len(stated.lower)].copy(), stated.lower.copy(), stated.upper.copy()
+        for each in (x, lower, upper):
+            each[hinges] = angles.angles(places)
+        ((end, *_), _) = local_minima(stated._replace(lower=lower, upper=upper), x[None])
+        end = replace(end, starts=(start,))
+        return _Solved(places, (end.missing > ACCEPTED, one * end.merit), end.x, end)
+
+    found = _search(angles, optima, solve, MOST_REDUCED)
+    return list(search.polish([each.end for each in found], POLISHED))
+
+
+def _solve_whole(
+    task: ResolvedTask, topology: Topology, optima: Sequence[StartResult], constraints: UserConstraints
+) -> list[StartResult]:
+    """Return the best combinations that Ipopt finds."""
+    angles, polish, free = _Set(task, topology), polish_with(constraints), {one.start: one for one in optima}
+
+    def solve(start: int, x: Array, places: Places) -> _Solved[StartResult]:
+        known = replace(free[start].point, task=task, root=x[:3], alpha=angles.angles(places))
+        origin = with_some(correct(known, refit=True), free[start].corners)
+        end = take_in_corners(task, start, origin, polish, constraints)
+        return _Solved(places, end.rank[:2], end.point.pack(), end)
+
+    return [each.end for each in _search(angles, optima, solve, MOST_WHOLE)]

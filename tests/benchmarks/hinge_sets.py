@@ -1,0 +1,72 @@
+"""What do hinge angles from a set cost, and what does the search of the set miss?
+
+    python tests/benchmarks/hinge_sets.py [--modules N ...] [--steps DEG ...] [--set FIELD=VALUE] [--all] [TASK ...]
+
+Searches every tree with any hinge angles, then with multiples of each step, and prints by how much the best effort
+of all trees grows, how many trees have a design, and the CPU time over that with any angles. `--all`: every
+combination is tried as well, from every local optimum, and by how much that is better.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+
+from nlp import hinge_sets, solve
+from nlp.solve import default_starts
+from topo_search.model import Design, Topology
+from topo_search.model.files import read_task
+from topo_search.topologies import candidates
+
+
+def main() -> None:
+    """Search and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("examples", nargs="*", default=["push"], metavar="TASK")
+    parser.add_argument("--modules", type=int, nargs="+", default=[3])
+    parser.add_argument("--steps", type=float, nargs="+", default=[5.0, 10.0, 15.0, 30.0, 45.0])
+    parser.add_argument("--set", action="append", default=[], dest="settings")
+    parser.add_argument("--all", action="store_true")
+    arguments = parser.parse_args()
+    missed = f"{'missed':>10}" if arguments.all else ""
+    print(f"{'example':18}{'modules':>8}{'step':>7}{'costs':>10}{'feasible':>10}{'CPU time':>10}{missed}")
+    for example in arguments.examples:
+        for n in arguments.modules:
+            settings = [f"modules={n}", *arguments.settings]
+            task = read_task(example, settings).resolve(n)
+            trees = [each.topology for each in candidates(n, symmetry="task", task=task)]
+            search(example, n, settings, trees)  # code is loaded
+            free, _, seconds = search(example, n, settings, trees)
+            for step in arguments.steps:
+                stepped = [*settings, f"search.hinge_step_deg={step}"]
+                least, feasible, taken = search(example, n, stepped, trees)
+                line = f"{example:18}{n:>8}{step:>7g}{grown(least, free):>10}{f'{feasible} of {len(trees)}':>10}"
+                line += f"{taken / seconds:>10.2f}"
+                if arguments.all:
+                    limits = hinge_sets.COMPLETE, hinge_sets.MOST_REDUCED
+                    hinge_sets.COMPLETE = hinge_sets.MOST_REDUCED = 10**9
+                    every, _, _ = search(example, n, stepped, trees)
+                    hinge_sets.COMPLETE, hinge_sets.MOST_REDUCED = limits
+                    line += f"{grown(least, every):>10}"
+                print(line, flush=True)
+
+
+def search(example: str, n: int, settings: Sequence[str], trees: Sequence[Topology]) -> tuple[float, int, float]:
+    """Return the least effort of all trees, how many have a design, and the CPU time [s]."""
+    task, began = read_task(example, settings), time.process_time()
+    starts = range(default_starts(task))
+    found = [solve(task.resolve(n), tree, starts=starts, seed=0) for tree in trees]
+    efforts = [each.objective for each in found if isinstance(each, Design)]
+    return min(efforts, default=float("inf")), len(efforts), time.process_time() - began
+
+
+def grown(effort: float, least: float) -> str:
+    """Return by how much an effort is more than another, in percent."""
+    if effort == float("inf"):
+        return "none" if least < effort else "0.00 %"
+    return f"{100 * (effort / least - 1):.2f} %"
+
+
+if __name__ == "__main__":
+    main()
