@@ -188,10 +188,27 @@ class Bracket(Value):
         return self.half_width + self.thickness + self.wall
 
 
+AIR_DENSITY = 1.2
+"""rho [kg/m^3]."""
 AGREE = 1e-3
 """Relative difference up to which two forms of one quantity agree: the digits of a data sheet."""
 LEAST_PART, LARGEST_PART = 1e-4, 100.0
 """Smallest and largest size of a rigid part [l_arm]."""
+
+
+class Jet(Value):
+    """Constants of a module's air far below it, in multiples of the distance of opposite rotors.
+
+    At the depth s the speed on the axis is `decay` U_H / (s + `origin`), half of it at `half_width` (s + `origin`) beside
+    the axis; U_H is the induced speed of the discs. Defaults: arXiv 2403.13321.
+    """
+
+    decay: Positive = 10.11
+    """Speed on the axis times the distance from the virtual origin, over U_H."""
+    origin: Positive = 5.817
+    """Height of the virtual origin above the rotors."""
+    half_width: Positive = 0.0767
+    """Growth of the radius of half the speed."""
 
 
 class Airflow(Value):
@@ -203,6 +220,8 @@ class Airflow(Value):
     """theta_air: full spreading angle of the jet [deg]."""
     reach: Positive | None = None
     """From the module's centre to the far end of the envelope [m]; default: 20 arm_length / sqrt(2)."""
+    jet: Annotated[Jet, Field(exclude_if=lambda given: given == Jet())] = Jet()
+    """The jet of which audits tell the air speed; omitted from files where it has its defaults."""
 
 
 class Body(Value):

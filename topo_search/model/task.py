@@ -83,6 +83,8 @@ class Task(Value):
     """n, or [fewest, most]."""
     gravity: Positive = 9.81
     """g [m/s^2]."""
+    air_density: Annotated[Positive, Field(exclude_if=lambda given: given == AIR_DENSITY)] = AIR_DENSITY
+    """Density of air [kg/m^3]; omitted from files where it is the default."""
     task_seed: Index | None = None
     """Seed of the random family; belongs to load_cases = "ten-wrenches"."""
     module: Module = Module()
