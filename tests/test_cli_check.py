@@ -54,7 +54,10 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
     assert said["search of 5 modules"]["candidates"].startswith(
         "49; trees that differ only by half turns of modules are merged"
     )
-    assert list(said["warnings"]) == ["load_cases[0]", "load_cases[1]"]
+    assert said["module"]["figure of merit"] == "0.165, with rotors of 5 cm radius"
+    assert said["module"]["thrust coefficient C_T"].startswith("0.127, as of propellers")
+    assert said["module"]["speed of rotor tips"] == "61.7 m/s at hover, 97.5 m/s at full thrust"
+    assert list(said["warnings"]) == ["module.torque_coefficient", "load_cases[0]", "load_cases[1]"]
 
 
 def test_load_cases_are_told_by_name_and_those_without_cost_say_so() -> None:
@@ -139,7 +142,8 @@ def test_a_proof_stands_in_place_of_the_bound() -> None:
 
 
 def test_nothing_is_said_where_nothing_is_odd() -> None:
-    assert "warnings" not in groups("ten-wrenches", "--modules", "2")
+    drag = "module.torque_coefficient=3.1e-9"
+    assert "warnings" not in groups("ten-wrenches", "--modules", "2", "--set", drag)
 
 
 def test_json_holds_the_resolved_task_its_sizes_and_the_warnings() -> None:
@@ -152,7 +156,11 @@ def test_json_holds_the_resolved_task_its_sizes_and_the_warnings() -> None:
         assert size["lower_bound"] == nlp.lower_bound(resolved)
         proof = nlp.prove_impossible(resolved)
         assert size["impossible"] == (proof and proof.message)
-    assert [one["path"] for one in told["warnings"]] == ["load_cases[0]", "load_cases[1]"]
+    assert [one["path"] for one in told["warnings"]] == [
+        "module.torque_coefficient",
+        "load_cases[0]",
+        "load_cases[1]",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,8 @@ name = "toy"
 modules = 3
 [[load_cases]]
 com = { force = [0.0, 0.0, 1.0] }
+[module]
+torque_coefficient = 3.1e-9
 """
 
 

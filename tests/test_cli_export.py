@@ -22,6 +22,9 @@ from topo_search.model.proven import lower_text
 from topo_search.model.topology import PORT_NAMES
 from verify import audit
 
+DESIGNS = Path(__file__).parent / "designs"
+CLEAR = str(DESIGNS / "survives-a-rotor.json")
+
 
 @pytest.fixture
 def command(tmp_path, monkeypatch):
@@ -71,7 +74,7 @@ def test_what_a_simulator_has_beyond_the_model_is_an_option_of_its_kinds(command
     text = (tmp_path / "a.mjcf").read_text()
     assert 'dyntype="filterexact"' in text
     assert 'name="tip"' in text
-    assert command("design.json", "--format", "kit", "--out", "kit", "--motor-lag", "0.05").exit_code == 0
+    assert command(CLEAR, "--format", "kit", "--out", "kit", "--motor-lag", "0.05").exit_code == 0
     assert "filterexact" in (tmp_path / "kit/platform.xml").read_text()
     result = command("design.json", "--out", "a.urdf", "--rod-mass")
     assert result.exit_code == 2
@@ -197,24 +200,24 @@ def test_help_loads_no_library_and_has_an_example():
 
 
 def test_a_kit_is_a_folder_that_is_written_whole_again(command, tmp_path):
-    result = command("design.json", "--format", "kit", "--out", "lab/kit")
+    result = command(CLEAR, "--format", "kit", "--out", "lab/kit")
     names = result.stdout.removeprefix("the kit is in lab/kit: ").strip().split(", ")
     assert result.exit_code == 0
     kit = tmp_path / "lab/kit"
     assert sorted(str(path.relative_to(kit)) for path in kit.rglob("*") if path.is_file()) == sorted(names)
-    assert read_json(Design, kit / "design.json") == read_json(Design, tmp_path / "design.json")
+    assert read_json(Design, kit / "design.json") == read_json(Design, CLEAR)
     before = {name: (kit / name).read_bytes() for name in names}
     (kit / "rotors.csv").write_text("old")
-    assert command("design.json", "--format", "kit", "--out", "lab/kit").exit_code == 0
+    assert command(CLEAR, "--format", "kit", "--out", "lab/kit").exit_code == 0
     assert {name: (kit / name).read_bytes() for name in names} == before
 
 
 def test_a_kit_says_what_the_audit_found_of_its_brackets(command, tmp_path):
-    kit = command("design.json", "--format", "kit", "--out", "kit")
+    kit = command(CLEAR, "--format", "kit", "--out", "kit")
     assert "Brackets are audited clear" in kit.stderr
     assert "Brackets are audited clear of all airflow and rotors" in (tmp_path / "kit/assembly.html").read_text()
-    design = read_json(Design, tmp_path / "design.json")
-    for circle, found in ((0.12, "Brackets are not clear: the bracket of module 1 and"), (0.5, "must be smaller")):
+    design = read_json(Design, CLEAR)
+    for circle, found in ((0.12, "the bracket of module 1 and rotors of module"), (0.5, "must be smaller")):
         module = design.task.module.model_copy(update={"bracket": Bracket(bolt_circle=circle)})
         other = design.model_copy(update={"task": design.task.model_copy(update={"module": module})})
         (tmp_path / "large.json").write_text(to_json(other))
@@ -222,13 +225,13 @@ def test_a_kit_says_what_the_audit_found_of_its_brackets(command, tmp_path):
 
 
 def test_parts_of_the_kit_are_exported_alone(command, tmp_path):
-    assert command("design.json", "--format", "kit", "--out", "kit").exit_code == 0
+    assert command(CLEAR, "--format", "kit", "--out", "kit").exit_code == 0
     for kind, name in (
         ("allocation", "allocation.json"),
         ("allocation", "allocation.csv"),
         ("rotors", "rotors.csv"),
     ):
-        assert command("design.json", "--format", kind, "--out", name).exit_code == 0
+        assert command(CLEAR, "--format", kind, "--out", name).exit_code == 0
         assert (tmp_path / name).read_bytes() == (tmp_path / "kit" / name).read_bytes()
 
 
@@ -247,13 +250,14 @@ def test_more_rotors_than_px4_takes_are_refused_alone_and_left_out_of_a_kit(comm
 def test_brackets_alone_take_the_place_of_older_ones(command, tmp_path):
     assert command("design.json", "--format", "brackets", "--out", "stl").exit_code == 0
     name = "bracket_01_module0-port0_module1-port2_+22.918deg.stl"
-    assert [path.name for path in (tmp_path / "stl").iterdir()] == [name]
+    names = {name, "strut_86.4mm.stl"}
+    assert {path.name for path in (tmp_path / "stl").iterdir()} == names
     (tmp_path / "stl" / "bracket_02_old.stl").write_text("")
     assert (
         command("design.json", "--format", "brackets", "--out", "stl").stdout
-        == f"the brackets are in stl: {name}\n"
+        == f"the brackets are in stl: {name}, strut_86.4mm.stl\n"
     )
-    assert [path.name for path in (tmp_path / "stl").iterdir()] == [name]
+    assert {path.name for path in (tmp_path / "stl").iterdir()} == names
 
 
 def test_a_kit_of_rounded_angles_says_what_rounding_changed(command, tmp_path, solved_push):
@@ -279,6 +283,27 @@ def test_a_kit_of_rounded_angles_says_what_rounding_changed(command, tmp_path, s
     assert sorted(path.name.split("_")[-1] for path in (tmp_path / "kit/brackets").glob("bracket*")) == sorted(
         f"{0.5 * round(step):+.3f}deg.stl" for step in steps
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "broken"),
+    [
+        ("wall-push", "exposure 1 (allowed, plane 0) of module 2: -2.35 mm (violated)"),
+        ("window-cleaning", "hover, horizontal force reserve: short by 0.000714 N (violated)"),
+    ],
+)
+def test_no_kit_is_written_of_angles_that_break_a_requirement(command, tmp_path, name, broken):
+    path = str(DESIGNS / f"{name}.json")
+    for kind in ("kit", "sheet"):
+        result = command(path, "--format", kind, "--out", "new", "--angle-step", "0.5")
+        assert result.exit_code == 1
+        assert result.stderr.splitlines() == [
+            broken,
+            "nothing is written: the audit of this design is violated",
+        ]
+        assert not (tmp_path / "new").exists()
+    assert command("design.json", "--format", "kit", "--out", "new").exit_code == 1
+    assert not (tmp_path / "new").exists()
 
 
 def test_angles_that_leave_a_load_case_out_of_reach_are_refused(command, tmp_path, solved_push):

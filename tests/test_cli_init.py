@@ -12,7 +12,7 @@ from wording import says
 from topo_search.cli import main
 from topo_search.model import Task
 from topo_search.model.files import read_task
-from topo_search.model.template import LIMITS, task_template
+from topo_search.model.template import LIMITS, RATINGS, task_template
 
 EXPOSURES = 4
 """Examples of regions, each under its own heading in comments."""
@@ -40,7 +40,7 @@ def test_fields_that_are_taken_out_of_their_comments_say_what_their_default_was(
     init("window.toml")
     before = read_task("window.toml").resolve(5)
     path = in_folder / "window.toml"
-    defaults = rf"^# (?!{'|'.join(LIMITS)})(\w+ = )"  # the others are examples
+    defaults = rf"^# (?!{'|'.join(LIMITS | RATINGS)})(\w+ = )"  # the others are examples
     path.write_text(re.sub(defaults, r"\1", task_template("window").replace("# [", "["), flags=re.MULTILINE))
     after = read_task("window.toml").resolve(5)
     assert len(after.exposure) == EXPOSURES

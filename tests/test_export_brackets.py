@@ -10,7 +10,7 @@ import trimesh
 from export_cases import random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
-from topo_search.export.brackets import Part, bracket, brackets, mount
+from topo_search.export.brackets import Part, bracket, brackets, mount, struts
 from topo_search.model import BadInput, Design, Task, Topology
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
@@ -134,11 +134,23 @@ def test_the_bore_of_the_mount_is_where_the_rod_is(tree: Topology) -> None:
     c = module.connector_distance * PORT_DIRECTIONS[design.mount.port]
     along = (inside - c) @ v
     off = np.linalg.norm(inside - c - along[:, None] * v, axis=1)
+    radius += 1e-4  # a sliding fit
     bore = along[np.abs(off - radius) < 2e-6]
     assert len(bore) >= 100
     assert bore.min() == pytest.approx(0, abs=1e-5)
-    assert bore.max() == pytest.approx(6 * radius, abs=1e-5)
-    assert not np.any((off < radius - 2e-6) & (along > 1e-5))  # nothing is in the rod's way
+    assert bore.max() == pytest.approx(0.03, abs=1e-5)
+    assert not np.any((off < radius - 1e-5) & (along > 1e-5))  # nothing is in the rod's way
+    # a slot at the end of the socket, and a bolt across it, upwards or outwards of the rod
+    up = np.array([0.0, 0.0, 1.0]) - v[2] * v
+    side = np.cross(v, up / np.linalg.norm(up)) if np.linalg.norm(up) > 0.3 else np.cross(v, PORT_DIRECTIONS[port])
+    side /= np.linalg.norm(side)
+    across, hole = (inside - c) @ side, module.bracket_sizes.bolt_diameter
+    ear = hole + 2 * module.bracket_sizes.wall
+    outwards = np.cross(side, v)
+    axis = c + (0.03 - ear / 2) * v + (0.008 + ear / 2) * outwards
+    round_it = np.linalg.norm(inside - axis - ((inside - axis) @ side)[:, None] * side, axis=1)
+    rim = across[np.abs(round_it - hole / 2) < 2e-6]
+    np.testing.assert_allclose(sorted({round(float(x), 5) for x in rim}), [-0.0035, -0.0005, 0.0005, 0.0035])
 
 
 def test_brackets_as_large_as_modules_are_refused() -> None:
@@ -156,3 +168,23 @@ def test_a_task_states_its_brackets_and_one_that_does_not_stays_as_it_was() -> N
     own = Task.model_validate({**plain.model_dump(), "module": {"bracket": {"wall": 0.004}}})
     assert own.model_dump()["module"]["bracket"]["wall"] == 0.004
     assert isinstance(random_design(Topology.from_key("a10"), 1), Design)
+
+
+def test_struts_reach_from_the_hub_to_every_bracket_and_keep_off_rotors() -> None:
+    design = with_rod(random_design(Topology.from_key("a300"), 3))
+    module = design.task.module
+    (part,) = struts(design)
+    assert (part.file, part.count) == ("strut_86.4mm.stl", 2 * 2 + 1)
+    mesh = read(part)
+    (centre, normal, up) = mating_face(mesh, 1, module.bracket_sizes.bolt_diameter)
+    distance = module.connector_distance - module.bracket_sizes.set_back
+    np.testing.assert_allclose(centre, [distance, 0, 0], atol=1e-6)
+    np.testing.assert_allclose([normal, up], [[1, 0, 0], [0, 0, 1]], atol=1e-6)
+    assert mesh.bounds[0][0] == pytest.approx(module.body.hub[0] / 2, abs=1e-7)
+    for x, y in ((1, 1), (1, -1)):
+        rotor = module.arm_length / math.sqrt(2) * np.array([x, y])
+        off = np.linalg.norm(mesh.vertices[:, :2] - rotor, axis=1)
+        assert off.min() > module.body.rotor_radius + 0.0019
+    wide = design.task.module.model_copy(update={"body": module.body.model_copy(update={"rotor_radius": 0.068})})
+    other = design.model_copy(update={"task": design.task.model_copy(update={"module": wide})})
+    assert struts(other) == []

@@ -105,7 +105,7 @@ def test_poses_wrenches_masses_and_inertia_are_those_of_the_audit(topology: Topo
         np.testing.assert_allclose(body.xpos, at.o[i], atol=1e-14)
         np.testing.assert_allclose(body.xmat.reshape(3, 3), at.poses.R[i], atol=1e-14)
         for q in range(4):
-            np.testing.assert_allclose(data.site(f"module_{i}_rotor_{q + 1}").xpos, at.rotors[i, q], atol=1e-14)
+            np.testing.assert_allclose(data.site(f"module_{i}_rotor_{q}").xpos, at.rotors[i, q], atol=1e-14)
     np.testing.assert_allclose(data.site("end_effector").xpos, at.p_e, atol=1e-14)
     np.testing.assert_allclose(data.qfrc_actuator, wrench_map(at, module) @ design.inputs[0].ravel(), atol=1e-12)
 
@@ -161,7 +161,7 @@ def test_parts_are_those_of_the_task_and_never_touch_each_other() -> None:
         np.testing.assert_allclose(shapes[1 + 2 * q], [0.05, 0.01, 0.01])
         np.testing.assert_allclose(shapes[2 + 2 * q][:2], [0.05, 0.01])
         rotor, arm = data.geom(2 + 2 * q), data.geom(1 + 2 * q)
-        np.testing.assert_allclose(rotor.xpos, data.site(f"module_0_rotor_{q + 1}").xpos, atol=1e-15)
+        np.testing.assert_allclose(rotor.xpos, data.site(f"module_0_rotor_{q}").xpos, atol=1e-15)
         along = arm.xmat.reshape(3, 3)[:, 0]
         np.testing.assert_allclose(data.body("module_0").xpos + 0.1 * along, rotor.xpos, atol=1e-15)
     assert data.ncon == 0  # drawn at random, arms reach through each other

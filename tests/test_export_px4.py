@@ -1,11 +1,15 @@
 """PX4's parameters: its matrix built from them, as its source does, is that of the platform."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from export_cases import random_design
 
-from topo_search.export.allocation import allocation, px4_parameters
-from topo_search.model import BadInput, Topology
+from topo_search.export.allocation import allocation
+from topo_search.export.px4 import px4_parameters, px4_warnings, set_points
+from topo_search.model import BadInput, Design, Topology
+from topo_search.model.files import read_json
 
 FRD = np.diag([1.0, -1.0, -1.0])
 
@@ -14,7 +18,7 @@ def read(text: str) -> dict[str, float]:
     """Read a parameter file as QGroundControl does: five columns, the type as MAVLink numbers it."""
     rows = [line.split("\t") for line in text.splitlines() if not line.startswith("#")]
     assert all(row[:2] == ["1", "1"] and len(row) == 5 for row in rows)
-    assert all(row[4] == ("6" if row[2] in ("CA_AIRFRAME", "CA_ROTOR_COUNT") else "9") for row in rows)
+    assert all(row[4] == ("6" if row[2] in ("CA_AIRFRAME", "CA_METHOD", "CA_ROTOR_COUNT") else "9") for row in rows)
     return {row[2]: float(row[3]) for row in rows}
 
 
@@ -33,8 +37,9 @@ def effectiveness(parameters: dict[str, float]) -> np.ndarray:
 def test_the_matrix_is_rebuilt_from_the_parameters(key: str) -> None:
     acts = allocation(random_design(Topology.from_key(key), 7))
     parameters = read(px4_parameters(acts))
-    assert parameters["CA_AIRFRAME"] == 7
-    assert len(parameters) == 2 + 8 * len(acts.rotors)
+    assert parameters["CA_AIRFRAME"] == 0  # 7 stops motors below 2 % in flight
+    assert parameters["CA_METHOD"] == (0 if acts.rank == 6 else 1)
+    assert len(parameters) == 3 + ("MPC_THR_HOVER" in parameters) + 8 * len(acts.rotors)
     B = effectiveness(parameters)
     thrusts = np.array(acts.thrust_matrix) * acts.rotors[0].largest_thrust_N
     np.testing.assert_allclose(FRD @ B[3:], thrusts[:3], atol=1e-7)
@@ -66,3 +71,33 @@ def test_thirteen_rotors_and_numbers_out_of_range_are_refused_by_name() -> None:
     drags = random_design(Topology.from_key("a0"), 7, {"module": {"torque_coefficient": 1e-6}})
     with pytest.raises(BadInput, match=r"CA_ROTOR3_KM: must be between -1 and 1"):
         px4_parameters(allocation(drags))
+
+
+def test_a_set_point_of_one_is_told_in_newtons() -> None:
+    """Against the source of PX4 1.17: the columns of the pseudo-inverse, normalised, and what they exert."""
+    design = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
+    acts = allocation(design)
+    text = px4_parameters(acts)
+    G = effectiveness(read(text))
+    mix = np.linalg.pinv(G)
+    roll, pitch = (np.sqrt(np.sum(mix[:, k] ** 2) / (len(mix) / 2)) for k in (0, 1))
+    scale = [max(roll, pitch), max(roll, pitch), mix[:, 2].max(), *np.abs(mix[:, 3:]).mean(axis=0)]
+    exerted = G @ (mix / scale)
+    np.testing.assert_allclose(exerted, np.diag(set_points(acts)), atol=1e-6)
+    hover = read(text)["MPC_THR_HOVER"]
+    np.testing.assert_allclose(
+        exerted @ [0, 0, 0, 0, 0, -hover], [0, 0, 0, 0, 0, -acts.mass_kg * 9.80665], atol=1e-5
+    )
+    assert f"{set_points(acts)[5]:.4g} along z" in text
+    assert px4_warnings(acts) == ()
+
+
+def test_what_px4_cannot_exert_is_named_by_its_direction() -> None:
+    level = random_design(Topology.from_key("a0"), 7).model_copy(update={"root_orientation_rad": (0.0, 0.0, 0.0)})
+    flat, weak = px4_warnings(allocation(level))
+    assert "rank 4 of 6 and cannot exert force x, nor force y" in flat
+    assert "ignores yaw" in weak  # 1.47 N at 27 mm is less than PX4 counts
+    two = read_json(Design, Path(__file__).parent / "designs" / "small-force.json")
+    assert "rank 5 of 6 and cannot exert +0.47 force x -0.88 force y; " in px4_warnings(allocation(two))[0]
+    for text in (flat, weak):
+        assert text in px4_parameters(allocation(level))

@@ -12,6 +12,7 @@ TORQUE = {"torque": [0.1, 0.0, 0.0]}
 
 
 def task(*cases: dict[str, Any], modules: Any = 5, **fields: Any) -> Task:
+    fields = {"module": {"torque_coefficient": 3.1e-9}, **fields}
     return validate(Task, {"name": "t", "modules": modules, "load_cases": list(cases), **fields}, "t")
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from wording import says
 
-from topo_search.model import Task
+from topo_search.model import BadInput, Task
 from topo_search.model.files import examples, read_task
 from topo_search.model.task_warnings import task_warnings
 
@@ -18,10 +18,10 @@ NANO = {
     "arm_length": 0.0397,
     "connector_distance": 0.06,
     "thrust_coefficient": 2.88e-8,
-    "torque_coefficient": 7.24e-10,
+    "torque_coefficient": 1.72e-10,
     "max_thrust": 0.149,
     "body": {
-        "rotor_radius": 0.0231,
+        "rotor_radius": 0.0235,
         "rotor_height": 0.004,
         "arm_width": 0.006,
         "hub": [0.03, 0.03, 0.02],
@@ -33,7 +33,7 @@ INCHES_EIGHT = {
     "arm_length": 0.17,
     "connector_distance": 0.25,
     "thrust_coefficient": 5.57e-6,
-    "torque_coefficient": 1.37e-7,
+    "torque_coefficient": 1.3e-7,
     "max_thrust": 5.0,
     "body": {"rotor_radius": 0.1016, "inertia": [2.32e-3, 2.32e-3, 4e-3]},
 }
@@ -55,6 +55,9 @@ PUSH_WHILE_HOVERING = {"end_effector": {"force": [0.2, 0.0, 0.0]}, **HOVER}
 def found(**fields: Any) -> dict[str, str]:
     """The warnings of a task with no other reason for warnings, by field."""
     task = {"name": "odd", "modules": 3, "load_cases": [PUSH_WHILE_HOVERING, HOVER], **fields}
+    module = fields.get("module", {})
+    if "torque_to_thrust" not in module:
+        task["module"] = {"torque_coefficient": 3.1e-9, **module}  # the default's has a figure of merit of 0.165
     return {one.path: one.words for one in task_warnings(Task.model_validate(task))}
 
 
@@ -64,8 +67,24 @@ def test_nothing_is_odd_about_a_plain_task() -> None:
 
 def test_the_shipped_tasks_are_odd_only_where_the_paper_pushes_with_half_the_weight() -> None:
     for name in examples():
-        warnings = {one.path for one in task_warnings(read_task(name))}
+        warnings = {one.path for one in task_warnings(read_task(name))} - {"module.torque_coefficient"}
         assert warnings == ({"load_cases[0]", "load_cases[1]"} if name.startswith("push") else set()), name
+
+
+def test_rotors_that_nobody_builds() -> None:
+    (told,) = found(module={"torque_coefficient": 1.06e-8}).values()
+    assert says(told, "figure of merit of rotors of 0.05 m radius is 0.165", "k_tau / k_f = 0.0274 m")
+    assert found(module={"torque_coefficient": 3.1e-9}) == {}
+    larger = found(module={"body": {"rotor_radius": 0.065}})  # C_T = 4 pi^2 3.87e-7 / (1.2 0.13^4)
+    assert "C_T of rotors of 0.065 m radius is 0.0446" in larger["module.thrust_coefficient"]
+    fast = found(module={"max_thrust_to_weight": 12.0})
+    assert "at full thrust tips of rotors of 0.05 m radius move at 214 m/s" in fast["module.thrust_coefficient"]
+
+
+def test_a_rotor_better_than_ideal_is_refused_in_a_task_file_alone() -> None:
+    with pytest.raises(BadInput, match=r"module.torque_coefficient: must give a figure of merit of at most 1"):
+        read_task("push", ("module.torque_coefficient=1.7e-9",))
+    assert read_task("push", ("module.torque_coefficient=1.8e-9",)).module.figure_of_merit(1.2) < 1
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from toy_problem import toy_run
 from wording import says
 
 from topo_search.cli.tables import print_answer
-from topo_search.model import Audit, BadInput, CaseFlight, Design, Flight, JointLoad, RotorsOut
+from topo_search.model import Audit, BadInput, CaseFlight, CasePower, Design, Flight, JointLoad, RotorsOut
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import COLUMNS, RunFolder
@@ -61,7 +61,10 @@ def told(key: str) -> Flight:
 
 
 def audit(design: Design) -> Audit:
-    return toy_problem.audit(design).model_copy(update={"flight": told(design.topology.key)})
+    flight = told(design.topology.key)
+    watts = {"ideal_W": 1.0, "shaft_W": 50 * RESERVES.get(design.topology.key, 0.1), "figure_of_merit": 0.5}
+    power = (CasePower(name="hover", **watts), CasePower(name="load case 0", **{**watts, "shaft_W": 99.0}))
+    return toy_problem.audit(design).model_copy(update={"flight": flight, "power": power})
 
 
 def solve(task: Any, topology: Any, **options: Any) -> Any:
@@ -84,21 +87,30 @@ def rows(path: Any) -> dict[str, dict[str, str]]:
 
 def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
     toy_run(tmp_path / "run", backends=BACKENDS)
-    flight = COLUMNS[-11:-4]  # the last ones are of proofs
+    flight = COLUMNS[-12:-4]  # the last ones are of proofs
     assert flight == (
         *("force_reserve_N", "torque_reserve_Nm", "rotors_out_hover", "load_factor", "joint_moment_Nm"),
-        *("hinge_tolerance_deg", "rod_length_m"),
+        *("hinge_tolerance_deg", "rod_length_m", "power_W"),
     )
     found = rows(tmp_path / "run")
     assert set(found) == set(RESERVES)
     for key, row in found.items():
         cells = [row[name] for name in flight]
-        assert cells == [str(RESERVES[key]), "0.125", "11", "1.25", "0.75", "0.0625", "0.375"]
+        assert cells == [
+            str(RESERVES[key]),
+            "0.125",
+            "11",
+            "1.25",
+            "0.75",
+            "0.0625",
+            "0.375",
+            str(50 * RESERVES[key]),
+        ]
 
 
 def test_without_figures_their_cells_are_empty(tmp_path):
     answer = toy_run(tmp_path / "run")
-    assert all(not row[name] for row in rows(tmp_path / "run").values() for name in COLUMNS[-11:])
+    assert all(not row[name] for row in rows(tmp_path / "run").values() for name in COLUMNS[-12:])
     assert answer.weakest_point is None
     assert answer.candidates["force_reserve_N"].isna().all()
 
@@ -109,7 +121,7 @@ def test_figures_outlive_more_starts_and_another_process(tmp_path):
     toy_run(tmp_path / "run", backends=BACKENDS, starts=4)
     after = rows(tmp_path / "run")
     for key in before:
-        assert [before[key][name] for name in COLUMNS[-11:]] == [after[key][name] for name in COLUMNS[-11:]]
+        assert [before[key][name] for name in COLUMNS[-12:]] == [after[key][name] for name in COLUMNS[-12:]]
 
 
 def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys):

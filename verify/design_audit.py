@@ -33,6 +33,7 @@ from verify.interference import interference, percent_of_deepest
 from verify.kinematics import platform
 from verify.parts import RigidParts, rigid_parts
 from verify.parts_in_cone import cone_evidence
+from verify.power import power
 from verify.requirements import Requirement, Scene
 from verify.residuals import clamp, residuals
 from verify.sensitivity import sensitivity
@@ -109,6 +110,7 @@ def _audit(design: Design, started: float) -> Audit:
         interference=interference(pairs),
         sensitivity=errors,
         flight=measured,
+        power=power(design, measured),
         stated=tuple(StatedCheck(**one.model_dump(), status="not checked") for one in design.stated),
         mesh_excess=_mesh_excess(design),
         assembly=sheet,

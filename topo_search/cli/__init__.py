@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from topo_search.cli.audit import audit
+from topo_search.cli.capability import capability
 from topo_search.cli.check import check
 from topo_search.cli.examples import examples
 from topo_search.cli.experiment import experiment
@@ -27,5 +28,19 @@ def main() -> None:
     """Find the best topology of a modular aerial manipulator for a task, and audit it exactly."""
 
 
-for command in (run, solve, audit, prove, topologies, export, fly, report, experiment, examples, init, check):
+for command in (
+    run,
+    solve,
+    audit,
+    prove,
+    topologies,
+    export,
+    fly,
+    capability,
+    report,
+    experiment,
+    examples,
+    init,
+    check,
+):
     main.add_command(command)

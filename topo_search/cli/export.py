@@ -122,9 +122,10 @@ def export(
 
     Installed packages may add formats of their own (entry points `topo_search.formats`).
 
-    Pictures and parquet need the extra `viz`. A design is audited, and exported with a warning if it is not clear.
+    Pictures and parquet need the extra `viz`. A design is audited, and exported with a warning if it is not clear;
+    a kit, and anything of rounded angles, is not written then.
 
-    Exit status: 0 written; 2 bad input.
+    Exit status: 0 written; 1 a kit, or a design of rounded angles, is not clear; 2 bad input.
     """  # noqa: D301 (\b is click's)
     with explain_errors():
         from topo_search.compose import audit, read_design
@@ -202,24 +203,32 @@ def _write(design: Design, kind: Any, parts: Any, physics: Physics, out: Path) -
 def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:
     """Write the kit of a design, or a part of it."""
     from topo_search.compose import audit, brackets_note, round_angles
+    from topo_search.export.audits import broken_lines
     from topo_search.export.brackets import require_room
     from topo_search.export.kit import require_kit_folder, write_brackets, write_kit, write_part
+    from topo_search.model import Status
 
     if kind == "kit":
         require_kit_folder(out)
     elif kind != "brackets":
         options.require_writable(out)
+    if kind in ("kit", "sheet"):
+        require_room(design.task.module)
     notes: tuple[str, ...] = ()
     if angle_step is not None:
         rounded = round_angles(design, angle_step)
-        design, notes = rounded.design, rounded.notes
-        _warn_unless_clear(rounded.audit)
+        design, notes, found = rounded.design, rounded.notes, rounded.audit
     else:
-        _warn_unless_clear(audit(design))
+        found = audit(design)
     for text in notes:
         click.echo(text)
+    if found.verdict != Status.CLEAR and (kind == "kit" or angle_step is not None):
+        for text in broken_lines(found):
+            note(text)
+        note(f"nothing is written: the audit of this design is {found.verdict}")
+        raise SystemExit(1)
+    _warn_unless_clear(found)
     if kind in ("kit", "sheet"):
-        require_room(design.task.module)
         beside = brackets_note(design)
         note(beside)
         notes += (beside,)
@@ -231,7 +240,8 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
     elif kind == "brackets":
         click.echo(f"the brackets are in {out}: {', '.join(write_brackets(design, out))}")
     else:
-        write_part(design, kind, out, notes)
+        for text in write_part(design, kind, out, notes):
+            note(f"warning: {text}")
         click.echo(f"the {'sheet' if kind == 'sheet' else 'table'} is in {out}")
 
 

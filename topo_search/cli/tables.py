@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from topo_search.engine import Failed, Outcome
-from topo_search.export.audits import flight_lines, tolerance_lines
+from topo_search.export.audits import flight_lines, power_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Relaxed, Status
 from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
@@ -228,7 +228,7 @@ def print_audit(name: str, audit: Audit) -> None:
     for line in tolerance_lines(audit):
         click.echo(f"  {line}")
     if audit.flight is not None:
-        for line in flight_lines(audit.flight):
+        for line in (*flight_lines(audit.flight), *power_lines(audit)):
             click.echo(f"  {line}")
 
 

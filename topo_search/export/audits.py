@@ -93,7 +93,7 @@ def _section(each: Judged) -> Iterator[str]:
     if audit.sensitivity is not None:
         yield from ("", *(f"- {line}" for line in tolerance_lines(audit)))
     if audit.flight is not None:
-        yield from ("", *(f"- {line}" for line in flight_lines(audit.flight)))
+        yield from ("", *(f"- {line}" for line in (*flight_lines(audit.flight), *power_lines(audit))))
     sheet = audit.assembly.end_effector
     notes = [larger.words for larger in audit.mesh_excess]
     for note in [*notes, *([sheet.note] if sheet is not None and sheet.note is not None else [])]:
@@ -126,6 +126,16 @@ def tolerance_lines(audit: Audit) -> Iterator[str]:
             yield f"{name} by {lower_text(limit.tolerated, 3)} {unit}{known}; first to break: {limit.name}"
     if (words := audit.tolerances_words) is not None:
         yield words
+
+
+def broken_lines(audit: Audit) -> Iterator[str]:
+    """Yield each requirement that is not clear, with what it misses in its unit."""
+    for pair in audit.pairs:
+        if pair.status != Status.CLEAR:
+            yield f"{pair.name}: {lower_text(1000 * pair.analytic_m, 3)} mm ({pair.status})"
+    for row in audit.residuals:
+        if row.status != Status.CLEAR:
+            yield f"{row.name}: short by {upper_text(row.value, 3)} {row.unit} ({row.status})"
 
 
 def _clearance_row(pair: Clearance) -> list[str]:
@@ -164,6 +174,18 @@ def flight_lines(flight: Flight) -> Iterator[str]:
             f"{flight.hover_power_excess:.3g} % more power than with all rotors pointing straight up"
         )
     yield f"the platform spans {flight.span_m:.3g} m"
+
+
+def power_lines(audit: Audit) -> Iterator[str]:
+    """Yield the power in hover and in the load case that takes most."""
+    hover = [case for case in audit.power if audit.flight is not None and case.name == audit.flight.hover.name]
+    most = max((case for case in audit.power if case not in hover), key=lambda case: case.shaft_W, default=None)
+    for case in (*hover, *([] if most is None else [most])):
+        lasts = "" if case.endurance_min is None else f"; batteries last {case.endurance_min:.3g} min at most"
+        yield (
+            f"power in {case.name}: {case.shaft_W:.3g} W at the shafts, {case.ideal_W:.3g} W if rotors were ideal "
+            f"(figure of merit {case.figure_of_merit:.3g}){lasts}"
+        )
 
 
 def _rotors_out(out: RotorsOut) -> str:

@@ -22,7 +22,7 @@ import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 from trimesh import Trimesh
 
-from topo_search.export.poses import poses, rod_of, rotation_to
+from topo_search.export.poses import Rod, poses, rod_of, rotation_to
 from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
@@ -38,6 +38,14 @@ TURNS = (1.0, -1.0, -1.0, 1.0)
 """phi over alpha at the ports 0..3."""
 GRIP = 6.0
 """Length of the socket that holds the rod, over the rod's radius."""
+BESIDE_ROTOR = 0.002
+"""Least distance of a strut from the discs of rotors beside it [m]."""
+FIT = 1e-4
+"""By how much the bore of a mount is wider than the rod, in radius [m]."""
+SLOT = 1e-3
+"""Width of the slot that a clamp closes [m]."""
+UPRIGHT = 0.3
+"""Least sine of a rod's angle from upright at which the ears of its clamp are on its upper side."""
 DIGITS = 3
 """Decimals of angles in names [deg]."""
 
@@ -49,6 +57,7 @@ class Part:
     file: str
     mesh: Trimesh
     """In millimetres."""
+    count: int = 1
 
     @property
     def volume_cm3(self) -> float:
@@ -79,6 +88,48 @@ def brackets(design: Design) -> list[Part]:
     return parts
 
 
+def struts(design: Design) -> list[Part]:
+    """Return what holds a bracket or the rod's mount on the hub: a kind for each length, with its count.
+
+    None where the frame is the user's own, or without room between rotors.
+    """
+    module, used = design.task.module, [port for h, i, a, b in design.topology.edges() for port in (a, b)]
+    if design.mount is not None and mount(design) is not None:
+        used.append(design.mount.port)
+    sizes, outer = module.bracket_sizes, module.connector_distance - module.bracket_sizes.set_back
+    beside = module.arm_length / math.sqrt(2) - module.body.rotor_radius - BESIDE_ROTOR
+    width = min(module.body.arm_width / 2, sizes.half_width)
+    lengths: dict[float, int] = {}
+    for port in used:
+        inner = module.body.hub[port % 2] / 2
+        lengths[inner] = lengths.get(inner, 0) + 1
+    if module.body.frame is not None or beside <= sizes.half_width:
+        return []
+    return [
+        Part(f"strut_{MILLIMETRES * (outer - inner):.1f}mm.stl", strut(sizes, inner, outer, width), count)
+        for inner, count in lengths.items()
+        if outer - inner > 2 * sizes.thickness
+    ]
+
+
+def strut(sizes: Bracket, inner: float, outer: float, width: float) -> Trimesh:
+    """Return two flanges with a cross between them, closed, in millimetres, in the axes of its module at port 0.
+
+    Args:
+        sizes: of the flanges.
+        inner: face of the hub [m].
+        outer: face of the bracket [m].
+        width: half width of the cross [m].
+    """
+    lengths = sizes.half_width, sizes.thickness, sizes.wall, inner, outer, width
+    r, t, w, start, end, wide = (MILLIMETRES * x for x in lengths)
+    solid = _box((start, -r, -r), (start + t, r, r)) + _box((end - t, -r, -r), (end, r, r))
+    solid += _box((start, -wide, -w / 2), (end, wide, w / 2)) + _box((start, -w / 2, -wide), (end, w / 2, wide))
+    for x in (start, end - t):
+        solid -= _holes(sizes, x, t, marks=1)
+    return _mesh(solid)
+
+
 def mount(design: Design) -> Part | None:
     """Return the mount of the end-effector's rod; None without one."""
     at = poses(design)
@@ -88,8 +139,13 @@ def mount(design: Design) -> Part | None:
     require_room(design.task.module)
     i, a = design.mount.module, design.mount.port
     v = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
-    grip = min(GRIP * rod.radius, rod.length)
-    return Part(f"rod-mount_module{i}-port{a}.stl", _mount(design.task.module.bracket_sizes, v, rod.radius, grip))
+    shape = _mount(design.task.module.bracket_sizes, v, rod.radius, grip_of(rod))
+    return Part(f"rod-mount_module{i}-port{a}.stl", shape)
+
+
+def grip_of(rod: Rod) -> float:
+    """Return the length of the socket that holds a rod [m]."""
+    return min(GRIP * rod.radius, rod.length)
 
 
 def require_room(module: Module) -> None:
@@ -138,9 +194,9 @@ def mark_places(sizes: Bracket, marks: int) -> Array:
 
 
 def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
-    """Return the flange with a socket for the rod, which begins at c and leaves along v."""
+    """Return the flange with a socket for the rod, which begins at c and leaves along v, and a clamp at its end."""
     r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
-    bore, outside = MILLIMETRES * radius, MILLIMETRES * (radius + sizes.wall)
+    bore, outside = MILLIMETRES * (radius + FIT), MILLIMETRES * (radius + sizes.wall)
     reach = MILLIMETRES * grip
     along = pose_matrix(rotation_to(v), np.zeros(3))
     foot = _move(Manifold.cylinder(t, min(outside, r), circular_segments=SIDES), _x_from_z(-d))
@@ -148,8 +204,36 @@ def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
     solid = _box((-d, -r, -r), (-d + t, r, r)) + Manifold.batch_hull([foot, ball])
     solid += _move(Manifold.cylinder(reach, outside, circular_segments=SIDES), along)
     solid -= _box((-6 * d, -6 * d, -6 * d), (-d, 6 * d, 6 * d))
+    if has_clamp(sizes, grip):
+        ears, gap = _clamp(sizes, outside, reach)
+        pose = pose_matrix(_clamp_axes(v), np.zeros(3))
+        solid = solid + _move(ears, pose) - _move(gap, pose)
     solid -= _move(Manifold.cylinder(2 * reach, bore, circular_segments=SIDES), along)
     return _mesh(solid - _holes(sizes, -d, t, marks=1))
+
+
+def has_clamp(sizes: Bracket, grip: float) -> bool:
+    """Whether a socket of that length [m] has room for ears with a bolt."""
+    return grip >= sizes.bolt_diameter + 2 * sizes.wall
+
+
+def _clamp_axes(v: Array) -> Array:
+    """Return the axes of a clamp on a rod along v: x towards its ears, up or else outwards, z along the rod."""
+    upwards = np.array([0.0, 0.0, 1.0]) - v[2] * v
+    x = upwards if np.linalg.norm(upwards) > UPRIGHT else np.array([1.0, 0.0, 0.0]) - v[0] * v
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(v, x), v], axis=1)
+
+
+def _clamp(sizes: Bracket, outside: float, reach: float) -> tuple[Manifold, Manifold]:
+    """Return the ears at the end of a socket, and its slot with the hole of the bolt that closes it [mm]."""
+    hole, w, slot = (MILLIMETRES * x for x in (sizes.bolt_diameter, sizes.wall, SLOT))
+    ear, half = hole + 2 * w, w + slot / 2
+    ears = _box((0.0, -half, reach - ear), (outside + ear, half, reach))
+    gap = _box((0.0, -slot / 2, reach - ear), (outside + ear + 1.0, slot / 2, reach + 1.0))
+    bolt = Manifold.cylinder(2 * half + 2.0, hole / 2, circular_segments=SIDES, center=True)
+    turned = pose_matrix(rotation(0, math.pi / 2), np.array([outside + ear / 2, 0.0, reach - ear / 2]))
+    return ears, gap + _move(bolt, turned)
 
 
 def _holes(sizes: Bracket, x: float, t: float, *, marks: int) -> Manifold:

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from topo_search.export.allocation import Allocation, allocation, px4_parameters, reason_against
-from topo_search.export.brackets import brackets, mount
+from topo_search.export.allocation import Allocation, allocation
+from topo_search.export.brackets import brackets, mount, struts
 from topo_search.export.mjcf import mjcf
-from topo_search.export.sheet import parts_csv, parts_list, sheet
+from topo_search.export.parts import parts_csv, parts_list
+from topo_search.export.px4 import px4_parameters, px4_warnings, reason_against
+from topo_search.export.sheet import sheet
 from topo_search.export.simulator_xml import AS_SEARCHED, Physics
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
@@ -49,7 +51,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
     require_kit_folder(folder)
     acts = allocation(design)
     left_out = reason_against(acts)
-    own = () if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
+    own = px4_warnings(acts) if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
     contents = dict(_contents(design, acts, (*notes, *own), physics))
     for old in (*(folder / name for name in FILES), *(folder / BRACKETS).glob("*.stl")):
         old.unlink(missing_ok=True)
@@ -66,7 +68,7 @@ def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
     """
     _require_only(folder, lambda path: path.suffix == ".stl", "a new or empty folder, or one of STL files")
     held = mount(design)
-    parts = [*brackets(design), *([] if held is None else [held])]
+    parts = [*brackets(design), *([] if held is None else [held]), *struts(design)]
     for old in folder.glob("*.stl"):
         old.unlink()
     for part in parts:
@@ -79,23 +81,24 @@ def write_part(
     kind: Literal["allocation", "rotors", "px4", "sheet", "parts"],
     out: Path,
     notes: Sequence[str] = (),
-) -> None:
+) -> tuple[str, ...]:
     """Write a part of the kit that is one file; an allocation whose name ends in .json as JSON, else as a table.
 
-    A sheet says the notes first.
+    A sheet says the notes first. Returns what PX4 cannot do, where that is the part.
 
     Raises:
         BadInput: there are more rotors than PX4 takes, a number is beyond its range, or brackets do not fit.
     """
     if kind in ("sheet", "parts"):
         joints, held = brackets(design), mount(design)
-        rows = parts_list(design, joints, held)
+        rows = parts_list(design, joints, held, struts(design))
         text = parts_csv(rows) if kind == "parts" else sheet(design, joints, held, rows, notes)
     else:
         acts = allocation(design)
         table = px4_parameters if kind == "px4" else Allocation.rotor_csv if kind == "rotors" else Allocation.csv
         text = to_json(acts) if kind == "allocation" and out.suffix.lower() == ".json" else table(acts)
     write_atomically(out, text)
+    return px4_warnings(allocation(design)) if kind == "px4" else ()
 
 
 def require_kit_folder(folder: Path) -> None:
@@ -120,10 +123,10 @@ def _contents(
     yield "rotors.csv", acts.rotor_csv()
     if reason_against(acts) is None:
         yield PARAMETERS, px4_parameters(acts)
-    joints, held = brackets(design), mount(design)
-    for part in (*joints, *([] if held is None else [held])):
+    joints, held, arms = brackets(design), mount(design), struts(design)
+    for part in (*joints, *([] if held is None else [held]), *arms):
         yield f"{BRACKETS}/{part.file}", part.stl()
-    rows = parts_list(design, joints, held)
+    rows = parts_list(design, joints, held, arms)
     yield PARTS, parts_csv(rows)
     yield SHEET, sheet(design, joints, held, rows, notes)
     yield "platform.xml", mjcf(design, physics)

@@ -43,7 +43,7 @@ SPIN_CLASSES = {-1: "drag_against_thrust_axis", 1: "drag_along_thrust_axis"}
 
 ABOUT = """
 Body `platform`: origin at the centre of mass, axes of the task frame. Units: kg, m, s, rad, N.
-Actuator `module_I_rotor_Q`: the thrust of a rotor [N], k_f times its squared speed; its drag torque comes with it.
+Actuator `module_I_rotor_Q`, Q = 0..3: the thrust of a rotor [N], k_f times its squared speed; with its drag torque.
 Its range is that of a rotor that runs; one that is dead is off (gainprm 0).
 Keyframe `load_case_K`: the thrusts that produce load case K. Gravity is not part of a load case.
 """
@@ -154,7 +154,7 @@ def _module_body(parent: Element, i: int, place: dict[str, str], module: Module)
         SubElement(body, "geom", {"class": "hub"})
     for k in range(len(frame or ())):
         SubElement(body, "geom", {"class": "frame", "mesh": f"frame_{k}"})
-    for q, angle in enumerate(ROTOR_ANGLES, start=1):
+    for q, angle in enumerate(ROTOR_ANGLES):
         x, y = module.arm_length * math.cos(angle), module.arm_length * math.sin(angle)
         arm = {"class": "arm", "pos": numbers(x / 2, y / 2, 0), "euler": numbers(angle, 0, 0)}
         if frame is None:
@@ -178,7 +178,7 @@ def _as_mujoco_checks(inertia: tuple[float, float, float]) -> tuple[float, float
 def _actuators(actuator: Element, n: int) -> None:
     """Add one motor a rotor, module-major like the inputs."""
     for i, q in itertools.product(range(n), range(4)):
-        name = f"module_{i}_rotor_{q + 1}"
+        name = f"module_{i}_rotor_{q}"
         SubElement(actuator, "general", {"class": SPIN_CLASSES[int(ROTOR_SPINS[q])], "name": name, "site": name})
 
 

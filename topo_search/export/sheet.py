@@ -9,13 +9,15 @@ from html import escape
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.brackets import DIGITS, MILLIMETRES, TURNS, Part, connector_turn
+from topo_search.export.brackets import DIGITS, MILLIMETRES, TURNS, Part, connector_turn, struts
+from topo_search.export.overview import overview
+from topo_search.export.parts import ABOUT_PARTS, COLUMNS, Row
 from topo_search.export.poses import ROTOR_ANGLES, poses, rod_of
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
-from topo_search.model.tables import csv_text, paragraph, table
+from topo_search.model.tables import paragraph, table
 from topo_search.model.topology import PORT_NAMES
 
 STYLE = """
@@ -56,11 +58,15 @@ def sheet(
         "<h2>Convention</h2>",
         f'<section class="convention">{ports()}{paragraph(CONVENTION)}</section>',
         paragraph(f"Angles are stated to {10**-DIGITS:g} deg. {_faces(design)}"),
+        *(f"<section>{strut_drawing(design, part)}{paragraph(_strut(part))}</section>" for part in struts(design)),
         "<h2>Parts</h2>",
         table(COLUMNS, rows),
+        paragraph(ABOUT_PARTS),
         "<h2>Steps</h2>",
         *_steps(design, joints),
         *_rod(design, len(joints) + 1, mount),
+        "<h2>The whole platform</h2>",
+        *overview(design),
         "</body></html>",
     ]
     return "\n".join(lines) + "\n"
@@ -69,7 +75,32 @@ def sheet(
 def _faces(design: Design) -> str:
     module = design.task.module
     at = 1000 * (module.connector_distance - module.bracket_sizes.set_back)
-    return f"A bracket's flange bolts to a module's face {at:.2f} mm from the module's centre."
+    x, y = (1000 * edge / 2 for edge in module.body.hub[:2])
+    return (
+        f"A bracket's flange bolts to a module's face {at:.2f} mm from the module's centre. Struts, where the "
+        f"parts list has some, reach it from the hub, whose faces are {x:.2f} mm (ports 0 and 2) and {y:.2f} mm "
+        "(ports 1 and 3) from the centre. First bolt one to the hub at every port that a step names, mark hole up."
+    )
+
+
+def _strut(part: Part) -> str:
+    return (
+        f"The strut {part.file}, {part.count} of them, from its side: the hub on the left, a bracket or the rod's "
+        "mount on the right, mark holes up. Lengths are in millimetres from the module's centre."
+    )
+
+
+def strut_drawing(design: Design, part: Part) -> str:
+    """Return a strut from its side with the places of its faces."""
+    (start, _, low), (end, _, high) = part.mesh.bounds
+    t = MILLIMETRES * design.task.module.bracket_sizes.thickness
+    half = MILLIMETRES * design.task.module.body.arm_width / 2
+    svg = [HEAD.format(start - 15, -high - 15, end - start + 30, high - low + 40, f"strut of {end - start:.1f} mm")]
+    flanges = [np.array([[x, low], [x + t, low], [x + t, high], [x, high]]) for x in (start, end - t)]
+    beam = np.array([[start, -half], [end, -half], [end, half], [start, half]])
+    svg += [_polygon(flange, palette.CONNECTOR) for flange in flanges]
+    svg += [_polygon(beam, palette.MODULE), *(_text(x, -low + 12, f"{x:.2f}", 7) for x in (start, end))]
+    return "\n".join([*svg, "</svg>"])
 
 
 def _steps(design: Design, joints: Sequence[Part]) -> Iterator[str]:
@@ -93,39 +124,11 @@ def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
     x, y, z = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
     yield paragraph(
         f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
-        f"up. Cut the rod to {1000 * rod.length:.1f} mm and push it in until it bottoms out. Check with a square: "
+        f"up. Cut the rod to {1000 * rod.length:.1f} mm, push it in until it bottoms out, and close the clamp with "
+        "its bolt. Check with a square: "
         f"from the bottom of the bore, which is the connector, the tip is {1000 * rod.length * x:.1f} mm outwards, "
         f"{1000 * rod.length * y:.1f} mm to the left seen outwards, and {1000 * rod.length * z:.1f} mm up."
     )
-
-
-COLUMNS = ("part", "count", "size", "mass_kg", "file")
-Row = tuple[str, int, str, str, str]
-"""What `COLUMNS` names."""
-
-
-def parts_list(design: Design, joints: Sequence[Part], mount: Part | None) -> list[Row]:
-    """Return a row for every kind of part; masses are those of the model, empty where it has none."""
-    task, bracket = design.task, design.task.module.bracket_sizes
-    rows = [("module", design.topology.n, "", f"{task.module.mass:g}", "")]
-    rows += [("bracket", 1, f"{part.volume_cm3:.1f} cm^3", "", f"brackets/{part.file}") for part in joints]
-    flanges = 2 * len(joints)
-    rod = rod_of(design, poses(design))
-    if mount is not None and rod is not None:
-        flanges += 1
-        radius, mass = 1000 * rod.radius, task.end_effector.rod_linear_density * rod.length
-        rows.append(("rod mount", 1, f"{mount.volume_cm3:.1f} cm^3", "", f"brackets/{mount.file}"))
-        size = f"{1000 * rod.length:.1f} mm long, {2 * radius:g} mm thick"
-        rows.append(("rod", 1, size, f"{mass:.4g} (left out of the model)", ""))
-    rows.append(("end-effector", 1, "", f"{task.end_effector.mass:g}", ""))
-    bolt = f"hole {1000 * bracket.bolt_diameter:g} mm, through {1000 * bracket.thickness:g} mm and the module"
-    rows.append(("bolt with nut", 4 * flanges, bolt, "", ""))
-    return rows
-
-
-def parts_csv(rows: Sequence[Row]) -> str:
-    """Return the list as the text of a CSV file."""
-    return csv_text(COLUMNS, rows)
 
 
 Line = list[str]

@@ -32,9 +32,12 @@ from verify.kinematics import rotation
 ABOUT = """
 Link `module_0`: origin at the root module's centre, axes of the task frame. Other module links: their own frames.
 Link `centre_of_mass`: of the whole platform, axes of the task frame. Load cases act there and at `end_effector`.
-A rotor Q = 1..4 at the squared speed u [rad^2/s^2] pushes along z of the link `module_I_rotor_Q` with
-{k_f!r} u [N], and turns the platform about it with (-1)^Q {k_tau!r} u [N m]; u is at most {u_max!r}.
+A rotor Q = 0..3 at the squared speed u [rad^2/s^2] pushes along z of the link `module_I_rotor_Q` with
+{k_f!r} u [N], and turns the platform about it with (-1)^(Q + 1) {k_tau!r} u [N m]; u is at most {u_max!r}.
 """
+
+ROUNDING = 1e-14
+"""Share of the sum of the moments by which readers may find Izz above Ixx + Iyy of a flat body."""
 
 
 def urdf(design: Design) -> str:
@@ -51,7 +54,7 @@ def urdf(design: Design) -> str:
     for i in range(design.topology.n):
         R = F[i].T @ at.R[i]
         _module_link(robot, i, R, module)
-        for q, angle in enumerate(ROTOR_ANGLES, start=1):
+        for q, angle in enumerate(ROTOR_ANGLES):
             rotor = f"module_{i}_rotor_{q}"
             _point(robot, rotor, 0.0)
             _joint(robot, f"module_{i}", rotor, R @ _point_towards(angle, module.arm_length), R)
@@ -103,11 +106,13 @@ def _point_towards(angle: float, length: float) -> Array:
 
 
 def _inertial(link: Element, mass: float, moments: tuple[float, float, float], R: Array) -> None:
+    """Add the tensor in the link's own axes, larger by ROUNDING so that a flat body's stays that of a body."""
     inertial = SubElement(link, "inertial")
-    _origin(inertial, np.zeros(3), R)
+    _origin(inertial, np.zeros(3), np.eye(3))
     SubElement(inertial, "mass", value=numbers(mass))
-    I_xx, I_yy, I_zz = (numbers(moment) for moment in moments)
-    SubElement(inertial, "inertia", ixx=I_xx, iyy=I_yy, izz=I_zz, ixy="0", ixz="0", iyz="0")
+    I = R @ np.diag(moments) @ R.T + ROUNDING * sum(moments) * np.eye(3)
+    entries = {f"i{'xyz'[a]}{'xyz'[b]}": numbers(I[a, b]) for a in range(3) for b in range(a, 3)}
+    SubElement(inertial, "inertia", entries)
 
 
 def _shape(link: Element, shape: tuple[str, dict[str, str]], place: Array, R: Array, material: str) -> None:

@@ -40,7 +40,7 @@ from topo_search.model.exposure import (
     needs_offset,
     segment_of,
 )
-from topo_search.model.flight import CaseFlight, Flight, JointLoad, RotorsOut
+from topo_search.model.flight import CaseFlight, CasePower, Flight, JointLoad, RotorsOut
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
 from topo_search.model.module import AirflowEnvelope, EndEffector, Module
 from topo_search.model.proof import CheckedChunk, Chunk, Proof
@@ -59,6 +59,7 @@ __all__ = [
     "BadInput",
     "BoltedJoint",
     "CaseFlight",
+    "CasePower",
     "CheckedChunk",
     "Chunk",
     "Clearance",

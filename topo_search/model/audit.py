@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field
 
 from topo_search.model.design import NOT_CERTIFIED, Mount, StatedCheck
 from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
-from topo_search.model.flight import Flight
+from topo_search.model.flight import CasePower, Flight
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.tables import csv_text, heading, table
 from topo_search.model.value import Index, NonNegative, Number, Value, Vector
@@ -337,6 +337,8 @@ class Audit(Value):
     flight: Flight | None = None
     """What the design can do beyond its task; None if its numbers are too large to compute with, and in files of
     programs that do not compute it."""
+    power: Annotated[tuple[CasePower, ...], Field(exclude_if=lambda given: not given)] = ()
+    """What the rotors take in hover, where that is possible, and in every load case; empty in older files."""
     stated: Annotated[tuple[StatedCheck, ...], Field(exclude_if=lambda given: not given)] = ()
     """The user's own constraints: evaluated by their functions, not certified.
 

@@ -16,6 +16,7 @@ from topo_search.limits import DESIGN_BYTES, RESULT_BYTES, TASK_BYTES
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
 from topo_search.model.design import Design
 from topo_search.model.mesh_file import Folder
+from topo_search.model.module import AIR_DENSITY
 from topo_search.model.parsing import NotParsed, NotReadable, apply_settings, json_data, read_text, toml_data
 from topo_search.model.task import Task
 
@@ -50,7 +51,7 @@ def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: 
             the current one. The tasks in folders of runs have their shapes written out and name none.
 
     Raises:
-        BadInput: one fault for each thing that is wrong.
+        BadInput: one fault for each thing that is wrong, or the figure of merit of the rotors is above 1.
 
     >>> read_task("push", ("modules=[3, 4]",)).modules
     (3, 4)
@@ -69,10 +70,16 @@ def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: 
     except NotParsed as error:
         raise BadInput(name, [Fault("", str(error))]) from None
     apply_settings(data, settings)
-    if not names_files:
-        return validate(Task, data, name)
     folder = Path() if name in examples() else Path(path).parent
-    return validate(Task, data, name, Folder(folder))
+    task = validate(Task, data, name, Folder(folder) if names_files else None)
+    if (merit := task.module.figure_of_merit(AIR_DENSITY)) > 1:
+        rule = (
+            f"must give a figure of merit of at most 1, but got {merit:.3g}: no rotor of "
+            f"{task.module.body.rotor_radius:g} m radius has so little drag torque for its thrust"
+        )
+        field = "torque_to_thrust" if task.module.torque_to_thrust else "torque_coefficient"
+        raise BadInput(name, [Fault(f"module.{field}", rule)])
+    return task
 
 
 def examples() -> list[str]:

@@ -88,6 +88,21 @@ class JointLoad(Value):
     across_hinge_Nm: Size
 
 
+class CasePower(Value):
+    """Power of all rotors in hover, or in a load case."""
+
+    name: str
+    """`hover` or the load case's."""
+    ideal_W: Size
+    """That of ideal rotors with the same thrusts and discs [W]."""
+    shaft_W: Size
+    """Drag torque times speed, summed over all rotors [W]; motors and wires take more."""
+    figure_of_merit: Size
+    """Ideal over shaft power."""
+    endurance_min: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    """How long the batteries of all modules last at most, where `module.battery_Wh` is given [min]."""
+
+
 class Flight(Value):
     """What a design can do beyond its task."""
 

@@ -16,6 +16,21 @@ The module: its mass, rotors, connectors, airflow envelope and real body.
 
 Defaults are this project's choice; k_f and k_tau as reported in arXiv 2602.18344.
 
+A rotor of radius R at rest in air of density rho, at the angular speed omega:
+
+| symbol | meaning | unit |
+|---|---|---|
+| T, Q | its thrust k_f omega^2 and drag torque k_tau omega^2 | N, N m |
+| P | its shaft power Q omega | W |
+| FM | figure of merit: the power of an ideal rotor with its thrust over P | |
+| C_T | thrust coefficient of propellers, T / (rho (omega / 2 pi)^2 (2 R)^4) | |
+
+By momentum theory an ideal rotor takes T^1.5 / sqrt(2 rho pi R^2), so that
+
+.. math:: FM = \frac{k_f^{1.5}}{k_\tau \sqrt{2 \rho \pi R^2}}, \qquad C_T = \frac{(2 \pi)^2 k_f}{\rho (2 R)^4}
+
+(Leishman, *Principles of Helicopter Aerodynamics*, 2.8): no rotor has a figure of merit above 1.
+
 The bracket that holds two modules at a hinge angle, as the lab kit prints it; the search knows nothing of it.
 
 | symbol | meaning | unit |
@@ -324,6 +339,8 @@ class Module(Value):
     """Rated force of a joint [N]."""
     min_input: Annotated[float, Field(strict=True, ge=0, lt=1, exclude_if=lambda given: given == 0.0)] = 0.0
     """Least squared speed of a running rotor, as a share of the largest; a failed rotor is exempt."""
+    battery_Wh: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    """Energy of a module's battery [Wh], of which the audit tells how long it lasts at most."""
     airflow: Airflow = Airflow()
     """The airflow envelope."""
     body: Body = Body()
@@ -404,6 +421,32 @@ class Module(Value):
     def max_input(self, gravity: float) -> float:
         """u_max: the largest squared rotor speed [rad^2/s^2]."""
         return self.max_thrust_to_weight * self.hover_input(gravity)
+
+    def tip_speed(self, u: float) -> float:
+        """Return the speed of a rotor's tip at a squared rotor speed u [m/s]."""
+        return math.sqrt(u) * self.body.rotor_radius
+
+    def figure_of_merit(self, density: float) -> float:
+        """Return FM: ideal power over shaft power, in air of a density [kg/m^3].
+
+        >>> round(Module(torque_coefficient=3.1e-9).figure_of_merit(1.2), 3)
+        0.566
+        """
+        return self.ideal_power(1.0, density) / self.torque_coefficient
+
+    def ideal_power(self, u: float, density: float) -> float:
+        """Return the least power of a disc with the thrust of a rotor at a squared rotor speed u [W].
+
+        Args:
+            u: squared rotor speed [rad^2/s^2].
+            density: rho [kg/m^3].
+        """
+        thrust, disc = self.thrust_coefficient * u, math.pi * self.body.rotor_radius**2
+        return thrust * math.sqrt(thrust / (2 * density * disc))
+
+    def propeller_coefficient(self, density: float) -> float:
+        """Return C_T, in air of a density [kg/m^3]."""
+        return (2 * math.pi) ** 2 * self.thrust_coefficient / (density * (2 * self.body.rotor_radius) ** 4)
 
     @staticmethod
     def with_thrust(data: Any, gravity: Any) -> Any:

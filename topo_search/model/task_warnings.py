@@ -14,7 +14,8 @@ coefficients by their radius. What is judged by a doubtful value is not judged.
 
 Measured small propellers have C_T of 0.05 to 0.2 at rest (Brandt and Selig, AIAA 2011-1255). Per rpm^2, k_f is 91
 times smaller, so that ranges with room for every propeller tell the two apart. Disc loadings of multirotors are 20
-to 300 N/m^2.
+to 300 N/m^2. Figures of merit of small rotors are 0.35 to 0.8; above 1 there are none, and
+`read_task` refuses them.
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -31,7 +32,7 @@ from itertools import chain
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import Allowed, Directional, Exterior, Local, segment_of
 from topo_search.model.load_case import LoadCase
-from topo_search.model.module import Body, Module
+from topo_search.model.module import AIR_DENSITY, Body, Module
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, OUTWARDS, frame_reach, in_words, packed_width
 from topo_search.model.task import Task
@@ -40,6 +41,9 @@ MOST_THRUST = 20.0
 """Largest usual thrust over weight of a module; racing quadrotors reach 15."""
 LEAST_ANGLE_DEG = 1.6
 """Angles of cones up to here may be radians: a right angle is 1.571."""
+
+SOUND = 340.0
+"""Speed of sound at 15 degrees Celsius [m/s]."""
 
 Doubts = Iterator[tuple[str, str]]
 """Fields with what is suspicious about them."""
@@ -53,8 +57,8 @@ def doubts(task: Task) -> Doubts:
         if doubtful:
             break
     else:
-        yield from _by_mass(task)
-        yield from _torque_coefficient(task.module)
+        doubtful = (*_by_mass(task), *_torque_coefficient(task.module))
+        yield from doubtful or _rotor(task)
     yield from _angles(task)
 
 
@@ -123,6 +127,26 @@ def _torque_coefficient(module: Module) -> Doubts:
         yield (
             f"module.{name}",
             f"k_tau / k_f = {drag:.3g} m is {than} the arm, {module.arm_length:g} m: is it in {unit}?",
+        )
+
+
+def _rotor(task: Task) -> Doubts:
+    """Yield what no rotor of that size does at rest."""
+    module, r = task.module, task.module.body.rotor_radius
+    of = f"of rotors of {r:g} m radius"
+    if not 0.35 <= (merit := module.figure_of_merit(AIR_DENSITY)) <= 0.8:
+        drag = module.torque_coefficient / module.thrust_coefficient
+        yield (
+            "module.torque_to_thrust" if module.torque_to_thrust else "module.torque_coefficient",
+            f"the figure of merit {of} is {merit:.3g}, usual are 0.35 to 0.8: with k_tau / k_f = {drag:.3g} m they "
+            f"take {'less' if merit > 0.8 else 'more'} power than any that are built",
+        )
+    if not 0.05 <= (C_T := module.propeller_coefficient(AIR_DENSITY)) <= 0.2:
+        yield "module.thrust_coefficient", f"C_T {of} is {C_T:.3g}, usual are 0.05 to 0.2"
+    if (speed := module.tip_speed(module.max_input(task.gravity))) > 0.6 * SOUND:
+        yield (
+            "module.thrust_coefficient",
+            f"at full thrust tips {of} move at {speed:.3g} m/s, more than 0.6 times the speed of sound",
         )
 
 

@@ -78,7 +78,8 @@ carries_weight = true
 
 
 LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "tolerances": True}
-"""Examples of fields of a module and of [flight] that have no default."""
+RATINGS = {"joint_moment": 4.0, "joint_force": 60.0, "battery_Wh": 12.0}
+"""Examples of fields of [flight] and of a module that have no default."""
 
 
 def task_template(name: str) -> str:
@@ -92,7 +93,7 @@ def task_template(name: str) -> str:
         "bracket": module.bracket_sizes,
     }
     changed = {
-        "module": module.model_copy(update={**forms, "joint_moment": 4.0, "joint_force": 60.0}),
+        "module": module.model_copy(update={**forms, **RATINGS}),
         "flight": filled.flight.model_copy(update=LIMITS),
     }
     filled = filled.model_copy(update=changed)

@@ -117,7 +117,7 @@ def rotor_inputs(design: Design) -> go.Figure:
     u_max = design.task.module.max_input(design.task.gravity)
     n = design.topology.n
     x = np.arange(n).repeat(4) + np.tile([-0.3, -0.1, 0.1, 0.3], n)
-    names = [f"module {i}, rotor {q}" for i in range(n) for q in range(1, 5)]
+    names = [f"module {i}, rotor {q}" for i in range(n) for q in range(4)]
     figure = go.Figure()
     marks = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
     inputs, looks = design.inputs.reshape(-1, 4 * n), itertools.cycle(zip(palette.SERIES, marks, strict=True))

@@ -55,7 +55,9 @@ def design_part(design: Design, audit: Audit | None) -> dict[str, Any]:
         "inputs": Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
         "effort": f"Control effort {EFFORT} = {figures(design.objective, 5)} rad⁴/s⁴.",
         "loads": _loads(design),
-        "flight": None if audit is None or audit.flight is None else flight_part(audit.flight),
+        "flight": None
+        if audit is None or audit.flight is None
+        else flight_part(audit.flight) | {"power": _power(audit)},
     }
 
 
@@ -188,6 +190,21 @@ def flight_part(found: Flight) -> dict[str, Any]:
     """Return all that is shown of it."""
     first, *others = (f"{line[0].upper()}{line[1:]}." for line in flight_lines(found))
     return {"summary": first, "cases": cases(found), "sentences": others, "joints": _joint_loads(found)}
+
+
+def _power(audit: Audit) -> Table | None:
+    """Return a row for hover and each load case: what its rotors take."""
+    rows = [
+        {
+            "case": case.name,
+            "at the shafts": f"{figures(case.shaft_W, 3)} W",
+            "of ideal rotors": f"{figures(case.ideal_W, 3)} W",
+            "figure of merit": figures(case.figure_of_merit, 3),
+            "batteries last at most": "" if case.endurance_min is None else f"{figures(case.endurance_min, 3)} min",
+        }
+        for case in audit.power
+    ]
+    return Table.from_rows(rows, {1, 2, 3, 4}) if rows else None
 
 
 def cases(found: Flight) -> Table:

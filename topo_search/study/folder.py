@@ -18,7 +18,7 @@ from typing import Any, Self, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import STARTS, TASK_BYTES, TRIALS
-from topo_search.model import BadInput, Fault, Proof, ResolvedTask, Task
+from topo_search.model import Audit, BadInput, Fault, Proof, ResolvedTask, Task
 from topo_search.model.bad_input import faults_of
 from topo_search.model.files import to_json, to_toml, validate
 from topo_search.model.parsing import NotParsed, toml_data
@@ -291,8 +291,8 @@ class RunFolder:
         writer = csv.writer(table, lineterminator="\n")
         writer.writerow(COLUMNS)
         for n in self.request.task.sizes:
-            for row, state in self.proof_states(n):
-                writer.writerow([escape_formula(cell) for cell in cells(row, state)])
+            for row in self.cells(n):
+                writer.writerow([escape_formula(cell) for cell in row])
         self.keep("candidates.csv", table.getvalue())
         self._write_best()
         for part in PARTS:
@@ -316,6 +316,12 @@ class RunFolder:
         proofs, best = self.proofs(n), self.ledger.best_clear(n)
         for row in self.ledger.ranking(n):
             yield row, proof_state(row, proofs.get(row.key), None if best is None else best.objective)
+
+    def cells(self, n: int) -> Iterator[list[object]]:
+        """Yield the row of every ranked candidate of n modules in `candidates.csv`."""
+        audits = {key: Audit.model_validate_json(text) for key, text in self.ledger.audits(n)}
+        for row, state in self.proof_states(n):
+            yield cells(row, state, audits.get(row.key))
 
     def keep_proof(self, proof: Proof) -> None:
         """Write the proof of one tree, or as much of it as there is."""

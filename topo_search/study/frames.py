@@ -11,8 +11,7 @@ import pandas as pd
 from topo_search.model import Infeasible
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import FRONT_COLUMNS, FrontPoint
-from topo_search.study.proofs import cells
-from topo_search.study.row import COLUMNS, FLIGHT, SolveEvent, kind_of
+from topo_search.study.row import AUDITED, COLUMNS, FLIGHT, SolveEvent, kind_of
 
 
 def candidates(path: Path) -> pd.DataFrame:
@@ -23,8 +22,8 @@ def candidates(path: Path) -> pd.DataFrame:
     Raises:
         BadInput: it is not a run folder.
     """
-    frame = _frame(path, COLUMNS, lambda level, n: (cells(row, state) for row, state in level.proof_states(n)))
-    numbers = ("objective", "lower_bound", "gap", "violation", *FLIGHT, "proven_bound", "proven_gap")
+    frame = _frame(path, COLUMNS, RunFolder.cells)
+    numbers = ("objective", "lower_bound", "gap", "violation", *FLIGHT, *AUDITED, "proven_bound", "proven_gap")
     return frame.astype(dict.fromkeys(numbers, "float64"))
 
 

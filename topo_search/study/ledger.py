@@ -237,6 +237,15 @@ class Ledger:
             verdict = None if audit_checksum is None else checked_text(self.path, key, audit, audit_checksum)
             yield key, checked_text(self.path, key, result, result_checksum), verdict
 
+    def audits(self, n: int) -> Iterator[tuple[str, str]]:
+        """Yield key and audit (as JSON text) of every candidate of n modules that is audited."""
+        query = (
+            "SELECT key, texts.audit, audit_checksum "
+            f"FROM candidates JOIN texts USING (context, key) {_STANDING} AND audit_checksum IS NOT NULL"
+        )
+        for key, audit, audit_checksum in self._database.execute(query, (n, self._ranked)):
+            yield key, checked_text(self.path, key, audit, audit_checksum)
+
     def record(
         self, context: Context, rows: Sequence[tuple[Row, Design | Infeasible | None]], *, failed: bool = False
     ) -> None:

@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from topo_search.model import Proof, ResolvedTask
+from topo_search.model import Audit, Proof, ResolvedTask
 from topo_search.model.proof import Problem
 from topo_search.model.proven import gap_percent, upper_text
 from topo_search.study.request import Request
-from topo_search.study.row import COLUMNS, Row
+from topo_search.study.row import AUDITED, COLUMNS, Row, figures_of
 
 if TYPE_CHECKING:
     from topo_search.study.folder import RunFolder
@@ -54,10 +54,10 @@ def proof_state(row: Row, proof: Proof | None, best: float | None) -> ProofState
     return ProofState(bound, gap, proof.problem, word)
 
 
-def cells(row: Row, state: ProofState) -> list[object]:
+def cells(row: Row, state: ProofState, audit: Audit | None) -> list[object]:
     """Return a candidate's row of `candidates.csv`."""
-    proven = state._asdict()
-    return [proven[name] if name in proven else getattr(row, name) for name in COLUMNS]
+    beside = {**state._asdict(), **(dict.fromkeys(AUDITED) if audit is None else figures_of(audit))}
+    return [beside[name] if name in beside else getattr(row, name) for name in COLUMNS]
 
 
 def target(row: Row, best: float, gap: float) -> tuple[str, float]:

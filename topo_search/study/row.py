@@ -19,6 +19,8 @@ FLIGHT = (
     "rod_length_m",
 )
 """Columns of an audited design: what its audit reports beyond the task."""
+AUDITED = ("power_W",)
+"""Columns of an audited design that are read from its audit, not from its row in the ledger."""
 PROVEN = ("proven_bound", "proven_gap", "proof", "proven_problem")
 """Columns that branch and bound fills: read from the candidate's proof, not from its row in the ledger."""
 COLUMNS = (
@@ -38,6 +40,7 @@ COLUMNS = (
     "audit",
     "starts_at_best",
     *FLIGHT,
+    *AUDITED,
     *PROVEN,
 )
 """The columns of `candidates.csv`."""
@@ -175,6 +178,12 @@ def flight_of(audit: Audit) -> dict[str, float | int | None]:
         "hinge_tolerance_deg": flight.hinge_tolerance_deg,
         "rod_length_m": flight.rod_length_m,
     }
+
+
+def figures_of(audit: Audit) -> dict[str, float | None]:
+    """Return what an audit says by the names of AUDITED: the power in hover at the rotors' shafts [W]."""
+    hover = None if audit.flight is None else audit.flight.hover.name
+    return {"power_W": next((case.shaft_W for case in audit.power if case.name == hover), None)}
 
 
 def score(row: Row, task: ResolvedTask) -> Scored:

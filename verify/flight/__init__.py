@@ -7,5 +7,13 @@ from __future__ import annotations
 
 from verify.flight.asked import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
 from verify.flight.measured import flight
+from verify.flight.vehicle import capability
 
-__all__ = ["failure_residuals", "flight", "load_residuals", "reserve_residuals", "tolerance_residuals"]
+__all__ = [
+    "capability",
+    "failure_residuals",
+    "flight",
+    "load_residuals",
+    "reserve_residuals",
+    "tolerance_residuals",
+]

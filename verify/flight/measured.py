@@ -1,4 +1,4 @@
-"""All figures of flight of one design.
+"""All figures of flight of one design, or of any rotors.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -17,6 +17,7 @@ rotors that run between the module's least and largest input; a dead one stands 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -65,18 +66,28 @@ def flight(design: Design, found: Platform, sheet: Assembly, errors: Sensitivity
         sheet: how it is assembled.
         errors: what its clearances tolerate.
     """
-    measured = _Measured(design, found)
+    task, tip = design.task, sheet.end_effector
+    most = task.module.max_input(task.gravity)
+    N = 4 * design.topology.n
+    inputs = [None, *(design.inputs.reshape(len(task.load_cases), N) / most)]
+    measured = Measured(
+        wrench_map(found, task.module) * most,
+        found.p_e,
+        (task.force_unit(task.n), task.module.arm_length),
+        Box(np.full(N, task.module.min_input), np.ones(N)),
+        dict(zip(task.case_labels, task.load_cases, strict=True)),
+        inputs,
+    )
     if not measured.in_range:
         return None
-    task, tip = design.task, sheet.end_effector
     rod = None if tip is None else tip.rod
     angle = None if errors is None else errors.hinge_angle_deg
     return Flight(
         cases=measured.cases(),
         rotors_out_hover=measured.rotors_out(1),
         rotors_out_all=measured.rotors_out(len(measured.names)),
-        rotors_out_asked=measured.rotors_asked(),
-        joints=measured.joints(None if sheet.mount is None else sheet.mount.module),
+        rotors_out_asked=_rotors_asked(measured, design),
+        joints=_joint_loads(measured, design, found, None if sheet.mount is None else sheet.mount.module),
         hinge_tolerance_deg=None if angle is None else angle.tolerated,
         hover_input=measured.hover_input,
         hover_power_ratio=measured.hover_power_ratio,
@@ -86,24 +97,36 @@ def flight(design: Design, found: Platform, sheet: Assembly, errors: Sensitivity
     )
 
 
-class _Measured:
-    """A design in weights and largest inputs."""
+class Measured:
+    """What rotors can do, in weights and largest inputs.
 
-    def __init__(self, design: Design, found: Platform) -> None:
-        self.design, self.found = design, found
-        task, n = design.task, design.topology.n
-        self.force, self.torque = task.force_unit(n), task.torque_unit(n)
-        self.most = task.module.max_input(task.gravity)
+    Args:
+        A: wrenches of the rotors at their largest inputs, shape (6, N) [N, N m].
+        p_E: end-effector from the COM, shape (3,) [m].
+        units: the weight [N], and an arm [m].
+        box: bounds of the inputs, shape (N,) each.
+        cases: load cases in SI by name.
+        inputs: of hover and of every case, shape (N,) each; None: those of least effort.
+    """
+
+    def __init__(
+        self,
+        A: Array,
+        p_E: Array,
+        units: tuple[float, float],
+        box: Box,
+        cases: dict[str, LoadCase],
+        inputs: Sequence[Array | None],
+    ) -> None:
+        self.force, arm = units
+        self.torque = arm * self.force
         unit = np.repeat([self.force, self.torque], 3)
-        self.A = wrench_map(found, task.module) * self.most / unit[:, None]
-        self.p_E = found.p_e / task.module.arm_length
+        self.A, self.p_E, self.box, self.inputs = A / unit[:, None], p_E / arm, box, inputs
         hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, self.force)))
-        self.asked = (hover, *task.load_cases)
-        self.names = (HOVER, *task.case_labels)
-        self.b = np.array([required_wrench(case, found.p_e) / unit for case in self.asked])
+        self.asked, self.names = (hover, *cases.values()), (HOVER, *cases)
+        self.b = np.array([required_wrench(case, p_E) / unit for case in self.asked])
         _, first, same = np.unique(np.round(self.b, 12), axis=0, return_index=True, return_inverse=True)
         self.wrenches, self.same = self.b[first], same.ravel()  # what several cases ask for is looked at once
-        self.box = Box(np.full(4 * n, task.module.min_input), np.ones(4 * n))
 
     @cached_property
     def reached(self) -> Solvable:
@@ -112,11 +135,13 @@ class _Measured:
 
     @cached_property
     def v(self) -> list[Array | None]:
-        """Inputs of least effort for hover, or None, and those of the design."""
-        hover = self.same[0]
-        able = self.reached.yes[hover]
-        least = least_inputs(self.A, self.A @ self.reached.v[hover], self.box) if able else None
-        return [least, *(self.design.inputs.reshape(len(self.design.task.load_cases), -1) / self.most)]
+        """Inputs of hover and of every case; None where those of least effort are not found."""
+        return [
+            least_inputs(self.A, self.A @ self.reached.v[row], self.box)
+            if v is None and self.reached.yes[row]
+            else v
+            for v, row in zip(self.inputs, self.same, strict=True)
+        ]
 
     @cached_property
     def in_range(self) -> bool:
@@ -156,35 +181,6 @@ class _Measured:
         keep, lose = np.asarray(survive[:cases].all(axis=0)), np.asarray(lost[:cases].any(axis=0))
         open_ = ~keep & ~lose
         return RotorsOut(survive=int(keep.sum()), of=keep.size, lost=_rotors(lose), undecided=_rotors(open_))
-
-    def rotors_asked(self) -> RotorsOut | None:
-        """Return which single rotors may fail in the cases for which that is asked, and what is left then."""
-        asked = self.design.task.flight.rotor_out
-        if asked == "none":
-            return None
-        numbers = [number for number, _, _ in centres_of(self.design.task, asked)]
-        found = [remainder(self.A, b, self.box) for b in self.wrenches[np.unique(self.same[numbers])]]
-        lower, upper = (np.min([getattr(one, side) for one in found], axis=0) for side in ("lower", "upper"))
-        keep, lose = np.all([one.yes for one in found], axis=0), np.any([one.no for one in found], axis=0)
-        least = int(np.argmin(lower))
-        return RotorsOut(
-            survive=int(keep.sum()),
-            of=keep.size,
-            lost=_rotors(lose),
-            undecided=_rotors(~keep & ~lose),
-            torque_reserve_Nm=float(lower[least]) * self.torque,
-            torque_reserve_at_most_Nm=clamp(float(upper.min()) * self.torque),
-            weakest=(least // 4, least % 4),
-        )
-
-    def joints(self, holder: int | None) -> tuple[JointLoad, ...]:
-        """Return what every joint bears in every case that has inputs."""
-        return tuple(
-            load
-            for case, v, name in zip(self.asked, self.v, self.names, strict=True)
-            if v is not None
-            for load in joint_loads(self.design, self.found, case, v.reshape(-1, 4) * self.most, name, holder)
-        )
 
     @cached_property
     def _failures(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -239,16 +235,48 @@ class _Measured:
 
     @property
     def hover_power_ratio(self) -> float | None:
-        """Power in hover over that of parallel thrust."""
-        if self.v[0] is None:
+        """Power in hover over that of parallel thrust, of rotors that are all alike."""
+        thrusts = np.linalg.norm(self.A[:3], axis=0)
+        if self.v[0] is None or not np.allclose(thrusts, thrusts[0], rtol=TOLERANCE, atol=0):
             return None
-        task, N = self.design.task, self.A.shape[1]
-        parallel = self.force / (N * task.module.thrust_coefficient * self.most)
-        return clamp(float(np.mean((self.v[0] / parallel) ** 1.5)))
+        return clamp(float(np.mean((np.abs(self.v[0]) * thrusts.sum()) ** 1.5)))
 
     def _about_tip(self, W: Array) -> Array:
         """Return torques about the end-effector of wrenches about the COM, shape (6, ...)."""
         return np.asarray(W[3:] - np.cross(self.p_E, W[:3], axisb=0, axisc=0))
+
+
+def _rotors_asked(measured: Measured, design: Design) -> RotorsOut | None:
+    """Return which single rotors may fail in the cases for which that is asked, and what is left then."""
+    asked = design.task.flight.rotor_out
+    if asked == "none":
+        return None
+    numbers = [number for number, _, _ in centres_of(design.task, asked)]
+    wrenches = measured.wrenches[np.unique(measured.same[numbers])]
+    found = [remainder(measured.A, b, measured.box) for b in wrenches]
+    lower, upper = (np.min([getattr(one, side) for one in found], axis=0) for side in ("lower", "upper"))
+    keep, lose = np.all([one.yes for one in found], axis=0), np.any([one.no for one in found], axis=0)
+    least = int(np.argmin(lower))
+    return RotorsOut(
+        survive=int(keep.sum()),
+        of=keep.size,
+        lost=_rotors(lose),
+        undecided=_rotors(~keep & ~lose),
+        torque_reserve_Nm=float(lower[least]) * measured.torque,
+        torque_reserve_at_most_Nm=clamp(float(upper.min()) * measured.torque),
+        weakest=(least // 4, least % 4),
+    )
+
+
+def _joint_loads(measured: Measured, design: Design, found: Platform, holder: int | None) -> tuple[JointLoad, ...]:
+    """Return what every joint bears in every case that has inputs."""
+    most = design.task.module.max_input(design.task.gravity)
+    return tuple(
+        load
+        for case, v, name in zip(measured.asked, measured.v, measured.names, strict=True)
+        if v is not None
+        for load in joint_loads(design, found, case, v.reshape(-1, 4) * most, name, holder)
+    )
 
 
 def _ball(name: str, unit: str, ball: Ball, size: float) -> dict[str, Any]:

@@ -1,0 +1,44 @@
+"""Power in hover and in load cases, against blade tips and stream tubes by hand."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from topo_search.model import Audit, Design
+from topo_search.model.files import read_json, to_json
+from verify import audit
+
+DESIGN = Path(__file__).parent / "designs" / "wall-push.json"
+
+
+def test_power_is_drag_torque_times_speed_and_ideal_power_that_of_a_stream_tube() -> None:
+    stated = read_json(Design, DESIGN)
+    module = stated.task.module.model_copy(update={"battery_Wh": 20.0})
+    design = stated.model_copy(update={"task": stated.task.model_copy(update={"module": module})})
+    found = audit(design)
+    assert [case.name for case in found.power] == ["hover", *design.task.case_labels]
+    for case, u in zip(found.power[1:], design.inputs.reshape(-1, 12), strict=True):
+        speeds, thrusts = np.sqrt(u), module.thrust_coefficient * u
+        # far below its disc a stream tube has half the area and twice the speed: T = 2 rho A v^2, P = T v
+        v = np.sqrt(thrusts / (2 * 1.2 * math.pi * module.body.rotor_radius**2))
+        assert case.ideal_W == pytest.approx(float(thrusts @ v), rel=1e-12)
+        assert case.shaft_W == pytest.approx(float(module.torque_coefficient * u @ speeds), rel=1e-12)
+        assert case.figure_of_merit == pytest.approx(case.ideal_W / case.shaft_W)
+        assert case.endurance_min == pytest.approx(60 * 3 * 20.0 / case.shaft_W)
+    hover, flight = found.power[0], found.flight
+    assert flight is not None
+    assert flight.hover_power_ratio is not None
+    straight = design.task.force_unit(3) / 12 / module.thrust_coefficient
+    least = 12 * module.torque_coefficient * straight**1.5
+    assert hover.shaft_W == pytest.approx(flight.hover_power_ratio * least)
+    assert hover.shaft_W > least
+
+
+def test_an_audit_without_power_is_read_as_before() -> None:
+    found = audit(read_json(Design, DESIGN))
+    assert all(case.endurance_min is None for case in found.power)
+    older = found.model_copy(update={"power": ()})
+    assert '"power"' not in to_json(older)
+    assert Audit.model_validate_json(to_json(older)) == older

@@ -1,0 +1,150 @@
+"""What any vehicle can do: truths that others have published, and the audit's figures of a design."""
+
+import json
+import math
+from itertools import combinations, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.spatial import ConvexHull
+
+from topo_search.cli import main
+from topo_search.export.allocation import allocation
+from topo_search.export.poses import poses
+from topo_search.model import Design
+from topo_search.model.files import read_json
+from topo_search.model.vehicle import Vehicle, read_vehicle
+from verify import audit
+from verify.flight import capability
+from verify.flight.vehicle import rotor_map
+
+SPOILT = ("x_m,y_m,z_m,ax,ay,az,spin,k_f,k_tau,u_max\n0,0,0,0,0,0,2,1,0,1\n", "spin")
+
+
+def rotor(r: Any, a: Any, **fields: Any) -> dict[str, Any]:
+    """A rotor whose largest thrust is 1 N."""
+    place = dict(zip(("x_m", "y_m", "z_m", "ax", "ay", "az"), [*map(float, r), *map(float, a)], strict=True))
+    return {**place, "spin": 1, "k_f": 1.0, "k_tau": 0.0, "u_max": 1.0, **fields}
+
+
+def star(tilt: float) -> Vehicle:
+    """Six rotors on a circle, tilted about their arms, one to the left and one to the right."""
+    rotors = []
+    for k in range(6):
+        c, s, t = math.cos(k * math.pi / 3), math.sin(k * math.pi / 3), tilt * (-1) ** k
+        rotors.append(rotor([c, s, 0.0], [-s * math.sin(t), c * math.sin(t), math.cos(t)], spin=(-1) ** k))
+    return Vehicle(rotors=rotors)
+
+
+@pytest.mark.parametrize("tilt_deg", [30.0, 54.735610317245346, 70.0])
+def test_the_star_shaped_hexarotor_has_the_volume_of_its_formula(tilt_deg: float) -> None:
+    """12 sqrt(3) c s^2: 4.5 at 30 and, the most, 8 at 54.74 degrees."""
+    tilt = math.radians(tilt_deg)
+    found = capability(star(tilt))
+    assert found is not None
+    volume = 12 * math.sqrt(3) * math.cos(tilt) * math.sin(tilt) ** 2
+    assert (found.rank, found.zero_torque_volume_N3) == (6, pytest.approx(volume, rel=1e-9))
+    assert found.zero_torque_ball_N == 0  # no rotor can pull down
+
+
+@pytest.mark.parametrize(("drag", "ball"), [(0.0, 2 * math.sqrt(8 / 3)), (0.05, 2.9330)])
+def test_the_omnicopter_exerts_any_force_without_torque(drag: float, ball: float) -> None:
+    """Eight reversible rotors on the corners of a cube (Brescianini and D'Andrea, ICRA 2016), arms of 0.25 m."""
+    a, b, c = 0.5 + 1 / math.sqrt(12), 0.5 - 1 / math.sqrt(12), 1 / math.sqrt(3)
+    axes = np.array([[-a, b, -b, a, a, -b, b, -a], [b, a, -a, -b, -b, -a, a, b], [c, -c, -c, c, c, -c, -c, c]])
+    x = [[1, -1, 1, -1, 1, -1, 1, -1], [1, 1, -1, -1, 1, 1, -1, -1], [1, 1, 1, 1, -1, -1, -1, -1]]
+    at = 0.25 / math.sqrt(3) * np.array(x)
+    rotors = [rotor(r, z, u_min=-1.0, k_tau=drag) for r, z in zip(at.T, axes.T, strict=True)]
+    vehicle = Vehicle(rotors=rotors)
+    F = rotor_map(vehicle)[:3]
+    np.testing.assert_allclose(F @ F.T, 8 / 3 * np.eye(3), atol=1e-12)
+    found = capability(vehicle)
+    assert found is not None
+    assert found.zero_torque_ball_N == pytest.approx(ball, abs=1e-4 if drag else 2e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_forces_without_torque_are_those_of_all_vertices(seed: int) -> None:
+    """Every vertex of {u : T u = 0} has three inputs within their limits: all of them, one by one."""
+    rng = np.random.default_rng(seed)
+    places, axes = rng.normal(size=(7, 3)), rng.normal(size=(7, 3)) + np.array([0.0, 0.0, 1.5])
+    drawn = [rotor(r, a, k_tau=0.1) for r, a in zip(places, axes, strict=True)]
+    vehicle = Vehicle(rotors=[one | {"u_min": -0.4, "spin": int(rng.choice([-1, 1]))} for one in drawn])
+    found, A = capability(vehicle), rotor_map(vehicle)
+    forces = []
+    for free in combinations(range(7), 3):
+        held = [j for j in range(7) if j not in free]
+        for limits in product((-0.4, 1.0), repeat=4):
+            u = np.zeros(7)
+            u[held] = limits
+            u[list(free)] = np.linalg.solve(A[3:, free], -A[3:, held] @ limits)
+            if np.all(u >= -0.4 - 1e-9) and np.all(u <= 1 + 1e-9):
+                forces.append(A[:3] @ u)
+    hull = ConvexHull(forces)
+    assert found is not None
+    assert found.zero_torque_volume_N3 == pytest.approx(hull.volume, rel=1e-6)
+    assert found.zero_torque_ball_N == pytest.approx(max(0.0, -hull.equations[:, 3].max()), abs=1e-5)
+
+
+def test_a_flat_lattice_pulls_up_alone() -> None:
+    vehicle = Vehicle(rotors=[rotor([x, y, 0], [0, 0, 1], k_tau=0.01) for x in (0, 1, 2) for y in (0, 1)])
+    found = capability(vehicle.model_copy(update={"com": (1.0, 0.5, 0.0), "mass": 0.3}))
+    assert found is not None
+    # all spin the same way, so that the drag torque cannot be had apart from thrust
+    assert (found.rank, found.zero_torque_volume_N3, found.zero_torque_ball_N) == (3, 0.0, 0.0)
+    spins = [one.model_copy(update={"spin": (-1) ** (k // 2 + k % 2)}) for k, one in enumerate(vehicle.rotors)]
+    other = capability(vehicle.model_copy(update={"com": (1.0, 0.5, 0.0), "mass": 0.3, "rotors": tuple(spins)}))
+    assert other is not None
+    assert (other.rank, other.zero_torque_volume_N3) == (4, 0.0)
+    assert other.flight.hover.possible is True
+
+
+def test_a_kit_can_do_what_the_audit_says(tmp_path: Path) -> None:
+    design = read_json(Design, Path(__file__).parent / "designs/push-a70010.json")
+    assert design.task.min_input == 0
+    (tmp_path / "rotors.csv").write_text(allocation(design).rotor_csv())
+    told, p_E = f"mass = {design.task.total_mass(5)!r}", poses(design).p_E.tolist()
+    (tmp_path / "kit.toml").write_text(f'{told}\nend_effector = {p_E}\nrotors = "rotors.csv"\n')
+    found, expected = capability(read_vehicle(tmp_path / "kit.toml")), audit(design).flight
+    assert found is not None
+    assert expected is not None
+    for field in ("force_reserve_N", "horizontal_reserve_N", "torque_reserve_Nm", "load_factor"):
+        assert getattr(found.flight.hover, field) == pytest.approx(getattr(expected.hover, field), abs=2e-6), field
+    assert found.flight.rotors_out_hover.survive == expected.rotors_out_hover.survive
+    assert [4 * m + q for m, q in expected.rotors_out_hover.lost] == [
+        q for _, q in found.flight.rotors_out_hover.lost
+    ]
+    assert found.flight.hover_power_ratio == pytest.approx(expected.hover_power_ratio, rel=1e-6)
+
+
+def test_the_command_judges_a_vehicle_by_a_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    design = read_json(Design, Path(__file__).parent / "designs/wall-push.json")
+    Path("rotors.csv").write_text(allocation(design).rotor_csv())
+    p_E = poses(design).p_E.tolist()
+    Path("strong.toml").write_text(
+        f'mass = {design.task.total_mass(3)!r}\nend_effector = {p_E}\nrotors = "rotors.csv"\n'
+    )
+    Path("heavy.toml").write_text('mass = 10.0\nrotors = "rotors.csv"\n')
+    Path("wrong.csv").write_text(SPOILT[0])
+
+    def run(*words: str) -> Any:
+        return CliRunner().invoke(main, ["capability", *words], catch_exceptions=False)
+
+    strong = run("strong.toml", "--task", "wall-push", "--out", "page.html")
+    assert strong.exit_code == 0
+    assert "strong.toml: 12 rotors, rank 6 of 6" in strong.output
+    assert "load case 0 (push): possible" in strong.output
+    text = Path("page.html").read_text()
+    assert "12 rotors, rank 6 of 6. The vehicle meets every load case of the task." in text
+    assert "load case 0 (push)" in text
+    heavy = run("heavy.toml", "--task", "wall-push", "--json")
+    assert heavy.exit_code == 1
+    told = json.loads(heavy.output)
+    assert told["met"] is False
+    assert told["flight"]["cases"][0] == {**told["flight"]["cases"][0], "name": "hover", "possible": False}
+    wrong = run("wrong.csv")
+    assert (wrong.exit_code, SPOILT[1] in wrong.output) == (2, True)

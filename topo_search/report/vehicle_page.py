@@ -1,0 +1,42 @@
+"""What any vehicle with fixed rotors can do, as a page that needs nothing but itself."""
+
+from __future__ import annotations
+
+from html import escape
+
+from topo_search.model.tables import paragraph, table
+from topo_search.model.vehicle import Capability
+from topo_search.report.design_part import flight_part
+
+STYLE = """
+body { font: 11pt/1.4 sans-serif; max-width: 260mm; margin: 10mm auto; color: #111; background: #fff }
+table { border-collapse: collapse; font-size: 9.5pt } th, td { border: 0.3mm solid #999; padding: 1mm 2mm }
+"""
+
+
+def vehicle_page(name: str, rotors: int, found: Capability) -> str:
+    """Return the page.
+
+    Args:
+        name: the vehicle's file.
+        rotors: how many it has.
+        found: what it can do.
+    """
+    shown = flight_part(found.flight)
+    verdict = {True: "meets every load case of the task.", False: "does not meet the task.", None: ""}[found.met]
+    lines = [
+        "<!doctype html>",
+        f'<html lang="en"><head><meta charset="utf-8"/><title>{escape(name)}</title>',
+        f"<style>{STYLE}</style></head><body>",
+        f"<h1>{escape(name)}</h1>",
+        paragraph(f"{rotors} rotors, rank {found.rank} of 6. {verdict and f'The vehicle {verdict}'}".strip()),
+        paragraph(
+            f"Without torque it exerts any force up to {found.zero_torque_ball_N:.5g} N; all such forces have a "
+            f"volume of {found.zero_torque_volume_N3:.5g} N³."
+        ),
+        paragraph(shown["summary"].replace(" of module 0", "")),
+        table(shown["cases"].columns, shown["cases"].rows),
+        *(paragraph(sentence.replace(" of module 0", "")) for sentence in shown["sentences"]),
+        "</body></html>",
+    ]
+    return "\n".join(lines) + "\n"
