@@ -20,7 +20,7 @@ from topo_search.limits import ALL_CORNERS, LOAD_CASES, REQUIREMENTS, SEGMENTS, 
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
-from topo_search.model.module import AGREE, EndEffector, Module, ResolvedEndEffector
+from topo_search.model.module import AGREE, AIR_DENSITY, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.reserves import AskedFlight, broken_reserves
 from topo_search.model.room import LARGE, Folds, airflow_folds, body_radius, clear_folds, intersect, packed_width
 from topo_search.model.search import Goals, Level, Search
