@@ -31,6 +31,35 @@ GENTLE_PUSH: list[Table] = [
 ]
 """Feasible where the push task is not."""
 
+BESIDE_A_DECK: Table = {
+    "name": "bridge",
+    "modules": 5,
+    "module": {
+        "mass": 0.9,
+        "arm_length": 0.22,
+        "connector_distance": 0.3,
+        "torque_to_thrust": 0.016,
+        "min_input": 0.02,
+        "max_thrust_to_weight": 2.2,
+        "body": {"rotor_radius": 0.127},
+    },
+    "load_cases": [
+        {"carries_weight": True, "units": "SI", "end_effector": {"force": [0.0, 0.0, 5.0]}},
+        {"carries_weight": True},
+    ],
+    "exposure": [
+        {
+            "kind": "directional",
+            "radius": 0.1,
+            "polylines": [[[-1.0, 0.4, 0.0], [1.0, 0.4, 0.0], [1.0, 0.4, 0.3]]],
+        },
+        {"kind": "allowed", "planes": [{"normal": [0.0, 0.0, 1.0]}], "solid": True},
+    ],
+    "end_effector": {"mass": 0.15},
+    "flight": {"units": "SI", "force_reserve": 1.0, "torque_reserve": 0.1},
+}
+"""A touch from below, next to an edge: efforts are nearly flat in the length of the rod."""
+
 LOCAL: Table = {"kind": "local", "radius": 0.15}
 BOX: Table = {"kind": "local", "box": [0.35, 0.3, 0.2]}
 WEDGE: Table = {

@@ -119,7 +119,7 @@ def test_a_signal_ends_a_command_that_waits_for_a_scheduler(tmp_path, mute, numb
     eventually((tmp_path / "run" / "ledger.sqlite").exists)
     time.sleep(8.0)  # the lower bound first
     process.send_signal(number)
-    _, told = process.communicate(timeout=10)
+    _, told = process.communicate(timeout=60)
     assert process.returncode == 130
     assert says(told.splitlines()[-1], "stopped", "kept", "same command")
     assert "Traceback" not in told

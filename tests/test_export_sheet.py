@@ -1,4 +1,4 @@
-"""What the assembly sheet and the parts list tell someone who has only the kit."""
+"""Assembly sheet and parts list, for someone who has only the kit."""
 
 import csv
 import io

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from nlp_cases import BESIDE_A_DECK
 
 from nlp import default_starts, solve
 from topo_search.model import Design, Task, Topology
@@ -95,33 +96,7 @@ def test_a_looser_limit_loses_nothing(seed: int, flight: bool) -> None:
 
 def test_a_tip_that_may_be_anywhere_comes_back() -> None:
     """All eight starts of this tree once left for a tip 200 m away, which pushing upwards alone does not forbid."""
-    table = {
-        "name": "bridge",
-        "modules": 5,
-        "load_cases": [
-            {"carries_weight": True, "units": "SI", "end_effector": {"force": [0.0, 0.0, 5.0]}},
-            {"carries_weight": True},
-        ],
-        "exposure": [
-            {
-                "kind": "directional",
-                "radius": 0.1,
-                "polylines": [[[-1.0, 0.4, 0.0], [1.0, 0.4, 0.0], [1.0, 0.4, 0.3]]],
-            },
-            {"kind": "allowed", "planes": [{"normal": [0.0, 0.0, 1.0]}], "solid": True},
-        ],
-        "module": {
-            "mass": 0.9,
-            "arm_length": 0.22,
-            "connector_distance": 0.3,
-            "torque_to_thrust": 0.016,
-            "min_input": 0.02,
-            "max_thrust_to_weight": 2.2,
-            "body": {"rotor_radius": 0.127},
-        },
-        "end_effector": {"mass": 0.15, "largest_reach": False},
-        "flight": {"units": "SI", "force_reserve": 1.0, "torque_reserve": 0.1},
-    }
+    table = {**BESIDE_A_DECK, "end_effector": {"mass": 0.15, "largest_reach": False}}
     task, topology = Task.model_validate(table).resolve(5), Topology.from_key("a62020")
     outcome = solve(task, topology, starts=range(8), seed=0)
     assert isinstance(outcome, Design)

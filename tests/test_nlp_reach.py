@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nlp_cases import LOCAL, PUSH, as_design, as_point, hover, push, random_point, random_tree
+from nlp_cases import BESIDE_A_DECK, LOCAL, PUSH, as_design, as_point, hover, push, random_point, random_tree
 
 from nlp import solve
 from nlp.bounds import prove_impossible
@@ -151,37 +151,11 @@ def test_the_proof_is_sharp():
             assert (found is None or found.worst_constraint != ROD) == possible
 
 
-BESIDE_A_DECK = {
-    "modules": 4,
-    "module": {
-        "mass": 0.9,
-        "arm_length": 0.22,
-        "connector_distance": 0.3,
-        "torque_to_thrust": 0.016,
-        "min_input": 0.02,
-        "max_thrust_to_weight": 2.2,
-        "body": {"rotor_radius": 0.127},
-    },
-    "load_cases": [
-        {"carries_weight": True, "units": "SI", "end_effector": {"force": [0.0, 0.0, 5.0]}},
-        {"carries_weight": True},
-    ],
-    "exposure": [
-        {
-            "kind": "directional",
-            "radius": 0.1,
-            "polylines": [[[-1.0, 0.4, 0.0], [1.0, 0.4, 0.0], [1.0, 0.4, 0.3]]],
-        },
-        {"kind": "allowed", "planes": [{"normal": [0.0, 0.0, 1.0]}], "solid": True},
-    ],
-    "flight": {"units": "SI", "force_reserve": 1.0, "torque_reserve": 0.1},
-}
-"""A touch from below, next to an edge: efforts are nearly flat in the length of the rod."""
-
-
 def beside_a_deck(reach):
     end_effector = {"mass": 0.15, "largest_reach": reach}
-    return Task.model_validate({"name": "deck", **BESIDE_A_DECK, "end_effector": end_effector}).resolve(4)
+    return Task.model_validate(
+        {**BESIDE_A_DECK, "name": "deck", "modules": 4, "end_effector": end_effector}
+    ).resolve(4)
 
 
 def test_a_longer_reach_loses_no_design():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import toy_problem
-from nlp_cases import GENTLE_PUSH, PUSH, push
+from nlp_cases import BESIDE_A_DECK, GENTLE_PUSH, PUSH, push
 from toy_problem import toy_run
 from wording import says
 
@@ -249,31 +249,7 @@ def test_what_passes_its_audit_with_a_larger_margin_is_advised_as_a_run_would_fi
 
 def test_a_tighter_reach_leads_to_a_design_of_the_task_as_it_is():
     """Rods of metres meet these requirements as well, but no start of four reaches one."""
-    task = Task.model_validate(
-        {
-            "name": "bridge",
-            "modules": 5,
-            "load_cases": [
-                {"carries_weight": True, "units": "SI", "end_effector": {"force": [0.0, 0.0, 5.0]}},
-                {"carries_weight": True},
-            ],
-            "exposure": [
-                {"kind": "directional", "radius": 0.1, "polylines": [[[-1, 0.4, 0], [1, 0.4, 0], [1, 0.4, 0.3]]]},
-                {"kind": "allowed", "planes": [{"normal": [0.0, 0.0, 1.0]}], "solid": True},
-            ],
-            "module": {
-                "mass": 0.9,
-                "arm_length": 0.22,
-                "connector_distance": 0.3,
-                "torque_to_thrust": 0.016,
-                "min_input": 0.02,
-                "max_thrust_to_weight": 2.2,
-                "body": {"rotor_radius": 0.127},
-            },
-            "end_effector": {"mass": 0.15},
-            "flight": {"units": "SI", "force_reserve": 1.0, "torque_reserve": 0.1},
-        }
-    )
+    task = Task.model_validate(BESIDE_A_DECK)
     tighter = next(limit for limit in relaxable(task, 5) if limit.tightens)
     design = BACKENDS.solve(tighter.relaxed(0.8).resolve(5), Topology.from_key("a11210"), starts=range(2), seed=0)
     assert BACKENDS.audit(design).verdict == "clear"

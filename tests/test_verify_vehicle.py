@@ -1,4 +1,4 @@
-"""What any vehicle can do: truths that others have published, and the audit's figures of a design."""
+"""Capability of any vehicle, against published truths and the audit's figures of a design."""
 
 import json
 import math

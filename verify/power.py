@@ -11,7 +11,6 @@ Motors, controllers and wires take more than P, so that a battery lasts no longe
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -28,9 +27,6 @@ def power(design: Design, measured: Flight | None) -> tuple[CasePower, ...]:
 
 def _powers(design: Design, measured: Flight | None) -> Iterator[CasePower]:
     task, module, rotors = design.task, design.task.module, 4 * design.topology.n
-    ideal_of_speed = module.thrust_coefficient**1.5 / math.sqrt(
-        2 * AIR_DENSITY * math.pi * module.body.rotor_radius**2
-    )
     battery_Ws = 3600 * design.topology.n * module.battery_Wh if module.battery_Wh else None
     sums = [
         (label, float(np.sum(np.maximum(u, 0.0) ** 1.5)))
@@ -43,8 +39,8 @@ def _powers(design: Design, measured: Flight | None) -> Iterator[CasePower]:
         shaft = clamp(module.torque_coefficient * cubes)
         yield CasePower(
             name=name,
-            ideal_W=clamp(ideal_of_speed * cubes),
+            ideal_W=clamp(module.ideal_power(1.0, AIR_DENSITY) * cubes),
             shaft_W=shaft,
-            figure_of_merit=clamp(ideal_of_speed / module.torque_coefficient),
+            figure_of_merit=clamp(module.figure_of_merit(AIR_DENSITY)),
             endurance_min=clamp(battery_Ws / shaft / 60) if battery_Ws and shaft > 0 else None,
         )

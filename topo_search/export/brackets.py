@@ -41,7 +41,7 @@ GRIP = 6.0
 BESIDE_ROTOR = 0.002
 """Least distance of a strut from the discs of rotors beside it [m]."""
 FIT = 1e-4
-"""By how much the bore of a mount is wider than the rod, in radius [m]."""
+"""Excess of a mount's bore over the rod, in radius [m]."""
 SLOT = 1e-3
 """Width of the slot that a clamp closes [m]."""
 UPRIGHT = 0.3
@@ -213,7 +213,7 @@ def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
 
 
 def has_clamp(sizes: Bracket, grip: float) -> bool:
-    """Whether a socket of that length [m] has room for ears with a bolt."""
+    """Return true if a socket of that length [m] has room for ears with a bolt."""
     return grip >= sizes.bolt_diameter + 2 * sizes.wall
 
 

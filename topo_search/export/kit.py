@@ -89,6 +89,7 @@ def write_part(
     Raises:
         BadInput: there are more rotors than PX4 takes, a number is beyond its range, or brackets do not fit.
     """
+    warnings: tuple[str, ...] = ()
     if kind in ("sheet", "parts"):
         joints, held = brackets(design), mount(design)
         rows = parts_list(design, joints, held, struts(design))
@@ -97,8 +98,9 @@ def write_part(
         acts = allocation(design)
         table = px4_parameters if kind == "px4" else Allocation.rotor_csv if kind == "rotors" else Allocation.csv
         text = to_json(acts) if kind == "allocation" and out.suffix.lower() == ".json" else table(acts)
+        warnings = px4_warnings(acts) if kind == "px4" else ()
     write_atomically(out, text)
-    return px4_warnings(allocation(design)) if kind == "px4" else ()
+    return warnings
 
 
 def require_kit_folder(folder: Path) -> None:

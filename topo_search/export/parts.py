@@ -12,7 +12,7 @@ from topo_search.model.tables import csv_text
 
 COLUMNS = ("part", "count", "size", "mass_kg", "total_kg", "file")
 Row = tuple[str, int | str, str, str, str, str]
-"""What `COLUMNS` names."""
+"""Cells in the order of `COLUMNS`."""
 PLASTIC, STEEL = 1240.0, 7850.0
 """Densities of printed PLA and of bolts [kg/m^3]."""
 THREADS = (1.6, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)

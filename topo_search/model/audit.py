@@ -338,7 +338,7 @@ class Audit(Value):
     """What the design can do beyond its task; None if its numbers are too large to compute with, and in files of
     programs that do not compute it."""
     power: Annotated[tuple[CasePower, ...], Field(exclude_if=lambda given: not given)] = ()
-    """What the rotors take in hover, where that is possible, and in every load case; empty in older files."""
+    """Power of the rotors in hover, where that is possible, and in every load case; empty in older files."""
     stated: Annotated[tuple[StatedCheck, ...], Field(exclude_if=lambda given: not given)] = ()
     """The user's own constraints: evaluated by their functions, not certified.
 

@@ -83,7 +83,7 @@ class Vehicle(Value):
 
 
 class Capability(Value):
-    """What a vehicle can do: `topo-search capability --json`."""
+    """Capability of a vehicle, as `topo-search capability --json` prints it."""
 
     format: Literal["topo-search/capability"] = "topo-search/capability"
     version: Literal[1] = 1
@@ -96,7 +96,7 @@ class Capability(Value):
     flight: Flight
     """As in `audit.json`; single rotors are numbered from 0, all of module 0."""
     met: Annotated[bool | None, Field(exclude_if=lambda given: given is None)] = None
-    """Whether it is proven to produce every wrench of a task, where there is one."""
+    """True if every wrench of the task is proven possible; None without a task."""
 
 
 def read_vehicle(path: str | Path) -> Vehicle:

@@ -1,4 +1,4 @@
-"""What any vehicle with fixed rotors can do, as a page that needs nothing but itself."""
+"""Page on the capability of a vehicle with fixed rotors; one file that needs no other."""
 
 from __future__ import annotations
 
