@@ -20,6 +20,7 @@ from topo_search.model import Audit, Clearance, Design, Local, Module, Status, s
 from topo_search.model.audit import MeshExcess
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
+from verify.air import air
 from verify.assembly import assembly, rod_residuals
 from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
 from verify.bodies import Array
@@ -111,6 +112,7 @@ def _audit(design: Design, started: float) -> Audit:
         sensitivity=errors,
         flight=measured,
         power=power(design, measured),
+        air=air(design, found, scene),
         stated=tuple(StatedCheck(**one.model_dump(), status="not checked") for one in design.stated),
         mesh_excess=_mesh_excess(design),
         assembly=sheet,

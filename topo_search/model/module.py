@@ -214,8 +214,8 @@ LEAST_PART, LARGEST_PART = 1e-4, 100.0
 class Jet(Value):
     """Constants of a module's air far below it, in multiples of the distance of opposite rotors.
 
-    At the depth s the speed on the axis is `decay` U_H / (s + `origin`), half of it at `half_width` (s + `origin`) beside
-    the axis; U_H is the induced speed of the discs. Defaults: arXiv 2403.13321.
+    At the depth s the speed on the axis is `decay` U_H / (s + `origin`), half of it at `half_width` (s + `origin`)
+    beside the axis; U_H is the induced speed of the discs. Defaults: arXiv 2403.13321.
     """
 
     decay: Positive = 10.11
@@ -433,6 +433,16 @@ class Module(Value):
         0.566
         """
         return self.ideal_power(1.0, density) / self.torque_coefficient
+
+    @property
+    def jet_momentum(self) -> float:
+        """Momentum of the jet far below over the thrust; near 1 if `airflow.jet` fits the module.
+
+        >>> round(Module().jet_momentum, 3)
+        0.968
+        """
+        jet, L_over_R = self.airflow.jet, 2 * self.arm_length / self.body.rotor_radius
+        return (jet.decay * jet.half_width * L_over_R) ** 2 / (24 * (math.sqrt(2) - 1))
 
     def ideal_power(self, u: float, density: float) -> float:
         """Return the least power of a disc with the thrust of a rotor at a squared rotor speed u [W].

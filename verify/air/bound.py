@@ -1,9 +1,9 @@
 """Certified upper bounds of the air speed over whole regions: the sum of all modules' speeds.
 
 A cube about the region is cut into eight again and again. In the ball around a cube every module's speed is bounded
-(`verify.air.jets`). A cube outside the region is dropped, and one whose bound is under ENOUGH times the largest speed
-that was found at a point of the region; what is dropped is remembered. So the result is at least every speed in the
-region, and at most ENOUGH times one of them unless cubes run out. Sampling proves nothing and is not used.
+(`verify.air.jets`). A cube outside the region is dropped, and one whose bound is under ENOUGH times the largest
+speed that was found at a point of the region; what is dropped is remembered. So the result is at least every speed
+in the region, and at most ENOUGH times one of them unless cubes run out. Points alone prove nothing.
 
 Of a region without end all that is farther than D is dropped where the jets' decay bounds it.
 """
@@ -28,6 +28,8 @@ CHUNK = 50_000
 """Cubes times modules that are evaluated at once."""
 ROUNDING = 1e-9
 """Relative excess of a bound over what rounding may take from it."""
+INSIDE = 1e-12
+"""Relative distance of points from the surface of their region, inside it."""
 STEEP = 0.95
 """Cosine of the angle to a jet's axis within which its far field is bounded by its speed on the axis."""
 NOT_LESS = 1e-6
@@ -52,7 +54,7 @@ def bound_speed(air: Jets, region: Solid | Cone | Hull) -> SpeedBound:
     found, best, dropped = 0.0, np.full(3, np.nan), 0.0
     cubes, half = _first_cubes(air, region)
     if isinstance(region, Cone):
-        dropped = _beyond(air, region.apex, half) * (1 + ROUNDING)
+        dropped = _bound_beyond(air, region.apex, half) * (1 + ROUNDING)
     left = MOST_CUBES / len(air.centres)
     while len(cubes):
         cubes = cubes[_reaches(region, cubes, math.sqrt(3) * half)]
@@ -71,9 +73,8 @@ def bound_speed(air: Jets, region: Solid | Cone | Hull) -> SpeedBound:
     return SpeedBound(found, max(dropped, found * (1 + ROUNDING)), best)
 
 
-
 def _first_cubes(air: Jets, region: Solid | Cone | Hull) -> tuple[Array, float]:
-    """Return a cube around the region, or around what is not too far to matter: its centre, (1, 3), and half edge."""
+    """Return a cube around what of the region is near enough to matter: its centre, (1, 3), and half edge."""
     if isinstance(region, Cone):
         return region.apex[None], _reach(air, region)
     if isinstance(region, Hull):
@@ -90,25 +91,25 @@ def _reach(air: Jets, region: Cone) -> float:
     grid = region.apex + distance * np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3), axis=-1).reshape(-1, 3)
     points = _points_in(region, np.concatenate([grid, air.centres, air.rotors.reshape(-1, 3)]))
     found = max(float(speeds(air, points).sum(axis=1).max()), NOT_LESS)
-    while _beyond(air, region.apex, distance) > found:
+    while _bound_beyond(air, region.apex, distance) > found:
         distance *= 2
     return distance
 
 
-def _beyond(air: Jets, x: Array, distance: float) -> float:
+def _bound_beyond(air: Jets, x: Array, distance: float) -> float:
     """Return a bound of the sum of speeds wherever that is farther from x than a distance.
 
     Such a point is at least D away from a module. Either it is deeper than STEEP D, or it is at least
-    sqrt(1 - STEEP^2) D beside the axis; the slipstreams of single rotors have ended.
+    sqrt(1 - STEEP^2) D beside the axis, where speeds are below U_c (a r^2 / r_half^2)^-2, which grows with depth.
+    The slipstreams of single rotors have ended.
     """
     D = distance - np.linalg.norm(air.centres - x, axis=1)
     if D.min() < 2 * (MERGED_AT * DIAMETER + 1 + 2 * air.radius):
         return math.inf
-    s = STEEP * D / DIAMETER
-    steep = air.decay * air.merged / (s + air.origin)
-    width = air.half_width * (s + air.origin) * DIAMETER
-    profile = 1 + (math.sqrt(2) - 1) * (math.sqrt(1 - STEEP**2) * D / width) ** 2
-    flat = air.decay * air.merged / (MERGED_AT + air.origin) / profile**2
+    s = STEEP * D / DIAMETER + air.origin
+    steep = air.decay * air.merged / s
+    beside = math.sqrt(1 - STEEP**2) * D / (air.half_width * s * DIAMETER)
+    flat = steep / ((math.sqrt(2) - 1) * beside**2) ** 2
     from_disc = D - 1 - air.radius
     inflow = air.induced.sum(axis=1) / (1 + math.sqrt(2) * from_disc / air.radius) ** 2
     return float(np.maximum(np.maximum(steep, flat), inflow).sum())
@@ -121,14 +122,15 @@ def _reaches(region: Solid | Cone | Hull, x: Array, h: float) -> Array:
         return np.asarray(_depth_in(region, x) <= slack)
     if isinstance(region, Hull):
         return np.asarray((x @ region.normals.T - region.offsets).max(axis=1) <= slack)
-    return np.asarray(np.linalg.norm(x - _nearest_of_axis(region, x), axis=1) <= region.body.r + region.body.dr + slack)
+    return np.asarray(
+        np.linalg.norm(x - _nearest_of_axis(region, x), axis=1) <= region.body.r + region.body.dr + slack
+    )
 
 
 def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
     """Return points of the region near points x, (m, 3): x itself where that is in it."""
     if isinstance(region, Cone):
-        # rounding may leave a point inside by less than it can tell; the bound, not the point, is what is proven
-        depth = np.maximum(_depth_in(region, x), 0.0)
+        depth = np.maximum(_depth_in(region, x) + INSIDE * (1 + np.abs(x - region.apex).max(axis=1)), 0.0)
         return np.asarray(x - depth[:, None] * _normals_of(region, x))
     if isinstance(region, Hull):
         away = x - region.centre
@@ -136,11 +138,11 @@ def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
         room = region.offsets - region.normals @ region.centre
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(rate > 0, room / rate, np.inf).min(axis=1)
-        return np.asarray(region.centre + np.minimum(share, 1.0)[:, None] * away)
+        return np.asarray(region.centre + np.minimum(share, 1.0)[:, None] * (1 - INSIDE) * away)
     nearest = _nearest_of_axis(region, x)
     away = x - nearest
     length = np.linalg.norm(away, axis=1)
-    share = np.minimum(region.body.r / np.maximum(length, np.finfo(float).tiny), 1.0)
+    share = region.body.r / np.maximum(length, region.body.r) * (1 - INSIDE)
     return np.asarray(nearest + share[:, None] * away)
 
 

@@ -24,11 +24,10 @@ Three parts, of which the largest counts:
     \text{inflow} &= \sum_q v_q (1 + \sqrt 2 d_q / R)^{-2}
 
 with g = 1 + z / sqrt(R^2 + z^2) and a shear layer of half width delta = 0.1 (z + R). The far field is that of
-Bauersfeld et al., "Robotics meets Fluid Dynamics" (RA-L 2024, arXiv 2403.13321), measured for single quadrotors; the
-slipstream is that of an actuator disc, narrowed by continuity to R / sqrt 2; the inflow is v_q at the disc and a sink
-of half its flow, v_q R^2 / (2 d^2), far from it. The largest of parts that are each continuous, of which the inflow
-alone crosses the discs, is continuous. Speeds are time averages in free air: no walls, no ground, no wind; peaks of
-a jet are about 1.5 times as high.
+Bauersfeld et al., "Robotics meets Fluid Dynamics" (RA-L 2024, arXiv 2403.13321), measured for single quadrotors.
+The slipstream is that of an actuator disc, narrowed by continuity to R / sqrt 2. The inflow is v_q at the disc and
+a sink of half its flow, v_q R^2 / (2 d^2), far from it. Speeds are time averages in free air: no walls, no ground,
+no wind; peaks of a jet are about 1.5 times as high.
 
 All parts fall with r, r_q and d_q. A ball of radius h about x spans depths z - h to z + h and distances from r - h:
 each factor at the end of its interval where it is largest bounds the speed in the ball. At h = 0 it is the speed.
@@ -59,8 +58,8 @@ class Jets(NamedTuple):
 
     centres: Array
     """Shape (n, 3) [l_arm]."""
-    axes: Array
-    """Thrust axes, shape (n, 3)."""
+    poses: Array
+    """Orientations R_i, shape (n, 3, 3)."""
     rotors: Array
     """Centres of the discs, shape (n, 4, 3) [l_arm]."""
     radius: float
@@ -72,18 +71,27 @@ class Jets(NamedTuple):
     half_width: float
 
     @property
+    def axes(self) -> Array:
+        """Thrust axes, shape (n, 3)."""
+        return self.poses[:, :, 2]
+
+    @property
     def merged(self) -> Array:
         """U_H, shape (n,) [m/s]."""
-        return np.sqrt(np.mean(self.induced**2, axis=1))
+        return np.asarray(np.sqrt(np.mean(self.induced**2, axis=1)))
 
-    def without(self, module: int) -> Jets:
+    def drop(self, module: int) -> Jets:
         """Return those of all other modules."""
-        parts = (np.delete(part, module, axis=0) for part in (self.centres, self.axes, self.rotors))
-        return Jets(*parts, self.radius, np.delete(self.induced, module, axis=0), *self[5:])
+        return self._replace(
+            centres=np.delete(self.centres, module, axis=0),
+            poses=np.delete(self.poses, module, axis=0),
+            rotors=np.delete(self.rotors, module, axis=0),
+            induced=np.delete(self.induced, module, axis=0),
+        )
 
 
 def jets(
-    module: Module, density: float, centres: Array, axes: Array, rotors: Array, squared_speeds: Array
+    module: Module, density: float, centres: Array, poses: Array, rotors: Array, squared_speeds: Array
 ) -> Jets:
     """Return the air of modules.
 
@@ -91,7 +99,7 @@ def jets(
         module: all of them.
         density: rho [kg/m^3].
         centres: shape (n, 3) [l_arm].
-        axes: thrust axes, shape (n, 3).
+        poses: orientations, shape (n, 3, 3).
         rotors: centres of their discs, shape (n, 4, 3) [l_arm].
         squared_speeds: u, shape (n, 4) [rad^2/s^2]; those below zero count as zero.
     """
@@ -99,7 +107,7 @@ def jets(
     radius, jet = module.body.rotor_radius, module.airflow.jet
     induced = np.sqrt(thrusts / (2 * density * math.pi * radius**2))
     R = radius / module.arm_length
-    return Jets(centres, axes, rotors, R, induced, jet.decay, jet.origin, jet.half_width)
+    return Jets(centres, poses, rotors, R, induced, jet.decay, jet.origin, jet.half_width)
 
 
 def speeds(air: Jets, x: Array, h: Array | float = 0.0) -> Array:
@@ -113,24 +121,42 @@ def speeds(air: Jets, x: Array, h: Array | float = 0.0) -> Array:
     Returns:
         Shape (m, n) [m/s].
     """
-    wide = np.broadcast_to(np.asarray(h, dtype=float), (len(x),))[:, None]
-    offset = x[:, None] - air.centres
-    depth = -np.einsum("mnx,nx->mn", offset, air.axes)
-    shallow, deep = depth - wide, depth + wide
-    beside = np.linalg.norm(offset + depth[..., None] * air.axes, axis=2)
-    far = far_field(air, shallow, deep, np.maximum(beside - wide, 0.0))
-
-    to_rotor = x[:, None, None] - air.rotors + depth[..., None, None] * air.axes[:, None]
-    from_axis = np.linalg.norm(to_rotor, axis=3)
-    near = _slipstreams(air, shallow, deep, np.maximum(from_axis - wide[..., None], 0.0)).max(axis=2)
+    wide = _radii(x, h)
+    depth, from_axis = _along_rotors(air, x)
     from_disc = np.hypot(np.maximum(from_axis - air.radius, 0.0), depth[..., None]) - wide[..., None]
     inflow = air.induced / (1 + math.sqrt(2) * np.maximum(from_disc, 0.0) / air.radius) ** 2
-    return np.maximum(np.maximum(far, near), inflow.sum(axis=2))
+    return np.asarray(np.maximum(wakes(air, x, h), inflow.sum(axis=2)))
+
+
+def wakes(air: Jets, x: Array, h: Array | float = 0.0) -> Array:
+    """Return the same without inflow: of the jets below the discs alone, (m, n) [m/s]."""
+    wide = _radii(x, h)
+    depth, from_axis = _along_rotors(air, x)
+    shallow, deep = depth - wide, depth + wide
+    beside = np.linalg.norm(x[:, None] - air.centres + depth[..., None] * air.axes, axis=2)
+    far = far_field(air, shallow, deep, np.maximum(beside - wide, 0.0))
+    near = _slipstreams(air, shallow, deep, np.maximum(from_axis - wide[..., None], 0.0))
+    return np.asarray(np.maximum(far, near.max(axis=2)))
+
+
+def _radii(x: Array, h: Array | float) -> Array:
+    return np.broadcast_to(np.asarray(h, dtype=float), (len(x),))[:, None]
+
+
+def _along_rotors(air: Jets, x: Array) -> tuple[Array, Array]:
+    """Return how far points are below the discs, (m, n), and from every rotor's axis, (m, n, 4) [l_arm]."""
+    depth = -np.einsum("mnx,nx->mn", x[:, None] - air.centres, air.axes)
+    to_rotor = x[:, None, None] - air.rotors + depth[..., None, None] * air.axes[:, None]
+    return depth, np.linalg.norm(to_rotor, axis=3)
 
 
 def far_field(air: Jets, shallow: Array, deep: Array, beside: Array) -> Array:
     """Return a bound of the merged jets between two depths, no nearer to the axis than `beside`, (m, n)."""
-    origin, least, most = air.origin, np.maximum(shallow / DIAMETER, MERGED_AT), np.maximum(deep / DIAMETER, MERGED_AT)
+    origin, least, most = (
+        air.origin,
+        np.maximum(shallow / DIAMETER, MERGED_AT),
+        np.maximum(deep / DIAMETER, MERGED_AT),
+    )
     onset = np.clip(deep / DIAMETER / MERGED_AT, 0.0, 1.0)
     half_width = air.half_width * (most + origin) * DIAMETER
     profile = 1 + (math.sqrt(2) - 1) * (beside / half_width) ** 2

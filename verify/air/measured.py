@@ -1,0 +1,83 @@
+"""Air speeds of a design at its tip, over its regions and through its rotors.
+
+A rotor loses LOSS of its thrust per m/s of wake along its axis: 0.04 to 0.06 s/m were measured of two quadrotors
+one above the other (arXiv 2507.09463). Averages over a disc are of degree 5 (Abramowitz and Stegun, 25.4.61).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from topo_search.model import Design
+from topo_search.model.air import AirSpeeds, CaseAir, RegionAir, RotorAir
+from topo_search.model.exposure import Exposure
+from verify.air.bound import SpeedBound, bound_speed
+from verify.air.jets import Jets, jets, speeds, wakes
+from verify.fcl_queries import FARTHEST
+from verify.kinematics import Platform
+from verify.requirements import Scene
+from verify.residuals import clamp
+
+LOSS = 0.05
+"""Share of its thrust that a rotor loses per m/s of wake along its axis [s/m]."""
+SIXTHS = np.arange(6) * math.pi / 3
+DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *zip(np.cos(SIXTHS), np.sin(SIXTHS), strict=True)])
+"""Points of the unit disc, shape (7, 2)."""
+WEIGHTS = np.array([2.0, *[1.0] * 6]) / 8
+"""Their weights in its average, shape (7,)."""
+
+
+def air(design: Design, platform: Platform, scene: Scene) -> AirSpeeds | None:
+    """Return the air of a design in every load case; None if its numbers are too large to compute with."""
+    task = design.task
+    rotors = scene.centres[:, None] + (platform.rotors - platform.o[:, None]) / scene.l_arm
+    inputs = design.inputs.reshape(-1, len(scene.centres), 4)
+    if not (np.isfinite(inputs).all() and np.abs([*scene.centres, scene.p_E]).max() < FARTHEST):
+        return None
+    return AirSpeeds(
+        cases=tuple(
+            _case(name, scene, jets(task.module, task.air_density, scene.centres, platform.poses.R, rotors, u))
+            for name, u in zip(task.case_labels, inputs, strict=True)
+        )
+    )
+
+
+def _case(name: str, scene: Scene, blown: Jets) -> CaseAir:
+    at_tip = speeds(blown, scene.p_E[None])[0]
+    return CaseAir(
+        name=name,
+        tip_m_s=clamp(float(at_tip.sum())),
+        tip_estimate_m_s=clamp(float(np.linalg.norm(at_tip))),
+        regions=tuple(_region(number, one, scene, blown) for number, one in enumerate(scene.design.task.exposure)),
+        rotors=tuple(_rotors(blown)),
+    )
+
+
+def _region(number: int, requirement: Exposure, scene: Scene, blown: Jets) -> RegionAir:
+    bounds = [bound_speed(blown, region) for _, region in scene.regions(requirement)]
+    largest = max(bounds, key=lambda bound: bound.found, default=SpeedBound(0.0, 0.0, scene.p_E))
+    return RegionAir(
+        name=f"exposure {number} ({requirement.kind})",
+        speed_m_s=clamp(largest.found),
+        speed_at_most_m_s=clamp(max((bound.at_most for bound in bounds), default=0.0)),
+        estimate_m_s=clamp(float(np.linalg.norm(speeds(blown, largest.point[None])))),
+    )
+
+
+def _rotors(blown: Jets) -> list[RotorAir]:
+    """Return what other modules' wakes do to every rotor."""
+    rows = []
+    for module, (R, discs) in enumerate(zip(blown.poses, blown.rotors, strict=True)):
+        others = blown.drop(module)
+        points = discs[:, None] + blown.radius * DISC @ R[:, :2].T
+        through = WEIGHTS @ wakes(others, points.reshape(-1, 3)).reshape(4, len(DISC), len(others.centres))
+        along = np.maximum(through @ (others.axes @ R[:, 2]), 0.0)
+        rows += [
+            RotorAir(
+                module=module, rotor=q, ingested_m_s=clamp(float(sum_)), thrust_loss=min(1.0, LOSS * float(axial))
+            )
+            for q, (sum_, axial) in enumerate(zip(through.sum(axis=1), along, strict=True))
+        ]
+    return rows
