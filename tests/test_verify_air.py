@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from topo_search.model import Audit, Design, Module
+from topo_search.model import Allowed, Audit, Design, Module
 from topo_search.model.files import read_json, to_json
 from verify import audit
 from verify.air.bound import bound_speed
@@ -208,3 +208,63 @@ def test_a_rotor_in_a_wake_loses_thrust() -> None:
     for rotor, at_middle in zip(lower, middle, strict=True):
         assert rotor.ingested_m_s == pytest.approx(at_middle, rel=0.15)
         assert rotor.thrust_loss == pytest.approx(0.05 * rotor.ingested_m_s)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_limit_near_the_largest_speed_is_decided(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    air, where = some(rng, 3), region(rng)
+    largest = bound_speed(air, where)
+    if largest.found < 1e-3:
+        return
+    assert bound_speed(air, where, limit=1.01 * largest.at_most).at_most <= 1.01 * largest.at_most
+    peak = bound_speed(air, where, limit=1.002 * largest.found)
+    assert peak.at_most <= 1.002 * largest.found or peak.found > largest.found
+    below = bound_speed(air, where, limit=0.99 * largest.found)
+    assert below.found > 0.99 * largest.found
+    ball_ = ConeSphere(largest.point, np.zeros(3), 0.3, 0.0)
+    near = bound_speed(air, where, within=ball_)
+    assert near.found == pytest.approx(largest.found, rel=0.03)
+    elsewhere = bound_speed(air, where, within=ConeSphere(largest.point + 50.0, np.zeros(3), 0.3, 0.0))
+    assert elsewhere.at_most <= largest.at_most
+
+
+@pytest.mark.parametrize(("speed", "verdict"), [(4.1, "clear"), (3.8, "violated")])
+def test_a_speed_is_required_of_a_region(speed: float, verdict: str) -> None:
+    """The wall of wall-push gets 3.9 m/s in hover, 3.1 m/s in the push."""
+    design = read_json(Design, DESIGNS / "wall-push.json")
+    wall = design.task.exposure[1].model_copy(update={"speed": speed})
+    task = design.task.model_copy(update={"exposure": (design.task.exposure[0], wall)})
+    found = audit(design.model_copy(update={"task": task}))
+    assert found.verdict == verdict
+    rows = [row for row in found.residuals if row.unit == "m/s"]
+    assert [row.status for row in rows] == ["clear", verdict]
+    assert found.air.cases[1].regions[1].limit_m_s == speed
+    near = wall.model_copy(update={"speed_within": 0.02})
+    task = design.task.model_copy(update={"exposure": (design.task.exposure[0], near)})
+    assert audit(design.model_copy(update={"task": task})).verdict == "clear"  # that fast air is farther away
+
+
+def test_without_geometry_the_speed_alone_is_asked_for() -> None:
+    design = read_json(Design, DESIGNS / "wall-push.json")
+    apart = [pair for pair in audit(design).pairs if pair.kind == "allowed"]
+    wall = design.task.exposure[1].model_copy(update={"speed": 5.0, "geometry": False})
+    task = design.task.model_copy(update={"exposure": (design.task.exposure[0], wall)})
+    assert apart
+    assert not [p for p in audit(design.model_copy(update={"task": task})).pairs if p.kind == "allowed"]
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"speed": 0.0}, "greater than 0"),
+        ({"speed": -1.0}, "greater than 0"),
+        ({"geometry": False}, "`speed` must be given"),
+        ({"speed_within": 3.0}, "`speed` must be given"),
+        ({"speed": 1.0, "speed_within": 0.1, "planes": [{"normal": [1, 0, 0], "offset": 0.2}]}, "nearest plane"),
+    ],
+)
+def test_a_speed_that_means_nothing_is_refused(fields: dict, words: str) -> None:
+    given = {"kind": "allowed", "planes": [{"normal": [1, 0, 0]}], **fields}
+    with pytest.raises(ValueError, match=words):
+        Allowed.model_validate(given)

@@ -119,6 +119,15 @@ def _region(asked: Local) -> str:
 
 def requirement(asked: AnyExposure) -> str:
     """Return one exposure requirement in words."""
+    if asked.speed is None:
+        return _place(asked)
+    within = getattr(asked, "speed_within", None)
+    reach = "" if within is None else f" within {length(within)} of the end-effector"
+    beside = "" if asked.geometry else ", whatever envelopes it meets"
+    return f"{_place(asked)}; air there at most {figures(asked.speed)} m/s{reach}{beside}"
+
+
+def _place(asked: AnyExposure) -> str:
     match asked:
         case Local():
             return _region(asked)

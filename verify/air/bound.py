@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from verify.air.jets import DIAMETER, MERGED_AT, Jets, speeds
-from verify.bodies import Array, Cone
+from verify.bodies import Array, Cone, ConeSphere
 from verify.certificate import Solid
 from verify.hulls import Hull
 
@@ -49,24 +49,38 @@ class SpeedBound(NamedTuple):
     """Shape (3,) [l_arm]."""
 
 
-def bound_speed(air: Jets, region: Solid | Cone | Hull) -> SpeedBound:
-    """Return the air over a region: a capsule, a polytope, or all that is outside a cone [l_arm]."""
+def bound_speed(
+    air: Jets, region: Solid | Cone | Hull, *, limit: float = math.inf, within: ConeSphere | None = None
+) -> SpeedBound:
+    """Return the air over a region.
+
+    Args:
+        air: the modules.
+        region: a capsule, a polytope, or all that is outside a cone [l_arm].
+        limit: speed that is allowed; a bound below it is near enough, however near the largest speed is [m/s].
+        within: a ball, outside which the region does not count.
+    """
     found, best, dropped = 0.0, np.full(3, np.nan), 0.0
-    cubes, half = _first_cubes(air, region)
-    if isinstance(region, Cone):
+    cubes, half = _first_cubes(air, region) if within is None else (within.o[None], within.r)
+    if within is None and isinstance(region, Cone):
         dropped = _bound_beyond(air, region.apex, half) * (1 + ROUNDING)
     left = MOST_CUBES / len(air.centres)
     while len(cubes):
         cubes = cubes[_reaches(region, cubes, math.sqrt(3) * half)]
+        if within is not None:
+            cubes = cubes[_reaches(Solid(within), cubes, math.sqrt(3) * half)]
         bounds = np.zeros(len(cubes))
         for chunk in np.array_split(np.arange(len(cubes)), math.ceil(len(cubes) * len(air.centres) / CHUNK) or 1):
             points = _points_in(region, cubes[chunk])
+            if within is not None:
+                points = points[np.linalg.norm(points - within.o, axis=1) < within.r]
             sums = speeds(air, points).sum(axis=1)
-            if len(points) and (most := float(sums.max())) >= found:
+            if (most := float(sums.max(initial=-1.0))) >= found:
                 found, best = most, points[int(np.argmax(sums))]
             bounds[chunk] = speeds(air, cubes[chunk], math.sqrt(3) * half).sum(axis=1) * (1 + ROUNDING)
         left -= len(cubes)
-        settled = (bounds <= max(ENOUGH * found, NOT_LESS)) | (left < 0)
+        enough = limit if found <= limit < ENOUGH * found else max(ENOUGH * found, NOT_LESS)
+        settled = (bounds <= enough) | (left < 0)
         dropped = max(dropped, float(bounds[settled].max(initial=0.0)))
         half /= 2
         cubes = (cubes[~settled][:, None] + half * EIGHT).reshape(-1, 3)

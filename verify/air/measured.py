@@ -7,14 +7,17 @@ one above the other (arXiv 2507.09463). Averages over a disc are of degree 5 (Ab
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
 
-from topo_search.model import Design
+from topo_search.model import Design, Residual, Status
 from topo_search.model.air import AirSpeeds, CaseAir, RegionAir, RotorAir
 from topo_search.model.exposure import Exposure
 from verify.air.bound import SpeedBound, bound_speed
 from verify.air.jets import Jets, jets, speeds, wakes
+from verify.bodies import ball
 from verify.fcl_queries import FARTHEST
 from verify.kinematics import Platform
 from verify.requirements import Scene
@@ -44,6 +47,28 @@ def air(design: Design, platform: Platform, scene: Scene) -> AirSpeeds | None:
     )
 
 
+def speed_residuals(design: Design, measured: AirSpeeds | None) -> Iterator[Residual]:
+    """Yield the air over every region whose speed is limited, in every load case: how far its bound is above."""
+    for number, requirement in enumerate(design.task.exposure):
+        if requirement.speed is None:
+            continue
+        for k, label in enumerate(design.task.case_labels):
+            found = None if measured is None else measured.cases[k].regions[number]
+            status = Status(found.status) if found is not None and found.status else Status.UNDECIDED
+            at_most = math.inf if found is None else found.speed_at_most_m_s
+            excess = 0.0 if status is Status.CLEAR else at_most - requirement.speed
+            yield Residual(
+                name=f"air over exposure {number} ({requirement.kind}), {label}",
+                value=clamp(excess),
+                unit="m/s",
+                scaled=clamp(excess / requirement.speed),
+                tolerance=0.0,
+                status=status,
+                stated=requirement.speed,
+                derived=clamp(at_most),
+            )
+
+
 def _case(name: str, scene: Scene, blown: Jets) -> CaseAir:
     at_tip = speeds(blown, scene.p_E[None])[0]
     return CaseAir(
@@ -56,13 +81,24 @@ def _case(name: str, scene: Scene, blown: Jets) -> CaseAir:
 
 
 def _region(number: int, requirement: Exposure, scene: Scene, blown: Jets) -> RegionAir:
-    bounds = [bound_speed(blown, region) for _, region in scene.regions(requirement)]
+    limit, within = requirement.speed, getattr(requirement, "speed_within", None)
+    near = None if within is None else ball(scene.p_E, within / scene.l_arm)
+    bounds = [
+        bound_speed(blown, region, limit=math.inf if limit is None else limit, within=near)
+        for _, region in scene.regions(requirement)
+    ]
     largest = max(bounds, key=lambda bound: bound.found, default=SpeedBound(0.0, 0.0, scene.p_E))
+    at_most = max((bound.at_most for bound in bounds), default=math.inf)
+    status: Literal["clear", "undecided", "violated"] | None = None
+    if limit is not None:
+        status = "clear" if at_most <= limit else "violated" if largest.found > limit else "undecided"
     return RegionAir(
         name=f"exposure {number} ({requirement.kind})",
         speed_m_s=clamp(largest.found),
-        speed_at_most_m_s=clamp(max((bound.at_most for bound in bounds), default=0.0)),
+        speed_at_most_m_s=clamp(at_most),
         estimate_m_s=clamp(float(np.linalg.norm(speeds(blown, largest.point[None])))),
+        limit_m_s=limit,
+        status=status,
     )
 
 
