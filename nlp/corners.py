@@ -11,6 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from nlp.airspeed import fastest
+from nlp.airspeed import name_of as name_of_air
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
@@ -23,7 +25,7 @@ from topo_search.model.corners import CorneredTask
 SolveFrom = Callable[[Point, Limits | None], IpoptResult]
 NEAR_LIMIT = 0.6
 """Share of its limit from which a load in a joint is stated."""
-ROUNDS = 8
+ROUNDS = 10
 """Largest number of solves, each with more corners than the one before."""
 TAKEN = 8
 """Largest number of corners taken in at once, no two of one set."""
@@ -63,22 +65,28 @@ def take_in_corners(
         more, near = _most_missed(whole, point.task), limits
         lacking = {check.name for check in violations_of(reached, constraints) if not check.met}
         overloaded = lacking & {name_of(task, load) for load in limited_loads(task, origin.topology)}
-        if overloaded and (limits is None or limits.held not in (None, holder(reached))):
+        if overloaded and (limits is None or not limits.loads or limits.held not in (None, holder(reached))):
             # another holder than the limits are of: of both sides they hold whichever it is
-            near, lacking = _near(reached, either=limits is not None), lacking - overloaded
+            near, lacking = _near(reached, limits), lacking - overloaded
+        fast = [at for at in fastest(reached) if name_of_air(task, at.exposure, at.case) in lacking]
+        if fast:
+            more_air = {one for at in fast for one in at.points}
+            near = (near or Limits(None, ()))._replace(air=tuple(sorted({*(near.air if near else ()), *more_air})))
+            lacking -= {name_of_air(task, at.exposure, at.case) for at in fast}
         if lacking or (not more and near is limits):
             return outcome
         point, limits = with_some(whole, _labels(point.task) | more) if more else reached, near
     return outcome
 
 
-def _near(point: Point, *, either: bool) -> Limits:
+def _near(point: Point, before: Limits | None) -> Limits:
     """Return the loads that are not far below their limits, if need be of either side of their joints."""
+    either = before is not None and bool(before.loads)
     task = point.task.declared
     listed = limited_loads(task, point.topology)
     sizes = zip(listed, loads(point).tolist(), strict=True)
     near = tuple(load for load, size in sizes if size > NEAR_LIMIT * limit_of(task, load))
-    return Limits(None if either else holder(point), near)
+    return Limits(None if either else holder(point), near, before.air if before else ())
 
 
 def with_all(point: Point, task: ResolvedTask, constraints: UserConstraints = ()) -> Point:

@@ -33,6 +33,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from nlp.airspeed import SpeedPoint
 from nlp.numbers.geometry import Swept, clearance
 from nlp.numbers.point import Point
 from nlp.numbers.rotors import torque_map
@@ -139,11 +140,12 @@ def _sizes(task: ResolvedTask, topology: Topology, held: int | None, listed: tup
 
 
 class Limits(NamedTuple):
-    """Loads that a program states."""
+    """Loads and air speeds that a program states."""
 
     held: int | None
     """The module that carries the end-effector; None: unknown."""
     loads: tuple[Load, ...]
+    air: tuple[SpeedPoint, ...] = ()
 
 
 class LimitRows:

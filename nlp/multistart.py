@@ -61,7 +61,8 @@ The merit of such a minimum says little about its design: on `survives-a-rotor` 
 or exclusion the seven best of 61 minima become designs 1.5 % worse than those of 31 others.
 """
 CONSTRAINED = Polish(enough=8, most=16)
-"""For constraints of the user, which the descents do not know: the best design may be far from the best minimum."""
+"""For the user's constraints and air speeds, which the descents do not know: the best design may be far from the
+best minimum."""
 MOST_MISSED = 0.02
 """What a local minimum may miss and is still polished, unless it is the best [l_arm, m_t g, l_arm m_t g].
 
@@ -109,6 +110,7 @@ class ReducedSearch:
         self.stated: ReducedProblem = to_arrays(task, topology)
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)
+        self._extra = bool(constraints) or any(asked.speed is not None for asked in task.exposure)
 
     def of_starts(self, starts: Sequence[int]) -> _Minima:
         """Return the local minima that some starts reach."""
@@ -146,7 +148,7 @@ class ReducedSearch:
     ) -> _Minima:
         numbers = [DRAWS * start + k for start in starts for k in range(DRAWS)]
         drawn = draws(self._task, self._topology, self.stated, numbers, seed, anyhow=anyhow)
-        least = CONSTRAINED.most if self._constraints else LEAST_KEPT
+        least = CONSTRAINED.most if self._extra else LEAST_KEPT
         if self._cornered and not anyhow:
             least = len(drawn)
         best, others = local_minima(self.stated, drawn, phases, least=least)
@@ -160,7 +162,7 @@ class ReducedSearch:
             plain: how many are polished where the descents know all that the task asks for.
         """
         tried, met = 0, False
-        enough, most = CONSTRAINED if self._constraints else CORNERED if self._cornered else plain
+        enough, most = CONSTRAINED if self._extra else CORNERED if self._cornered else plain
         for minimum in _one_of_each(minima)[:most]:
             if tried >= enough and met:
                 return

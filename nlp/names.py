@@ -85,3 +85,8 @@ def exposure(number: int, requirement: AnyExposure, i: int, segment: int | None 
     """Name the clearance of module i's envelope from one exposure requirement."""
     part = "" if segment is None else f", {PART_NAMES[requirement.kind]} {segment}"
     return f"exposure {number} ({requirement.kind}{part}) of module {i}"
+
+
+def air(number: int, requirement: AnyExposure, case: str) -> str:
+    """Name the limit of the air speed over the region of one exposure requirement in a load case."""
+    return f"air over exposure {number} ({requirement.kind}), {case}"

@@ -13,6 +13,7 @@ from wording import says
 
 from topo_search.cli.tables import print_answer
 from topo_search.model import Audit, BadInput, CaseFlight, CasePower, Design, Flight, JointLoad, RotorsOut
+from topo_search.model.air import AirSpeeds, CaseAir, RegionAir
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import COLUMNS, RunFolder
@@ -64,7 +65,9 @@ def audit(design: Design) -> Audit:
     flight = told(design.topology.key)
     watts = {"ideal_W": 1.0, "shaft_W": 50 * RESERVES.get(design.topology.key, 0.1), "figure_of_merit": 0.5}
     power = (CasePower(name="hover", **watts), CasePower(name="load case 0", **{**watts, "shaft_W": 99.0}))
-    return toy_problem.audit(design).model_copy(update={"flight": flight, "power": power})
+    region = RegionAir(name="exposure 0 (local)", speed_m_s=1.0, speed_at_most_m_s=1.25, estimate_m_s=1.0)
+    air = AirSpeeds(cases=(CaseAir(name="load case 0", tip_m_s=0.5, tip_estimate_m_s=0.5, regions=(region,)),))
+    return toy_problem.audit(design).model_copy(update={"flight": flight, "power": power, "air": air})
 
 
 def solve(task: Any, topology: Any, **options: Any) -> Any:
@@ -87,10 +90,10 @@ def rows(path: Any) -> dict[str, dict[str, str]]:
 
 def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
     toy_run(tmp_path / "run", backends=BACKENDS)
-    flight = COLUMNS[-12:-4]  # the last ones are of proofs
+    flight = COLUMNS[-14:-4]  # the last ones are of proofs
     assert flight == (
         *("force_reserve_N", "torque_reserve_Nm", "rotors_out_hover", "load_factor", "joint_moment_Nm"),
-        *("hinge_tolerance_deg", "rod_length_m", "power_W"),
+        *("hinge_tolerance_deg", "rod_length_m", "power_W", "air_tip_m_s", "air_region_m_s"),
     )
     found = rows(tmp_path / "run")
     assert set(found) == set(RESERVES)
@@ -105,6 +108,8 @@ def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
             "0.0625",
             "0.375",
             str(50 * RESERVES[key]),
+            "0.5",
+            "1.25",
         ]
 
 
@@ -135,7 +140,7 @@ def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys
     place = next(k for k, line in enumerate(lines) if line.startswith("within 1 % of the least effort"))
     assert [line.split()[0] for line in lines[place + 2 : place + 5]] == ["aa00", "a500", "a600"]
     assert lines[place + 2].split()[1:6] == ["+0.95", "%", "2", "N", "0.125"]
-    assert says(lines[-1], "a500: hovers", "1.25 N towards -y", "11 of 12")
+    assert says(lines[-3], "a500: hovers", "1.25 N towards -y", "11 of 12")
     shown = size._repr_html_()
     place = shown.index("within 1 % of the least effort")
     assert 0 < shown.index("aa00", place) < shown.index("a500", place) < shown.index("a600", place)

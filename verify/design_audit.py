@@ -20,6 +20,7 @@ from topo_search.model import Audit, Clearance, Design, Local, Module, Status, s
 from topo_search.model.audit import MeshExcess
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
+from verify.air import air, speed_residuals
 from verify.assembly import assembly, rod_residuals
 from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
 from verify.bodies import Array
@@ -102,7 +103,8 @@ def _audit(design: Design, started: float) -> Audit:
     measured = flight(design, found, sheet, errors)
     judged = (reserve_residuals, failure_residuals, load_residuals)
     rows = (*rows, *(row for residuals_of in judged for row in residuals_of(design, measured)))
-    rows = (*rows, *tolerance_residuals(design, errors))
+    blown = air(design, found, scene)
+    rows = (*rows, *tolerance_residuals(design, errors), *speed_residuals(design, blown))
     return Audit(
         verdict=Status.worst([*(row.status for row in rows), *statuses]),
         pairs=pairs,
@@ -111,6 +113,7 @@ def _audit(design: Design, started: float) -> Audit:
         sensitivity=errors,
         flight=measured,
         power=power(design, measured),
+        air=blown,
         stated=tuple(StatedCheck(**one.model_dump(), status="not checked") for one in design.stated),
         mesh_excess=_mesh_excess(design),
         assembly=sheet,

@@ -16,7 +16,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from topo_search.model import CasePower, Design, Flight
-from topo_search.model.module import AIR_DENSITY
 from verify.residuals import clamp
 
 
@@ -39,8 +38,8 @@ def _powers(design: Design, measured: Flight | None) -> Iterator[CasePower]:
         shaft = clamp(module.torque_coefficient * cubes)
         yield CasePower(
             name=name,
-            ideal_W=clamp(module.ideal_power(1.0, AIR_DENSITY) * cubes),
+            ideal_W=clamp(module.ideal_power(1.0, task.air_density) * cubes),
             shaft_W=shaft,
-            figure_of_merit=clamp(module.figure_of_merit(AIR_DENSITY)),
+            figure_of_merit=clamp(module.figure_of_merit(task.air_density)),
             endurance_min=clamp(battery_Ws / shaft / 60) if battery_Ws and shaft > 0 else None,
         )

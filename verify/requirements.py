@@ -92,7 +92,7 @@ class Scene:
             yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=counts)
 
     def _exposure(self, number: int, requirement: Exposure) -> Iterator[Requirement]:
-        for segment, region in self.regions(requirement):
+        for segment, region in self.regions(requirement) if requirement.geometry else ():
             for a, envelope in enumerate(self.envelopes):
                 yield Requirement(requirement.kind, a, number, envelope, region, segment)
 

@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nlp.airspeed import SpeedRows
 from nlp.assembled.callbacks import Evaluated, Function
 from nlp.assembled.problem import AssembledProblem
 from nlp.evaluation.violations import worst
@@ -112,11 +113,17 @@ class AssembledProgram:
         """Return where one round from a point next to a minimum ends: all envelopes are kept apart."""
         return self._round(start, POLISH_LIMIT, {**STAY, **WARM, **EXACT})
 
+    def approach(self, start: Point) -> IpoptResult:
+        """Return where one round with long steps ends, whatever it does to what is not stated."""
+        return self._round(start, BOLD_LIMIT, STAY)
+
     def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
         stated = [requirement.restrict(start.vectors) for requirement in self._clearances]
         printed: Assembled = AssembledProblem(self._task, self._topology, stated, BETA)
-        if self._limits is not None:
+        if self._limits is not None and self._limits.loads:
             printed = JoinedProgram(printed, LimitRows(self._task, self._topology, self._limits))
+        if self._limits is not None and self._limits.air:
+            printed = JoinedProgram(printed, SpeedRows(self._task, self._topology, self._limits.air))
         assembled = rows_of(self._constraints, self._task, self._topology).append_to(printed)
         solver, functions = _ipopt(assembled, options)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
@@ -145,6 +152,8 @@ def polish_with(constraints: UserConstraints) -> Callable[[Point, Limits | None]
 
     def polish(point: Point, limits: Limits | None) -> IpoptResult:
         program = AssembledProgram(point.task, point.topology, constraints, limits)
+        if limits is not None and limits.air and not (constraints or limits.loads):
+            return program.approach(point)
         if constraints or limits is not None:  # the search did not know of them: they may pull far from the point
             return program.solve(point)
         return program.polish(point)

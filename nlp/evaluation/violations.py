@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from nlp import airspeed
 from nlp.joints import limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
 from nlp.requirements import balances, bounds, clearances
@@ -45,7 +46,7 @@ class Violation:
 
 def violations(point: Point) -> list[Violation]:
     """Return every constraint of the problem with its violation."""
-    return [*_balances(point), *_clearances(point), *_joints(point), *_bounds(point)]
+    return [*_balances(point), *_clearances(point), *_joints(point), *_air(point), *_bounds(point)]
 
 
 def worst(checks: list[Violation]) -> Violation:
@@ -63,6 +64,12 @@ def _joints(point: Point) -> Iterator[Violation]:
     for load, size in zip(limited_loads(task, point.topology), loads(point).tolist(), strict=True):
         excess, unit = size - limit_of(task, load), task.torque_unit(n) if load.moment else task.force_unit(n)
         yield Violation(name_of(task, load), excess, "N m" if load.moment else "N", excess / unit, LOAD_TOLERANCE)
+
+
+def _air(point: Point) -> Iterator[Violation]:
+    for at in airspeed.fastest(point):
+        excess = at.speed - airspeed.ALLOWED * at.limit
+        yield Violation(airspeed.name_of(point.task, at.exposure, at.case), excess, "m/s", excess / at.limit)
 
 
 def _clearances(point: Point) -> Iterator[Violation]:

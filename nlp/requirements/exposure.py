@@ -29,7 +29,8 @@ def exposure(task: ResolvedTask) -> Iterator[Requirement]:
             to_formula(shape, Air.of(task), unit, segment_of(asked, part))
             for part, shape in enumerate(asked.shapes)
         )
-        yield Requirement(9, partial(_name, number, asked), subjects, formulas, margin)
+        if asked.geometry:
+            yield Requirement(9, partial(_name, number, asked), subjects, formulas, margin)
         if asked.solid:
             balls = PartBalls(task.module)
             parts = tuple(

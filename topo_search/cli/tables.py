@@ -26,7 +26,7 @@ def print_answer(answer: Answer) -> None:
     """Print what a run found, and where it is."""
     print_found(answer)
     click.echo(f"everything is in {answer.folder}")
-    for words in (answer.weakest_point, answer.tolerances, answer.shorter_rod):
+    for words in (answer.weakest_point, *answer.air, answer.tolerances, answer.shorter_rod):
         if answer.best is not None and words is not None:
             click.echo(f"{answer.best.key}: {words}")
 
@@ -229,6 +229,9 @@ def print_audit(name: str, audit: Audit) -> None:
         click.echo(f"  {line}")
     if audit.flight is not None:
         for line in (*flight_lines(audit.flight), *power_lines(audit)):
+            click.echo(f"  {line}")
+    if audit.air is not None:
+        for line in audit.air.sentences():
             click.echo(f"  {line}")
 
 

@@ -94,6 +94,8 @@ def _section(each: Judged) -> Iterator[str]:
         yield from ("", *(f"- {line}" for line in tolerance_lines(audit)))
     if audit.flight is not None:
         yield from ("", *(f"- {line}" for line in (*flight_lines(audit.flight), *power_lines(audit))))
+    if audit.air is not None:
+        yield from ("", *(f"- {line}" for line in audit.air.sentences()))
     sheet = audit.assembly.end_effector
     notes = [larger.words for larger in audit.mesh_excess]
     for note in [*notes, *([sheet.note] if sheet is not None and sheet.note is not None else [])]:

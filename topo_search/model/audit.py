@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
+from topo_search.model.air import AirSpeeds
 from topo_search.model.design import NOT_CERTIFIED, Mount, StatedCheck
 from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
 from topo_search.model.flight import CasePower, Flight
@@ -339,6 +340,8 @@ class Audit(Value):
     programs that do not compute it."""
     power: Annotated[tuple[CasePower, ...], Field(exclude_if=lambda given: not given)] = ()
     """Power of the rotors in hover, where that is possible, and in every load case; empty in older files."""
+    air: Annotated[AirSpeeds | None, Field(exclude_if=lambda given: given is None)] = None
+    """Air speeds by the jet model; None if numbers are too large to compute with, and in older files."""
     stated: Annotated[tuple[StatedCheck, ...], Field(exclude_if=lambda given: not given)] = ()
     """The user's own constraints: evaluated by their functions, not certified.
 

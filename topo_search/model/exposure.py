@@ -72,7 +72,35 @@ Solid = Annotated[Flag, Field(exclude_if=lambda given: not given)]
 """Whether a region is a thing: a wall, a pane, an object, rather than a place that must not be blown at."""
 
 
-class Local(Value):
+class Region(Value):
+    """What may be asked for of every region."""
+
+    speed: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
+    """Largest air speed in the region, in every load case, by the jet model [m/s]."""
+    geometry: Annotated[Flag, Field(exclude_if=lambda given: given)] = True
+    """Whether airflow envelopes must keep out of the region; if not, its `speed` alone is asked for."""
+
+    @model_validator(mode="after")
+    def _asks_for_something(self) -> Self:
+        if not self.geometry and self.speed is None:
+            refuse(type(self).__name__, (("geometry",), "must be true, or `speed` must be given"))
+        return self
+
+
+class UnboundedRegion(Region):
+    """What may be asked for of a region without an end."""
+
+    speed_within: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
+    """Distance from the end-effector up to which `speed` holds [m]; without it, everywhere."""
+
+    @model_validator(mode="after")
+    def _speed_is_given(self) -> Self:
+        if self.speed_within is not None and self.speed is None:
+            refuse(type(self).__name__, (("speed_within",), "must be left out, or `speed` must be given"))
+        return self
+
+
+class Local(Region):
     """A region around the end-effector that no envelope may enter: a ball, a box, or convex hulls of points.
 
     In a task file `mesh`, the name of an STL or OBJ file with its origin at p_E, may stand for `vertices` or, where
@@ -154,7 +182,7 @@ def _path(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
     return points
 
 
-class Directional(Value):
+class Directional(Region):
     """Capsules along motion paths near the end-effector; no envelope may enter any of them."""
 
     kind: Literal["directional"] = "directional"
@@ -198,7 +226,7 @@ class Directional(Value):
         return tuple(Capsule(self.radius, *piece) for path in paths for piece in pairwise(path))
 
 
-class Exterior(Value):
+class Exterior(UnboundedRegion):
     """Everything outside an infinite cone with its apex at p_E; all envelopes stay inside the cone."""
 
     kind: Literal["exterior"] = "exterior"
@@ -224,7 +252,7 @@ class Plane(Value):
     """Distance of the plane from p_E along the normal [m]; negative where p_E is outside."""
 
 
-class Allowed(Value):
+class Allowed(UnboundedRegion):
     """Everything outside a convex polyhedron, which may be unbounded; all envelopes stay inside it."""
 
     kind: Literal["allowed"] = "allowed"
@@ -232,6 +260,14 @@ class Allowed(Value):
     """Half-spaces whose intersection it is."""
     solid: Solid = False
     """Whether rigid parts, and the rod except its tip, must stay inside too."""
+
+    @model_validator(mode="after")
+    def _planes_are_within(self) -> Self:
+        nearest = min(plane.offset for plane in self.planes)
+        if self.speed_within is not None and self.speed_within <= nearest:
+            text = f"must be more than the nearest plane's offset, {nearest:g} m, but got {self.speed_within:g}"
+            refuse("Allowed", (("speed_within",), text))
+        return self
 
     @property
     def shapes(self) -> tuple[Shape, ...]:

@@ -16,7 +16,6 @@ from topo_search.limits import DESIGN_BYTES, RESULT_BYTES, TASK_BYTES
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
 from topo_search.model.design import Design
 from topo_search.model.mesh_file import Folder
-from topo_search.model.module import AIR_DENSITY
 from topo_search.model.parsing import NotParsed, NotReadable, apply_settings, json_data, read_text, toml_data
 from topo_search.model.task import Task
 
@@ -72,7 +71,7 @@ def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: 
     apply_settings(data, settings)
     folder = Path() if name in examples() else Path(path).parent
     task = validate(Task, data, name, Folder(folder) if names_files else None)
-    if (merit := task.module.figure_of_merit(AIR_DENSITY)) > 1:
+    if (merit := task.module.figure_of_merit(task.air_density)) > 1:
         rule = (
             f"must give a figure of merit of at most 1, but got {merit:.3g}: no rotor of "
             f"{task.module.body.rotor_radius:g} m radius has so little drag torque for its thrust"

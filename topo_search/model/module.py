@@ -211,6 +211,21 @@ LEAST_PART, LARGEST_PART = 1e-4, 100.0
 """Smallest and largest size of a rigid part [l_arm]."""
 
 
+class Jet(Value):
+    """Constants of a module's air far below it, in multiples of the distance of opposite rotors.
+
+    At the depth s the speed on the axis is `decay` U_H / (s + `origin`), half of it at `half_width` (s + `origin`)
+    beside the axis; U_H is the induced speed of the discs. Defaults: arXiv 2403.13321.
+    """
+
+    decay: Positive = 10.11
+    """Speed on the axis times the distance from the virtual origin, over U_H."""
+    origin: Positive = 5.817
+    """Height of the virtual origin above the rotors."""
+    half_width: Positive = 0.0767
+    """Growth of the radius of half the speed."""
+
+
 class Airflow(Value):
     """The airflow envelope of a module as a user states it; lengths left out scale with the arm."""
 
@@ -220,6 +235,8 @@ class Airflow(Value):
     """theta_air: full spreading angle of the jet [deg]."""
     reach: Positive | None = None
     """From the module's centre to the far end of the envelope [m]; default: 20 arm_length / sqrt(2)."""
+    jet: Annotated[Jet, Field(exclude_if=lambda given: given == Jet())] = Jet()
+    """The jet of which audits tell the air speed; omitted from files where it has its defaults."""
 
 
 class Body(Value):
@@ -416,6 +433,16 @@ class Module(Value):
         0.566
         """
         return self.ideal_power(1.0, density) / self.torque_coefficient
+
+    @property
+    def jet_momentum(self) -> float:
+        """Momentum of the jet far below over the thrust; near 1 if `airflow.jet` fits the module.
+
+        >>> round(Module().jet_momentum, 3)
+        0.968
+        """
+        jet, L_over_R = self.airflow.jet, 2 * self.arm_length / self.body.rotor_radius
+        return (jet.decay * jet.half_width * L_over_R) ** 2 / (24 * (math.sqrt(2) - 1))
 
     def ideal_power(self, u: float, density: float) -> float:
         """Return the least power of a disc with the thrust of a rotor at a squared rotor speed u [W].

@@ -20,7 +20,7 @@ from topo_search.limits import ALL_CORNERS, LOAD_CASES, REQUIREMENTS, SEGMENTS, 
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
-from topo_search.model.module import AGREE, EndEffector, Module, ResolvedEndEffector
+from topo_search.model.module import AGREE, AIR_DENSITY, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.reserves import AskedFlight, broken_reserves
 from topo_search.model.room import (
     LARGE,
@@ -92,6 +92,8 @@ class Task(Value):
     """n, or [fewest, most]."""
     gravity: Positive = 9.81
     """g [m/s^2]."""
+    air_density: Annotated[Positive, Field(exclude_if=lambda given: given == AIR_DENSITY)] = AIR_DENSITY
+    """Density of air [kg/m^3]; omitted from files where it is the default."""
     task_seed: Index | None = None
     """Seed of the random family; belongs to load_cases = "ten-wrenches"."""
     module: Module = Module()

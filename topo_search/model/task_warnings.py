@@ -32,7 +32,7 @@ from itertools import chain
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import Allowed, Directional, Exterior, Local, segment_of
 from topo_search.model.load_case import LoadCase
-from topo_search.model.module import AIR_DENSITY, Body, Module
+from topo_search.model.module import Body, Module
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, OUTWARDS, frame_reach, in_words, packed_width
 from topo_search.model.task import Task
@@ -134,15 +134,21 @@ def _rotor(task: Task) -> Doubts:
     """Yield what no rotor of that size does at rest."""
     module, r = task.module, task.module.body.rotor_radius
     of = f"of rotors of {r:g} m radius"
-    if not 0.35 <= (merit := module.figure_of_merit(AIR_DENSITY)) <= 0.8:
+    if not 0.35 <= (merit := module.figure_of_merit(task.air_density)) <= 0.8:
         drag = module.torque_coefficient / module.thrust_coefficient
         yield (
             "module.torque_to_thrust" if module.torque_to_thrust else "module.torque_coefficient",
             f"the figure of merit {of} is {merit:.3g}, usual are 0.35 to 0.8: with k_tau / k_f = {drag:.3g} m they "
             f"take {'less' if merit > 0.8 else 'more'} power than any that are built",
         )
-    if not 0.05 <= (C_T := module.propeller_coefficient(AIR_DENSITY)) <= 0.2:
+    if not 0.05 <= (C_T := module.propeller_coefficient(task.air_density)) <= 0.2:
         yield "module.thrust_coefficient", f"C_T {of} is {C_T:.3g}, usual are 0.05 to 0.2"
+    if not 0.5 <= module.jet_momentum <= 2:
+        yield (
+            "module.airflow.jet",
+            f"the jet carries {module.jet_momentum:.3g} of the thrust as momentum {of}, which should be near 1: "
+            "its constants were measured of other modules",
+        )
     if (speed := module.tip_speed(module.max_input(task.gravity))) > 0.6 * SOUND:
         yield (
             "module.thrust_coefficient",

@@ -13,6 +13,7 @@ from topo_search.export.audits import flight_lines
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Assembly, Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
+from topo_search.model.air import AirSpeeds
 from topo_search.model.design import StatedCheck
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
@@ -58,6 +59,7 @@ def design_part(design: Design, audit: Audit | None) -> dict[str, Any]:
         "flight": None
         if audit is None or audit.flight is None
         else flight_part(audit.flight) | {"power": _power(audit)},
+        "air": None if audit is None or audit.air is None else _air(audit.air),
     }
 
 
@@ -206,6 +208,17 @@ def _power(audit: Audit) -> Table | None:
         for case in audit.power
     ]
     return Table.from_rows(rows, {1, 2, 3, 4}) if rows else None
+
+
+def _air(found: AirSpeeds) -> Table:
+    """Return a row for each load case: how fast the air is."""
+    rows = []
+    for case in found.cases:
+        loss = max((rotor.thrust_loss for rotor in case.rotors), default=0.0)
+        row = {"load case": case.name, "at the tip": f"{upper_text(case.tip_m_s, 3)} m/s"}
+        row |= {f"{one.name}, at most": f"{upper_text(one.speed_at_most_m_s, 3)} m/s" for one in case.regions}
+        rows.append(row | {"largest loss of a rotor's thrust": f"{upper_text(100 * loss, 3)} %"})
+    return Table.from_rows(rows, range(1, len(rows[0])))
 
 
 def cases(found: Flight) -> Table:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Sequence
 
 from topo_search.model import Allowed, AnyExposure, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
-from topo_search.model.module import AIR_DENSITY
 from topo_search.model.proven import at_most
 from topo_search.model.room import in_words
 from topo_search.model.shape import unit as unit_vector
@@ -52,9 +51,11 @@ def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     largest = f"{figures(thrust_to_weight)} times the module's weight, {figures(k_f * u_max)} N per rotor"
     yield "largest thrust", largest
     yield "largest input u_max", f"{figures(u_max)} rad²/s² ({_speed(u_max)})"
-    merit, C_T = module.figure_of_merit(AIR_DENSITY), module.propeller_coefficient(AIR_DENSITY)
+    merit, C_T = module.figure_of_merit(task.air_density), module.propeller_coefficient(task.air_density)
     yield "figure of merit", f"{figures(merit, 3)}, with rotors of {length(module.body.rotor_radius)} radius"
     yield "thrust coefficient C_T", f"{figures(C_T, 3)}, as of propellers: over rho (revolutions / s)² diameter⁴"
+    momentum = f"{figures(module.jet_momentum, 3)} of the thrust, by the jet model's constants"
+    yield "momentum of the jet", momentum
     tips = (figures(module.tip_speed(u), 3) for u in (hover, u_max))
     yield "speed of rotor tips", "{} m/s at hover, {} m/s at full thrust".format(*tips)
     if module.min_input:
@@ -118,6 +119,15 @@ def _region(asked: Local) -> str:
 
 def requirement(asked: AnyExposure) -> str:
     """Return one exposure requirement in words."""
+    if asked.speed is None:
+        return _place(asked)
+    within = getattr(asked, "speed_within", None)
+    reach = "" if within is None else f" within {length(within)} of the end-effector"
+    beside = "" if asked.geometry else ", whatever envelopes it meets"
+    return f"{_place(asked)}; air there at most {figures(asked.speed)} m/s{reach}{beside}"
+
+
+def _place(asked: AnyExposure) -> str:
     match asked:
         case Local():
             return _region(asked)

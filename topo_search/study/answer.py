@@ -257,6 +257,11 @@ class Answer:
         return None if self.audit is None or self.audit.flight is None else self.audit.flight.weakest_point
 
     @property
+    def air(self) -> tuple[str, ...]:
+        """The air speeds of the best design, one line each, from its audit."""
+        return () if self.audit is None or self.audit.air is None else tuple(self.audit.air.sentences())
+
+    @property
     def tolerances(self) -> str | None:
         """What the task's tolerances leave of the best design's clearances, and whether that is required."""
         audited = self.audit

@@ -19,7 +19,7 @@ FLIGHT = (
     "rod_length_m",
 )
 """Columns of an audited design: what its audit reports beyond the task."""
-AUDITED = ("power_W",)
+AUDITED = ("power_W", "air_tip_m_s", "air_region_m_s")
 """Columns of an audited design that are read from its audit, not from its row in the ledger."""
 PROVEN = ("proven_bound", "proven_gap", "proof", "proven_problem")
 """Columns that branch and bound fills: read from the candidate's proof, not from its row in the ledger."""
@@ -45,7 +45,7 @@ COLUMNS = (
 )
 """The columns of `candidates.csv`."""
 
-AT_MOST = ("joint_moment_Nm", "joint_moment", "peak_input", "rod_length_m")
+AT_MOST = ("air_tip_m_s", "air_region_m_s", "joint_moment_Nm", "joint_moment", "peak_input", "rod_length_m")
 """Figures of an audit that are no more than what is printed; all others are no less."""
 
 
@@ -181,9 +181,17 @@ def flight_of(audit: Audit) -> dict[str, float | int | None]:
 
 
 def figures_of(audit: Audit) -> dict[str, float | None]:
-    """Return what an audit says by the names of AUDITED: the power in hover at the rotors' shafts [W]."""
-    hover = None if audit.flight is None else audit.flight.hover.name
-    return {"power_W": next((case.shaft_W for case in audit.power if case.name == hover), None)}
+    """Return what an audit says by the names of AUDITED.
+
+    Power at the rotors' shafts in hover [W], and of all load cases the fastest air at the end-effector and over
+    regions [m/s].
+    """
+    hover, air = None if audit.flight is None else audit.flight.hover.name, audit.air
+    return {
+        "power_W": next((case.shaft_W for case in audit.power if case.name == hover), None),
+        "air_tip_m_s": None if air is None else air.tip_m_s,
+        "air_region_m_s": None if air is None else air.region_m_s,
+    }
 
 
 def score(row: Row, task: ResolvedTask) -> Scored:

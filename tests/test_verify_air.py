@@ -1,0 +1,270 @@
+"""Air speeds: the model against measurements and by hand, its bounds against points, symmetries and extremes."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from topo_search.model import Allowed, Audit, Design, Module
+from topo_search.model.files import read_json, to_json
+from verify import audit
+from verify.air.bound import bound_speed
+from verify.air.jets import Jets, jets, speeds, wakes
+from verify.bodies import Cone, ConeSphere
+from verify.certificate import Solid
+from verify.hulls import hull
+
+DESIGNS = Path(__file__).parent / "designs"
+DELTAS = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) / math.sqrt(2)
+
+
+def blow(centres: np.ndarray, poses: np.ndarray, u: np.ndarray, module: Module | None = None) -> Jets:
+    rotors = centres[:, None] + np.einsum("nij,qj->nqi", poses, DELTAS)
+    return jets(module or Module(), 1.2, centres, poses, rotors, u)
+
+
+def one(u: float = 1.0, module: Module | None = None) -> Jets:
+    """Return a level module at the origin whose discs induce `u` m/s."""
+    module = module or Module()
+    thrust = 2 * 1.2 * math.pi * module.body.rotor_radius**2 * u**2
+    return blow(np.zeros((1, 3)), np.eye(3)[None], np.full((1, 4), thrust / module.thrust_coefficient), module)
+
+
+def some(rng: np.random.Generator, n: int) -> Jets:
+    """Return modules of any size, place, attitude and thrust, some of them idle."""
+    module = Module(body={"rotor_radius": 0.1 * Module().arm_length * 10 ** rng.uniform(-1.5, 0.8)})
+    u = 10 ** rng.uniform(2, 7, (n, 4)) * (rng.random((n, 4)) < 0.9)
+    return blow(rng.normal(0, 3, (n, 3)), Rotation.random(n, random_state=rng).as_matrix(), u, module)
+
+
+def region(rng: np.random.Generator) -> Solid | Cone:
+    size, middle = 10 ** rng.uniform(-1, 1), rng.normal(0, 6, 3)
+    kind = rng.integers(4)
+    if kind == 0:
+        return Solid(ConeSphere(middle, rng.normal(0, 2, 3) * rng.integers(2), size, 0.0))
+    if kind == 1:
+        return hull(rng.normal(0, size, (12, 3))).move(middle)
+    axis = rng.normal(0, 1, 3)
+    return Cone(middle, axis / np.linalg.norm(axis), 90.0 if kind == 2 else rng.uniform(20, 89))
+
+
+def contains(region: Solid | Cone, x: np.ndarray) -> np.ndarray:
+    """Return which points are in a region, by formulas of their own."""
+    if isinstance(region, Cone):
+        away = x - region.apex
+        angle = np.arccos(np.clip(away @ region.axis / np.linalg.norm(away, axis=1), -1, 1))
+        return angle > math.radians(region.half_angle_deg)
+    if isinstance(region, Solid):
+        o, d = region.body.o, region.body.d
+        t = np.clip((x - o) @ d / max(d @ d, 1e-300), 0, 1)
+        return np.linalg.norm(x - o - t[:, None] * d, axis=1) < region.body.r
+    return (x @ region.normals.T < region.offsets).all(axis=1)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_point_of_a_region_is_above_its_bound_and_the_bound_is_near(seed: int) -> None:
+    """Points are where air is fast: in jets, about discs, in the region, all over, and around the best of them."""
+    rng = np.random.default_rng(seed)
+    air, where = some(rng, int(rng.integers(1, 6))), region(rng)
+    found = bound_speed(air, where)
+    assert contains(where, found.point[None] + 0.0)[0]
+    assert found.found <= found.at_most <= max(1.03 * found.found, 1e-6)
+    assert speeds(air, found.point[None]).sum() == pytest.approx(found.found)
+    k = 8_000
+    which = rng.integers(len(air.centres), size=k)
+    depth, beside = rng.exponential(4, k), rng.normal(0, 0.7, (k, 2))
+    jet = air.centres[which] + np.einsum("kij,kj->ki", air.poses[which], np.column_stack([beside, -depth]))
+    discs = air.rotors.reshape(-1, 3)[rng.integers(4 * len(air.centres), size=k)] + rng.normal(
+        0, air.radius, (k, 3)
+    )
+    middle = found.point + rng.normal(0, 1, (k, 3)) * 10 ** rng.uniform(-3, 1, (k, 1))
+    everywhere = rng.normal(0, 1, (k, 3)) * 10 ** rng.uniform(0, 3, (k, 1))
+    points = np.concatenate([jet, discs, middle, everywhere])
+    points = points[contains(where, points)]
+    assert len(points) > 20
+    assert speeds(air, points).sum(axis=1).max() <= found.at_most
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_ball_bounds_its_points(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    air = some(rng, 3)
+    x, h = rng.normal(0, 5, (300, 3)), 10 ** rng.uniform(-3, 1, 300)
+    inside = rng.normal(0, 1, (300, 40, 3))
+    inside *= (rng.random((300, 40)) ** 0.3 / np.linalg.norm(inside, axis=2))[..., None]
+    at = speeds(air, (x[:, None] + h[:, None, None] * inside).reshape(-1, 3)).reshape(300, 40, 3)
+    assert (at <= speeds(air, x, h)[:, None] * (1 + 1e-12)).all()
+
+
+def test_speed_is_continuous_also_across_discs() -> None:
+    rng = np.random.default_rng(5)
+    air = some(rng, 3)
+    x = np.concatenate([rng.normal(0, 4, (4000, 3)), (air.rotors[0] + rng.normal(0, 1e-9, (4, 3))).reshape(-1, 3)])
+    step = rng.normal(0, 1e-7, x.shape)
+    assert np.abs(speeds(air, x + step) - speeds(air, x)).max() < 2e-5 * air.induced.max() / min(air.radius, 1.0)
+
+
+def test_turned_moved_and_scaled_copies_agree() -> None:
+    rng = np.random.default_rng(2)
+    air = some(rng, 4)
+    x = rng.normal(0, 4, (500, 3))
+    R, p = Rotation.random(random_state=3).as_matrix(), np.array([5.0, -3, 2])
+    copy = air._replace(centres=air.centres @ R.T + p, poses=R @ air.poses, rotors=air.rotors @ R.T + p)
+    np.testing.assert_allclose(speeds(copy, x @ R.T + p), speeds(air, x), rtol=1e-9, atol=1e-12)
+    where = Cone(np.zeros(3), np.array([0.0, 0.0, 1.0]), 70.0)
+    moved = Cone(p, R @ where.axis, 70.0)
+    assert bound_speed(copy, moved).at_most == pytest.approx(bound_speed(air, where).at_most, rel=0.03)
+    faster = air._replace(induced=3 * air.induced)
+    np.testing.assert_allclose(speeds(faster, x), 3 * speeds(air, x))
+
+
+def test_without_thrust_the_air_is_still() -> None:
+    air = one(0.0)
+    for where in (Solid(ConeSphere(np.zeros(3), np.zeros(3), 5.0, 0.0)), Cone(np.zeros(3), np.eye(3)[2], 60.0)):
+        assert bound_speed(air, where).at_most < 1e-5
+
+
+def test_by_hand_at_a_disc_below_it_and_above() -> None:
+    air = one(1.0)
+    R = air.radius
+    disc = air.rotors[0, 0]
+    below = disc - [0, 0, R]  # 1 + 1 / sqrt 2 of the induced speed
+    assert speeds(air, disc[None])[0, 0] >= 1.0
+    assert wakes(air, below[None])[0, 0] == pytest.approx(1 + 1 / math.sqrt(2), rel=1e-12)
+    far = np.array([[0.0, 0.0, 400 * R]])
+    assert wakes(air, far)[0, 0] == 0.0
+    distance = math.hypot(400 * R, np.linalg.norm(disc) - R)
+    assert speeds(air, far)[0, 0] == pytest.approx(
+        4 * R**2 / (2 * distance**2), rel=0.01
+    )  # a sink of half its flow
+    s = 20.0
+    assert wakes(air, np.array([[0.0, 0.0, -2 * s]]))[0, 0] == pytest.approx(10.11 / (s + 5.817), rel=1e-12)
+    half = 0.0767 * (s + 5.817) * 2
+    assert wakes(air, np.array([[half, 0.0, -2 * s]]))[0, 0] == pytest.approx(5.055 / (s + 5.817), rel=1e-12)
+
+
+def test_the_jet_carries_the_momentum_and_the_speed_that_were_measured() -> None:
+    """Momentum 0.968 of the default module's thrust; 40 % of the far wake's speed 19 l below (arXiv 2507.09463)."""
+    module, air = Module(), one(1.0)
+    r = np.linspace(0, 60, 200_001)
+    for depth in (10.0, 60.0):
+        U = wakes(air, np.column_stack([r, 0 * r, 0 * r - depth]))[:, 0]
+        momentum = 1.2 * np.trapezoid(U**2 * 2 * math.pi * r, r) * module.arm_length**2
+        thrust = 4 * 2 * 1.2 * math.pi * module.body.rotor_radius**2
+        assert momentum / thrust == pytest.approx(module.jet_momentum, rel=1e-3)
+        assert momentum / thrust == pytest.approx(0.968, abs=5e-4)
+    s = 19 / math.sqrt(2) / 2
+    assert wakes(air, np.array([[0.0, 0.0, -2 * s]]))[0, 0] / 2 == pytest.approx(0.403, abs=5e-4)
+
+
+def test_momentum_theory_under_a_heavy_vehicle() -> None:
+    """13.18 m/s were measured under 5.08 kg on four 15-inch rotors (Nature 2025): twice the induced speed, near."""
+    R = 15 * 0.0254 / 2
+    v = math.sqrt(5.08 * 9.81 / 4 / (2 * 1.225 * math.pi * R**2))
+    assert 2 * v == pytest.approx(13.4, abs=0.05)
+    module = Module(arm_length=0.3, body={"rotor_radius": R})
+    air = one(v, module)
+    below = air.rotors[0, 0] - np.linspace(0, 3 * R / module.arm_length, 200)[:, None] * [0, 0, 1]
+    assert wakes(air, below).max() == pytest.approx(13.18, rel=0.05)
+
+
+def test_audits_state_the_air_of_every_load_case() -> None:
+    design = read_json(Design, DESIGNS / "wall-push.json")
+    found = audit(design)
+    assert found.air is not None
+    assert [case.name for case in found.air.cases] == list(design.task.case_labels)
+    hover = found.air.cases[1]
+    assert [region.name for region in hover.regions] == ["exposure 0 (local)", "exposure 1 (allowed)"]
+    for region in hover.regions:
+        assert region.speed_m_s <= region.speed_at_most_m_s <= 1.03 * region.speed_m_s
+        assert region.estimate_m_s <= region.speed_m_s
+    assert hover.tip_m_s <= hover.regions[0].speed_m_s  # the tip is in the ball
+    assert len(hover.rotors) == 12
+    thin = design.model_copy(update={"task": design.task.model_copy(update={"air_density": 0.3})})
+    assert audit(thin).air.cases[1].tip_m_s == pytest.approx(2 * hover.tip_m_s)  # speeds go with 1 / sqrt rho
+    older = found.model_copy(update={"air": None})
+    assert '"air"' not in to_json(older)
+    assert Audit.model_validate_json(to_json(older)) == older
+
+
+def test_a_task_without_these_fields_has_the_file_that_it_had() -> None:
+    task = read_json(Design, DESIGNS / "wall-push.json").task
+    assert "air_density" not in to_json(task)
+    assert '"jet"' not in to_json(task)
+    assert '"air_density": 1.0' in to_json(task.model_copy(update={"air_density": 1.0}))
+
+
+def test_a_rotor_in_a_wake_loses_thrust() -> None:
+    """Two rotors over each other: 0.05 of the thrust per m/s of wake through the lower disc, none for the upper."""
+    from verify.air.measured import _rotors
+
+    both = blow(np.array([[0, 0, 0], [0, 0, -6.0]]), np.stack([np.eye(3)] * 2), np.full((2, 4), 1e6))
+    upper, lower = _rotors(both)[:4], _rotors(both)[4:]
+    assert all(rotor.thrust_loss == 0 for rotor in upper)
+    below = both.rotors[1]
+    middle = wakes(both.drop(1), below)[:, 0]
+    for rotor, at_middle in zip(lower, middle, strict=True):
+        assert rotor.ingested_m_s == pytest.approx(at_middle, rel=0.15)
+        assert rotor.thrust_loss == pytest.approx(0.05 * rotor.ingested_m_s)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_limit_near_the_largest_speed_is_decided(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    air, where = some(rng, 3), region(rng)
+    largest = bound_speed(air, where)
+    if largest.found < 1e-3:
+        return
+    assert bound_speed(air, where, limit=1.01 * largest.at_most).at_most <= 1.01 * largest.at_most
+    peak = bound_speed(air, where, limit=1.002 * largest.found)
+    assert peak.at_most <= 1.002 * largest.found or peak.found > largest.found
+    below = bound_speed(air, where, limit=0.99 * largest.found)
+    assert below.found > 0.99 * largest.found
+    ball_ = ConeSphere(largest.point, np.zeros(3), 0.3, 0.0)
+    near = bound_speed(air, where, within=ball_)
+    assert near.found == pytest.approx(largest.found, rel=0.03)
+    elsewhere = bound_speed(air, where, within=ConeSphere(largest.point + 50.0, np.zeros(3), 0.3, 0.0))
+    assert elsewhere.at_most <= largest.at_most
+
+
+@pytest.mark.parametrize(("speed", "verdict"), [(4.1, "clear"), (3.8, "violated")])
+def test_a_speed_is_required_of_a_region(speed: float, verdict: str) -> None:
+    """The wall of wall-push gets 3.9 m/s in hover, 3.1 m/s in the push."""
+    design = read_json(Design, DESIGNS / "wall-push.json")
+    wall = design.task.exposure[1].model_copy(update={"speed": speed})
+    task = design.task.model_copy(update={"exposure": (design.task.exposure[0], wall)})
+    found = audit(design.model_copy(update={"task": task}))
+    assert found.verdict == verdict
+    rows = [row for row in found.residuals if row.unit == "m/s"]
+    assert [row.status for row in rows] == ["clear", verdict]
+    assert found.air.cases[1].regions[1].limit_m_s == speed
+    near = wall.model_copy(update={"speed_within": 0.02})
+    task = design.task.model_copy(update={"exposure": (design.task.exposure[0], near)})
+    assert audit(design.model_copy(update={"task": task})).verdict == "clear"  # that fast air is farther away
+
+
+def test_without_geometry_the_speed_alone_is_asked_for() -> None:
+    design = read_json(Design, DESIGNS / "wall-push.json")
+    apart = [pair for pair in audit(design).pairs if pair.kind == "allowed"]
+    wall = design.task.exposure[1].model_copy(update={"speed": 5.0, "geometry": False})
+    task = design.task.model_copy(update={"exposure": (design.task.exposure[0], wall)})
+    assert apart
+    assert not [p for p in audit(design.model_copy(update={"task": task})).pairs if p.kind == "allowed"]
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"speed": 0.0}, "greater than 0"),
+        ({"speed": -1.0}, "greater than 0"),
+        ({"geometry": False}, "`speed` must be given"),
+        ({"speed_within": 3.0}, "`speed` must be given"),
+        ({"speed": 1.0, "speed_within": 0.1, "planes": [{"normal": [1, 0, 0], "offset": 0.2}]}, "nearest plane"),
+    ],
+)
+def test_a_speed_that_means_nothing_is_refused(fields: dict, words: str) -> None:
+    given = {"kind": "allowed", "planes": [{"normal": [1, 0, 0]}], **fields}
+    with pytest.raises(ValueError, match=words):
+        Allowed.model_validate(given)

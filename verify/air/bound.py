@@ -1,0 +1,186 @@
+"""Certified upper bounds of the air speed over whole regions: the sum of all modules' speeds.
+
+A cube about the region is cut into eight again and again. In the ball around a cube every module's speed is bounded
+(`verify.air.jets`). A cube outside the region is dropped, and one whose bound is under ENOUGH times the largest
+speed that was found at a point of the region; what is dropped is remembered. So the result is at least every speed
+in the region, and at most ENOUGH times one of them unless cubes run out. Points alone prove nothing.
+
+Of a region without end all that is farther than D is dropped where the jets' decay bounds it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from verify.air.jets import DIAMETER, MERGED_AT, Jets, speeds
+from verify.bodies import Array, Cone, ConeSphere
+from verify.certificate import Solid
+from verify.hulls import Hull
+
+ENOUGH = 1.02
+"""Bound over the largest speed found at which a cube needs no more cutting."""
+MOST_CUBES = 300_000
+"""Cubes of one region, of one module; with more modules fewer."""
+CHUNK = 50_000
+"""Cubes times modules that are evaluated at once."""
+ROUNDING = 1e-9
+"""Relative excess of a bound over what rounding may take from it."""
+INSIDE = 1e-12
+"""Relative distance of points from the surface of their region, inside it."""
+STEEP = 0.95
+"""Cosine of the angle to a jet's axis within which its far field is bounded by its speed on the axis."""
+NOT_LESS = 1e-6
+"""Least speed that matters [m/s]."""
+EIGHT = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+"""From the centre of a cube to those of its eighths, in their half edges."""
+
+
+class SpeedBound(NamedTuple):
+    """The air over a region [m/s]."""
+
+    found: float
+    """Speed at `point`, the largest that was found."""
+    at_most: float
+    """Proven: no point of the region has more."""
+    point: Array
+    """Shape (3,) [l_arm]."""
+
+
+def bound_speed(
+    air: Jets, region: Solid | Cone | Hull, *, limit: float = math.inf, within: ConeSphere | None = None
+) -> SpeedBound:
+    """Return the air over a region.
+
+    Args:
+        air: the modules.
+        region: a capsule, a polytope, or all that is outside a cone [l_arm].
+        limit: speed that is allowed; a bound below it is near enough, however near the largest speed is [m/s].
+        within: a ball, outside which the region does not count.
+    """
+    found, best, dropped = 0.0, np.full(3, np.nan), 0.0
+    cubes, half = _first_cubes(air, region) if within is None else (within.o[None], within.r)
+    if within is None and isinstance(region, Cone):
+        dropped = _bound_beyond(air, region.apex, half) * (1 + ROUNDING)
+    left = MOST_CUBES / len(air.centres)
+    while len(cubes):
+        cubes = cubes[_reaches(region, cubes, math.sqrt(3) * half)]
+        if within is not None:
+            cubes = cubes[_reaches(Solid(within), cubes, math.sqrt(3) * half)]
+        bounds = np.zeros(len(cubes))
+        for chunk in np.array_split(np.arange(len(cubes)), math.ceil(len(cubes) * len(air.centres) / CHUNK) or 1):
+            points = _points_in(region, cubes[chunk])
+            if within is not None:
+                points = points[np.linalg.norm(points - within.o, axis=1) < within.r]
+            sums = speeds(air, points).sum(axis=1)
+            if (most := float(sums.max(initial=-1.0))) >= found:
+                found, best = most, points[int(np.argmax(sums))]
+            bounds[chunk] = speeds(air, cubes[chunk], math.sqrt(3) * half).sum(axis=1) * (1 + ROUNDING)
+        left -= len(cubes)
+        enough = limit if found <= limit < ENOUGH * found else max(ENOUGH * found, NOT_LESS)
+        settled = (bounds <= enough) | (left < 0)
+        dropped = max(dropped, float(bounds[settled].max(initial=0.0)))
+        half /= 2
+        cubes = (cubes[~settled][:, None] + half * EIGHT).reshape(-1, 3)
+    return SpeedBound(found, max(dropped, found * (1 + ROUNDING)), best)
+
+
+def _first_cubes(air: Jets, region: Solid | Cone | Hull) -> tuple[Array, float]:
+    """Return a cube around what of the region is near enough to matter: its centre, (1, 3), and half edge."""
+    if isinstance(region, Cone):
+        return region.apex[None], _reach(air, region)
+    if isinstance(region, Hull):
+        low, high = region.mesh.vertices.min(axis=0), region.mesh.vertices.max(axis=0)
+    else:
+        ends, r = np.stack([region.body.o, region.body.o + region.body.d]), region.body.r + region.body.dr
+        low, high = ends.min(axis=0) - r, ends.max(axis=0) + r
+    return ((low + high) / 2)[None], float((high - low).max()) / 2
+
+
+def _reach(air: Jets, region: Cone) -> float:
+    """Return a distance from the apex beyond which no speed is more than one that is found nearer by."""
+    distance = 4 * float(np.linalg.norm(air.centres - region.apex, axis=1).max()) + 4 * MERGED_AT * DIAMETER
+    grid = region.apex + distance * np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3), axis=-1).reshape(-1, 3)
+    points = _points_in(region, np.concatenate([grid, air.centres, air.rotors.reshape(-1, 3)]))
+    found = max(float(speeds(air, points).sum(axis=1).max()), NOT_LESS)
+    while _bound_beyond(air, region.apex, distance) > found:
+        distance *= 2
+    return distance
+
+
+def _bound_beyond(air: Jets, x: Array, distance: float) -> float:
+    """Return a bound of the sum of speeds wherever that is farther from x than a distance.
+
+    Such a point is at least D away from a module. Either it is deeper than STEEP D, or it is at least
+    sqrt(1 - STEEP^2) D beside the axis, where speeds are below U_c (a r^2 / r_half^2)^-2, which grows with depth.
+    The slipstreams of single rotors have ended.
+    """
+    D = distance - np.linalg.norm(air.centres - x, axis=1)
+    if D.min() < 2 * (MERGED_AT * DIAMETER + 1 + 2 * air.radius):
+        return math.inf
+    s = STEEP * D / DIAMETER + air.origin
+    steep = air.decay * air.merged / s
+    beside = math.sqrt(1 - STEEP**2) * D / (air.half_width * s * DIAMETER)
+    flat = steep / ((math.sqrt(2) - 1) * beside**2) ** 2
+    from_disc = D - 1 - air.radius
+    inflow = air.induced.sum(axis=1) / (1 + math.sqrt(2) * from_disc / air.radius) ** 2
+    return float(np.maximum(np.maximum(steep, flat), inflow).sum())
+
+
+def _reaches(region: Solid | Cone | Hull, x: Array, h: float) -> Array:
+    """Return which balls of radius h about x, (m, 3), may meet the region; those that do not are not in it."""
+    slack = h + ROUNDING * (h + float(np.abs(x).max(initial=0.0)))
+    if isinstance(region, Cone):
+        return np.asarray(_depth_in(region, x) <= slack)
+    if isinstance(region, Hull):
+        return np.asarray((x @ region.normals.T - region.offsets).max(axis=1) <= slack)
+    return np.asarray(
+        np.linalg.norm(x - _nearest_of_axis(region, x), axis=1) <= region.body.r + region.body.dr + slack
+    )
+
+
+def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
+    """Return points of the region near points x, (m, 3): x itself where that is in it."""
+    if isinstance(region, Cone):
+        depth = np.maximum(_depth_in(region, x) + INSIDE * (1 + np.abs(x - region.apex).max(axis=1)), 0.0)
+        return np.asarray(x - depth[:, None] * _normals_of(region, x))
+    if isinstance(region, Hull):
+        away = x - region.centre
+        rate = away @ region.normals.T
+        room = region.offsets - region.normals @ region.centre
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(rate > 0, room / rate, np.inf).min(axis=1)
+        return np.asarray(region.centre + np.minimum(share, 1.0)[:, None] * (1 - INSIDE) * away)
+    nearest = _nearest_of_axis(region, x)
+    away = x - nearest
+    length = np.linalg.norm(away, axis=1)
+    share = region.body.r / np.maximum(length, region.body.r) * (1 - INSIDE)
+    return np.asarray(nearest + share[:, None] * away)
+
+
+def _nearest_of_axis(region: Solid, x: Array) -> Array:
+    """Return the points of a capsule's axis nearest to x, (m, 3)."""
+    o, d = region.body.o, region.body.d
+    along = np.clip((x - o) @ d / max(float(d @ d), np.finfo(float).tiny), 0.0, 1.0)
+    return np.asarray(o + along[:, None] * d)
+
+
+def _depth_in(region: Cone, x: Array) -> Array:
+    """Return how deep inside a cone points are, (m,); negative outside."""
+    sin, cos = region.sin_cos
+    along = (x - region.apex) @ region.axis
+    beside = np.linalg.norm(x - region.apex - along[:, None] * region.axis, axis=1)
+    return np.asarray(along * sin - beside * cos)
+
+
+def _normals_of(region: Cone, x: Array) -> Array:
+    """Return the directions in which the depth in a cone grows fastest, (m, 3)."""
+    sin, cos = region.sin_cos
+    along = (x - region.apex) @ region.axis
+    out = x - region.apex - along[:, None] * region.axis
+    length = np.linalg.norm(out, axis=1, keepdims=True)
+    some = np.cross(region.axis, np.eye(3)[np.argmin(np.abs(region.axis))])
+    out = np.where(length > 0, out / np.maximum(length, np.finfo(float).tiny), some / np.linalg.norm(some))
+    return np.asarray(sin * region.axis - cos * out)
