@@ -16,8 +16,9 @@ LIMIT = 60
 """Seconds after which a command counts as hanging; the machine may be busy."""
 
 NUMBERS = (
-    *"nan inf -inf NaN Infinity -Infinity 1e308 -1e308 1e400 5e-324 1e-320 -0.0 -0".split(),
-    *"0 -1 1e15 1e16 1e-15 1e-16 2 1000000000".split(),
+    *("nan", "inf", "-inf", "NaN", "Infinity", "-Infinity", "1e308", "-1e308", "1e400", "5e-324", "1e-320"),
+    *("-0.0", "-0"),
+    *("0", "-1", "1e15", "1e16", "1e-15", "1e-16", "2", "1000000000"),
     *("9" * 30, "9" * 5000, "0x" + "f" * 5000, "1_0", "\u0663", "1e", "--1", "true", "'1'", "[]", "{}", "[1, 2"),
     *("1.5", "3.0", "2**63", str(2**63), str(-(2**63) - 1)),
 )
