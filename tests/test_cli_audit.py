@@ -286,7 +286,8 @@ HARM = {
 
 
 @pytest.mark.parametrize("name", HARM)
-def test_a_file_that_means_harm_is_refused_with_the_reason(command, tmp_path, name):
+def test_a_file_that_means_harm_is_refused_with_the_reason(command, tmp_path, monkeypatch, name):
+    monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
     content, said = HARM[name]
     (tmp_path / "harm.json").write_bytes(content)
     write(tmp_path / "good.json")

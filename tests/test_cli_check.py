@@ -3,9 +3,9 @@
 import json
 import math
 import re
-import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from functools import cache
 from pathlib import Path
 
 import matplotlib.image
@@ -26,6 +26,7 @@ def check(*words: str) -> Result:
     return CliRunner().invoke(main, ["check", *words], catch_exceptions=False)
 
 
+@cache
 def groups(*words: str) -> dict[str, dict[str, str]]:
     """What is printed: below each title values by name, wrapped lines joined."""
     result = check(*words)
@@ -284,13 +285,3 @@ def test_the_module_to_scale_is_in_one_place_in_all_views() -> None:
         for axis, value in zip((right, up), np.ravel(module.get_data()), strict=True):
             assert places.setdefault(axis, value) == value
     assert set(places) == {0, 1, 2}
-
-
-def test_help_loads_nothing_heavy() -> None:
-    code = (
-        "import sys\nfrom topo_search.cli import main\ntry:\n    main(['check', '--help'])\n"
-        "except SystemExit:\n    print({'matplotlib', 'casadi', 'pandas', 'numpy'} & {*sys.modules})"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "set()"
-    assert "Example: topo-search check" in done.stdout

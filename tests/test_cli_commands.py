@@ -32,9 +32,10 @@ torque_coefficient = 3.1e-9
 
 @pytest.fixture
 def command(tmp_path, monkeypatch):
-    """The command line on the toy problem, in this process and in an empty folder with a task file."""
+    """The command line on the toy problem, in this process, in an empty folder with a task file, without pages."""
     monkeypatch.setattr(compose.places, "Workers", toy_problem.InProcess)
     monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
+    monkeypatch.setattr(compose.searching, "write_page", lambda folder: None)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "toy.toml").write_text(TOY)
     return lambda *words: CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)

@@ -8,7 +8,7 @@ import sys
 
 from processes import eventually, gone, recorded
 
-COMMAND = [sys.executable, "-m", "topo_search", "run", "push", "--modules", "4", "--starts", "6", "--workers", "2"]
+COMMAND = [sys.executable, "-m", "topo_search", "run", "push", "--modules", "4", "--starts", "2", "--workers", "2"]
 DESCRIBED = ("key", "status", "objective", "starts", "starts_feasible")
 
 

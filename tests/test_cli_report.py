@@ -1,5 +1,7 @@
 """`topo-search report`: what it writes where, and what it says when it cannot; `run` writes its page by itself."""
 
+import shutil
+
 import pytest
 from click.testing import CliRunner
 from report_cases import design
@@ -10,11 +12,19 @@ from topo_search.model import Topology
 from topo_search.model.files import to_json
 
 
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A run of the toy problem."""
+    folder = tmp_path_factory.mktemp("finished") / "run"
+    toy_run(folder)
+    return folder
+
+
 @pytest.fixture
-def command(tmp_path, monkeypatch):
+def command(finished, tmp_path, monkeypatch):
     """The command in a folder with a run of the toy problem, a design, and one that cannot be drawn."""
     monkeypatch.chdir(tmp_path)
-    toy_run(tmp_path / "run")
+    shutil.copytree(finished, tmp_path / "run")
     (tmp_path / "mine.json").write_text(to_json(design(Topology.from_key("a0"))))
     (tmp_path / "far.json").write_text(to_json(design(Topology.from_key("a0"), end_effector_m=[1e200, 0.0, 0.0])))
     return lambda *words: CliRunner().invoke(main, ["report", *words], catch_exceptions=False)
@@ -52,8 +62,15 @@ def test_bad_input_is_status_two_and_writes_nothing(command, tmp_path, words, sa
     assert not [path for path in tmp_path.rglob("*") if path.suffix == ".html"]
 
 
-@pytest.mark.parametrize("out", [(), ("--out", "page.html")])
-@pytest.mark.parametrize("name", ["best.json", "candidates.csv", "designs/a300.json", "task.toml"])
+@pytest.mark.parametrize(
+    ("name", "out"),
+    [
+        ("best.json", ()),
+        ("candidates.csv", ("--out", "page.html")),
+        ("designs/a300.json", ()),
+        ("task.toml", ("--out", "page.html")),
+    ],
+)
 def test_a_file_that_somebody_changed_is_named_and_not_shown(command, tmp_path, name, out):
     path = tmp_path / "run" / name
     path.write_bytes(path.read_bytes() + b"\n")

@@ -17,7 +17,7 @@ from topo_search.supervisor import INTERRUPTED
 HERE = Path(__file__).parent
 HANG = 10.0
 """A command that takes longer to end hangs: generous beside the grace, for a machine that is busy [s]."""
-RUN = ("run", "push", "--modules", "4", "--starts", "6", "--workers", "2", "--out", "run")
+RUN = ("run", "push", "--modules", "4", "--starts", "2", "--workers", "2", "--out", "run")
 COMMANDS = (
     RUN,
     (
@@ -177,7 +177,7 @@ def test_what_becomes_of_stderr_keeps_no_run_from_being_stopped(tmp_path, kind):
 
 @pytest.mark.parametrize("kind", ["full", "closed"])
 def test_a_run_that_can_tell_nobody_of_its_progress_finishes(tmp_path, kind):
-    words = ("run", "push", "--modules", "3", "--starts", "1", "--workers", "1", "--out", "run")
+    words = ("run", "push", "--modules", "2", "--starts", "1", "--workers", "1", "--out", "run")
     with open("/dev/full", "wb") as full:
         closed = kind == "closed"
         given = subprocess.DEVNULL if closed else full

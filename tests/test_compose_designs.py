@@ -14,7 +14,7 @@ from topo_search.cli import main
 
 PLAIN = """
 from topo_search import audit, read_task, solve
-solved = solve(read_task("push", ("modules=3",)), "a300", starts=2)
+solved = solve(read_task("push", ("modules=3",)), "a300", starts=1)
 print(solved.audit.verdict, audit(solved.design).verdict)
 """
 FATAL = OwnConstraint("fatal", fatal, upper=10.0, unit="m")
@@ -39,7 +39,7 @@ def test_a_script_without_a_guard_solves_and_audits(tmp_path):
 
 def test_commands_on_one_candidate_start_no_process(alone, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["solve", "push", "--modules", "3", "--topology", "a300", "--starts", "2", "--out", "a300.json"]
+    words = ["solve", "push", "--modules", "3", "--topology", "a300", "--starts", "1", "--out", "a300.json"]
     for command in (words, ["audit", "a300.json"], ["audit", "a300.json", "--workers", "2"]):
         result = CliRunner().invoke(main, command, catch_exceptions=False)
         assert result.exit_code == 0, result.output

@@ -28,7 +28,7 @@ def found(tmp_path_factory):
     """The four-module push task, searched with one worker."""
     path = tmp_path_factory.mktemp("push")
     task = read_task("push", ("modules=4",))
-    return task, topo_search.search(task, out=path, starts=4, workers=1)
+    return task, topo_search.search(task, out=path, starts=2, workers=1)
 
 
 def test_the_best_of_four_modules_is_audited_and_its_file_stands_alone(found):
@@ -48,7 +48,7 @@ def test_the_best_of_four_modules_is_audited_and_its_file_stands_alone(found):
 
 def test_two_workers_find_the_same(found, tmp_path):
     task, one = found
-    two = topo_search.search(task, out=tmp_path / "two", starts=4, workers=2)
+    two = topo_search.search(task, out=tmp_path / "two", starts=2, workers=2)
     assert ranking(two.folder) == ranking(one.folder)
     assert platform(two.folder / "best.json") == platform(one.folder / "best.json")
 
@@ -56,7 +56,7 @@ def test_two_workers_find_the_same(found, tmp_path):
 def test_the_mirror_image_need_not_be_solved_because_it_costs_the_same(found, tmp_path):
     """Push is unchanged by exchanging x and y: every tree of the half-turn quotient costs what its mirror does."""
     task, merged = found
-    whole = topo_search.search(task, out=tmp_path / "c2", starts=4, symmetry="c2", workers=2)
+    whole = topo_search.search(task, out=tmp_path / "c2", starts=2, symmetry="c2", workers=2)
     assert whole.sizes[0].candidates == 14
     assert merged.sizes[0].candidates == 10
     assert merged.best.objective == pytest.approx(whole.best.objective, rel=1e-6)
@@ -65,7 +65,7 @@ def test_the_mirror_image_need_not_be_solved_because_it_costs_the_same(found, tm
 def test_one_topology_is_solved_as_in_the_search(found):
     task, answer = found
     design = read_json(Design, answer.folder / "best.json")
-    alone = topo_search.solve(task, design.topology, starts=4)
+    alone = topo_search.solve(task, design.topology, starts=2)
     assert alone.exit_status == 0
     assert alone.outcome.model_copy(update={"solver": None}) == design.model_copy(update={"solver": None})
 
@@ -80,5 +80,5 @@ def test_what_no_platform_can_lift_is_said_in_words(tmp_path):
 
 def test_a_time_limit_still_ends_with_an_audited_design():
     task = read_task("push", ("modules=3",))
-    solved = topo_search.solve(task, topo_search.Topology.from_key("a300"), time_limit=60.0)
+    solved = topo_search.solve(task, topo_search.Topology.from_key("a300"), time_limit=30.0)
     assert solved.exit_status == 0

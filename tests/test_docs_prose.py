@@ -61,8 +61,9 @@ def test_no_phrase_of_the_word_list_is_left(read):
     found = [
         f"{name}: {phrase!r}, better: {better}"
         for name, text in read()
+        for line in [re.sub(r"\s+", " ", text)]
         for phrase, better in PHRASES.items()
-        if re.search(rf"\b{re.escape(phrase)}(?!\w)", re.sub(r"\s+", " ", text), re.IGNORECASE)
+        if phrase.lower() in line.lower() and re.search(rf"\b{re.escape(phrase)}(?!\w)", line, re.IGNORECASE)
     ]
     assert found == []
 

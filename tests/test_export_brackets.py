@@ -48,6 +48,8 @@ def mating_face(mesh: trimesh.Trimesh, marks: int, bolt: float) -> tuple[Array, 
     """Centre, outward normal and upward direction of the outermost face with four bolt holes and some marks."""
     found = []
     for facet, normal in zip(mesh.facets, mesh.facets_normal, strict=True):
+        if len(facet) < 4 * (4 + marks):  # too few triangles for so many round holes
+            continue
         offset = float(normal @ mesh.triangles_center[facet[0]])
         holes = sorted(outlines(mesh, normal, offset), key=lambda loop: np.ptp(loop, axis=0).max())[:-1]
         if len(holes) == 4 + marks:

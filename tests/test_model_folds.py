@@ -63,7 +63,7 @@ def random_module(rng, own_frame):
 @pytest.mark.parametrize("own_frame", [False, True])
 def test_no_rotor_touches_anything_at_a_clear_fold(own_frame):
     rng, some, whole = np.random.default_rng(5), 0, 0
-    for _ in range(12):
+    for _ in range(6):
         given, margin = random_module(rng, own_frame), rng.choice([0.0, 1e-4, 5e-3])
         folds = clear_folds(Module.model_validate(given), margin)
         some, whole = some + bool(folds), whole + (folds == ((-RIGHT, RIGHT),))

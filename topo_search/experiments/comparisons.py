@@ -134,7 +134,6 @@ def _cost(row: dict[Hashable, Any], reference: dict[Hashable, Any]) -> str:
 
 
 def _percent(ratio: float) -> str:
-    """Return by how many percent a ratio is above one."""
     return f"{round(ratio - 1, 3) + 0.0:+.1%}"  # adding zero turns -0.0 into 0.0
 
 

@@ -283,7 +283,6 @@ def _cells(path: Path, number: int, line: str) -> dict[str, str]:
 
 
 def _identity(values: dict[str, Any]) -> tuple[str, ...]:
-    """Return the identity as the file has it."""
     return tuple("" if values[name] is None else str(escape_formula(values[name])) for name in IDENTITY)
 
 

@@ -181,7 +181,6 @@ def scaling_figure(rows: pd.DataFrame) -> Figure:
 
 
 def _solved_rows(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows with a design, with all CPU seconds but those of the audit in `seconds`."""
     designs = rows[rows["status"] == "feasible"]
     return designs.assign(seconds=designs["solve_s"] + designs["build_s"].fillna(0.0))
 
@@ -289,13 +288,11 @@ def ablation_figure(rows: pd.DataFrame) -> Figure:
 
 
 def _designs(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows with a design, with the share of modules in the largest cluster."""
     designs = rows[rows["status"] == "feasible"]
     return designs.assign(cluster_share=designs["largest_cluster"].astype("float64") / designs["n"])
 
 
 def _pairs(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each colliding pair of all designs, with its depth."""
     pairs = rows.assign(depth_percent=rows["depths_percent"].str.split(" ")).explode("depth_percent")
     return pairs.dropna(subset="depth_percent").astype({"depth_percent": "float64"})
 

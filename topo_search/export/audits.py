@@ -88,7 +88,12 @@ def _section(each: Judged) -> Iterator[str]:
     wrong = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
     head = ["clearance", "status", "closed form [m]", "at least [m]", "at most [m]", "of the deepest"]
     yield from _list_rows(head, [_clearance_row(pair) for pair in wrong], "clearances are not clear")
-    off = [_residual_row(row) for row in audit.residuals if row.status != Status.CLEAR]
+    off = [
+        [escape(row.name), row.status, upper_text(row.value), row.unit]
+        + ["" if x is None else f"{x:.{DIGITS}g}" for x in (row.stated, row.derived)]
+        for row in audit.residuals
+        if row.status != Status.CLEAR
+    ]
     yield from _list_rows(["number", "status", "off by", "unit", "stated", "derived"], off, "numbers are off")
     if audit.sensitivity is not None:
         yield from ("", *(f"- {line}" for line in tolerance_lines(audit)))
@@ -145,11 +150,6 @@ def _clearance_row(pair: Clearance) -> list[str]:
     upper = "" if pair.upper_m is None else upper_text(pair.upper_m, DIGITS)
     share = "" if pair.percent is None else f"{lower_text(pair.percent, 3)} %"
     return [escape(pair.name), pair.status, lower_text(pair.analytic_m), lower, upper, share]
-
-
-def _residual_row(row: Residual) -> list[str]:
-    numbers = ("" if x is None else f"{x:.{DIGITS}g}" for x in (row.stated, row.derived))
-    return [escape(row.name), row.status, upper_text(row.value), row.unit, *numbers]
 
 
 def flight_lines(flight: Flight) -> Iterator[str]:

@@ -248,7 +248,6 @@ def _holes(sizes: Bracket, x: float, t: float, *, marks: int) -> Manifold:
 
 
 def _x_from_z(x: float) -> Array:
-    """Return what puts a solid that stands on z = 0 with its foot at x, upwards being +x."""
     return pose_matrix(rotation(1, math.pi / 2), np.array([x, 0.0, 0.0]))
 
 

@@ -67,7 +67,10 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
     asset = SubElement(model, "asset")
     SubElement(asset, "texture", sky)
     for k, piece in enumerate(module.body.frame or ()):
-        corners = {"vertex": numbers(*itertools.chain(*piece.vertices)), "face": _indices(piece.triangles)}
+        corners = {
+            "vertex": numbers(*itertools.chain(*piece.vertices)),
+            "face": " ".join(map(str, itertools.chain(*piece.triangles))),
+        }
         SubElement(asset, "mesh", {"name": f"frame_{k}", **corners})
     world = SubElement(model, "worldbody")
     SubElement(world, "light", pos="0 0 5", dir="0 0 -1", directional="true")
@@ -139,7 +142,6 @@ def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Ele
 
 
 def _bar(body: Element, port: int, module: Module) -> None:
-    """Draw the bar between a module's centre and a connector in use, which has neither mass nor contact."""
     ends = numbers(0, 0, 0, *module.connector_distance * PORT_DIRECTIONS[port])
     SubElement(body, "geom", {"class": "joint", "fromto": ends})
 
@@ -164,13 +166,7 @@ def _module_body(parent: Element, i: int, place: dict[str, str], module: Module)
     return body
 
 
-def _indices(triangles: tuple[tuple[int, int, int], ...]) -> str:
-    """Return the corners' numbers of triangles, as MuJoCo writes them."""
-    return " ".join(str(corner) for triangle in triangles for corner in triangle)
-
-
 def _as_mujoco_checks(inertia: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return moments of which none exceeds the sum of the others in floating point, as that of a plate may."""
     x, y, z = inertia
     return min(x, y + z), min(y, x + z), min(z, x + y)
 

@@ -63,7 +63,6 @@ def bolt_of(hole: float, grip: float) -> tuple[float, float]:
 
 
 def _bolt_row(name: str, count: int, d: float, length: float) -> Row:
-    """Return the row of a bolt with a head of 1.8 d and a nut of 1.7 d."""
     volume = math.pi / 4 * (d**2 * length + (1.8 * d) ** 2 * d + ((1.7 * d) ** 2 - d**2) * 0.8 * d)
     return _row(name, count, f"M{d:g} x {length:g}", STEEL * volume / MILLIMETRES**3)
 

@@ -73,10 +73,11 @@ def figure_of(design: Design) -> Figure:
     close.finish()
     close.number_modules()
     draw_tree(figure.add_axes((0.62, 0.11, 0.35, 0.30)), design)
+    key = design.topology.key
     for x, y, text in (
         (0.29, 0.915, "airflow"),
         (0.79, 0.915, "platform and load cases"),
-        (0.79, 0.43, _shorten(design)),
+        (0.79, 0.43, f"topology {key}" if len(key) <= 44 else f"topology {key[:40]}..."),
     ):
         figure.text(x, y, text, fontsize=9, ha="center")
     figure.suptitle(title(design), y=0.98, fontsize=11)
@@ -95,11 +96,6 @@ def title(design: Design) -> str:
     if design.gap is not None:
         parts.append(f"gap {gap_percent(design.gap)}")
     return "   ".join(parts)
-
-
-def _shorten(design: Design) -> str:
-    key = design.topology.key
-    return f"topology {key}" if len(key) <= 44 else f"topology {key[:40]}..."
 
 
 def _legend(design: Design) -> list[Artist]:

@@ -150,7 +150,8 @@ def poses_to_draw(design: Design) -> Poses:
 def azimuth_deg(at: Poses) -> float:
     """Return the azimuth [deg] that looks across the line from the centre of mass to p_E, and along no axis."""
     x, y, _ = at.p_E
-    return max(AZIMUTHS_DEG, key=lambda azimuth: abs(_part_across(x, y, math.radians(azimuth))))
+    across = y * np.cos(np.radians(AZIMUTHS_DEG)) - x * np.sin(np.radians(AZIMUTHS_DEG))
+    return AZIMUTHS_DEG[int(np.argmax(np.abs(across)))]
 
 
 def towards_viewer(azimuth_deg: float) -> Array:
@@ -158,8 +159,3 @@ def towards_viewer(azimuth_deg: float) -> Array:
     elevation, azimuth = math.radians(ELEVATION_DEG), math.radians(azimuth_deg)
     across = math.cos(elevation)
     return np.array([across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)])
-
-
-def _part_across(x: float, y: float, azimuth: float) -> float:
-    """Return the part of a horizontal vector that a viewer at an azimuth sees across the picture."""
-    return y * math.cos(azimuth) - x * math.sin(azimuth)

@@ -36,7 +36,6 @@ from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
 
 MOST_ROTORS = 12
-ALTERNATIVE = "use allocation.json in your own controller, or one autopilot per module"
 ONE_G = 9.80665
 """Gravity as PX4 has it [m/s^2]."""
 WEAK = 0.05
@@ -52,7 +51,8 @@ def reason_against(acts: Allocation) -> str | None:
     """Return why PX4 cannot have a platform; None if it can."""
     count = len(acts.rotors)
     if count > MOST_ROTORS:
-        return f"PX4 takes at most {MOST_ROTORS} rotors, but the platform has {count}; {ALTERNATIVE}"
+        alternative = "use allocation.json in your own controller, or one autopilot per module"
+        return f"PX4 takes at most {MOST_ROTORS} rotors, but the platform has {count}; {alternative}"
     return None
 
 

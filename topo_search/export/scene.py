@@ -206,7 +206,6 @@ class Scene:
             )
 
     def _project(self, points: Array) -> Array:
-        """Return where points lie on the flat axes, (m, 2)."""
         x, y, _ = proj3d.proj_transform(*points.T, self.axes.get_proj())
         return np.stack([x, y], axis=1)
 

@@ -186,7 +186,6 @@ def slope(port: int, alpha: float) -> str:
 
 
 def _turn(points: Array, phi: float) -> Array:
-    """Return points (x, z) turned about y: a positive phi takes x towards -z."""
     c, s = math.cos(phi), math.sin(phi)
     return np.asarray(points @ np.array([[c, -s], [s, c]]))
 

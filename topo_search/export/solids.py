@@ -125,7 +125,6 @@ def _material(solid: Solid) -> TextureVisuals:
 
 
 def _linear(s: float) -> float:
-    """Return the linear light of a component of an sRGB colour (IEC 61966-2-1)."""
     return float(s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4)
 
 

@@ -99,7 +99,6 @@ def _colour(k: int) -> str:
 
 
 def _look(is_cone: bool) -> dict[str, Any]:
-    """Return how a region is drawn: what airflow keeps out of full, the cone that it stays in pale and dashed."""
     opacity, line = (0.1, "dashed") if is_cone else (0.4, "solid")
     return {"facecolor": (palette.EXPOSURE, opacity), "edgecolor": palette.EXPOSURE, "linestyle": line}
 
@@ -133,7 +132,6 @@ def _wedge(d: Array, theta: float, view: tuple[int, int], far: float) -> Array:
 
 
 def _end_effector(task: ResolvedTask) -> Array:
-    """Return p_E of a platform below the end-effector: what the task fixes, or else straight below."""
     return np.array(task.end_effector.fixed_position or UP)
 
 

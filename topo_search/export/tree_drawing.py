@@ -169,7 +169,6 @@ def _port_colours(design: Design, assembly: Assembly | None) -> dict[tuple[int, 
 
 
 def _drawn_direction(port: int) -> Array:
-    """Return the direction of a port in the drawing."""
     return np.asarray(PORT_DIRECTIONS[port % 4, :2] * np.array([1, -1]))
 
 

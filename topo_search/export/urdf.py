@@ -101,7 +101,6 @@ def _point(robot: Element, name: str, mass: float) -> Element:
 
 
 def _point_towards(angle: float, length: float) -> Array:
-    """Return the point at a distance from the module's centre towards a rotor."""
     return length * np.array([math.cos(angle), math.sin(angle), 0.0])
 
 

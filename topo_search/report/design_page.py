@@ -146,13 +146,10 @@ def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, 
         "This is evidence from a simulation. It never changes the audit's verdict.",
     )
     caption = "Errors of position and attitude, and the largest input; a click on a name hides that flight"
-    chart = Chart("simulated-course", caption, _figure(course)) if course else None
-    return {"verdict": result.verdict, "scenarios": _scenarios(result), "course": chart, "sentences": sentences}
-
-
-def _scenarios(result: FlightResult) -> Table:
     columns = ("scenario", "verdict", "drift", "tilt", "force error", "at limit", "short", "largest input", "why")
-    return Table(columns, [_row(one) for one in result.scenarios], range(2, 8))
+    scenarios = Table(columns, [_row(one) for one in result.scenarios], range(2, 8))
+    chart = Chart("simulated-course", caption, _figure(course)) if course else None
+    return {"verdict": result.verdict, "scenarios": scenarios, "course": chart, "sentences": sentences}
 
 
 def _row(one: ScenarioResult) -> tuple[str, ...]:

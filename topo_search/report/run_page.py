@@ -77,7 +77,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
     design, audit = (None, None) if shown is None else _read(folder, shown)
     tiles: tuple[Tile, ...] = ()
     if design is not None and shown is not None:
-        compared = f"{quantity(_count_settled(answer), 'candidate')} solved"
+        compared = f"{quantity(sum(size.settled for size in answer.sizes), 'candidate')} solved"
         tiles = headline(design, audit, size.gap_of(shown), compared, scoped=size.proven_gap is not None)
     return {
         "title": title(request.task.name, n),
@@ -104,11 +104,6 @@ def _read(folder: RunFolder, row: Row) -> tuple[Design | None, Audit | None]:
         None if design is None else Design.model_validate_json(design),
         None if audit is None else Audit.model_validate_json(audit),
     )
-
-
-def _count_settled(answer: Answer) -> int:
-    """Return how many candidates of all sizes were solved."""
-    return sum(size.settled for size in answer.sizes)
 
 
 def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> str:

@@ -217,7 +217,6 @@ def _closest(pair: Clearance, ends: Array) -> list[Any]:
 
 
 MATT = {"ambient": 0.65, "diffuse": 0.6, "specular": 0.05, "roughness": 0.9}
-GHOSTLY = {"ambient": 0.8, "diffuse": 0.4, "specular": 0.0, "roughness": 1.0}
 
 
 def triangles(corners: Array) -> Trimesh:
@@ -236,7 +235,8 @@ def drawn_mesh(name: str, mesh: Trimesh, colour: str, part: str, **options: Any)
         options: of the trace.
     """
     vertices, (i, j, k) = mesh.vertices, mesh.faces.astype(np.int32).T
-    given = {"lighting": GHOSTLY, "hoverinfo": "skip", "showlegend": True, "meta": {"part": part}, **options}
+    lighting = {"ambient": 0.8, "diffuse": 0.4, "specular": 0.0, "roughness": 1.0}
+    given = {"lighting": lighting, "hoverinfo": "skip", "showlegend": True, "meta": {"part": part}, **options}
     return go.Mesh3d(**columns(vertices), i=i, j=j, k=k, name=name, color=colour, **given)
 
 

@@ -39,7 +39,11 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
     """
     assembly = None if audit is None else audit.assembly
     figure = json.loads(style(scene(design, at, closest(audit), assembly)).to_json())
-    traces = [_without_copies(trace) for trace in figure["data"] if trace["meta"]["part"] != "numbers"]
+    traces = [
+        {key: value for key, value in trace.items() if "mesh" not in trace["meta"] or key not in PLACED}
+        for trace in figure["data"]
+        if trace["meta"]["part"] != "numbers"
+    ]
     layout = {key: value for key, value in figure["layout"].items() if key != "template"}
     cases = list(arrows(design, at))
     u_max = design.task.module.max_input(design.task.gravity)
@@ -94,11 +98,6 @@ def _forces(design: Design, at: Poses, audit: Audit | None) -> dict[str, Any] | 
     return {"told": told, "traces": [json.loads(trace.to_json()) for trace in traces]}
 
 
-def _without_copies(trace: dict[str, Any]) -> dict[str, Any]:
-    copied = "mesh" in trace["meta"]
-    return {key: value for key, value in trace.items() if not (copied and key in PLACED)}
-
-
 def _modules(design: Design, at: Poses, audit: Audit | None) -> list[str]:
     """Return the tooltip of each module."""
     hinges = {
@@ -107,16 +106,16 @@ def _modules(design: Design, at: Poses, audit: Audit | None) -> list[str]:
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     }
     return [
-        "<br>".join([f"<b>module {i}</b>", hinges.get(i, "the root"), *_place(at, i), *_audit_lines(audit, i)])
+        "<br>".join(
+            [
+                f"<b>module {i}</b>",
+                hinges.get(i, "the root"),
+                f"centre {_vector(at.p[i])} m",
+                f"thrust axis {_vector(at.z[i])}",
+                *_audit_lines(audit, i),
+            ]
+        )
         for i in range(design.topology.n)
-    ]
-
-
-def _place(at: Poses, i: int) -> list[str]:
-    """Return where a module is, and where it pulls."""
-    return [
-        f"centre {_vector(at.p[i])} m",
-        f"thrust axis {_vector(at.z[i])}",
     ]
 
 

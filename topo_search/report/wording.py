@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from topo_search.study import Row
 
 EFFORT = "J = Σ_k λ_k ‖u_k‖²"
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def quantity(number: int, noun: str) -> str:
@@ -31,7 +30,8 @@ def figures(value: float, digits: int = 4) -> str:
     if "e" not in text:
         return text.replace("-", "−")
     mantissa, exponent = text.split("e")
-    return f"{mantissa} × 10{str(int(exponent)).translate(SUPERSCRIPTS)}".replace("-", "−")
+    superscripts = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    return f"{mantissa} × 10{str(int(exponent)).translate(superscripts)}".replace("-", "−")
 
 
 def length(metres: float) -> str:

@@ -313,7 +313,6 @@ class Answer:
 
     @property
     def _all_sizes(self) -> tuple[SizeAnswer, ...]:
-        """Every size, at every level if there are goals."""
         return tuple(size for level in self.levels for size in level.sizes) or self.sizes
 
     def _repr_html_(self) -> str:

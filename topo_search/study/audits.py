@@ -123,13 +123,11 @@ def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], request: Reques
 
 
 def _rows(ledger: Ledger, context: Context, rows: Sequence[Row]) -> list[Row]:
-    """Return the rows of the same candidates that have a design in a context."""
     candidates = (ledger.row(context, row.key) for row in rows)
     return [row for row in candidates if row is not None and row.feasible]
 
 
 def _verdict(ledger: Ledger, context: Context, key: str) -> Audit:
-    """Return the audit of a candidate's design."""
     return parse(ledger.path, Audit, "texts", ledger.audit(context, key) or "", strict=False)
 
 
@@ -159,7 +157,6 @@ def _audit(
 
 
 def _audit_named(audit: AuditDesign, named: tuple[str, Design]) -> Audit:
-    """Audit a design that comes with its key (in a worker)."""
     return audit(named[1])
 
 

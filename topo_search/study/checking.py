@@ -220,7 +220,6 @@ def _replay(
 
 
 def _check(check_chunk: CheckChunk, job: _Job) -> CheckedChunk:
-    """Check one chunk (in a worker)."""
     return check_chunk(job.task, job.topology, job.root, job.cut, job.chunk, job.problem)
 
 

@@ -40,7 +40,6 @@ _NO_LOCKS_ON_FOLDERS = (errno.EBADF, errno.ENOLCK, errno.EINVAL, errno.ENOTSUP, 
 """What network disks say."""
 PARTIAL = ".topo-search-partial"
 """A file that is being written. There is one at a time, so that the next run removes what a killed one left."""
-_FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW
 BATCH = 1000
 """Files that are recorded in one transaction."""
 CHANGED = "is not the file that this run wrote"
@@ -248,7 +247,7 @@ class Directory:
                 if make:
                     with suppress(FileExistsError):
                         os.mkdir(folder, 0o777, dir_fd=handle)
-                inner = os.open(folder, _FOLDER, dir_fd=handle)
+                inner = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=handle)
                 os.close(handle)
                 handle = inner
             yield handle, last

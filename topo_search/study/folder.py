@@ -229,7 +229,6 @@ class RunFolder:
 
     @classmethod
     def _of_ledger(cls, path: Path, request: Request, ledger: Ledger, directory: Directory) -> Self:
-        """Make sure that a ledger holds this request."""
         require_same(path, request, ledger)
         return cls(path, request, ledger, directory)
 

@@ -169,7 +169,6 @@ def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[Fr
 
 
 def _are_alike(efforts: list[float | None]) -> bool:
-    """Whether efforts that were found at the levels of one goal are the same."""
     known = [J for J in efforts if J is not None]
     return len(known) == len(efforts) and (not known or max(known) <= min(known) * (1 + SAME_EFFORT))
 
@@ -246,5 +245,4 @@ def _of_flight(task: ResolvedTask, flight: Flight | None) -> dict[str, Any]:
 
 
 def _covers(one: Sequence[float], other: Sequence[float]) -> bool:
-    """Return whether the one is no worse than the other in anything, by more than a step."""
     return all(x <= y + 1 for x, y in zip(one, other, strict=True))

@@ -270,13 +270,11 @@ class TimeLeft:
         return seen * max(0.0, due - done)
 
     def _half(self, due: int) -> float:
-        """Return what runs, in steps, each taken to be half done."""
         alone = self._phase is not None and self._phase.alone
         return 0.5 * max(0, min(1 if alone else self._workers, due - self._done))
 
     @property
     def _waking(self) -> bool:
-        """Whether no worker has done a step yet."""
         return self._phase is not None and not self._phase.alone and not self._woken
 
     def _seconds_spent(self, now: float) -> tuple[float, float]:

@@ -231,12 +231,10 @@ def _lend(lender: Path | None, task: ResolvedTask) -> dict[str, Proof]:
 
 
 def _lower(proof: Proof, floor: float) -> Proof:
-    """Return a proof to begin in place of one that cannot be closed."""
     return proof.model_copy(update={"aim": "within", "cut": floor, "chunks": ()})
 
 
 def _prove(prove_chunk: ProveChunk, job: _Job) -> Chunk:
-    """Search one chunk (in a worker)."""
     return prove_chunk(job.task, job.topology, job.number, job.cut, job.problem)
 
 

@@ -264,7 +264,6 @@ class Request:
 
     @property
     def _proper(self) -> bool:
-        """Whether mirror images count apart because of an own constraint; with the paper's root they do anyway."""
         free = self.task.search.root == "free"
         return free and self.symmetry == "task" and self.own.handed is not None
 

@@ -78,7 +78,6 @@ class Solved:
 
 
 def _words(outcome: Infeasible | Failed) -> str:
-    """Return why there is no result."""
     return outcome.message if isinstance(outcome, Infeasible) else f"failed: {outcome.reason}"
 
 

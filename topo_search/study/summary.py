@@ -205,7 +205,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
             feasible += row.orbit if quotient.exact else 1
             if best is None and row.clear:
                 best = row
-            if best is not None and _is_near(row, best):
+            if best and row.objective is not None and row.objective <= (1 + NEAR) * (best.objective or 0.0):
                 near.append(row)
             if len(top) < SHOWN:
                 top.append(row)
@@ -255,10 +255,6 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         candidates_gap=proven.gap,
         proof_resumable=proven.resumable,
     )
-
-
-def _is_near(row: Row, best: Row) -> bool:
-    return row.objective is not None and row.objective <= (1 + NEAR) * (best.objective or 0.0)
 
 
 def _fragility(row: Row) -> tuple[float, float, float]:
