@@ -102,7 +102,7 @@ def fastest(point: Point) -> Iterator[Fastest]:
     rotors = p[:, None] + np.einsum("iab,qb->iqa", R, ROTOR_DIRECTIONS)
     origins = np.concatenate([p[:, None], rotors], axis=1)
     begins = origins[:, :, None] - ALONG_AXIS[:, None] * R[:, None, None, :, 2]
-    induced = _induced(task, point.u)
+    induced = _induced_speeds(task, point.u)
     for number, asked in limited:
         shapes = [shape.at(point.p_E - point.p_COM) for shape in asked.shapes]
         within = getattr(asked, "speed_within", None)
@@ -113,7 +113,7 @@ def fastest(point: Point) -> Iterator[Fastest]:
 
             found, points = [], set[SpeedPoint]()
             for shape in shapes:
-                inside = partial(_inside, shape, l_arm, within)
+                inside = partial(_pull_inside, shape, l_arm, within)
                 for i, at in enumerate(begins):
                     begin = inside(at.reshape(-1, 3))
                     if len(begin):
@@ -176,13 +176,13 @@ class SpeedRows:
 def _symbolic_speed(task: ResolvedTask) -> ca.Function:
     """Return a module's speed as a function of a point in its frame [l_arm] and its inputs [u_hover]."""
     away, u = ca.SX.sym("away", 3), ca.SX.sym("u", 4)
-    v = [_induced(task, (u[q] + 1e-6) * Units.of(task).input) for q in range(4)]
+    v = [_induced_speeds(task, (u[q] + 1e-6) * Units.of(task).input) for q in range(4)]
     by_rotor = [(away[0] - x) ** 2 + (away[1] - y) ** 2 for x, y, _ in ROTOR_DIRECTIONS]
     parts = _parts(task, v, -away[2], away[0] ** 2 + away[1] ** 2, by_rotor, _soft_clip, _soft_max)
     return ca.Function("air", [away, u], [ca.sqrt(sum(part * part for part in parts))])
 
 
-def _induced(task: ResolvedTask, u: Any) -> Any:
+def _induced_speeds(task: ResolvedTask, u: Any) -> Any:
     """Return v_q of squared rotor speeds [rad^2/s^2]."""
     disc = math.pi * task.module.body.rotor_radius**2
     return (task.module.thrust_coefficient / (2 * task.air_density * disc) * u) ** 0.5
@@ -266,7 +266,7 @@ def _climb(inside: Callable[[Array], Array], air: Callable[[Array], Array], x: A
     return x
 
 
-def _inside(shape: Shape, l_arm: float, within: float | None, x: Array) -> Array:
+def _pull_inside(shape: Shape, l_arm: float, within: float | None, x: Array) -> Array:
     """Return the points of a region near points, (m, 3), from p'_E [l_arm]; none that are farther than `within`."""
     x = _nearest(shape, x * l_arm)
     if within is not None:
