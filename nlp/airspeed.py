@@ -31,6 +31,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import product
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -254,8 +255,8 @@ def _soft_max(a: ca.SX, b: float) -> ca.SX:
 
 
 def _climb(inside: Callable[[Array], Array], air: Callable[[Array], Array], x: Array) -> Array:
-    """Return where a search along the axes for faster air ends, in a region."""
-    around = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    """Return where a search for faster air among neighbours ends, in a region."""
+    around = np.array(sorted(product((-1.0, 0.0, 1.0), repeat=3), key=lambda step: np.linalg.norm(step)))
     for step in STEPS:
         for _ in range(4):
             tried = inside(x + step * around)

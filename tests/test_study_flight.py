@@ -33,6 +33,8 @@ def told(key: str) -> Flight:
                 horizontal_reserve_N=RESERVES.get(key, 0.1),
                 horizontal_weakest=(0.0, -1.0, 0.0),
                 torque_reserve_Nm=0.125,
+                force_reserve_com_N=0.25,
+                tilt_deg=7.5,
                 load_factor=1.5,
             ),
             CaseFlight(name="load case 0", possible=True, load_factor=1.25),
@@ -90,10 +92,11 @@ def rows(path: Any) -> dict[str, dict[str, str]]:
 
 def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
     toy_run(tmp_path / "run", backends=BACKENDS)
-    flight = COLUMNS[-14:-4]  # the last ones are of proofs
+    flight = COLUMNS[-16:-4]  # the last ones are of proofs
     assert flight == (
         *("force_reserve_N", "torque_reserve_Nm", "rotors_out_hover", "load_factor", "joint_moment_Nm"),
         *("hinge_tolerance_deg", "rod_length_m", "power_W", "air_tip_m_s", "air_region_m_s"),
+        *("force_reserve_com_N", "tilt_deg"),
     )
     found = rows(tmp_path / "run")
     assert set(found) == set(RESERVES)
@@ -110,6 +113,8 @@ def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
             str(50 * RESERVES[key]),
             "0.5",
             "1.25",
+            "0.25",
+            "7.5",
         ]
 
 

@@ -130,6 +130,17 @@ def _exposure(task: Task) -> Iterator[Relaxable]:
                 update={"exposure": (*task.exposure[:number], changed, *task.exposure[number + 1 :])}
             )
 
+        if requirement.speed is not None:
+
+            def hasten(x: float, number: int = number, requirement: Any = requirement) -> Task:
+                faster = requirement.model_copy(update={"speed": _round_to_print(requirement.speed * (1 + x))})
+                return task.model_copy(
+                    update={"exposure": (*task.exposure[:number], faster, *task.exposure[number + 1 :])}
+                )
+
+            limit = f"air over exposure {number} ({requirement.kind})"
+            value = _entry(number, "speed")
+            yield Relaxable(limit, f"exposure[{number}].speed", "faster air", 1.0, hasten, value, "m/s")
         limit = f"exposure {number} ({requirement.kind})"
         at = f"exposure[{number}]"
         if isinstance(requirement, Exterior):

@@ -74,6 +74,10 @@ carries_weight = true
 # [[exposure]]
 # kind = "allowed"                  # all airflow stays on one side of each plane
 # planes = [{ normal = [1.0, 0.0, 0.0], offset = 0.0 }]  # normal . x <= offset, x from the end-effector
+# # of every kind of region: the air in it is at most so fast, in every load case, beside the envelopes or alone
+# speed = 1.0                       # m/s, by the jet model
+# speed_within = 3.0                # m from the end-effector, of `exterior` and `allowed`; default: everywhere
+# geometry = true                   # false: envelopes may enter, only the speed is asked for
 """
 
 
@@ -81,6 +85,8 @@ LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "t
 RATINGS = {"joint_moment": 4.0, "joint_force": 60.0, "battery_Wh": 12.0}
 SETS = {"hinge_step_deg": 15.0, "hinge_angles_deg": (0.0, 30.0, 45.0, 60.0, 90.0)}
 """Examples of fields of [flight], of a module and of [search] that have no default."""
+ADVISED = {"at": "both"}
+"""Fields of [flight] that a new task states: better than the default, which is that of older tasks."""
 
 
 def task_template(name: str) -> str:
@@ -95,7 +101,7 @@ def task_template(name: str) -> str:
     }
     changed = {
         "module": module.model_copy(update={**forms, **RATINGS}),
-        "flight": filled.flight.model_copy(update=LIMITS),
+        "flight": filled.flight.model_copy(update=LIMITS | ADVISED),
         "search": filled.search.model_copy(update=SETS),
     }
     filled = filled.model_copy(update=changed)
@@ -124,7 +130,7 @@ def _fields(task: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[s
             continue
         if getattr(task, field) is None and not isinstance(value, bool):
             value = _round(value)
-        line = f"# {field} = {json.dumps(value)}"
+        line = f"{'' if field in ADVISED else '# '}{field} = {json.dumps(value)}"
         words = textwrap.wrap(known.description or "", WIDTH - COMMENT_AT)
         if len(line) > COMMENT_AT - 2:
             yield line

@@ -19,7 +19,7 @@ FLIGHT = (
     "rod_length_m",
 )
 """Columns of an audited design: what its audit reports beyond the task."""
-AUDITED = ("power_W", "air_tip_m_s", "air_region_m_s")
+AUDITED = ("power_W", "air_tip_m_s", "air_region_m_s", "force_reserve_com_N", "tilt_deg")
 """Columns of an audited design that are read from its audit, not from its row in the ledger."""
 PROVEN = ("proven_bound", "proven_gap", "proof", "proven_problem")
 """Columns that branch and bound fills: read from the candidate's proof, not from its row in the ledger."""
@@ -183,14 +183,16 @@ def flight_of(audit: Audit) -> dict[str, float | int | None]:
 def figures_of(audit: Audit) -> dict[str, float | None]:
     """Return what an audit says by the names of AUDITED.
 
-    Power at the rotors' shafts in hover [W], and of all load cases the fastest air at the end-effector and over
-    regions [m/s].
+    Power at the rotors' shafts in hover [W]; of all load cases the fastest air at the end-effector and over regions
+    [m/s]; in hover any force that can be added at the centre of mass [N], and the tilt that can be held [deg].
     """
-    hover, air = None if audit.flight is None else audit.flight.hover.name, audit.air
+    hover, air = None if audit.flight is None else audit.flight.hover, audit.air
     return {
-        "power_W": next((case.shaft_W for case in audit.power if case.name == hover), None),
+        "power_W": next((case.shaft_W for case in audit.power if hover and case.name == hover.name), None),
         "air_tip_m_s": None if air is None else air.tip_m_s,
         "air_region_m_s": None if air is None else air.region_m_s,
+        "force_reserve_com_N": None if hover is None else hover.force_reserve_com_N,
+        "tilt_deg": None if hover is None else hover.tilt_deg,
     }
 
 

@@ -1,0 +1,78 @@
+"""Air speeds in the solver: the same model as the audit's, rows at points, and limits that designs keep."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from nlp_cases import HOVER, as_design, push, random_point, random_tree
+
+from nlp import solve
+from nlp.airspeed import AIMED_AT, SpeedPoint, SpeedRows, fastest
+from topo_search.model import Design, Status, Topology
+from verify import audit
+from verify.air.jets import jets, speeds
+from verify.kinematics import platform
+from verify.requirements import Scene
+
+REGIONS = [
+    {"kind": "local", "radius": 0.2},
+    {"kind": "local", "box": [0.5, 0.3, 0.2]},
+    {"kind": "directional", "radius": 0.1, "segments": [[0.6, 0.0, 0.0]]},
+    {"kind": "directional", "radius": 0.1, "along": "end_effector", "length": 0.5},
+    {"kind": "exterior", "half_angle_deg": 60.0},
+    {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}], "speed_within": 1.0},
+]
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=lambda region: f"{region['kind']}{len(region)}")
+def test_the_fastest_air_over_a_region_is_what_the_audit_finds(region: dict) -> None:
+    """Neither side knows the other's code: the solver climbs, the audit bounds from above."""
+    rng = np.random.default_rng(1)
+    for n in (1, 3, 5):
+        task = push(n, exposure=[{**region, "speed": 1.0}])
+        point = random_point(task, random_tree(n, rng), rng)
+        point = replace(point, u=np.abs(point.u) + 1e4)
+        found = audit(as_design(point)).air
+        assert found is not None
+        for at in fastest(point):
+            proven = found.cases[at.case].regions[0]
+            assert at.speed <= proven.speed_at_most_m_s * (1 + 1e-9)
+            assert at.speed >= 0.97 * proven.speed_m_s
+
+
+def test_rows_are_the_speeds_at_their_points() -> None:
+    rng = np.random.default_rng(3)
+    task = push(4, exposure=[{"kind": "local", "radius": 0.2, "speed": 2.0}])
+    point = random_point(task, random_tree(4, rng), rng)
+    point = replace(point, u=np.abs(point.u) + 1e5)
+    points = tuple(SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3))) for k in (0, 1, 2) for _ in range(20))
+    rows = SpeedRows(task, point.topology, points)
+    import casadi as ca
+
+    stated = np.asarray(ca.Function("g", [rows.x], [rows.g])(point.pack())).ravel()
+    design = as_design(point)
+    placed, scene = platform(design), Scene(design, platform(design))
+    rotors = scene.centres[:, None] + (placed.rotors - placed.o[:, None]) / scene.l_arm
+    for row, at in zip(stated, points, strict=True):
+        air = jets(task.module, task.air_density, scene.centres, placed.poses.R, rotors, point.u[at.case])
+        exact = speeds(air, (scene.p_E + at.from_tip)[None]).sum()
+        assert 2.0 * (AIMED_AT - row) == pytest.approx(exact, rel=0.06, abs=0.1)  # bends are rounded
+
+
+@pytest.mark.parametrize("geometry", [True, False])
+def test_designs_keep_the_air_over_a_region_slow(geometry: bool) -> None:
+    """A tip 0.6 m below hovering modules: 6.5 m/s where nothing is asked for."""
+    region = {"kind": "local", "radius": 0.1, "geometry": geometry}
+    below = {"end_effector": {"position": [0.0, 0.0, -0.6], "rod": "none", "largest_reach": False}}
+    efforts = []
+    for speed in (20.0, 4.0):
+        task = push(4, load_cases=[HOVER], exposure=[{**region, "speed": speed}], **below)
+        design = solve(task, Topology.from_key("a5020"), starts=range(2), seed=0)
+        assert isinstance(design, Design)
+        found = audit(design)
+        assert found.verdict == Status.CLEAR
+        assert found.air is not None
+        assert found.air.region_m_s is not None
+        assert found.air.region_m_s <= speed
+        efforts.append(design.objective)
+    assert efforts[1] > 1.01 * efforts[0] or geometry
