@@ -31,7 +31,7 @@ def init(*words: str) -> Result:
 def test_the_file_is_a_task_in_which_all_but_the_load_cases_is_the_default(in_folder: Path) -> None:
     assert init("window.toml").exit_code == 0
     task = read_task("window.toml")
-    plain = Task(name="window", modules=5, load_cases=task.load_cases)
+    plain = Task(name="window", modules=5, load_cases=task.load_cases, flight={"at": "both"})
     assert task == plain
     assert len(task.load_cases) == 2
 
