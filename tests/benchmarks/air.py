@@ -13,8 +13,9 @@ import numpy as np
 
 from topo_search.model import Design
 from topo_search.model.files import read_json
+from verify.air import case_jets
 from verify.air.bound import _points_in, bound_speed
-from verify.air.jets import jets, speeds
+from verify.air.jets import speeds
 from verify.kinematics import platform
 from verify.requirements import Scene
 
@@ -30,10 +31,7 @@ def main() -> None:
         design = read_json(Design, path)
         task, found = design.task, platform(design)
         scene = Scene(design, found)
-        rotors = scene.centres[:, None] + (found.rotors - found.o[:, None]) / scene.l_arm
-        inputs = design.inputs.reshape(-1, len(scene.centres), 4)
-        for case, u in zip(task.case_labels, inputs, strict=True):
-            blown = jets(task.module, task.air_density, scene.centres, found.poses.R, rotors, u)
+        for case, blown in case_jets(design, found, scene):
             for number, requirement in enumerate(task.exposure):
                 for _, region in scene.regions(requirement):
                     started = time.process_time()

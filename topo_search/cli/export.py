@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 SUFFIXES = {
     ".csv": "csv",
     ".glb": "glb",
+    ".npz": "air",
+    ".vti": "air",
     ".html": "sheet",
     ".mjcf": "mjcf",
     ".xml": "mjcf",
@@ -109,6 +111,7 @@ def export(
     stl           solids in millimetres for CAD and printing
     mjcf          a model for the simulator MuJoCo, with a keyframe for each load case (.mjcf, .xml)
     urdf          a robot description with a frame at every rotor
+    air           air speeds on a grid, a field for each load case (.npz, or .vti for ParaView)
     csv, parquet  a table: candidates of a run, clearances of an audit; a design is audited first
     assembly      the assembly sheet as CSV: what to bolt to what, at which angle, in which order
     kit           a folder for the lab: design, allocation matrix, PX4 parameters, hinge brackets and
@@ -145,6 +148,8 @@ def export(
         if angle_step is not None and form not in KIT:
             rule = f"applies only to a kit and its parts, but got --format {form}"
             raise BadInput("--angle-step", [Fault("", rule)])
+        if form == "air" and SUFFIXES.get(out.suffix.lower()) != "air":
+            raise BadInput("--out", [Fault("", f"must end in .npz or .vti, but got {out.name}")])
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
         if physics != Physics() and form not in ("mjcf", "kit"):
             rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {form}"
@@ -190,6 +195,11 @@ def _write(design: Design, kind: Any, parts: Any, physics: Physics, out: Path) -
         from topo_search.export.solids import glb, stl
 
         write_atomically(out, glb(design, parts or "all") if kind == "glb" else stl(design, parts or "platform"))
+    elif kind == "air":
+        from topo_search.export.air_field import air_field, npz, vti
+
+        field = air_field(design)
+        write_atomically(out, vti(field) if out.suffix.lower() == ".vti" else npz(field))
     elif kind == "mjcf":
         from topo_search.export.mjcf import mjcf
 

@@ -40,7 +40,7 @@ OURS = (
 )
 """The formats of this package that are one file of a design."""
 
-RESERVED = ("allocation", "assembly", "brackets", "csv", "kit", "parquet", "parts", "px4", "rotors", "sheet")
+RESERVED = ("air", "allocation", "assembly", "brackets", "csv", "kit", "parquet", "parts", "px4", "rotors", "sheet")
 """Other kinds that the command line knows."""
 
 _registered: dict[str, OwnFormat] = {one.name: one for one in OURS}

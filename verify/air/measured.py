@@ -34,17 +34,18 @@ WEIGHTS = np.array([2.0, *[1.0] * 6]) / 8
 
 def air(design: Design, platform: Platform, scene: Scene) -> AirSpeeds | None:
     """Return the air of a design in every load case; None if its numbers are too large to compute with."""
+    if not (np.isfinite(design.inputs).all() and np.abs([*scene.centres, scene.p_E]).max() < FARTHEST):
+        return None
+    return AirSpeeds(cases=tuple(_case(name, scene, blown) for name, blown in case_jets(design, platform, scene)))
+
+
+def case_jets(design: Design, platform: Platform, scene: Scene) -> Iterator[tuple[str, Jets]]:
+    """Yield every load case's name and its jets, in the coordinates of the scene."""
     task = design.task
     rotors = scene.centres[:, None] + (platform.rotors - platform.o[:, None]) / scene.l_arm
     inputs = design.inputs.reshape(-1, len(scene.centres), 4)
-    if not (np.isfinite(inputs).all() and np.abs([*scene.centres, scene.p_E]).max() < FARTHEST):
-        return None
-    return AirSpeeds(
-        cases=tuple(
-            _case(name, scene, jets(task.module, task.air_density, scene.centres, platform.poses.R, rotors, u))
-            for name, u in zip(task.case_labels, inputs, strict=True)
-        )
-    )
+    for name, u in zip(task.case_labels, inputs, strict=True):
+        yield name, jets(task.module, task.air_density, scene.centres, platform.poses.R, rotors, u)
 
 
 def speed_residuals(design: Design, measured: AirSpeeds | None) -> Iterator[Residual]:

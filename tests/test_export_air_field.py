@@ -1,0 +1,56 @@
+"""Air speeds on a grid: the values of the model, and files that others read."""
+
+import base64
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from topo_search.cli import main
+from topo_search.export.air_field import air_field, npz, vti
+from topo_search.model import Design
+from topo_search.model.files import read_json
+from verify import audit
+
+DESIGN = Path(__file__).parent / "designs" / "wall-push.json"
+
+
+def test_the_grid_has_the_speed_of_the_audit_at_the_tip(tmp_path: Path) -> None:
+    design = read_json(Design, DESIGN)
+    field = air_field(design, points=60_000)
+    found = audit(design).air
+    assert found is not None
+    assert list(field.cases) == [case.name for case in found.cases]
+    nearest = np.round((np.array(design.end_effector_m) - field.origin) / field.step).astype(int)
+    for case in found.cases:
+        around = field.cases[case.name][tuple(slice(at - 1, at + 2) for at in nearest)]
+        assert around.min() <= case.tip_m_s * 1.01
+        assert around.max() >= case.tip_m_s * 0.99
+        assert field.cases[case.name].size <= 60_000
+    (tmp_path / "air.npz").write_bytes(npz(field))
+    with np.load(tmp_path / "air.npz") as read:
+        assert read["speed_m_s"].shape == (2, *field.cases["load case 1 (hover)"].shape)
+        assert float(read["step_m"]) == field.step
+
+
+def test_the_image_data_of_vtk_has_x_first() -> None:
+    field = air_field(read_json(Design, DESIGN), points=2_000)
+    (image,) = ET.fromstring(vti(field)).iter("ImageData")
+    nx, ny, nz = (int(image.attrib["WholeExtent"].split()[k]) + 1 for k in (1, 3, 5))
+    for array, speed in zip(image.iter("DataArray"), field.cases.values(), strict=True):
+        raw = base64.b64decode(array.text or "")
+        assert int.from_bytes(raw[:4], "little") == len(raw) - 4 == 4 * nx * ny * nz
+        read = np.frombuffer(raw[4:], "<f4").reshape(nz, ny, nx)
+        np.testing.assert_array_equal(read.transpose(2, 1, 0), speed)
+
+
+@pytest.mark.parametrize(("name", "status"), [("air.npz", 0), ("air.vti", 0), ("air.txt", 2)])
+def test_the_command_writes_either_form(tmp_path: Path, name: str, status: int) -> None:
+    words = ["export", str(DESIGN), "--format", "air", "--out", str(tmp_path / name)]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == status, result.output
+    assert (tmp_path / name).exists() == (status == 0)
+    if status:
+        assert ".npz or .vti" in result.stderr
