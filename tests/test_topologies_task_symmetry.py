@@ -347,3 +347,13 @@ def test_each_quantity_is_compared_on_its_own_scale(seed):
         off = [np.array(value) for value in given]
         off[broken] = off[broken] + 1e-3 * np.linalg.norm(off[broken]) * rng.normal(size=3)
         assert not symmetric(off), broken
+
+
+@pytest.mark.parametrize(("speeds", "mirrored"), [((1.0, 1.0), True), ((1.0, 2.0), False), ((1.0, None), False)])
+def test_air_speeds_are_part_of_what_a_mirror_keeps(speeds: tuple[float | None, ...], mirrored: bool) -> None:
+    """Two walls that face each other, and a push between them whose only mirror exchanges them."""
+    pushes = (([0.3, 0.2, 1.0], None), ([-0.3, 0.2, 1.0], None))
+    walls = (
+        below((x, 0, 0, 0.5)).model_copy(update={"speed": speed}) for x, speed in zip((1, -1), speeds, strict=True)
+    )
+    assert (improper_isometry(task_of(*pushes, exposure=tuple(walls))) is not None) == mirrored
