@@ -48,7 +48,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.layout import ROTOR_DIRECTIONS
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape
 
-AIMED_AT = 0.995
+AIMED_AT = 0.997
 """Share of a limit that rows state: what is faster between their points is within the limit."""
 ALLOWED = 0.998
 """Share of a limit up to which a design meets it: the audit's bound over the whole region is still under it."""
@@ -56,8 +56,10 @@ ALONG_AXIS = np.concatenate([[0.0], np.geomspace(0.1, 60.0, 30)])
 """Depths at which a search for the fastest air begins [l_arm]."""
 STEPS = 0.5 ** np.arange(1, 16)
 """Steps of that search [l_arm]."""
-SOFTNESS = 0.05
+SOFTNESS = 0.02
 """Width over which bends are rounded in rows."""
+PULLS = 30
+"""Number of projections, in turns, that bring a point into a region and a ball."""
 
 
 class SpeedPoint(NamedTuple):
@@ -179,7 +181,16 @@ def _symbolic_speed(task: ResolvedTask) -> ca.Function:
     away, u = ca.SX.sym("away", 3), ca.SX.sym("u", 4)
     v = [_induced_speeds(task, (u[q] + 1e-6) * Units.of(task).input) for q in range(4)]
     by_rotor = [(away[0] - x) ** 2 + (away[1] - y) ** 2 for x, y, _ in ROTOR_DIRECTIONS]
-    parts = _parts(task, v, -away[2], away[0] ** 2 + away[1] ** 2, by_rotor, _soft_clip, _soft_max)
+    parts = _parts(
+        task,
+        v,
+        -away[2],
+        away[0] ** 2 + away[1] ** 2,
+        by_rotor,
+        _soft_clip,
+        _soft_max,
+        lambda z: _soft_clip(1 + z / SOFTNESS),
+    )
     return ca.Function("air", [away, u], [ca.sqrt(sum(part * part for part in parts))])
 
 
@@ -198,7 +209,14 @@ def _speeds(task: ResolvedTask, R: Array, p: Array, rotors: Array, induced: Arra
     by_rotor = np.sum(from_rotors**2, axis=-1)
     v = [induced[:, q] for q in range(4)]
     parts = _parts(
-        task, v, depth, np.sum(on_axis**2, axis=-1), [by_rotor[..., q] for q in range(4)], _clip, np.maximum
+        task,
+        v,
+        depth,
+        np.sum(on_axis**2, axis=-1),
+        [by_rotor[..., q] for q in range(4)],
+        _clip,
+        np.maximum,
+        _is_below,
     )
     return np.asarray(np.max(np.broadcast_arrays(*parts), axis=0))
 
@@ -211,6 +229,7 @@ def _parts(
     by_rotor: list[Any],
     clip: Callable[[Any], Any],
     larger: Callable[[Any, float], Any],
+    begins: Callable[[Any], Any],
 ) -> list[Any]:
     """Return the speeds of a module's parts at a point, of numbers or of symbols.
 
@@ -222,6 +241,7 @@ def _parts(
         by_rotor: r_q^2.
         clip: what keeps a number within [0, 1].
         larger: the larger of two numbers.
+        begins: 1 below the discs, at positive depths, 0 above.
     """
     jet, R = task.module.airflow.jet, task.module.body.rotor_radius / task.module.arm_length
     s = z / 2
@@ -231,7 +251,7 @@ def _parts(
     far = clip(s / 2.5) * jet.decay * U_H / from_origin / profile**2
     below = 5 * clip(z / 5)
     g = 1 + below / (R * R + below * below) ** 0.5
-    fade = clip((2.5 - s) / 1.5) * clip(1 + z / SOFTNESS)
+    fade = clip((2.5 - s) / 1.5) * begins(z)
     radii = [(each + 1e-12) ** 0.5 for each in by_rotor]
     near = [
         each * g * fade * clip(0.5 + (R / g**0.5 - r) / (0.2 * (below + R)))
@@ -246,8 +266,19 @@ def _clip(t: Array) -> Array:
     return np.clip(t, 0.0, 1.0)
 
 
+def _is_below(z: Array) -> Array:
+    return np.where(z >= 0, 1.0, 0.0)
+
+
 def _soft_clip(t: ca.SX) -> ca.SX:
-    return (ca.sqrt(t * t + SOFTNESS**2) - ca.sqrt((t - 1) ** 2 + SOFTNESS**2) + 1) / 2
+    def rounded(t: Any) -> Any:
+        return (t * t + SOFTNESS**2) ** 0.5 - ((t - 1) ** 2 + SOFTNESS**2) ** 0.5 + 1
+
+    return rounded(t) / rounded(1.0)  # no less than the bend it stands for, from there on
+
+
+def _soft_begin(z: ca.SX) -> ca.SX:
+    return _soft_clip(1 + z / SOFTNESS)
 
 
 def _soft_max(a: ca.SX, b: float) -> ca.SX:
@@ -268,11 +299,13 @@ def _climb(inside: Callable[[Array], Array], air: Callable[[Array], Array], x: A
 
 
 def _pull_inside(shape: Shape, l_arm: float, within: float | None, x: Array) -> Array:
-    """Return the points of a region near points, (m, 3), from p'_E [l_arm]; none that are farther than `within`."""
+    """Return points of a region near points, (m, 3), from p'_E [l_arm]; none that stay farther than `within`."""
     x = _nearest(shape, x * l_arm)
-    if within is not None:
-        x = x[np.linalg.norm(x, axis=1) <= within]
-    return x / l_arm
+    if within is None:
+        return x / l_arm
+    for _ in range(PULLS):
+        x = _nearest(shape, x * np.minimum(1.0, within / np.maximum(np.linalg.norm(x, axis=1), within))[:, None])
+    return x[np.linalg.norm(x, axis=1) <= within * (1 + 1e-6)] / l_arm
 
 
 def _nearest(shape: Shape, x: Array) -> Array:

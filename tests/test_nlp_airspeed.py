@@ -76,3 +76,22 @@ def test_designs_keep_the_air_over_a_region_slow(geometry: bool) -> None:
         assert found.air.region_m_s <= speed
         efforts.append(design.objective)
     assert efforts[1] > 1.01 * efforts[0] or geometry
+
+
+def test_air_within_a_distance_of_the_tip_is_found_where_the_region_is_farther_from_the_jet() -> None:
+    region = {
+        "kind": "exterior",
+        "half_angle_deg": 60.0,
+        "axis": [0.0, 0.0, 1.0],
+        "speed": 1.0,
+        "speed_within": 0.3,
+    }
+    task = push(1, load_cases=[HOVER], exposure=[region])
+    l_arm = task.module.arm_length
+    point = random_point(task, random_tree(1, np.random.default_rng(0)), np.random.default_rng(0))
+    tip = l_arm * np.array([4.0, 0.0, -6.0])
+    point = replace(point, root=np.zeros(3), p_E=tip, u=np.full((1, 1, 4), 5e5))
+    (at,) = fastest(point)
+    found = audit(as_design(point)).air
+    assert found is not None
+    assert at.speed >= 0.97 * found.cases[0].regions[0].speed_m_s > 1.0

@@ -352,7 +352,7 @@ def test_each_quantity_is_compared_on_its_own_scale(seed):
 @pytest.mark.parametrize(("speeds", "mirrored"), [((1.0, 1.0), True), ((1.0, 2.0), False), ((1.0, None), False)])
 def test_air_speeds_are_part_of_what_a_mirror_keeps(speeds: tuple[float | None, ...], mirrored: bool) -> None:
     """Two walls that face each other, and a push between them whose only mirror exchanges them."""
-    pushes = (([0.3, 0.2, 1.0], None), ([-0.3, 0.2, 1.0], None))
+    pushes = (([0.3, 0.2, 1.0], None), ([-0.3, 0.2, 1.0], None), ([0.0, 1.0, 0.3], None))
     walls = (
         below((x, 0, 0, 0.5)).model_copy(update={"speed": speed}) for x, speed in zip((1, -1), speeds, strict=True)
     )

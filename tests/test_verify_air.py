@@ -261,10 +261,19 @@ def test_without_geometry_the_speed_alone_is_asked_for() -> None:
         ({"speed": -1.0}, "greater than 0"),
         ({"geometry": False}, "`speed` must be given"),
         ({"speed_within": 3.0}, "`speed` must be given"),
-        ({"speed": 1.0, "speed_within": 0.1, "planes": [{"normal": [1, 0, 0], "offset": 0.2}]}, "nearest plane"),
+        (
+            {"speed": 1.0, "speed_within": 0.1, "planes": [{"normal": [1, 0, 0], "offset": 0.2}]},
+            "every plane's offset",
+        ),
     ],
 )
 def test_a_speed_that_means_nothing_is_refused(fields: dict, words: str) -> None:
     given = {"kind": "allowed", "planes": [{"normal": [1, 0, 0]}], **fields}
     with pytest.raises(ValueError, match=words):
         Allowed.model_validate(given)
+
+
+def test_a_thin_pane_is_bounded_as_closely() -> None:
+    box = np.array([[x, y, z] for x in (-5, 5) for y in (-5, 5) for z in (-5e-4, 5e-4)])
+    found = bound_speed(one(), hull(box).move(np.array([3.0, 1.0, -9.0])))
+    assert found.found <= found.at_most <= 1.03 * found.found

@@ -137,7 +137,8 @@ def _apex(start: Point, cone: Cone) -> Array:
 
 def cones(task: ResolvedTask) -> list[Cone]:
     """Return the cones and half-spaces that must hold all airflow."""
-    return [shape for asked in task.exposure for shape in asked.shapes if isinstance(shape, Cone)]
+    regions = (asked for asked in task.exposure if asked.geometry)
+    return [shape for asked in regions for shape in asked.shapes if isinstance(shape, Cone)]
 
 
 def _narrowest_cone(task: ResolvedTask) -> Cone | None:

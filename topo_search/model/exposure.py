@@ -263,9 +263,9 @@ class Allowed(UnboundedRegion):
 
     @model_validator(mode="after")
     def _planes_are_within(self) -> Self:
-        nearest = min(plane.offset for plane in self.planes)
-        if self.speed_within is not None and self.speed_within <= nearest:
-            text = f"must be more than the nearest plane's offset, {nearest:g} m, but got {self.speed_within:g}"
+        farthest = max(plane.offset for plane in self.planes)
+        if self.speed_within is not None and self.speed_within <= farthest:
+            text = f"must be more than every plane's offset, {farthest:g} m at most, but got {self.speed_within:g}"
             refuse("Allowed", (("speed_within",), text))
         return self
 

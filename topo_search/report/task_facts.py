@@ -19,13 +19,15 @@ Facts = tuple[str, Sequence[tuple[str, str]]]
 
 def facts(task: ResolvedTask) -> tuple[Facts, ...]:
     """Return everything that a task asks for but its load cases."""
-    exposure = [(f"requirement {e}", requirement(one)) for e, one in enumerate(task.exposure)]
+    exposure = [(f"requirement {e}", requirement(one)) for e, one in enumerate(task.exposure) if one.geometry]
+    slow = [(f"requirement {e}", requirement(one)) for e, one in enumerate(task.exposure) if not one.geometry]
     return (
         ("platform", list(_platform(task))),
         ("module", list(_module(task))),
         ("airflow envelope", list(_envelope(task))),
         ("end-effector", list(_end_effector(task))),
         ("must stay out of the airflow", exposure or [("regions", "only the platform's own modules")]),
+        *([("air speed", slow)] if slow else []),
         *_flight(task),
         ("search", _search(task)),
         *_tolerances(task),
@@ -123,8 +125,7 @@ def requirement(asked: AnyExposure) -> str:
         return _place(asked)
     within = getattr(asked, "speed_within", None)
     reach = "" if within is None else f" within {length(within)} of the end-effector"
-    beside = "" if asked.geometry else ", whatever envelopes it meets"
-    return f"{_place(asked)}; air there at most {figures(asked.speed)} m/s{reach}{beside}"
+    return f"{_place(asked)}; air there at most {figures(asked.speed)} m/s{reach}"
 
 
 def _place(asked: AnyExposure) -> str:

@@ -30,6 +30,8 @@ ROUNDING = 1e-9
 """Relative excess of a bound over what rounding may take from it."""
 INSIDE = 1e-12
 """Relative distance of points from the surface of their region, inside it."""
+PULLS = 6
+"""Number of projections onto faces that bring a point near a polytope."""
 STEEP = 0.95
 """Cosine of the angle to a jet's axis within which its far field is bounded by its speed on the axis."""
 NOT_LESS = 1e-6
@@ -147,6 +149,10 @@ def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
         depth = np.maximum(_depth_in(region, x) + INSIDE * (1 + np.abs(x - region.apex).max(axis=1)), 0.0)
         return np.asarray(x - depth[:, None] * _normals_of(region, x))
     if isinstance(region, Hull):
+        for _ in range(PULLS):
+            beyond = x @ region.normals.T - region.offsets
+            face = np.argmax(beyond, axis=1)
+            x = x - np.maximum(beyond[np.arange(len(x)), face], 0.0)[:, None] * region.normals[face]
         away = x - region.centre
         rate = away @ region.normals.T
         room = region.offsets - region.normals @ region.centre

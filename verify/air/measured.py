@@ -97,7 +97,7 @@ def _region(number: int, requirement: Exposure, scene: Scene, blown: Jets) -> Re
         name=f"exposure {number} ({requirement.kind})",
         speed_m_s=clamp(largest.found),
         speed_at_most_m_s=clamp(at_most),
-        estimate_m_s=clamp(float(np.linalg.norm(speeds(blown, largest.point[None])))),
+        estimate_m_s=clamp(float(np.linalg.norm(speeds(blown, largest.point[None])))) if largest.found else 0.0,
         limit_m_s=limit,
         status=status,
     )
