@@ -81,7 +81,7 @@ ROUNDING = 1e-9
 LARGE = 4.0
 """Lengths that keep modules off the end-effector, and its rod, are seldom meant to be longer, in packed widths."""
 INWARDS = 0.2
-"""Depth inside its connector's plane where a frame may touch a bolted neighbour's [l_c]: 30 mm by default.
+"""Depth inside its connector's plane to which a frame may touch a bolted one [l_c]: 30 mm of the default module.
 
 A frame that is as high as the default hub at its connector needs 20 mm when it is folded by 90 degrees.
 """

@@ -31,7 +31,7 @@ STARTS = "starts"
 STATUS = "status"
 """User attribute of a trial that is over: what became of its candidate."""
 DRAWS = 64
-"""Known trees drawn in a row after which one is drawn uniformly from all that are left."""
+"""Number of known trees drawn in a row after which one is drawn uniformly from all that are left."""
 
 FRESH = 8
 """Uniform draws that a search, or a population after a restart, begins with."""
