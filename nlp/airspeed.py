@@ -77,7 +77,7 @@ class SpeedPoint(NamedTuple):
 
 @dataclass(frozen=True)
 class Fastest:
-    """Where the air over a region is fastest in a load case."""
+    """Fastest air over a region in a load case, and where."""
 
     case: int
     exposure: int

@@ -47,12 +47,12 @@ WIDEST = 3
 MOST_REDUCED, MOST_WHOLE = 4096, 48
 """Most combinations solved for one tree, by the compiled search and by Ipopt."""
 MOST_MISSED = 0.1
-"""What an end of free angles misses at most if combinations are sought near it [l_arm, m_t g, l_arm m_t g, rad]."""
+"""Largest violation of a free-angle end near which combinations are sought [l_arm, m_t g, l_arm m_t g, rad]."""
 POLISHED = Polish(enough=4, most=8)
-"""How many of the best combinations Ipopt makes exact: their order may change by a little."""
+"""Number of the best combinations that Ipopt makes exact: their order may change slightly."""
 
 Places = tuple[int, ...]
-"""Where the angles of a combination are in the set."""
+"""Indices into the set of a combination's angles."""
 End = TypeVar("End", LocalMinimum, StartResult)
 
 
@@ -62,9 +62,9 @@ class _Solved(Generic[End]):
 
     places: Places
     rank: tuple[bool, float]
-    """Whether it misses anything, and its effort, with a price of what it misses [rad^4/s^4]."""
+    """True if it misses anything; its effort, plus a price of what it misses [rad^4/s^4]."""
     x: Array
-    """Where it ended: unknowns that begin with those of a reduced search."""
+    """Unknowns at its end, which begin with those of a reduced search."""
     end: End
 
 

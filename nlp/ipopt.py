@@ -1,4 +1,4 @@
-"""How Ipopt is called, and what it returns.
+"""Ipopt: its call and its result.
 
 It is not called without room for its BLAS, which waits without end for memory that it cannot have.
 """
@@ -41,7 +41,7 @@ OPTIONS: dict[str, int | float | str | bool] = {
 
 @dataclass(frozen=True)
 class IpoptResult:
-    """What Ipopt returns after one start."""
+    """Result of Ipopt from one start."""
 
     point: Point
     status: str
@@ -49,7 +49,7 @@ class IpoptResult:
 
     @property
     def finite(self) -> bool:
-        """Whether all values are numbers; an evaluation that failed leaves none behind."""
+        """True if all values are numbers; an evaluation that failed leaves none behind."""
         return bool(np.all(np.isfinite(self.point.pack())))
 
 

@@ -1,4 +1,4 @@
-r"""What the joints bear in the load cases that a task states, and limits of it as rows of a program.
+r"""Joint loads in the load cases that a task states, and their limits as rows of a program.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

@@ -46,7 +46,7 @@ DRAWS = 8
 
 
 class Polish(NamedTuple):
-    """How many of the best distinct local minima are polished."""
+    """Number of the best distinct local minima that are polished."""
 
     enough: int
     """Number after which the polish ends once one has become a design."""
@@ -64,13 +64,13 @@ CONSTRAINED = Polish(enough=8, most=16)
 """For the user's constraints and air speeds, which the descents do not know: the best design may be far from the
 best minimum."""
 MOST_MISSED = 0.02
-"""What a local minimum may miss and is still polished, unless it is the best [l_arm, m_t g, l_arm m_t g].
+"""Largest violation at which a local minimum is polished, unless it is the best [l_arm, m_t g, l_arm m_t g].
 
 On push, push-two-paths and push-exterior-60 with five and seven modules, minima that became designs missed 0.0063
 at most; for one that misses more Ipopt takes five times the iterations to end nowhere.
 """
 ACCEPTED = 0.01
-"""What a local minimum may miss and is still polished before those that miss more [l_arm, m_t g, l_arm m_t g]."""
+"""Largest violation at which a local minimum is polished before worse ones [l_arm, m_t g, l_arm m_t g]."""
 
 
 class DeepSearch(NamedTuple):
@@ -93,12 +93,12 @@ NOT_POLISHED = "not polished"
 
 
 class _Minima(NamedTuple):
-    """Where starts ended; each minimum names the starts that reached it."""
+    """Ends of starts; each minimum names the starts that reached it."""
 
     best: list[LocalMinimum]
     """The best distinct ones."""
     others: list[LocalMinimum]
-    """Where the rest had come to when they were given up."""
+    """Points that the rest had reached when they were given up."""
 
 
 class ReducedSearch:

@@ -1,4 +1,4 @@
-"""Where one start of a solve ended, judged."""
+"""End of one start of a solve, judged."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class StartResult:
     start: int
     """Its index; -1, -2, ... for the first, second, ... design carried over."""
     result: IpoptResult
-    """What Ipopt returned."""
+    """Result of Ipopt."""
     point: Point
-    """What was reached, as a file can hold it."""
+    """Point that was reached, as a file can hold it."""
     worst: Violation
     corners: frozenset[str] = frozenset()
-    """What the corners are called that its last program had."""
+    """Names of the corners in its last program."""
 
     @classmethod
     def at(

@@ -80,7 +80,7 @@ _HOMES = {
     "topo_search.report.progress": ("Lines",),
     "topo_search.study": ("Answer", "LedgerLost", "Observer", "Row", "SizeAnswer", "Solved"),
 }  # fmt: skip
-"""Where each name lives."""
+"""Module that defines each name."""
 
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -1,4 +1,4 @@
-"""What every child process does first: it makes sure that it cannot outlive the process that started it.
+"""First steps of every child process: it makes sure that it cannot outlive the process that started it.
 
 It loads only Python's own library, so that a child that has too little memory for more can say so.
 """

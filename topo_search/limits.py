@@ -1,4 +1,4 @@
-"""How large an input may be; `docs/pages/reference/limits.md` has the same as a table.
+"""Upper limits of inputs; `docs/pages/reference/limits.md` has the same as a table.
 
 What is within these limits is worked on to its end, in time and memory that are known. What is beyond them is
 refused by name before any work is done for it.

@@ -1,4 +1,4 @@
-"""What a user hands in beside a task, checked and put into the form that a run takes."""
+"""User input beside a task, checked and put into the form that a run takes."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from topo_search.study.request import digest
 from topo_search.topologies import OwnTopology, own_candidates
 
 AnySampler = Sampler | OwnSampler | SamplerFactory | TopologySampler
-"""What `search` takes as a sampler."""
+"""Samplers that `search` takes."""
 
 
 @dataclass(frozen=True)
 class Handed:
-    """What a user handed in to a search."""
+    """Input that a user gave a search."""
 
     own: Own
     """As far as the run's folder keeps it."""
@@ -32,7 +32,7 @@ class Handed:
     sampler: Sampler
     """The one that a name stands for."""
     propose: SamplerFactory | None
-    """What makes the user's own."""
+    """Factory of the user's own."""
     constraints: tuple[OwnConstraint, ...]
 
 

@@ -135,7 +135,7 @@ class OwnConstraint:
 
     @property
     def stated(self) -> Stated:
-        """What a design file stores of it."""
+        """Record of it in a design file."""
         lower, upper = (None if math.isinf(side) else float(side) for side in (self.lower, self.upper))
         return Stated(
             name=self.name,
@@ -244,7 +244,7 @@ class OwnSampler:
 
     @property
     def stated(self) -> Versioned:
-        """What a run's folder stores of it."""
+        """Record of it in a run's folder."""
         return Versioned(name=self.name, version=self.version)
 
 

@@ -30,21 +30,21 @@ INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
-"""What ends a command: Ctrl-C, and what a scheduler ends a job with."""
+"""Signals that end a command: Ctrl-C, and the one by which a scheduler ends a job."""
 GRACE = 2.5
 """Time in which a command that is to stop can write what it has, before it is killed [s]."""
 MEMORY_FAULTS = (signal.SIGABRT, signal.SIGBUS, signal.SIGILL, signal.SIGSEGV, signal.SIGTRAP)
-"""How native code ends when an allocation fails: C++ and LLVM abort, others use a null pointer."""
+"""Signals by which native code ends when an allocation fails: C++ and LLVM abort, others use a null pointer."""
 SWALLOWS = ("casadi",)
 """Libraries that handle signals in native code, and return what they have when one raises there."""
 AGAIN = 0.05
-"""How much later KeyboardInterrupt is raised instead [s]."""
+"""Delay after which KeyboardInterrupt is raised instead [s]."""
 TELL = 0.2
-"""How long a reader of messages is waited for [s]."""
+"""Longest wait for a reader of messages [s]."""
 
 
 class Stop:
-    """What Ctrl-C and SIGTERM do in a command: they unwind what there is to unwind, once, or end it at once."""
+    """Handling of Ctrl-C and SIGTERM in a command: they unwind what there is to unwind, once, or end it at once."""
 
     def __init__(self, end: int | None = None) -> None:
         self._end = end
@@ -52,9 +52,9 @@ class Stop:
         self._raised = False
         self._ending = False
         self.asked = False
-        """Whether one of them came."""
+        """True if one of them came."""
         self.unwinds = False
-        """Whether KeyboardInterrupt is waited for: elsewhere, as while modules load, it may be lost or mistaken."""
+        """True if KeyboardInterrupt is waited for: elsewhere, as while modules load, it may be lost or mistaken."""
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
@@ -236,7 +236,7 @@ OUT_OF_MEMORY_WORDS = (
     "failed to map segment",
     "out of memory",
 )
-"""What libraries say that cannot be mapped, threads that cannot be started, and C++."""
+"""Messages of libraries that cannot be mapped, of threads that cannot be started, and of C++."""
 
 
 CRAMPED = 32 * 2**20
@@ -244,7 +244,7 @@ CRAMPED = 32 * 2**20
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an error says that there is no more memory, or what it came from does."""
+    """True if an error, or its cause, says that there is no more memory."""
     seen: BaseException | None = error
     known: set[int] = set()
     while seen is not None and id(seen) not in known:
@@ -260,7 +260,7 @@ def is_out_of_memory(error: BaseException) -> bool:
 
 
 def _is_cramped() -> bool:
-    """Whether the address space is limited and next to nothing of it is left."""
+    """True if the address space is limited and next to nothing of it is left."""
     if _limit() is None:
         return False
     try:

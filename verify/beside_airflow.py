@@ -58,7 +58,7 @@ class BesideAirflow:
     segment: int | None
     """Its rotor, or None for hub and arms."""
     counts: bool
-    """Whether it sets the verdict; what does not is measured all the same."""
+    """True if it affects the verdict; it is measured either way."""
     body: Compound
     """The module."""
     against: Solid
@@ -67,13 +67,13 @@ class BesideAirflow:
 
     @property
     def parts(self) -> range:
-        """Which of the module's parts they are."""
+        """Indices of these parts in the module."""
         frame = self.body.frame
         return range(frame) if self.segment is None else range(frame + self.segment, frame + self.segment + 1)
 
 
 class _Found(NamedTuple):
-    """How near parts of modules are to envelopes, in the frames of the modules; N rows."""
+    """Clearances of module parts from envelopes, in the frames of the modules; N rows."""
 
     d: Array
     lower: Array

@@ -33,7 +33,7 @@ from verify.meshes import ConvexMesh, encloses, inner_mesh, lies_within, outer_m
 FLOOR = 1e-7
 """Clearances of a smaller size may stay undecided [l_arm]: FCL's tolerance at its scale."""
 ROUNDING = 1e-10
-"""What rounding may do to a computed bound [l_arm], within FARTHEST of the origin; a proof must exceed it."""
+"""Rounding error of a computed bound, at most [l_arm], within FARTHEST of the origin; a proof must exceed it."""
 COMMON_LEVEL = 2
 """Icosphere level of the mesh that a body shows to all others."""
 TURNED_LEVELS = (2, 3, 4)
@@ -42,7 +42,7 @@ TURNED_LEVELS = (2, 3, 4)
 
 @dataclass(frozen=True)
 class Certificate:
-    """What is proven about one clearance, in l_arm."""
+    """Proven facts about one clearance, in l_arm."""
 
     status: Status
     lower: float | None
@@ -96,12 +96,12 @@ class Solid:
 
     @functools.cached_property
     def in_range(self) -> bool:
-        """Whether the body is where coordinates keep the digits that a proof needs."""
+        """True if the body is near enough to the origin that coordinates keep the digits a proof needs."""
         return bool(np.all(np.abs(self.body.o) + 2 * self.body.extent < FARTHEST / 16))
 
 
 class Witness(NamedTuple):
-    """Where two bodies are nearest, or share the most, as the closed form has it."""
+    """Nearest points or deepest overlap of two bodies, by the closed form."""
 
     d: float
     """The closed form's value."""

@@ -35,9 +35,9 @@ class Nearest(NamedTuple):
     d: Array
     """Signed clearance, positive when clear, shape (N,)."""
     eta: Array
-    """Where on the first axis, shape (N,)."""
+    """Position on the first axis, shape (N,)."""
     gamma: Array
-    """Where on the second axis, shape (N,)."""
+    """Position on the second axis, shape (N,)."""
 
 
 def clearances(pairs: Sequence[tuple[ConeSphere, ConeSphere]]) -> Nearest:

@@ -106,7 +106,7 @@ def _point_between(A: Compound, B: Compound, found: Proximity, i: int, j: int) -
 
 
 def _keep_off(part_A: Convex, part_B: Convex, n: Array, x: Array) -> bool:
-    """Whether FCL sees two parts apart; meshes turned towards n are made only where common ones do not do.
+    """True if FCL sees two parts apart; meshes turned towards n are made only where common ones do not do.
 
     Those have their origin at x, between the parts: FCL needs the digits there, above all for sides that face each
     other.

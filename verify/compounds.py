@@ -1,4 +1,4 @@
-r"""How near two rigid bodies are that are unions of convex parts.
+r"""Clearance of two rigid bodies that are unions of convex parts.
 
 | symbol | meaning | shape |
 |---|---|---|
@@ -44,7 +44,7 @@ ASCENT_STEPS = 6
 LEAST_GAIN = 1e-9
 """Least gain of a step towards the shortest way out [l_arm]."""
 ASIDE = (1e-4, 1e-2, 1.0)
-"""How far parts that nearly touch are moved apart to see which way they face, in sums of their radii."""
+"""Distances that nearly touching parts are moved apart to see which way they face, in sums of their radii."""
 TOUCHING = 1e-4
 """Copies scaled by s touch when they are this part of 1 - s apart: less than they were drawn in from the parts."""
 
@@ -63,13 +63,13 @@ class Compound:
 
     @functools.cached_property
     def in_range(self) -> bool:
-        """Whether the body is where coordinates keep the digits that a proof needs, and thick enough for one."""
+        """True if coordinates of the body keep the digits that a proof needs, and it is thick enough for one."""
         near = bool(np.all(np.abs(self.bounds.centre) + self.bounds.radius < FARTHEST / 16))
         return near and all(part.thick for part in self.parts)
 
 
 class Proximity(NamedTuple):
-    """How near two bodies are."""
+    """Clearance of two bodies, with its witness."""
 
     d: float
     """Clearance, negative if they overlap."""
@@ -84,9 +84,9 @@ class Proximity(NamedTuple):
     x_B: Array
     """The one in B; or the same point."""
     normals: Array
-    """Which n separates parts i and j, or does best, shape (parts of A, parts of B, 3)."""
+    """Separating n of parts i and j, or the best one, shape (parts of A, parts of B, 3)."""
     relevant: Flags
-    """Which parts must not touch each other, shape (parts of A, parts of B)."""
+    """True if two parts must not touch each other, shape (parts of A, parts of B)."""
 
     @property
     def n(self) -> Array:
@@ -119,7 +119,7 @@ def proximities(
 
 
 class _Apart(NamedTuple):
-    """How near N pairs of parts are: d_ij, g_ij(n), n, and points as in `Proximity`."""
+    """Clearances of N pairs of parts: d_ij, g_ij(n), n, and points as in `Proximity`."""
 
     d: Array
     g: Array

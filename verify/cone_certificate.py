@@ -82,7 +82,7 @@ def least_s(body: ConeSphere, cone: Cone, sides: int) -> float:
 
 
 def keeps_off(solid: Solid, cone: Cone, eta: float) -> bool:
-    """Whether FCL sees an outer mesh of the body apart from the half-space beyond the cone nearest to an end ball.
+    """True if FCL sees an outer mesh of the body apart from the half-space beyond the cone nearest to an end ball.
 
     One that is turned towards the half-space is made only where the common one does not do.
     """
@@ -95,7 +95,7 @@ def keeps_off(solid: Solid, cone: Cone, eta: float) -> bool:
 
 
 def reaches_beyond(body: ConeSphere, cone: Cone, eta: float) -> bool:
-    """Whether FCL sees the body's inner mesh reach into the half-space beyond the cone nearest to an end ball."""
+    """True if FCL sees the body's inner mesh reach into the half-space beyond the cone nearest to an end ball."""
     m, x, beyond = _half_space(body, cone, eta)
     near = body.move(-x)
     mesh = inner_mesh(near, COMMON_LEVEL, -m)

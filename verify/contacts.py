@@ -1,4 +1,4 @@
-r"""Which rigid parts must keep apart, and which may touch because they are bolted together.
+r"""Rigid parts that must keep apart, and those that may touch because they are bolted together.
 
 Two modules that share a joint may touch with hub and arms, but only near the connector. A rotor must turn freely:
 it may touch nothing. The rod may touch the module that carries it with its fitting alone.
@@ -43,9 +43,9 @@ class RigidRequirement:
     body: Compound
     against: Compound
     counts: bool
-    """Whether it sets the verdict; what does not is measured all the same."""
+    """True if it affects the verdict; it is measured either way."""
     bolted: bool = False
-    """Whether the frames may touch near the connector."""
+    """True if the frames may touch near the connector."""
     segment: int | None = None
 
 

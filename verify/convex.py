@@ -38,7 +38,7 @@ class Convex(ABC):
     """A convex solid with a name."""
 
     name: str
-    """What it is, in the user's words."""
+    """Its name, in the user's words."""
     vertices: Array
     """V, shape (k, 3)."""
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]), kw_only=True)
@@ -83,7 +83,7 @@ class Convex(ABC):
 
     @property
     def thick(self) -> bool:
-        """Whether the directions of its surface have the digits that a proof needs."""
+        """True if the directions of its surface have the digits that a proof needs."""
         return True
 
     @abstractmethod
@@ -126,7 +126,7 @@ class Polyhedron(Convex):
 
     @property
     def thick(self) -> bool:
-        """Whether any face is no sliver."""
+        """True if any face is not a sliver."""
         return len(self.faces[0]) > 0 if self.copied is None else self.copied[0].thick
 
     def depth(self, x: Array) -> float:

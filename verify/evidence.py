@@ -1,4 +1,4 @@
-"""What to look at when closed form, meshes and python-fcl disagree about a clearance.
+"""Evidence of a disagreement between closed form, meshes and python-fcl about a clearance.
 
 An `inconsistent` verdict is a fault of this tool, or of a library that it trusts. So that someone else can find it,
 what each of them says is written out, after the bodies and the witness with all their digits: in l_arm, from the

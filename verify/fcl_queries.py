@@ -49,5 +49,5 @@ class Shape:
         return elsewhere
 
     def overlaps(self, other: Shape) -> bool:
-        """Whether the two solids have a point in common, as far as FCL can tell."""
+        """True if the two solids have a point in common, as far as FCL can tell."""
         return bool(fcl.collide(self._object, other._object, fcl.CollisionRequest(), fcl.CollisionResult()))

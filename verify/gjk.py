@@ -86,7 +86,7 @@ class Nearest(NamedTuple):
     v: Array
     """x_A - x_B, shape (N, 3)."""
     overlap: Flags
-    """Whether the origin lies in C as far as rounding can tell, shape (N,)."""
+    """True if the origin lies in C as far as rounding can tell, shape (N,)."""
 
 
 def nearest(A: Cores, B: Cores, towards: Array) -> Nearest:

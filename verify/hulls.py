@@ -27,7 +27,7 @@ from verify.clearance import clearances
 from verify.meshes import ConvexMesh, Indices
 
 PLANARITY = 1e-11
-"""How far corners may be off their faces' planes, to the size of the scene: less than proofs allow for rounding."""
+"""Largest offset of corners from their faces' planes, over the scene size: less than proofs allow for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ def hull(points: Array) -> Hull:
 
 
 class Approach(NamedTuple):
-    """Where a cone-sphere is nearest to a region, or deepest in it."""
+    """Point of a cone-sphere nearest to a region, or deepest in it."""
 
     d: float
     eta: float

@@ -1,4 +1,4 @@
-"""How severely a platform's airflow envelopes overlap: the three metrics of the paper's ablation (Sec. IV).
+"""Severity of overlaps of a platform's airflow envelopes: the three metrics of the paper's ablation (Sec. IV).
 
 Two envelopes can overlap by 2 (r_air + dr_air) at most, the sum of their largest radii; depths are in percent of
 that. Envelopes that overlap, directly or through others, form a cluster.

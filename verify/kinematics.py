@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 class Poses(NamedTuple):
-    """Where all modules are, in W."""
+    """Poses of all modules in W."""
 
     R: Array
     """Orientations, shape (n, 3, 3)."""

@@ -1,4 +1,4 @@
-r"""How far errors of the hinge angles can move what the modules carry.
+r"""Bounds on how far hinge angle errors can move what the modules carry.
 
 | symbol | meaning | shape |
 |---|---|---|

@@ -166,7 +166,7 @@ def _turn(a: Array, b: Array) -> Array:
 
 
 def encloses(mesh: ConvexMesh, body: ConeSphere) -> bool:
-    """Whether every face of an outer mesh lies beyond the body: the mesh's check of itself.
+    """True if every face of an outer mesh lies beyond the body: the mesh's check of itself.
 
     A bridge between two nearly equal ends is a sliver whose normal has few digits left; each face is allowed
     what rounding of its corners can do to its plane.
@@ -182,5 +182,5 @@ def encloses(mesh: ConvexMesh, body: ConeSphere) -> bool:
 
 
 def lies_within(mesh: ConvexMesh, body: ConeSphere) -> bool:
-    """Whether every vertex of an inner mesh lies in the body: the mesh's check of itself."""
+    """True if every vertex of an inner mesh lies in the body: the mesh's check of itself."""
     return bool(np.all(body.depth(mesh.vertices) >= 0))

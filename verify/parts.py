@@ -66,7 +66,7 @@ class RigidParts:
 
     @property
     def in_range(self) -> bool:
-        """Whether all coordinates keep the digits that a proof needs."""
+        """True if all coordinates keep the digits that a proof needs."""
         return all(module.in_range for module in self.modules) and bool(np.all(np.abs(self.p_E) < FARTHEST / 16))
 
 

@@ -37,7 +37,7 @@ class Requirement:
     against: Solid | Cone | Hull
     segment: int | None = None
     counts: bool = True
-    """Whether it sets the verdict; what does not is measured all the same."""
+    """True if it affects the verdict; it is measured either way."""
 
 
 class Scene:

@@ -1,4 +1,4 @@
-r"""How much error the clearances of a design tolerate before the first violation.
+r"""Errors that the clearances of a design tolerate before the first violation.
 
 | symbol | meaning |
 |---|---|
@@ -40,7 +40,7 @@ ACCURACY = 1e-6
 TRIALS = 10
 """Largest number of error sizes that are tried for one that violates a pair."""
 OVERSHOOT = 1.05
-"""How far beyond the expected size the next one is."""
+"""Factor on the expected step to the next size."""
 CROSSING = 1e-3
 """The factor at which an example begins to violate is found to this part of itself."""
 LEAP = 1.5

@@ -48,7 +48,7 @@ from verify.requirements import Requirement, Scene
 KINDS: tuple[Kind, ...] = ("airflow", *EXPOSURE_KINDS, "exclusion", "separation")
 """The kinds of requirements that have a bound."""
 BOTH, CENTRE = np.array([0, 1]), np.array([0, 0])
-"""Which two of the end balls of a module's envelope a side is the hull of."""
+"""Indices of the two end balls of a module's envelope whose hull a side is."""
 
 
 class Errors(NamedTuple):
@@ -99,7 +99,7 @@ class _Group:
     of_B: Motion | None
     """None if B goes with p_E."""
     envelopes: int
-    """How many of the sides are airflow."""
+    """Number of sides that are airflow."""
     swing: Array
     """Distance over which an end of B (of A, in a cone) feels a change of p_E's direction, shape (N, 2)."""
     bend: Array | None = None
@@ -120,7 +120,7 @@ class _Group:
 
 
 class Tolerance:
-    """What errors leave of the clearances of a design."""
+    """Clearances of a design that remain under errors."""
 
     def __init__(
         self, design: Design, found: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
@@ -201,7 +201,7 @@ class Tolerance:
         )
 
     def _turns(self, requirement: Requirement) -> bool:
-        """Whether a requirement takes its direction from p_E."""
+        """True if a requirement takes its direction from p_E."""
         exposed = requirement.kind in EXPOSURE_KINDS
         return exposed and needs_offset(self._task.exposure[requirement.b])
 

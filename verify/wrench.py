@@ -1,4 +1,4 @@
-"""What the rotors produce, against what the load cases ask for (paper, Sec. II).
+"""Wrenches of the rotors, compared with those that the load cases ask for (paper, Sec. II).
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

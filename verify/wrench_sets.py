@@ -1,4 +1,4 @@
-"""Whether load cases that stand for a set of wrenches can exert all of it.
+"""Check that load cases that represent a set of wrenches can exert all of it.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

@@ -28,7 +28,7 @@ class Evaluated(ca.Callback):
         super().__init__()
         self._inputs, self._outputs, self._functions = inputs, outputs, functions
         self.error: Exception | None = None
-        """What the Python function raised, for the caller of the solver to raise again."""
+        """Exception of the Python function, for the caller of the solver to re-raise."""
         self.construct(name, {})
 
     def get_n_in(self) -> int:

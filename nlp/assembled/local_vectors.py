@@ -27,7 +27,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class VectorLayout:
-    """Where the platform vectors of n modules stand in V."""
+    """Layout of the platform vectors of n modules in V."""
 
     n: int
 

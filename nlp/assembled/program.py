@@ -163,10 +163,10 @@ def polish_with(constraints: UserConstraints) -> Callable[[Point, Limits | None]
 
 @dataclass(frozen=True)
 class _Merit:
-    """How good a point is."""
+    """Merit of a point."""
 
     met: bool
-    """Whether it is a design."""
+    """True if it is a design."""
     amount: float
     """The effort of a design, else the worst violation."""
 

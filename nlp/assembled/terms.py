@@ -44,7 +44,7 @@ class Term:
     derived: Derived
     vectors: Differences
     margin: float
-    """What is asked for beyond zero [l_arm]."""
+    """Required clearance beyond zero [l_arm]."""
 
 
 class Mapped:

@@ -1,4 +1,4 @@
-"""What no solver can change: how little effort a task takes at least, and what cannot be done at all."""
+"""Limits that no solver can beat: the least effort of a task, and proofs that it is impossible."""
 
 from nlp.bounds.effort import BoundBroken, bound_of, lower_bound, proven_bound
 from nlp.bounds.impossible import prove_impossible

@@ -1,4 +1,4 @@
-"""What a rule says when it shows that something cannot be done.
+"""Statement of a rule that proves that something is impossible.
 
 A proof holds for every design that its audit calls clear, so it allows for what the audit lets pass: residuals of
 `TOLERANCE` of every force [m_t g], of every torque about the COM and about the end-effector [l_arm m_t g], inputs

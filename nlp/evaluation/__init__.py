@@ -1,1 +1,1 @@
-"""What a point of a task misses, and how a point is made to miss nothing."""
+"""Constraint violations at a point of a task, and the correction of points to have none."""

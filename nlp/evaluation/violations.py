@@ -22,7 +22,7 @@ LOAD_TOLERANCE = 1e-7
 
 @dataclass(frozen=True)
 class Violation:
-    """How far a point is from meeting one constraint."""
+    """Violation of one constraint at a point."""
 
     name: str
     amount: float
@@ -35,12 +35,12 @@ class Violation:
 
     @property
     def met(self) -> bool:
-        """Whether the constraint holds; NaN never does."""
+        """True if the constraint holds; NaN never does."""
         return bool(self.scaled <= self.tolerance)
 
     @property
     def rank(self) -> float:
-        """How far beyond its tolerance; NaN is the farthest."""
+        """Excess over its tolerance; NaN is the largest."""
         return math.inf if math.isnan(self.scaled) else self.scaled - self.tolerance
 
 

@@ -1,4 +1,4 @@
-"""How far hinges may turn: the clear folds of a task as angles of a topology's hinges.
+"""Hinge ranges: the clear folds of a task as angles of a topology's hinges.
 
 A fold has the sign that its hinge's angle has at the parent's port (`topo_search.model.room`).
 

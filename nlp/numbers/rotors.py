@@ -1,4 +1,4 @@
-"""What the rotors of a module produce, in the solver's numbers.
+"""Torque of a module's rotors, in the solver's numbers.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

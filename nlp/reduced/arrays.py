@@ -50,7 +50,7 @@ class Tree(NamedTuple):
 
 
 class Rotors(NamedTuple):
-    """What the modules weigh and produce."""
+    """Weight and rotor output of the modules."""
 
     l_c: float
     m_E: float
@@ -74,7 +74,7 @@ class Cases(NamedTuple):
     dead: Indices
     """The rotor that does not run, -1 where all do."""
     group: Indices
-    """What corners belong together; -1 for what always counts. Others count from when they are found missed."""
+    """Group of each corner; -1 for what always counts. Others count from when they are found missed."""
 
 
 class Rows(NamedTuple):
@@ -88,7 +88,7 @@ class Rows(NamedTuple):
     """See `Kernel.data`; shape (m, WIDTH)."""
     least: Array
     rods: int
-    """How many rods have rows; those of one alone count: the shortest that lacks nothing, else what lacks least."""
+    """Number of rods with rows; only those of one count: the shortest that lacks nothing, else what lacks least."""
 
 
 class Hulls(NamedTuple):

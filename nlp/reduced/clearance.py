@@ -241,6 +241,6 @@ def _distance(x: float, y: float, z: float, by: Array, r: int, plus: int, minus:
 
 @njit(cache=True, forceinline=True)
 def _are_far(w: Vector, d_i: Vector, d_j: Vector, reach: float) -> bool:
-    """Whether the middles of two axes are so far apart that the envelopes must be FAR apart."""
+    """True if the middles of two axes are so far apart that the envelopes must be FAR apart."""
     x, y, z = w[0] + (d_i[0] - d_j[0]) / 2, w[1] + (d_i[1] - d_j[1]) / 2, w[2] + (d_i[2] - d_j[2]) / 2
     return x * x + y * y + z * z >= (reach + FAR) ** 2

@@ -1,4 +1,4 @@
-"""Which corners count: few of them bind, so that a descent takes in those that it finds missed.
+"""Selection of corners: few of them bind, so a descent takes in only those that it finds missed.
 
 A corner is a load case that must be possible and costs nothing. With a rotor dead, or around a reserve, there are
 hundreds; those that inputs within their limits produce have next to no gradient.

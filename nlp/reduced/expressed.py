@@ -1,4 +1,4 @@
-"""Which tasks the reduced search expresses."""
+"""Tasks that the reduced search can express."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from topo_search.model.compiled_code import njit
 FLAT = 1e-9
 """Share of its largest value under which a determinant or a coefficient of f counts as zero."""
 LEAST_DISTANCE = 1e-9
-"""Where two points coincide their distance has no direction [l_arm]."""
+"""Floor on distances that are divided by: the distance of coincident points has no direction [l_arm]."""
 FAR = 8.0
 """Envelopes at least so far apart are not looked at closer [l_arm]."""
 ROUNDING = 1e-12

@@ -43,7 +43,7 @@ class Evaluated(NamedTuple):
     mu: Array
     """Dual unknowns of the load cases, shape (K, 6): where the next search begins."""
     counting: Mask
-    """Which load cases count, shape (K,)."""
+    """The load cases that count, shape (K,)."""
 
 
 @njit(cache=True)

@@ -30,7 +30,7 @@ from topo_search.model.compiled_code import njit, refresh
 
 
 class Platform(NamedTuple):
-    """Where everything is."""
+    """Positions and axes of the platform."""
 
     R: Array
     p: Array
@@ -42,7 +42,7 @@ class Platform(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """How the unknowns move it."""
+    """Derivatives of the platform by the unknowns."""
 
     dp: Array
     dz: Array

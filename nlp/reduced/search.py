@@ -32,11 +32,11 @@ LEAST_CURVATURE = 0.1
 TAKEN_IN = 3
 """Continuations of a round with corners that were missed at its end."""
 MOST_MISSED = 0.2
-"""What a minimum may miss without corners and still be asked about them [l_arm, m_t g, l_arm m_t g]."""
+"""Largest violation, without corners, of a minimum that is evaluated with them [l_arm, m_t g, l_arm m_t g]."""
 
 
 class Phase(NamedTuple):
-    """How a descent is made."""
+    """Settings of a descent."""
 
     rho: float
     """Price of the wrenches' squared residuals."""
@@ -78,7 +78,7 @@ all go on, in 0.9 of the CPU time.
 
 
 class Descents(NamedTuple):
-    """Where starts are."""
+    """State of the starts."""
 
     x: Array
     """Unknowns, shape (s, N)."""
@@ -101,7 +101,7 @@ class Descents(NamedTuple):
 
 @dataclass(frozen=True)
 class LocalMinimum:
-    """Where some starts ended."""
+    """Point where some starts ended."""
 
     x: Array
     """The unknowns."""

@@ -1,4 +1,4 @@
-"""What regions at the end-effector are compared with, as symbols and as numbers: an airflow envelope, a rod."""
+"""Counterparts of regions at the end-effector, as symbols and as numbers: an airflow envelope, a rod."""
 
 from __future__ import annotations
 

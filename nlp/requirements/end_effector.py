@@ -1,4 +1,4 @@
-"""What modules keep from the end-effector: their centres, and their airflow; (7) and (8) of the printed problem."""
+"""Clearances of modules from the end-effector: their centres and airflow; (7) and (8) of the printed problem."""
 
 from __future__ import annotations
 

@@ -30,19 +30,19 @@ class Kernel(NamedTuple):
     """Sine of a half-angle."""
     cosine: float = 0.0
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Where a path starts or the apex of a cone is, from p'_E."""
+    """Start of a path or apex of a cone, from p'_E."""
     hull: Hull | None = None
     """Its corners from p'_E; in the row stand its places in the tables of planes and edges (`Hulls`)."""
     of: int = 0
-    """Which module of the subject it is about."""
+    """Index in the subject of the module it is about."""
     connector: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Where a rod starts, in its module's frame: the row is about the rod, not about the envelope."""
+    """Start of a rod, in its module's frame: the row is about the rod, not about the envelope."""
     radius: float = 0.0
     """Radius of the rod."""
     tip: float = 0.0
     """Length at its end that does not count."""
     number: int = -1
-    """Which of the rods that may carry the end-effector it is about; -1: none."""
+    """Index of the candidate rod (one that may carry the end-effector) it is about; -1: none."""
 
     @property
     def data(self) -> tuple[float, ...]:

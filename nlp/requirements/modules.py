@@ -1,4 +1,4 @@
-"""What modules keep from each other: airflow, bodies, parts out of airflow; (4) to (6) of the printed problem."""
+"""Clearances between modules: airflow, bodies, parts out of airflow; (4) to (6) of the printed problem."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ from topo_search.model.shape import Shape
 NEAR = 6.0
 """A limit that the rod meets by at least so much is not stated in a round [l_arm]."""
 TOUCHING = 1e-7
-"""What a distance may differ by between solver and audit [l_arm]."""
+"""Largest difference of a distance between solver and audit [l_arm]."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class LimitOfBestRod:
     limits: tuple[Formula, ...]
     """Limits of a rod as functions of q, e and, if at all, p_E."""
     segment: int
-    """Which of them it is."""
+    """Index of the limit."""
 
     @cached_property
     def local_vectors(self) -> tuple[LocalVector, ...]:

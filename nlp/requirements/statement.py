@@ -1,4 +1,4 @@
-"""What a requirement is to the solver: clearances of some modules, each stated once.
+"""Requirements as the solver sees them: clearances of some modules, each stated once.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -74,11 +74,11 @@ class Formula(Hashable, Protocol):
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
-        """What it is a function of."""
+        """Local vectors that it is a function of."""
 
     @property
     def segment(self) -> int | None:
-        """Which part of its requirement it is about, if that has several."""
+        """Index of the part of its requirement it is about, if that has several."""
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return its rows for Ipopt, each positive when clear and g to first order at contact.
@@ -106,7 +106,7 @@ class Requirement:
     subjects: Subjects
     formulas: tuple[Formula, ...]
     margin: float
-    """What is asked for beyond zero [l_arm]."""
+    """Required clearance beyond zero [l_arm]."""
     near: float = math.inf
     """Clearance from which on a round of Ipopt does without a row [l_arm]."""
 

@@ -23,11 +23,11 @@ from topo_search.model.compiled_code import njit
 NEAREST, FARTHEST = 1.0, 10.0
 """Range of the end-effector's distance from the modules' centroid, beyond its stand-off [l_arm]."""
 ANYWHERE, UPSTREAM, CONE = range(3)
-"""Where the end-effector begins: in any direction, in one not downstream, or upstream with some scatter."""
+"""Initial directions of the end-effector: any, any not downstream, or upstream with some scatter."""
 
 
 class Drawing(NamedTuple):
-    """What starts of a task and a topology are drawn with."""
+    """Data for drawing starts of a task and a topology."""
 
     splay: Array
     """Hinge angles at most, with sign, shape (n-1,) [rad]."""
@@ -39,7 +39,7 @@ class Drawing(NamedTuple):
     stand_off: float
     """[l_arm]."""
     paper: bool
-    """Whether psi is zero and both root angles are within their bounds."""
+    """True if psi is zero and both root angles are within their bounds."""
 
 
 def drawing(task: ResolvedTask, topology: Topology) -> Drawing:

@@ -39,14 +39,14 @@ ANGLES = 24
 SPREAD = 0.5
 """Standard deviation of an angle about the present one [rad]."""
 OVERLAP = 1.0
-"""What a deficit counts however small, besides its depth [l_arm]. Of 20 trees of 40 modules at 0.22 m the first
+"""Fixed cost of any deficit, besides its depth [l_arm]. Of 20 trees of 40 modules at 0.22 m the first
 start untangles 8, and 9 with 0 here (`tests/benchmarks/untangling.py --sizes 40 --connector-distances 0.22
 --starts 1`).
 """
 STRAIGHT = 0.02
-"""What a radian of hinge angle counts against a deficit [l_arm]: straight platforms lift best."""
+"""Cost per radian of hinge angle, against that of a deficit [l_arm]: straight platforms lift best."""
 CONFLICT_WEIGHT = 0.1
-"""What a pair's deficit counts more for every turn that it lasts."""
+"""Increase in the weight of a pair's deficit for every turn that it lasts."""
 TENURE = (3, 10)
 """Tabu tenure: turns for which a hinge rests."""
 FLAT = 1e-9
@@ -65,7 +65,7 @@ class Tree(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """Where modules and hinges are."""
+    """Positions and axes of modules and hinges."""
 
     p: Array
     z: Array
@@ -74,7 +74,7 @@ class Poses(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """What must be clear of what [l_arm], and how far a hinge turns."""
+    """Required clearances [l_arm] and the range of a hinge."""
 
     enough: float
     """Clearance to reach."""

@@ -35,7 +35,7 @@ from topo_search.model import Design, ResolvedTask, Topology
 
 
 class Place(NamedTuple):
-    """What a module takes over: the place of one of the source design's modules."""
+    """Place of one of the source design's modules, which a module takes over."""
 
     module: int
     turns: int
@@ -110,7 +110,7 @@ def common_subtrees(topology: Topology, source: Topology) -> list[Common]:
 
 
 _Neighbours = list[dict[int, tuple[int, int]]]
-"""What hangs at every occupied port of every module: a module, and its own port."""
+"""Neighbour at every occupied port of every module: a module, and its own port."""
 
 
 def _neighbours(topology: Topology) -> _Neighbours:

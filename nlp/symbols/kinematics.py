@@ -28,7 +28,7 @@ from topo_search.model.layout import PORT_DIRECTIONS
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a module is: R (3x3) and p (3)."""
+    """Pose of a module: R (3x3) and p (3)."""
 
     R: ca.SX
     p: ca.SX

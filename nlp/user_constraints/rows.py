@@ -30,7 +30,7 @@ TOLERANCE = 1e-6
 IMPOSED = 0.1
 """Share of that which Ipopt leaves of a bound, so that what it reaches to its tolerance is within it."""
 UserConstraints = tuple[OwnConstraint, ...]
-"""What a user states; mostly nothing."""
+"""Constraints that a user states; usually none."""
 
 
 def violations_of(point: Point, constraints: UserConstraints) -> list[Violation]:
@@ -99,7 +99,7 @@ class UserRows:
         self._scales = [scale_of(constraint, task) for constraint in self.constraints]
 
     def __bool__(self) -> bool:
-        """Whether there are any."""
+        """True if there are any."""
         return bool(self.constraints)
 
     @cached_property

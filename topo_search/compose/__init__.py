@@ -1,4 +1,4 @@
-"""Where solver, audit and search meet: the Python interface, and what the command line calls.
+"""Composition of solver, audit and search: the Python interface, which the command line calls too.
 
 Most of these functions start worker processes. These import the script that calls only if it defines a constraint
 of your own: then the calls belong under `if __name__ == "__main__":`.

@@ -117,7 +117,7 @@ class Rounded:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What rounding changed, one sentence each."""
+        """Changes by rounding, one sentence each."""
         least = (min((pair.analytic_m for pair in each.pairs), default=None) for each in (self.before, self.audit))
         was, now = ("none" if one is None else f"{lower_text(1000 * one, 3)} mm" for one in least)
         return (

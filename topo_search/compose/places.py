@@ -1,4 +1,4 @@
-"""Where jobs run: in processes of this machine, or in the workers of a Dask scheduler."""
+"""Places where jobs run: processes on this machine, or the workers of a Dask scheduler."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ DEFAULT_GAP = 0.003
 """To which a tree is proven that cannot be excluded."""
 
 RUNS = Path("runs")
-"""Where runs go unless another folder is named."""
+"""Folder of runs unless another is named."""
 
 
 def search(

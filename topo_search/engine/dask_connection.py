@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from distributed import Client, Security
 T = TypeVar("T")
 CONNECT = 60.0
-"""How long the scheduler may take to answer: it may only just be starting [s]."""
+"""Time limit for the scheduler to answer: it may only just be starting [s]."""
 LONGEST_GREETING = 1 << 20
 """Longest first message of a scheduler [bytes]; it has a few hundred."""
 CLOSE = 1.0
@@ -123,12 +123,12 @@ class Connection:
 
     @property
     def made(self) -> bool:
-        """Whether it was made."""
+        """True if the client was made."""
         return self._client is not None
 
     @property
     def stands(self) -> bool:
-        """Whether the scheduler can be spoken to."""
+        """True if the scheduler can be reached."""
         return self._client is not None and self._client.status == "running"
 
     def client(self) -> Client:

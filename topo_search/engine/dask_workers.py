@@ -27,7 +27,7 @@ from topo_search.engine.workers import Workers
 from topo_search.supervisor import tell
 
 BATCH = 2.0
-"""How long a batch of jobs should take [s]: long beside the moment in which a child waits for the next one."""
+"""Target duration of a batch of jobs [s]: long compared with a child's wait for the next one."""
 
 COMPUTING = (
     "topo-search",
@@ -53,11 +53,11 @@ _thread = threading.local()
 """Keeps, for each thread of a Dask worker, which runs one task at a time, a child that ends with the Dask worker,
 and the versions that it was found to have: they must not be changed under it."""
 RETURN = 600.0
-"""How long Dask workers are waited for when all have left: a scheduler that was restarted may get none [s]."""
+"""Longest wait for Dask workers when all have left: a scheduler that was restarted may get none [s]."""
 LOOK = 1.0
 """Poll period of the scheduler's list of workers [s]."""
 PREPARATION = 600.0
-"""How long a Dask worker may compile before jobs are sent [s]."""
+"""Longest time for a Dask worker to compile before jobs are sent [s]."""
 LARGEST_BATCH = 50
 """Jobs of a batch at most: they come back together."""
 
@@ -78,12 +78,12 @@ class Batch:
 
 @dataclass(frozen=True)
 class Ended:
-    """What comes back of a batch."""
+    """Results of a batch."""
 
     results: tuple[tuple[int, bytes | Failed], ...]
     """The place in the batch, and the pickled result, of each job that was begun and not dropped."""
     seconds: float
-    """What they took together."""
+    """Time they took together [s]."""
 
 
 def run_guarded(batch: Batch) -> Ended:

@@ -49,7 +49,7 @@ class Backends:
     solve: Solve
     audit: AuditDesign
     lower_bound: Callable[[ResolvedTask], float]
-    """What no design of this task's size costs less than whose audit is clear [rad^4/s^4]."""
+    """Lower bound on the effort of designs of this task's size with a clear audit [rad^4/s^4]."""
     prove_impossible: Callable[[ResolvedTask], Infeasible | None]
     """A proof that no topology of this task's size can do it, if there is a simple one."""
 
@@ -60,11 +60,11 @@ class Failed:
 
     kind: Literal["crash", "timeout", "memory", "error"]
     reason: str
-    """What happened, in one line."""
+    """Cause in one line."""
 
     @property
     def may_pass(self) -> bool:
-        """Whether a second attempt may end otherwise: a pure function raises again, but is not killed again."""
+        """True if a second attempt may end otherwise: a pure function raises again, but is not killed again."""
         return self.kind != "error"
 
 

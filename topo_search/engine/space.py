@@ -1,4 +1,4 @@
-"""What a strategy searches: the candidates of one size, listed, counted, looked up and drawn."""
+"""Search space of a strategy: the candidates of one size, listed, counted, looked up and drawn."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Space:
     task: ResolvedTask
     """It fixes the number of modules, the connectors and the root."""
     symmetry: Symmetry
-    """Which trees are one candidate."""
+    """Symmetry under which trees are one candidate."""
     rooted: bool = False
-    """Whether trees that differ in their root alone are candidates of their own, though the root is free."""
+    """True if trees that differ in their root alone are candidates of their own, though the root is free."""
 
     @property
     def n(self) -> int:
@@ -78,17 +78,17 @@ class Space:
 
     @property
     def _root(self) -> Root:
-        """Which roots make trees differ."""
+        """Kind of root that makes trees differ."""
         return "paper" if self.rooted else self.task.search.root
 
     @cached_property
     def _quotient(self) -> Quotient:
-        """Which trees are one candidate; kept, for to find a task's symmetries takes as long as a key."""
+        """Quotient that makes trees one candidate; kept, as finding a task's symmetries takes as long as a key."""
         return quotient_of(self.n, **self._family)
 
     @property
     def _family(self) -> dict[str, Any]:
-        """Which trees are candidates, and which of them are one."""
+        """Arguments that define which trees are candidates, and which of them are one."""
         search = self.task.search
         return {
             "symmetry": self.symmetry,

@@ -59,7 +59,7 @@ class Scored:
     objective: float | None
     """J of the best design [rad^4/s^4]."""
     violation: float | None
-    """How far the closest start was from feasible, in the task's own units; None where there is a design."""
+    """Distance of the closest start from feasible, in the task's own units; None where there is a design."""
 
 
 class Stage(NamedTuple):
@@ -70,7 +70,7 @@ class Stage(NamedTuple):
     starts: int
     """Most starts of a candidate."""
     again: bool = False
-    """Whether they were proposed before, from fewer starts."""
+    """True if they were proposed before, from fewer starts."""
 
 
 class Strategy(ABC):
@@ -79,7 +79,7 @@ class Strategy(ABC):
     stage: Stage | None = None
     """That of the latest proposal."""
     over = False
-    """Whether no more will be proposed, and all results were told."""
+    """True if no more will be proposed, and all results were told."""
 
     def __init__(self) -> None:
         self._results = deque[Scored]()
@@ -171,7 +171,7 @@ class ExhaustiveSearch(Strategy):
 
 
 def may_beat(objective: float, bound: float) -> bool:
-    """Whether an objective with this lower bound can save more than EVEN of another."""
+    """True if an objective with this lower bound can save more than EVEN of another."""
     return bound < objective * (1.0 - EVEN)
 
 

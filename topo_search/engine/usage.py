@@ -1,4 +1,4 @@
-"""What a process has used of its machine: CPU time and memory."""
+"""Resources that a process has used: CPU time and memory."""
 
 from __future__ import annotations
 

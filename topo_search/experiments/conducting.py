@@ -54,7 +54,7 @@ class Experiment:
     summary: Callable[[pd.DataFrame], pd.DataFrame]
     """The rows summed up."""
     findings: Callable[[pd.DataFrame], list[str]]
-    """What the rows say, in sentences."""
+    """Findings from the rows, in sentences."""
     figure: Callable[[pd.DataFrame], Figure]
     """The rows drawn; needs matplotlib."""
 

@@ -141,7 +141,7 @@ class Cell:
     """Seed of the ten wrenches; None for a task whose wrenches are given."""
     settings: Settings
     first: bool
-    """Whether the first design ends the cell; otherwise the best of all starts counts."""
+    """True if the first design ends the cell; otherwise the best of all starts counts."""
 
     @property
     def identity(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-r"""What a flight controller needs to know of a platform: how its rotors push and turn it, and what it weighs.
+r"""Data of a platform for a flight controller: forces and torques of its rotors, mass and inertia.
 
 .. math::
 
@@ -84,7 +84,7 @@ class Allocation(Value):
     rank: Index
     """Rank of the matrix: 6 if the platform is fully actuated."""
     rows: tuple[str, ...] = ROWS
-    """What the rows of the matrices are."""
+    """Names of the rows of the matrices."""
     units: dict[str, str] = UNITS
     frame: str = FRAME
     largest_input: Number

@@ -29,7 +29,7 @@ class Judged(NamedTuple):
     """A design with its audit."""
 
     name: str
-    """What the summary calls it: its file."""
+    """Name in the summary: its file."""
     design: Design
     audit: Audit
 

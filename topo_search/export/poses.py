@@ -99,7 +99,7 @@ class Rod:
 
 @dataclass(frozen=True)
 class RodMass:
-    """What a rod weighs: a thin tube."""
+    """Mass of a rod, as a thin tube."""
 
     mass: float
     """At `end_effector.rod_linear_density` [kg]."""

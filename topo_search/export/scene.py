@@ -35,7 +35,7 @@ LIGHT = np.array([0.27, -0.18, 0.95])
 MARGIN = np.array([1.3, 0.8])
 """Left for the labels of the axes, in width and height [in]."""
 ASIDE = np.array(sorted(itertools.product(range(-6, 7), repeat=2), key=lambda step: math.hypot(*step)))
-"""Where a number may move to, nearest first, in font sizes."""
+"""Offsets by which a number may move, nearest first, in font sizes."""
 ARROW = 0.5
 """Length of the arrow of the largest force, and of the largest torque, over the size of the platform."""
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
@@ -265,7 +265,7 @@ def wrenches(design: Design, at: Poses) -> list[tuple[int, bool, Array, Array]]:
 
 
 def _overlap(at: Array, taken: list[Array], size: float) -> bool:
-    """Whether a number of a font size [pt] at a place on paper would touch one of those there already."""
+    """True if a number of a font size [pt] at a place on paper would touch one of those there already."""
     gaps = np.abs(np.array(taken) - at)
     return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
 

@@ -45,16 +45,16 @@ POINT = 1e-5
 
 @dataclass(frozen=True)
 class Physics:
-    """What is asked for; by default the model of the search as it is."""
+    """Physics asked for; by default the model of the search as it is."""
 
     motor_lag: float | None = None
     """Time constant of a rotor's thrust [s]; None: it follows at once."""
     rod_mass: bool = False
-    """Whether the rod has its mass, `end_effector.rod_linear_density` a metre."""
+    """True if the rod has its mass, `end_effector.rod_linear_density` per metre."""
     contacts: bool = False
-    """Whether the end-effector has a tip that touches."""
+    """True if the end-effector has a tip that can touch things."""
     solid_regions: bool = False
-    """Whether the solid regions of the task are there to be touched, in the world."""
+    """True if the solid regions of the task are in the world and can be touched."""
 
     @property
     def about(self) -> str:

@@ -36,7 +36,7 @@ from topo_search.model.shape import Capsule, Cone, Polytope, Shape
 from verify.kinematics import rotation
 
 Parts = Literal["all", "platform", "airflow"]
-"""Which solids to write: `all` adds to platform and airflow the regions and marks at the target."""
+"""Solids to write: `all` adds to platform and airflow the regions and marks at the target."""
 
 SIDES = 48
 """Sides of a circle: its sagitta is 0.21 % of the radius."""

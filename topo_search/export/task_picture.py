@@ -1,4 +1,4 @@
-"""What a task asks for, drawn around the end-effector: forces, torques, regions without airflow, a module to scale.
+"""Picture of a task, drawn around the end-effector: forces, torques, regions without airflow, a module to scale.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

@@ -33,7 +33,7 @@ class BoltedJoint(Value):
 
 
 class Obstacle(Value):
-    """What a straight rod would touch."""
+    """Part that a straight rod would touch."""
 
     module: Index
     part: str
@@ -48,7 +48,7 @@ class FreeConnector(Value):
     length_m: Number
     """From the connector to the end-effector [m]."""
     blocked_by: tuple[Obstacle, ...]
-    """What is in the way of a straight rod; nothing if it is available."""
+    """Obstacles to a straight rod; empty if it is available."""
     in_airflow_of: tuple[Index, ...] = ()
     """Modules whose airflow a straight rod would pass through."""
 
@@ -67,7 +67,7 @@ class Rod(Value):
 
 
 class EndEffectorSheet(Value):
-    """Where the end-effector is, and what holds it there."""
+    """Position of the end-effector, and what holds it there."""
 
     position_m: Vector
     """p'_E in W [m]."""
@@ -77,13 +77,13 @@ class EndEffectorSheet(Value):
     """The connector that carries the rod; None if no straight rod reaches the end-effector."""
     rod: Rod | None = None
     note: str | None = None
-    """What is to be said about the mount."""
+    """Remark on the mount."""
     connectors: tuple[FreeConnector, ...] = ()
     """Every free connector, nearest to the end-effector first."""
 
     @property
     def clear_rod(self) -> bool:
-        """Whether the mount's straight rod is clear of all parts and of all airflow."""
+        """True if the mount's straight rod is clear of all parts and of all airflow."""
         return any(
             (one.module, one.port) == (self.mount.module, self.mount.port)
             for one in self.connectors
@@ -220,7 +220,7 @@ class Clearance(Pair):
     percent: Number | None = None
     """`analytic_m` in percent of the deepest overlap of two envelopes, 2 (r_air + dr_air); only for `airflow`."""
     evidence: tuple[str, ...] = ()
-    """What closed form, meshes and FCL say where they disagree; empty unless `inconsistent`."""
+    """Findings of closed form, meshes and FCL where they disagree; empty unless `inconsistent`."""
     closest_m: tuple[Vector, Vector] | None = None
     """Closest points: of a gap, the nearest point of either side; of an overlap, a point in both, twice; of a
     `separation` or `exclusion` the two centres. From the root's centre in the axes of the task [m]; None where
@@ -228,7 +228,7 @@ class Clearance(Pair):
 
 
 class Interference(Value):
-    """How severely airflow envelopes overlap: the metrics of the paper's ablation (Sec. IV)."""
+    """Severity of airflow envelope overlaps: the metrics of the paper's ablation (Sec. IV)."""
 
     colliding_pairs: Index
     """Number of pairs of envelopes that are proven to overlap."""
@@ -242,7 +242,7 @@ class Residual(Value):
     """One checked number of a design: how far it is off, against what is allowed."""
 
     name: str
-    """What is checked, in the user's words, e.g. `load case 2, torque`."""
+    """Name of the check, in the user's words, e.g. `load case 2, torque`."""
     value: Number
     """Largest deviation, in `unit`; zero when met."""
     unit: str
@@ -258,7 +258,7 @@ class Residual(Value):
 
 
 class Limit(Pair):
-    """How large an error of one kind may be, and the pair that an error beyond it violates first."""
+    """Largest error of one kind that is tolerated, and the pair that a larger one violates first."""
 
     tolerated: NonNegative
     """Proven: no error up to this violates any pair."""
@@ -267,7 +267,7 @@ class Limit(Pair):
 
 
 class WorstCase(Pair):
-    """What errors as large as the task's tolerances, all at once, do to the pair that is nearest to a violation."""
+    """Effect of errors as large as the task's tolerances, all at once, on the pair that is nearest to violation."""
 
     status: Status
     """Clear if no such error violates any pair, violated if one is known that does, else undecided."""
@@ -301,7 +301,7 @@ class AllowedContact(Value):
     b: Annotated[int, Field(strict=True, ge=-1)]
     """The module that is bolted to it; -1 for the end-effector's rod."""
     parts: str
-    """Which of their parts."""
+    """Parts of a and b that may touch."""
 
 
 class MeshExcess(Value):
@@ -316,7 +316,7 @@ class MeshExcess(Value):
 
     @property
     def words(self) -> str:
-        """What is larger, and by how much."""
+        """Region that is larger than its mesh, and by how much."""
         piece = "" if self.segment is None else f", piece {self.segment},"
         return f"exposure {self.exposure}{piece} reaches up to {upper_text(self.at_most_m, 3)} m beyond its mesh"
 
@@ -336,8 +336,8 @@ class Audit(Value):
     sensitivity: Sensitivity | None = None
     """None if there is no clearance to lose."""
     flight: Flight | None = None
-    """What the design can do beyond its task; None if its numbers are too large to compute with, and in files of
-    programs that do not compute it."""
+    """Capabilities of the design beyond its task; None if its numbers are too large to compute with, and in files
+    of programs that do not compute it."""
     power: Annotated[tuple[CasePower, ...], Field(exclude_if=lambda given: not given)] = ()
     """Power of the rotors in hover, where that is possible, and in every load case; empty in older files."""
     air: Annotated[AirSpeeds | None, Field(exclude_if=lambda given: given is None)] = None
@@ -347,9 +347,9 @@ class Audit(Value):
 
     A violated one makes the verdict `violated`; a met one is not a proof."""
     mesh_excess: Annotated[tuple[MeshExcess, ...], Field(exclude_if=lambda given: not given)] = ()
-    """What is larger than the mesh that it was read from, as the design's file says."""
+    """Regions larger than the mesh that they were read from, as the design's file says."""
     assembly: Assembly
-    """What to bolt to what."""
+    """Assembly sheet: what to bolt to what."""
     allowed_contacts: tuple[AllowedContact, ...]
     """Parts that may touch by construction; any other contact is a violation."""
     versions: dict[str, str]
@@ -357,7 +357,7 @@ class Audit(Value):
 
     @property
     def tolerances_words(self) -> str | None:
-        """What the task's tolerances, all at once, leave of the clearances, in words; None if it has none."""
+        """Clearances that the task's tolerances, all at once, leave, in words; None if it has none."""
         worst = None if self.sensitivity is None else self.sensitivity.tolerances
         if worst is None:
             return None

@@ -1,4 +1,4 @@
-"""What is wrong with a file, field by field, in the reader's words."""
+"""Faults of a file, field by field, in the reader's words."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Fault:
     path: str
     """The field, e.g. `load_cases[2].com.force`; empty for the file as a whole."""
     rule: str
-    """What must hold, and the value given."""
+    """Rule that must hold, and the value given."""
 
     def __str__(self) -> str:
         """Return `path: rule`."""

@@ -70,7 +70,7 @@ class _CheckedFiles(IndexDataCacheFile):
 
 
 def _is_whole(path: str) -> bool:
-    """Whether a file can be read and ends with the digest of what comes before."""
+    """True if a file can be read and ends with the digest of what comes before."""
     size = hashlib.sha256().digest_size
     try:
         contents = Path(path).read_bytes()
@@ -119,7 +119,7 @@ def _temporary_folder() -> str:
 
 
 def is_kept(dispatcher: Any) -> bool:
-    """Whether a function was compiled before, and nothing that is kept of it is damaged."""
+    """True if a function was compiled before, and nothing that is kept of it is damaged."""
     name = f"{dispatcher.__module__.rpartition('.')[2]}.{dispatcher.__qualname__}"
     files = list(Path(dispatcher.stats.cache_path).glob(f"{name}-*.nb[ci]"))
     return bool(files) and all(_is_whole(str(file)) for file in files)

@@ -21,13 +21,13 @@ class CorneredTask(ResolvedTask):
     stated: ResolvedTask
     """The task as it stands in a design."""
     corners: tuple[Corner, ...]
-    """What follows its own load cases."""
+    """Corners that follow its own load cases."""
     groups: tuple[int, ...]
     """Number of the set that each corner belongs to."""
 
     @property
     def case_labels(self) -> tuple[str, ...]:
-        """What the load cases and corners are called."""
+        """Names of the load cases and corners."""
         return (*self.stated.case_labels, *(corner.label for corner in self.corners))
 
     @property

@@ -58,7 +58,7 @@ class Stated(Versioned):
     upper: Number | None = None
     unit: Line = ""
     invariant: Literal["none", "numbering", "mirror"] = "none"
-    """What the user says leaves it met or missed as it was (`topo_search.protocols.OwnConstraint`)."""
+    """Changes that do not affect its result, as the user states (`topo_search.protocols.OwnConstraint`)."""
 
     @property
     def bounds(self) -> str:
@@ -73,7 +73,7 @@ class Stated(Versioned):
 
 
 class StatedCheck(Stated):
-    """What a constraint of a user's own comes to on a design."""
+    """Result of a user's own constraint on a design."""
 
     status: Literal["met", "missed", "not checked"]
     """`not checked`: whoever audited the design had its name, but not its expression."""
@@ -84,7 +84,7 @@ class StatedCheck(Stated):
 
     @property
     def words(self) -> str:
-        """What it came to, for a reader."""
+        """Its result, for a reader."""
         if self.value is None:
             return self.status if self.status == "missed" else "not checked: the design does not hold its function"
         return f"{self.status}: {self.value:.6g} {self.unit}".rstrip()
@@ -114,7 +114,7 @@ TopologyRows = Annotated[
 
 
 class ShorterRod(Value):
-    """What a rod shorter than a design's costs."""
+    """Cost of a rod shorter than a design's."""
 
     length_m: Number
     """[m]"""
@@ -132,7 +132,7 @@ class ShorterRod(Value):
 
 
 class SolverRecord(Value):
-    """How a result came about; informative."""
+    """Record of how a result came about; informative."""
 
     status: str
     """Ipopt's status word for the best start."""
@@ -152,9 +152,9 @@ class SolverRecord(Value):
     corners: Annotated[Index | None, Field(exclude_if=lambda given: given is None)] = None
     """Number of corners of sets of wrenches, reserves and failures that must be possible besides the load cases."""
     corners_active: Annotated[Index | None, Field(exclude_if=lambda given: given is None)] = None
-    """How many of them were ever stated in a program; all others were met without."""
+    """Number of corners that were ever stated in a program; all others were met without."""
     shorter_rod: Annotated[ShorterRod | None, Field(exclude_if=lambda given: given is None)] = None
-    """What a shorter rod costs, where one was tried: the design's is the shortest at its effort, to a tenth."""
+    """Cost of a shorter rod, where one was tried: the design's is the shortest at its effort, to a tenth."""
     versions: dict[str, str]
     """Versions of the libraries that fix the result."""
 
@@ -195,7 +195,7 @@ class Design(Value):
     end_effector_m: Vector
     """p'_E in W [m]."""
     mount: Mount | None = None
-    """Where the end-effector's rod is bolted; None: not chosen yet, or no straight rod reaches."""
+    """Connector to which the end-effector's rod is bolted; None: not chosen yet, or no straight rod reaches."""
     rotor_speeds_squared: tuple[tuple[Number, ...], ...]
     """u_k: 4 n values per load case, module-major [rad^2/s^2]."""
     objective: Number
@@ -210,7 +210,7 @@ class Design(Value):
 
     @property
     def shorter_rod(self) -> str | None:
-        """What a shorter rod costs, if the solver's record says it."""
+        """Cost of a shorter rod, if the solver's record has it."""
         try:
             return ShorterRod.model_validate((self.solver or {}).get("shorter_rod")).words
         except ValidationError:
@@ -300,9 +300,9 @@ class Relaxation(Value):
     topology_key: str
     """Key of the tree that then has a design."""
     limit: str
-    """What binds, in the user's words."""
+    """Binding limit, in the user's words."""
     change: str
-    """What to change it by, in words."""
+    """Change of the limit, in words."""
     field: str
     """Field of the task."""
     share: Number
@@ -310,13 +310,13 @@ class Relaxation(Value):
     given: Number | None = None
     """The limit as it is, in the field's unit; None where it is no single number."""
     enough: Number | None = None
-    """What is enough."""
+    """Relaxed limit that is enough, in the field's unit."""
     unit: str = ""
     not_enough: Number | None = None
     """The largest share that was tried in vain; None if the least that is tried was enough."""
 
     tightens: Annotated[bool, Field(exclude_if=lambda given: not given)] = False
-    """Whether the limit is tightened, so that the design is one of the task as it is."""
+    """True if the limit is tightened, so that the design is one of the task as it is."""
 
     @property
     def setting(self) -> str:
@@ -334,7 +334,7 @@ class Relaxation(Value):
 
 
 class Relaxed(Value):
-    """What was tried for the topologies of one size that came closest to a design."""
+    """Relaxations tried for the topologies of one size that came closest to a design."""
 
     format: Literal["topo-search/relaxed"] = "topo-search/relaxed"
     version: Literal[1] = 1
@@ -342,7 +342,7 @@ class Relaxed(Value):
     starts: int
     """Starts of each candidate of the run when it was tried."""
     relaxations: tuple[Relaxation, ...]
-    """What helped, the least change first."""
+    """Relaxations that helped, the least change first."""
     in_vain: tuple[str, ...]
     """Limits none of whose relaxations helped, each with the most that was tried."""
     untried: Annotated[tuple[str, ...], Field(exclude_if=lambda given: not given)] = ()
@@ -352,7 +352,7 @@ class Relaxed(Value):
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What to relax first, what else helps or does not, and what could not be tried, one sentence each."""
+        """Advice, one sentence each: what to relax first, what else helps or does not, what could not be tried."""
         starts = min(self.starts, STARTS)
         solved = f"from {starts} start{'s' * (starts > 1)}"
         sentences = []
@@ -384,7 +384,7 @@ class Shortfall(Value):
     constraint: str
     """In the user's words, with the modules or the load case."""
     starts: int
-    """How many."""
+    """Number of starts that missed it by more than any other."""
     violation: Number
     """The least that one of them missed it by, positive, in `unit`."""
     unit: str
@@ -421,11 +421,11 @@ class Infeasible(Value):
     message: str
     """The whole reason in one sentence."""
     shortfalls: tuple[Shortfall, ...] = ()
-    """What all starts ended short of, the most frequent first; none for a proof."""
+    """Constraints that all starts ended short of, the most frequent first; none for a proof."""
     solver: SolverRecord | None = None
-    """How the closest start came about; None for a proof."""
+    """Solver record of the closest start; None for a proof."""
     relaxed: Annotated[Relaxed | None, Field(exclude_if=lambda given: given is None)] = None
-    """Which limits, relaxed alone, give the tree a design; None where it was not asked."""
+    """Limits that, relaxed alone, give the tree a design; None where it was not asked."""
 
     def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
         """Return the same closest start among these starts."""

@@ -69,16 +69,16 @@ def _not_given(value: object) -> bool:
 
 
 Solid = Annotated[Flag, Field(exclude_if=lambda given: not given)]
-"""Whether a region is a thing: a wall, a pane, an object, rather than a place that must not be blown at."""
+"""True if a region is a thing: a wall, a pane, an object, rather than a place that must not be blown at."""
 
 
 class Region(Value):
-    """What may be asked for of every region."""
+    """Requirements that every region may state."""
 
     speed: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
     """Largest air speed in the region, in every load case, by the jet model [m/s]."""
     geometry: Annotated[Flag, Field(exclude_if=lambda given: given)] = True
-    """Whether airflow envelopes must keep out of the region; if not, its `speed` alone is asked for."""
+    """True if airflow envelopes must keep out of the region; if false, only its `speed` is asked for."""
 
     @model_validator(mode="after")
     def _asks_for_something(self) -> Self:
@@ -88,7 +88,7 @@ class Region(Value):
 
 
 class UnboundedRegion(Region):
-    """What may be asked for of a region without an end."""
+    """Requirements that an unbounded region may state."""
 
     speed_within: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
     """Distance from the end-effector up to which `speed` holds [m]; without it, everywhere."""
@@ -126,9 +126,9 @@ class Local(Region):
     mesh_excess: Annotated[
         Annotated[tuple[NonNegative, ...], at_most(PIECES)] | None, Field(exclude_if=_not_given)
     ] = None
-    """How far each piece reaches beyond the mesh that it was read from, at most [m]; missing where none does."""
+    """Upper bound on each piece's excess over the mesh that it was read from [m]; missing where there is none."""
     solid: Solid = False
-    """Whether rigid parts must stay outside too, and the rod except its tip unless p_E is inside."""
+    """True if rigid parts must stay outside too, and the rod except its tip unless p_E is inside."""
 
     @model_validator(mode="before")
     @classmethod
@@ -205,7 +205,7 @@ class Directional(Region):
     length: Positive | None = None
     """Length of the path along p_E [m]."""
     solid: Solid = False
-    """Whether rigid parts must stay out of the capsules too."""
+    """True if rigid parts must stay out of the capsules too."""
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
@@ -235,7 +235,7 @@ class Exterior(UnboundedRegion):
     axis: Axis = "com"
     """d_con: from p_E into the allowed cone; `com` points from p_E to the centre of mass."""
     solid: Solid = False
-    """Whether rigid parts, and the rod except its tip, must stay inside the cone too."""
+    """True if rigid parts, and the rod except its tip, must stay inside the cone too."""
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
@@ -259,7 +259,7 @@ class Allowed(UnboundedRegion):
     planes: Annotated[tuple[Plane, ...], at_most(SEGMENTS, "planes"), NonEmpty]
     """Half-spaces whose intersection it is."""
     solid: Solid = False
-    """Whether rigid parts, and the rod except its tip, must stay inside too."""
+    """True if rigid parts, and the rod except its tip, must stay inside too."""
 
     @model_validator(mode="after")
     def _planes_are_within(self) -> Self:
@@ -287,7 +287,7 @@ Exposure = Annotated[AnyExposure, Field(discriminator="kind")]
 ExposureKind = Literal["local", "directional", "exterior", "allowed"]
 EXPOSURE_KINDS: tuple[ExposureKind, ...] = get_args(ExposureKind)
 PART_NAMES = {"directional": "segment", "allowed": "plane", "local": "piece"}
-"""What the numbered parts of a requirement are called."""
+"""Names of the numbered parts of a requirement."""
 
 
 LEAST_OFFSET = 0.1
@@ -295,7 +295,7 @@ LEAST_OFFSET = 0.1
 
 
 def needs_offset(requirement: AnyExposure) -> bool:
-    """Whether a requirement's direction is p_E itself, so that it is undefined at p_E = 0."""
+    """True if a requirement's direction is p_E itself, so that it is undefined at p_E = 0."""
     return any(shape.takes_direction_from_com for shape in requirement.shapes)
 
 

@@ -1,4 +1,4 @@
-"""What a design can do beyond its task, as `flight` of `audit.json` holds it: measured, whether asked for or not.
+"""Capabilities of a design beyond its task, as in `flight` of `audit.json`: measured, asked for or not.
 
 Numbers are proven: a reserve is at least what it says, and at most `..._at_most`. None: there is none, or no proof.
 Rotors run from their least input up to their largest; `search.peak_input` is asked of the load cases alone.
@@ -22,12 +22,12 @@ Size = Annotated[float, Field(strict=True, ge=0)]
 
 
 class CaseFlight(Value):
-    """What a load case, or hover, leaves: around its wrench, with the torque or the force as asked."""
+    """Reserves of a load case, or of hover: around its wrench, with the torque or the force as asked."""
 
     name: str
     """`hover` (the weight carried at the COM) or the load case's."""
     possible: bool | None
-    """Whether the rotors can produce it; None: undecided."""
+    """True if the rotors can produce it; None: undecided."""
     force_reserve_N: Size | None = None
     """Any force of this size can be added at the end-effector [N]."""
     force_reserve_at_most_N: Size | None = None
@@ -85,27 +85,27 @@ class CaseFlight(Value):
     """Largest input, of the design's cases and of the least-effort hover, over the largest input of a rotor."""
     least_input: Number | None = None
     inputs_at_limit: Index | None = None
-    """How many of them are within a thousandth of their range from a limit."""
+    """Number of inputs within a thousandth of their range from a limit."""
 
 
 class RotorsOut(Value):
-    """Which single rotors may fail."""
+    """Single rotors that may fail."""
 
     survive: Index
-    """How many are proven to."""
+    """Number of single rotor failures proven to be survivable."""
     of: Index
     lost: tuple[tuple[Index, Index], ...] = ()
     """Module and rotor (0..3) of each whose failure is proven to make a wrench impossible."""
     undecided: tuple[tuple[Index, Index], ...] = ()
     torque_reserve_Nm: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    """Where it was asked for: any torque of this size can be added with any one of the rotors dead [N m]."""
+    """Any torque of this size can be added with any one of the rotors dead [N m]; None if not asked for."""
     torque_reserve_at_most_Nm: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
     weakest: Annotated[tuple[Index, Index] | None, Field(exclude_if=lambda given: given is None)] = None
     """Module and rotor whose failure leaves least."""
 
 
 class JointLoad(Value):
-    """What a joint bears in a load case, or in hover.
+    """Loads of a joint in a load case, or in hover.
 
     Each figure is the larger of both sides, if either may carry the end-effector.
     """
@@ -136,11 +136,11 @@ class CasePower(Value):
     figure_of_merit: Size
     """Ideal over shaft power."""
     endurance_min: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    """How long the batteries of all modules last at most, where `module.battery_Wh` is given [min]."""
+    """Longest time that the batteries of all modules can last, where `module.battery_Wh` is given [min]."""
 
 
 class Flight(Value):
-    """What a design can do beyond its task."""
+    """Capabilities of a design beyond its task."""
 
     cases: tuple[CaseFlight, ...]
     """Hover, then every load case."""
@@ -172,7 +172,7 @@ class Flight(Value):
 
     @property
     def hover(self) -> CaseFlight:
-        """What hover leaves."""
+        """Reserves of hover."""
         return self.cases[0]
 
     @property
@@ -188,7 +188,7 @@ class Flight(Value):
 
     @property
     def weakest_point(self) -> str:
-        """What a pilot has to know first, in a line."""
+        """Most important fact for a pilot, in one line."""
         hover, out = self.hover, self.rotors_out_hover
         if not hover.possible:
             return "cannot hover" if hover.possible is False else "leaves undecided whether it can hover"

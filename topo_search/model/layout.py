@@ -1,4 +1,4 @@
-"""Where a module has its connectors and rotors: data that solver, audit and exports share.
+"""Positions of a module's connectors and rotors: data that solver, audit and exports share.
 
 Directions are in the module's frame, z along the thrust.
 """

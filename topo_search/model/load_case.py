@@ -109,7 +109,7 @@ class LoadCase(Value):
     com: Wrench | None = None
     """f_C, tau_C: exerted at the platform's centre of mass."""
     carries_weight: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
-    """Whether the platform's weight [0, 0, m_t g] is added to f_C, for any number of modules."""
+    """True if the platform's weight [0, 0, m_t g] is added to f_C, for any number of modules."""
     weight: PositiveOrZero = 1.0
     """lambda_k: weight of this case's effort in the objective; 0: it must be possible but adds no effort."""
 

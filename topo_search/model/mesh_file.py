@@ -41,7 +41,7 @@ HEADER, FACET = 84, 50
 NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
 COORDINATE = re.compile(NUMBER)
 WORDS = (b"facet", b"endfacet", b"vertex")
-"""What an ASCII STL has as many of as facets, or three times as many."""
+"""Words that an ASCII STL has once per facet, or three times."""
 NOT_A_VERTEX = re.compile(rb"(?im)^vertex(?!(?:[ \t]+%b){3}[ \t]*$).*" % NUMBER)
 """A line of an ASCII STL that begins like a vertex but is none."""
 REFERENCE = re.compile(rb"([+-]?\d{1,9})(?:/[+-]?\d{0,9}){0,2}")
@@ -49,10 +49,10 @@ REFERENCE = re.compile(rb"([+-]?\d{1,9})(?:/[+-]?\d{0,9}){0,2}")
 PASSED_OVER = frozenset(
     b"vt vn vp o g s mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj trace_obj".split()
 )
-"""What an OBJ may say beside vertices and facets."""
+"""Words that an OBJ may have beside vertices and facets."""
 NO_VOLUME = "must be the mesh of a body with a volume"
 ROUNDING = 1e-12
-"""What a body may stick out of another, over its size, and still count as inside."""
+"""Largest distance a body may stick out of another, over its size, and still count as inside."""
 SAMPLES = 200_000
 """Points on a surface, about, from which its distance is measured."""
 
@@ -65,7 +65,7 @@ class Folder:
 
 
 class MeshFile(Value):
-    """What a task file says of a mesh; `scale` is applied first, then `offset`."""
+    """Entry of a mesh in a task file; `scale` is applied first, then `offset`."""
 
     mesh: str
     """In a task file: an STL or OBJ file beside it."""
@@ -83,7 +83,7 @@ class Surface(NamedTuple):
     triangles: Triangles
     """Numbers of their corners, shape (f, 3)."""
     closed: bool = False
-    """Whether every edge has an even number of triangles, so that the surface encloses a volume."""
+    """True if every edge has an even number of triangles, so that the surface encloses a volume."""
 
 
 def mesh_schema(schema: dict[str, Any]) -> None:
@@ -367,7 +367,7 @@ def _text(word: bytes) -> str:
 
 
 FLAT = 1e-6
-"""How far a corner of a convex surface may lie beyond a face, over the surface's size: single precision."""
+"""Largest distance of a corner of a convex surface beyond a face, over the surface's size: single precision."""
 
 CLOSED = (
     "must be a closed surface, every edge once in either direction; "

@@ -108,7 +108,7 @@ class EndEffector(Value):
     position: Position = "free"
     """`free`: optimised; `com`: at the centre of mass; [x, y, z]: fixed, from the COM [m]."""
     exclusion: Flag = True
-    """Whether p_E stays at least connector_distance away from every module's centre."""
+    """True if p_E stays at least connector_distance away from every module's centre."""
     stand_off: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0.0)] = 0.0
     """Least distance of p_E from every module's centre, if larger than the exclusion [m]."""
     rod: Literal["none", "straight"] = "straight"

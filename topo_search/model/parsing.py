@@ -21,7 +21,7 @@ KINDS = {
     stat.S_IFIFO: "a pipe",
     stat.S_IFSOCK: "a socket",
 }
-"""What is no regular file."""
+"""Names of files that are not regular."""
 
 
 class NotReadable(ValueError):
@@ -93,7 +93,7 @@ class NotParsed(ValueError):
     def __init__(self, rule: str, *, beyond: bool = False) -> None:
         super().__init__(rule)
         self.beyond = beyond
-        """Whether it is beyond a limit, and not read any further."""
+        """True if it is beyond a limit, and not read any further."""
 
 
 def toml_data(text: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a proof by branch and bound holds of one tree: every chunk of its angles, and how each was divided.
+"""Proof of one tree by branch and bound: every chunk of its angles, and how each was divided.
 
 A record has a byte a box, depth first, the lower half before the upper one: 0, excluded by a bound; 1, two
 modules are too close everywhere in it; 2 + a, halved along angle a. Angles are psi, alpha_0, alpha_1 and the
@@ -26,7 +26,7 @@ Text = Annotated[str, Field(strict=True)]
 Ended = Literal["closed", "many", "stuck"]
 Aim = Literal["excluded", "within"]
 Problem = Literal["task", "solver"]
-"""Which designs a proof is about: `task`, all that an audit may call clear; `solver`, those that keep the solver's
+"""Designs that a proof is about: `task`, all that an audit may call clear; `solver`, those that keep the solver's
 distances besides: where envelopes or centres need a distance R, d^2 >= R^2 + 2 R margin (`search.margin`), and of
 centres R is `centre_distance` in place of `body_clearance`. What holds of the first holds of the second."""
 
@@ -37,7 +37,7 @@ def chunk_count(n: int) -> int:
 
 
 class Chunk(Value):
-    """What came of one chunk of a tree's angles."""
+    """Result of one chunk of a tree's angles."""
 
     number: Index
     outcome: Ended
@@ -69,7 +69,7 @@ class Chunk(Value):
 
 
 class CheckedChunk(Value):
-    """What a check of one chunk came to."""
+    """Result of checking one chunk."""
 
     number: Index
     fault: Text | None
@@ -81,7 +81,7 @@ class CheckedChunk(Value):
 
 
 class Proof(Value):
-    """What is proven of one tree: no design of it costs less than `cut`, once every chunk is closed."""
+    """Proof about one tree: no design of it costs less than `cut`, once every chunk is closed."""
 
     format: Literal["topo-search/proof"] = "topo-search/proof"
     version: Literal[1] = 1
@@ -94,7 +94,7 @@ class Proof(Value):
     under the run's where no more can be proven."""
     gap: Number
     problem: Problem = "task"
-    """Which designs it is about."""
+    """Designs that the proof is about."""
     cut: Number
     """Effort [rad^4/s^4]."""
     chunks: tuple[Chunk, ...] = ()
@@ -111,7 +111,7 @@ class Proof(Value):
 
     @property
     def complete(self) -> bool:
-        """Whether every chunk is closed."""
+        """True if every chunk is closed."""
         closed = {chunk.number for chunk in self.chunks if chunk.outcome == "closed"}
         return closed == set(range(chunk_count(self.task.n)))
 

@@ -1,4 +1,4 @@
-"""How a proven number is rounded before a person reads it: to the side on which it is still proven.
+"""Rounding of a proven number before a person reads it: to the side on which it is still proven.
 
 Every proven figure is printed by way of `at_least` or `at_most`.
 

@@ -1,4 +1,4 @@
-"""Which limits of a task can be relaxed, and the task with one of them relaxed by a share.
+"""Limits of a task that can be relaxed, and the task with one of them relaxed by a share.
 
 A share x makes an upper limit (1 + x) times as large, and what is asked for (1 - x) times, rounded to the digits
 that are printed: the relaxed task is the one that a user gets by writing the printed value into the task file,
@@ -29,11 +29,11 @@ class Relaxable:
     """One limit that can be relaxed."""
 
     limit: str
-    """What it is called."""
+    """Name of the limit."""
     field: str
     """Field of the task."""
     more: str
-    """What a change brings: `more thrust`."""
+    """Words for the change: `more thrust`."""
     most: float
     """Largest share."""
     relaxed: Callable[[float], Task]
@@ -42,9 +42,9 @@ class Relaxable:
     """Returns the limit; None where it is no single number."""
     unit: str = ""
     at_once: bool = False
-    """Whether there is nothing between the limit and none."""
+    """True if there is nothing between the limit and none."""
     tightens: bool = False
-    """Whether it gets stricter: its designs are designs of the task as it is, which the search may miss there."""
+    """True if it gets stricter: its designs are designs of the task as it is, which the search may miss there."""
 
     @property
     def shares(self) -> tuple[float, ...]:

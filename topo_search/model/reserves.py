@@ -1,4 +1,4 @@
-r"""What a platform must be able to do beyond its load cases: reserves around some of them, and with a rotor dead.
+r"""Capabilities required beyond the load cases: reserves around some of them, and with a rotor dead.
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 SIDES = 8
 """Sides of the polygon around a disc: its corners are 8 % farther out."""
 AXES, DIAGONALS = math.sqrt(5) / 2, math.sqrt(5 / 3)
-"""How far out the corners of a tetrakis hexahedron around the unit ball are, 12 and 29 %; it is the polar dual of a
+"""Radii of the corners of a tetrakis hexahedron around the unit ball, 12 and 29 % over 1; it is the polar dual of a
 truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and sqrt(3/2) from its centre."""
 UNSEEN = 5 * TOLERANCE
 """Tolerance of a reserve, to either side, in an audit [m_t g, l_arm m_t g]."""
@@ -54,33 +54,33 @@ PLACES: dict[str, tuple[Place, ...]] = {"tip": ("",), "com": ("_com",), "both": 
 AT: dict[Place, str] = {"": "", "_com": " at the centre of mass"}
 """Words for a place, after those for the reserve."""
 Centre = tuple[int, str, LoadCase]
-"""What something is asked for around: number (0: hover, k + 1: load case k), what it is called, its wrench."""
+"""Centre of a required reserve: number (0: hover, k + 1: load case k), name, wrench."""
 
 
 class Corner(NamedTuple):
     """A wrench that must be possible."""
 
     label: str
-    """What it is called."""
+    """Name of the wrench."""
     case: LoadCase
     dead: int | None = None
     """Rotor that does not run, counted module by module."""
 
 
 class AskedFlight(Value):
-    """What a design must be able to do beyond its load cases; what is left out is measured and not asked for."""
+    """Capabilities required of a design beyond its load cases; what is left out is measured, but not required."""
 
     units: Literal["weight", "SI"] = "weight"
     """Units of the reserves: `weight`: m_t g and l_arm m_t g; `SI`: N and N m."""
     around: Literal["hover", "all"] = "hover"
-    """Where reserves are required: `hover`, or `all`: hover and every load case that carries the weight."""
+    """Cases with required reserves: `hover`, or `all`: hover and every load case that carries the weight."""
     force_reserve: NonNegative = 0.0
     """Any force of this size can be added, with unchanged torque about where it acts."""
     at: Annotated[Literal["tip", "com", "both"], Field(exclude_if=lambda given: given == "tip")] = "tip"
-    """Where that force acts: at the end-effector (`tip`), at the centre of mass, where gusts and position control
-    act (`com`), or at either (`both`)."""
+    """Point of action of the force reserve: the end-effector (`tip`), the centre of mass, where gusts and position
+    control act (`com`), or either (`both`)."""
     directions: Literal["all", "horizontal"] = "all"
-    """Which forces: `all`, or `horizontal`: in the xy plane."""
+    """Directions of the force reserve: `all`, or `horizontal`: in the xy plane."""
     torque_reserve: NonNegative = 0.0
     """Any torque of this size can be added, with unchanged force."""
     tilt_deg: Annotated[float, Field(strict=True, ge=0, le=90, exclude_if=lambda given: given == 0)] = 0.0
@@ -104,17 +104,17 @@ class AskedFlight(Value):
     """Largest force in a joint [N]; `rated`: module.joint_force."""
 
     tolerances: Annotated[Flag | None, Field(exclude_if=lambda given: given is None)] = None
-    """Whether clearances must provably survive all errors within [tolerances], which costs effort like a margin, or
-    are only measured (`false`); default: required where a new task has tolerances, measured in older files."""
+    """True if clearances must provably survive all errors within [tolerances], which costs effort like a margin;
+    false: they are only measured; default: required where a new task has tolerances, measured in older files."""
 
     @property
     def keeps_reserves(self) -> bool:
-        """Whether reserves are asked for with all rotors alive."""
+        """True if reserves are asked for with all rotors alive."""
         return self.force_reserve > 0 or self.torque_reserve > 0 or any(self.angular_acceleration)
 
     @property
     def asks(self) -> bool:
-        """Whether anything is asked for."""
+        """True if anything is asked for."""
         how = {"units", "around", "at", "directions", "allocator"}
         return self != AskedFlight(**{name: getattr(self, name) for name in how})
 

@@ -81,12 +81,12 @@ ROUNDING = 1e-9
 LARGE = 4.0
 """Lengths that keep modules off the end-effector, and its rod, are seldom meant to be longer, in packed widths."""
 INWARDS = 0.2
-"""How far inside its connector's plane a frame may touch a bolted neighbour's [l_c]: 30 mm of the default module.
+"""Depth inside its connector's plane to which a frame may touch a bolted one [l_c]: 30 mm of the default module.
 
 A frame that is as high as the default hub at its connector needs 20 mm when it is folded by 90 degrees.
 """
 OUTWARDS = 0.05
-"""How far past that plane [l_c]: room for a fitting, 7.5 mm of the default module."""
+"""The same outside that plane [l_c]: room for a fitting, 7.5 mm of the default module."""
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of a box with edges of 1."""
 
@@ -238,7 +238,7 @@ class _Part:
 
     @property
     def rho(self) -> float:
-        """How far from the hinge's axis points of the part are at most [m]."""
+        """Largest distance of the part's points from the hinge's axis [m]."""
         return float(np.hypot(np.abs(self.corners[:, 0]) + self.radius, self.corners[:, 2]).max())
 
     @property
@@ -364,7 +364,7 @@ def _evenly(m: int) -> Array:
 
 
 DIRECTIONS = np.concatenate([_evenly(200), np.eye(3), -np.eye(3)])
-"""Where the search for the best direction begins."""
+"""Starting directions of the search for the best one."""
 
 
 UP = np.array([0.0, 0.0, 1.0])

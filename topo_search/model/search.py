@@ -1,4 +1,4 @@
-"""What the search may do, and its goals beside control effort: bounds that it holds at one level after another.
+"""Options of the search, and its goals beside control effort: bounds that it holds at one level after another.
 
 Whoever asks for the least effort gets a design that rests on its bounds. So what effort is traded for is a bound,
 and the trade is seen by solving the task once for each of its levels (the epsilon-constraint method).
@@ -34,7 +34,7 @@ def _check_apart(angles: tuple[float, ...]) -> tuple[float, ...]:
 
 
 class Search(Value):
-    """What the search may do, and what it asks of the solver."""
+    """Options of the search, and its demands on the solver."""
 
     root: Literal["free", "paper"] = "free"
     """`free`: any root orientation; `paper`: psi = 0 and both angles within +-90 deg."""
@@ -108,7 +108,7 @@ FIELDS = (
     "flight.joint_moment",
     "tolerances.hinge_angle_deg",
 )
-"""What a level sets, in the order of `Level`."""
+"""Fields that a level sets, in the order of `Level`."""
 
 Levels = TypeVar("Levels", bound=tuple[float | str, ...])
 
@@ -157,7 +157,7 @@ class Level(NamedTuple):
 
 
 class Goals(Value):
-    """What is weighed against control effort: bounds; the task is solved at every combination of their levels."""
+    """Goals weighed against control effort: bounds; the task is solved at every combination of their levels."""
 
     clearance: Annotated[tuple[NonNegative, ...], at_most(LEVELS), AfterValidator(_check_distinct)] = ()
     """Levels of search.margin [m]."""
@@ -190,7 +190,7 @@ class Goals(Value):
     ] = ()
     """Levels of tolerances.hinge_angle_deg, which the clearances survive with all of [tolerances] [deg]."""
     modules: Flag = False
-    """Whether fewer modules are a goal; needs a range of sizes and wrenches in SI."""
+    """True if fewer modules are a goal; needs a range of sizes and wrenches in SI."""
 
     @model_validator(mode="after")
     def _few_levels(self) -> Self:

@@ -23,7 +23,7 @@ Indices = NDArray[np.intp]
 FLAT = 1e-9
 """Faces whose normals differ by less are one face, so that the line between them is no edge."""
 SLACK = 1e-9
-"""How far the planes of an outer hull stand off, over its size: more than rounding moves a corner."""
+"""Offset of the planes of an outer hull, over its size: more than rounding moves a corner."""
 
 
 class Hull(NamedTuple):
@@ -157,7 +157,7 @@ def _qhull(points: Array) -> ConvexHull:
 
 
 def has_volume(points: Array) -> bool:
-    """Whether the hull of points, shape (m, 3), is neither flat nor thinner than a millionth of its length."""
+    """True if the hull of points, shape (m, 3), is neither flat nor thinner than a millionth of its length."""
     if len(points) < 4:
         return False
     extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
@@ -178,7 +178,7 @@ class Capsule(NamedTuple):
 
     @property
     def takes_direction_from_com(self) -> bool:
-        """Whether its direction is that of p_E from the COM."""
+        """True if its direction is that of p_E from the COM."""
         return self.length is not None
 
     def at(self, p_E: Array) -> Capsule:
@@ -224,7 +224,7 @@ class Cone(NamedTuple):
 
     @property
     def takes_direction_from_com(self) -> bool:
-        """Whether its axis points to the COM."""
+        """True if its axis points to the COM."""
         return self.axis is None
 
     def at(self, p_E: Array) -> Cone:

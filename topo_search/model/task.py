@@ -80,7 +80,7 @@ class Tolerances(Value):
     position: NonNegative = 0.0
     """Error of every module's centre and of the end-effector, on top of the hinge errors [m]."""
     envelope: NonNegative = 0.0
-    """How far airflow may reach beyond its envelope, in any direction [m]."""
+    """Largest reach of airflow beyond its envelope, in any direction [m]."""
 
 
 class Task(Value):
@@ -105,9 +105,9 @@ class Task(Value):
     exposure: Annotated[tuple[Exposure, ...], at_most(REQUIREMENTS)] = ()
     """Regions that must stay out of the airflow."""
     search: Search = Search()
-    """What the search may do."""
+    """Options of the search."""
     flight: Annotated[AskedFlight, Field(exclude_if=lambda given: given == AskedFlight())] = AskedFlight()
-    """What a design must be able to do beyond its load cases; omitted from files if empty."""
+    """Capabilities required of a design beyond its load cases; omitted from files if empty."""
     tolerances: Annotated[Tolerances, Field(exclude_if=lambda given: given == Tolerances())] = Tolerances()
     """Build errors that a design must survive, unless `flight.tolerances = false`; omitted from files if there are
     none."""
@@ -448,7 +448,7 @@ class ResolvedTask(Task):
 
     @property
     def case_labels(self) -> tuple[str, ...]:
-        """What the load cases are called wherever they are spoken of."""
+        """Names of the load cases wherever they are mentioned."""
         return labels(self.load_cases)
 
     @property

@@ -217,7 +217,7 @@ class TaskWarning:
     path: str
     """The field, e.g. `load_cases[2]`."""
     words: str
-    """What is suspicious about it, and what may have been meant."""
+    """Reason why it is suspicious, and what may have been meant."""
 
     def __str__(self) -> str:
         """Return `path: words`."""
@@ -418,13 +418,13 @@ def largest_thrust(task: Task, n: int) -> float:
 
 
 def _falls(case: LoadCase, weight: float) -> bool:
-    """Whether neither the whole wrench nor its part at the COM carries the platform's weight."""
+    """True if neither the whole wrench nor its part at the COM carries the platform's weight."""
     at_com = case.at_com.force[2]
     return max(at_com, at_com + case.at_end_effector.force[2]) < weight * (1 - SAME)
 
 
 def _hovers(case: LoadCase, weight: float) -> bool:
-    """Whether a load case asks for nothing but to carry the weight."""
+    """True if a load case asks for nothing but to carry the weight."""
     wrench = case.at_com
     others = (*case.at_end_effector.force, *case.at_end_effector.torque, *wrench.force[:2], *wrench.torque)
     return not any(others) and math.isclose(wrench.force[2], weight, rel_tol=SAME)

@@ -1,4 +1,4 @@
-"""How exact a design must be: the audit and the proofs use the same numbers, so that both say the same."""
+"""Required accuracy of a design: the audit and the proofs use the same numbers, so that they agree."""
 
 TOLERANCE = 1e-6
 """Largest deviation of a clear design, in units of its scale.

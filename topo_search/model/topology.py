@@ -85,7 +85,7 @@ class Topology:
 
     @property
     def aligned(self) -> bool:
-        """Whether no rotor's spin differs from that of the aligned family: every kappa is even."""
+        """True if no rotor's spin differs from that of the aligned family: every kappa is even."""
         return all(kappa % 2 == 0 for kappa in self.kappas)
 
     @cached_property

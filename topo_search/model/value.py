@@ -1,4 +1,4 @@
-"""What every value of the model has in common: frozen, compared by content, no unknown fields, finite numbers."""
+"""Common properties of all values of the model: frozen, compared by content, no unknown fields, finite numbers."""
 
 from __future__ import annotations
 
@@ -147,5 +147,5 @@ NonEmpty = AfterValidator(_not_empty)
 
 
 def is_zero(vector: Vector) -> bool:
-    """Whether a vector has no direction."""
+    """True if a vector has no direction."""
     return not any(vector)

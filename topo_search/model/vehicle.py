@@ -76,7 +76,7 @@ class Vehicle(Value):
     com: Vector = (0.0, 0.0, 0.0)
     """Centre of mass, in the axes and from the origin of the rotors' positions [m]."""
     end_effector: Vector | None = None
-    """Where loads of a task act, likewise [m]; default: where the task fixes it, or the centre of mass."""
+    """Point where loads of a task act, likewise [m]; default: where the task fixes it, or the centre of mass."""
     gravity: Positive = 9.81
     """[m/s^2]"""
     rotors: Annotated[tuple[VehicleRotor, ...], at_most(MOST_ROTORS, "rotors"), NonEmpty]

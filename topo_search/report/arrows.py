@@ -52,7 +52,7 @@ RING = 0.3
 CONTACT = 0.35
 """Radius of the piece of a contact plane that is drawn, over the length of the longest arrow."""
 TURN = math.radians(300)
-"""How much of the ring is drawn."""
+"""Angle of the ring that is drawn [rad]."""
 
 
 def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""What the page shows of one design: picture, tree, joints, clearances, residuals, rotor inputs, reserves."""
+"""Contents of the page about one design: picture, tree, joints, clearances, residuals, rotor inputs, reserves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run says of itself while it works: its plan, its stage, the best design so far and the time left."""
+"""Progress messages of a run: its plan, its stage, the best design so far and the time left."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from topo_search.study.row import Row
 EVERY = 10.0
 """Least time between two plain lines [s]."""
 Words = Callable[[Row | None], str]
-"""What to say of the best design so far."""
+"""Words for the best design so far."""
 
 
 def describe(incumbent: Row | None) -> str:

@@ -24,7 +24,7 @@ from topo_search.report.scene import NUMBERED, closest, drawn_mesh, meshes, scen
 from topo_search.report.wording import clearance, figures, length, modules
 
 PLACED = ("x", "y", "z", "i", "j", "k")
-"""What a trace of copies is without on the page."""
+"""Fields that a trace of copies lacks on the page."""
 
 
 def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:

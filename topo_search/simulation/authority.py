@@ -1,4 +1,4 @@
-"""What rotors can do in hover, before anything is flown: the reason why a flight fails is often there."""
+"""Capability of the rotors in hover, before anything is flown: the reason why a flight fails is often there."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from topo_search.simulation.plant import Nominal
 DIRECTIONS = 24
 """Horizontal directions that are tried."""
 MET = 1e-3
-"""What least squares may leave of the hovering wrench, in weights and arm lengths times weights."""
+"""Largest residual of the hovering wrench by least squares, in weights and arm lengths times weights."""
 
 
 def weakest_force(nominal: Nominal) -> tuple[float, Array]:

@@ -32,7 +32,7 @@ Flown = tuple[Scenario, Track]
 
 @dataclass(frozen=True)
 class Campaign:
-    """What was flown."""
+    """The flights of a design, and their result."""
 
     result: FlightResult
     flown: tuple[Flown, ...]

@@ -44,7 +44,7 @@ NEAR, NEARLY_LEVEL = 0.02, 0.035
 
 @dataclass(frozen=True)
 class Bandwidths:
-    """How fast errors die out [rad/s]."""
+    """Rates at which errors die out [rad/s]."""
 
     position: float = 3.0
     attitude: float = 8.0
@@ -52,7 +52,7 @@ class Bandwidths:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Where the platform is to be, at rest, and what it exerts there."""
+    """Pose of the platform to hold at rest, and the wrench to exert there."""
 
     position: Array
     """Position of the COM, (3,) [m]; the attitude is that of the task's axes."""

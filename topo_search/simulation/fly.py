@@ -30,7 +30,7 @@ NOISE = (1e-3, 5e-3, math.radians(0.1), math.radians(0.5))
 """Standard deviation of position [m], velocity [m/s], attitude [rad] and rate [rad/s]."""
 AT_LIMIT = 0.999
 MISSED = 0.01
-"""What rotors may leave of a wrench and count as meeting it, in weights and arm lengths times weights."""
+"""Largest residual of a wrench that counts as met, in weights and arm lengths times weights."""
 LARGEST_SATURATION = 0.05
 FORCE_WITHIN = 0.05
 GONE, OVER = 1.0, 60.0
@@ -44,7 +44,7 @@ Watch = Callable[[Plant, float], None]
 
 @dataclass(eq=False)
 class Track:
-    """What is recorded at every step of the controller."""
+    """Records of every step of the controller."""
 
     time: list[float] = field(default_factory=list)
     error: list[Array] = field(default_factory=list)
@@ -60,7 +60,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Options:
-    """How the flights are made."""
+    """Options of the flights."""
 
     errors: Errors = field(default_factory=Errors)
     bandwidths: Bandwidths = field(default_factory=Bandwidths)

@@ -1,4 +1,4 @@
-"""What is simulated: the platform with its rod, an end-effector that can touch, a wall if one is asked for.
+"""Simulated plant: the platform with its rod, an end-effector that can touch, a wall if one is asked for.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -37,7 +37,7 @@ WALL = 0.25
 
 @dataclass(frozen=True)
 class Errors:
-    """How the simulated platform differs from the one that the controller knows."""
+    """Differences between the simulated platform and the one that the controller knows."""
 
     model: float = 0.0
     """Standard deviation of every body's mass and of every rotor's thrust, relative."""
@@ -48,7 +48,7 @@ class Errors:
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
-    """What the controller knows."""
+    """Model that the controller knows."""
 
     mass: float
     com: Array
@@ -83,7 +83,7 @@ class Wall:
     gap: float
     """From the tip in the initial pose to where it touches [m]."""
     solid: bool = False
-    """Whether all parts feel it; else the tip alone."""
+    """True if all parts feel it; else the tip alone."""
 
 
 class Plant:
@@ -126,7 +126,7 @@ class Plant:
 
     @property
     def thrusts(self) -> Array:
-        """What the rotors pull, but for their errors, (N,) [N]."""
+        """Thrusts of the rotors, without their errors, (N,) [N]."""
         return np.asarray(self.data.act)
 
     def run_at(self, thrusts: Array) -> None:
@@ -166,7 +166,7 @@ class Plant:
 
     @property
     def struck(self) -> str | None:
-        """What touches the wall besides the tip: the body that it belongs to."""
+        """Body of a part that touches the wall, the tip aside."""
         for k, names in enumerate(self._contacts()):
             if "tip" not in names:
                 geom = max(self.data.contact[k].geom, key=lambda g: self.model.geom_bodyid[g])

@@ -1,4 +1,4 @@
-"""What flights showed, as `flight.json` holds it."""
+"""Results of flights, as `flight.json` holds them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ScenarioResult(Value):
     reason: str | None = None
     """Why it was not held, or not flown."""
     counts: Flag = True
-    """Whether the verdict of the whole depends on it."""
+    """True if the overall verdict depends on this scenario."""
     seconds: Number = 0.0
     """Simulated [s]."""
     drift_m: Number | None = None
@@ -49,7 +49,7 @@ class FlightResult(Value):
     design: str | None = None
     """`digest_of` the design that was flown; None in files that do not say."""
     verdict: Literal["held", "not held"]
-    """Whether every scenario that was flown and counts was held."""
+    """`held` if every scenario that was flown and counts was held."""
     scenarios: tuple[ScenarioResult, ...]
     weakest_force_N: Number
     """The least force that rotors can add in hover, of horizontal directions in steps of 15 deg [N]."""

@@ -1,4 +1,4 @@
-"""What is flown: where the platform starts, what it is asked, what pushes it, and what counts as held."""
+"""Flight scenarios: where the platform starts, what it is asked, what pushes it, and what counts as held."""
 
 from __future__ import annotations
 

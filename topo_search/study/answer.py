@@ -88,22 +88,22 @@ def remark(row: Row) -> list[str]:
 
 @dataclass(frozen=True)
 class SizeAnswer:
-    """What was found with one number of modules."""
+    """Results for one number of modules."""
 
     modules: int
     candidates: int
-    """How many candidates there are."""
+    """Number of candidates."""
     quotient: str
-    """Which trees stand for one candidate, and whether that is exact."""
+    """Rule that makes trees one candidate, and whether it is exact."""
     settled: int
-    """How many of them were solved from one start at least."""
+    """Number of candidates solved from at least one start."""
     starts: int
     """Number of starts that every candidate was solved from, unless it is impossible or failed; 0 while some were
     not taken up."""
     complete: bool
-    """Whether nothing is left to do: no start, and no audit (nor what follows one) of what may be the best."""
+    """True if nothing is left to do: no start, and no audit (nor what follows one) of what may be the best."""
     statuses: dict[str, int]
-    """How many ended with which status."""
+    """Number of candidates by status."""
     feasible: int
     """Number of classes of the exact quotient that are known to have a design: the sum of the orbits of candidates
     with one; a candidate that a lossy symmetry makes stand for others counts as one."""
@@ -117,24 +117,24 @@ class SizeAnswer:
     """Designs whose audit is clear and whose effort is within NEAR of the best: largest force reserve first,
     and of those alike, the largest reserve of torque."""
     near_ties_unaudited: int
-    """How many designs within NEAR of the best are not audited, so that nothing is known of their reserves."""
+    """Number of designs within NEAR of the best that are not audited: nothing is known of their reserves."""
     remarks: tuple[str, ...]
-    """What happened to designs whose audit was not clear, and to candidates that failed."""
+    """Remarks on designs whose audit was not clear, and on candidates that failed."""
     reason: str | None
     """Why there is no design, if there is none."""
     covers_size: bool
-    """Whether the candidates stand for all topologies of this size that the task allows; listed ones, or those that
+    """True if the candidates stand for all topologies of this size that the task allows; listed ones, or those that
     a lossy symmetry leaves, need not."""
     impossible: bool
-    """Whether it is proven that no topology of this size can do the task."""
+    """True if it is proven that no topology of this size can do the task."""
     statement: str | None
-    """What is known of the best design: of how many candidates it is the best, and what is proven of all others."""
+    """Statement on the best design: of how many candidates it is the best, and what is proven of all others."""
     relaxed: Relaxed | None = None
-    """Which limits, relaxed alone, give the closest trees a design; None where that was not tried."""
+    """Limits that, relaxed alone, give the closest trees a design; None where that was not tried."""
     proven: str | None = None
-    """What branch and bound proves of all candidates, and of which problem; None while it was not asked."""
+    """Statement on what branch and bound proves of all candidates, and of which problem; None if not asked."""
     proven_gap: float | None = None
-    """How much less than the best a design of this size can cost at most, as a share, within the scope of `proven`.
+    """Largest share by which a design of this size can cost less than the best, within the scope of `proven`.
 
     By branch and bound; None while that is not proven of all trees, or where the candidates do not cover the size.
     """
@@ -174,7 +174,7 @@ class SizeAnswer:
 
 @dataclass(frozen=True)
 class LevelAnswer:
-    """What was found at one level of the goals."""
+    """Results at one level of the goals."""
 
     number: int
     level: Level
@@ -211,7 +211,7 @@ class Answer:
 
     @property
     def found(self) -> bool:
-        """Whether there is a design whose audit is clear."""
+        """True if there is a design whose audit is clear."""
         return self.best is not None
 
     @property
@@ -230,7 +230,7 @@ class Answer:
 
     @property
     def smallest(self) -> str:
-        """What is known about sizes smaller than that of the best design; for a range of sizes without goals."""
+        """Statement on sizes smaller than that of the best design; for a range of sizes without goals."""
         if self.best is None or self.levels or len(self.sizes) == 1:
             return ""
         fewer = [size for size in self.sizes if size.modules < self.best.modules]
@@ -247,7 +247,7 @@ class Answer:
 
     @property
     def clear_rod(self) -> bool:
-        """Whether a straight rod carries the end-effector of the best design, clear of all parts and airflow."""
+        """True if a straight rod carries the end-effector of the best design, clear of all parts and airflow."""
         sheet = None if self.audit is None else self.audit.assembly.end_effector
         return sheet is not None and sheet.clear_rod
 
@@ -263,13 +263,13 @@ class Answer:
 
     @property
     def tolerances(self) -> str | None:
-        """What the task's tolerances leave of the best design's clearances, and whether that is required."""
+        """Clearances of the best design that the task's tolerances leave, and whether that is required."""
         audited = self.audit
         return None if audited is None else audited.tolerances_words
 
     @property
     def shorter_rod(self) -> str | None:
-        """What a shorter rod of the best design costs."""
+        """Cost of a shorter rod of the best design."""
         return None if self.design is None else self.design.shorter_rod
 
     @property
@@ -302,13 +302,13 @@ class Answer:
 
     @property
     def proven(self) -> bool:
-        """Whether branch and bound has closed all candidates of every size that has a best design."""
+        """True if branch and bound has closed all candidates of every size that has a best design."""
         sizes = [size for size in self.sizes if size.best is not None]
         return bool(sizes) and all(size.candidates_gap is not None for size in sizes)
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is left to do."""
+        """True if nothing is left to do."""
         return all(size.complete for size in self._all_sizes)
 
     @property

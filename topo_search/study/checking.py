@@ -33,14 +33,14 @@ EVERY = 10.0
 
 @dataclass
 class CheckedTree:
-    """What the check of one tree came to."""
+    """Result of checking one tree."""
 
     key: str
     modules: int
     bound: float | None = None
     """No design of the tree costs less, if it is checked and nothing of the run is refused [rad^4/s^4]."""
     problem: Problem = "task"
-    """Which designs it is about."""
+    """Designs that the bound is about."""
     fault: str | None = None
     """Why its proof is refused."""
     left: str | None = None
@@ -60,25 +60,25 @@ class CheckedTree:
 
 @dataclass
 class Checked:
-    """What the check of a run came to."""
+    """Result of checking a run."""
 
     trees: list[CheckedTree] = field(default_factory=list)
     sentences: list[str] = field(default_factory=list)
     """One for each size with a best design."""
     faults: list[str] = field(default_factory=list)
-    """What is wrong beside single trees."""
+    """Faults other than those of single trees."""
 
     missing: int = 0
     """Number of candidates that the run has not solved yet, unless one tree alone was to be looked at."""
 
     @property
     def refused(self) -> bool:
-        """Whether anything is wrong."""
+        """True if anything is wrong."""
         return bool(self.faults) or any(tree.fault is not None for tree in self.trees)
 
     @property
     def settled(self) -> bool:
-        """Whether there is a proof, or another reason, for every tree."""
+        """True if there is a proof, or another reason, for every tree."""
         return not self.refused and not self.missing and all(tree.left in (None, IMPOSSIBLE) for tree in self.trees)
 
 

@@ -37,13 +37,13 @@ LOCK = ".lock"
 HOLDER = re.compile(rb"(\d+ on [^\n]*\n)?")
 """The content of the lock's file: who holds it, or held it last."""
 _NO_LOCKS_ON_FOLDERS = (errno.EBADF, errno.ENOLCK, errno.EINVAL, errno.ENOTSUP, errno.EISDIR)
-"""What network disks say."""
+"""Errors of network disks that cannot lock folders."""
 PARTIAL = ".topo-search-partial"
 """A file that is being written. There is one at a time, so that the next run removes what a killed one left."""
 BATCH = 1000
 """Files that are recorded in one transaction."""
 CHANGED = "is not the file that this run wrote"
-"""What is wrong with a file that somebody else changed or put there."""
+"""Fault of a file that somebody else changed or put there."""
 _Entry = tuple[bytes | None, bytes | None, int]
 """Digest, the one before, and whether the file changes."""
 
@@ -405,7 +405,7 @@ class RunFiles:
 
 
 def _is_ours(entry: _Entry | None, content: bytes) -> bool:
-    """Whether a file that is there is the run's own."""
+    """True if a file that is there is the run's own."""
     if entry is None:
         return False
     digest, before, changing = entry

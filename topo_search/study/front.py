@@ -88,7 +88,7 @@ class FrontPoint:
     torque_reserve: float | None = None
     """[N m]"""
     rotor_out: Failing = "none"
-    """What is proven to be possible with any one rotor dead."""
+    """Wrenches proven to be possible with any one rotor dead."""
     joint_moment: float | None = None
     """[N m]; None without joints."""
     hinge_angle_deg: float | None = None

@@ -39,7 +39,7 @@ KEPT = "all results are kept; run the same command to continue"
 PLACES = {"run": "rowid", "contexts": "context", "candidates": "context, key", "solves": "number"}
 """The tables that an answer is made from, and what a row of each is found by."""
 KEY = re.compile(r"[ap][0-9a-f]+")
-"""What a topology's key looks like: it names files too."""
+"""Pattern of a topology's key, which also names files."""
 KINDS = {"TEXT": str, "INTEGER": int, "REAL": float, "BLOB": bytes}
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
@@ -99,7 +99,7 @@ class LedgerLost(Exception):
 
     def __init__(self, path: Path) -> None:
         self.answer: Answer | None = None
-        """What the run had found, as far as it can still be read."""
+        """Results of the run, as far as they can still be read."""
         self.design: Design | None = None
         """The best design, audited if any is: nothing else may hold it any more."""
         super().__init__(

@@ -64,33 +64,33 @@ class Phase:
     n: int
     """Modules."""
     steps: int
-    """How many candidates, or designs."""
+    """Number of candidates, or designs."""
     starts: int = 0
     """Starts of each candidate when the phase is over; 0 where nothing is solved."""
     seconds: float = 0.0
     """Expected processor time of a step [s]."""
     alone: bool = False
-    """Whether the steps follow each other in one process."""
+    """True if the steps follow each other in one process."""
 
     @property
     def same(self) -> tuple[PhaseName, int, int]:
-        """What a phase that is planned, and the one that comes, have in common."""
+        """Key that a planned phase shares with the one that comes."""
         return self.name, self.n, self.starts
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run is going to do."""
+    """Planned work of a run."""
 
     phases: tuple[Phase, ...]
     workers: int | None
-    """How many steps are taken at a time; None where that is not known."""
+    """Number of steps taken at a time; None where that is not known."""
     time_limit: float = math.inf
     """Time limit of the solves [s]; audits come after it."""
 
     @property
     def solves(self) -> bool:
-        """Whether any candidate is solved."""
+        """True if any candidate is solved."""
         return any(phase.starts for phase in self.phases)
 
     @property

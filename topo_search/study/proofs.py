@@ -1,4 +1,4 @@
-"""What proofs by branch and bound say of a run's candidates, and of all of them together."""
+"""Proofs by branch and bound for a run's candidates, and for all of them together."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ NO_GOALS = "has goals: a proof needs a single objective; run the task without go
 
 
 class ProofState(NamedTuple):
-    """What is proven of one tree."""
+    """Proven facts about one tree."""
 
     proven_bound: float | None
     """No design of the tree costs less [rad^4/s^4]."""
     proven_gap: float | None
     """1 - proven_bound / objective: how much less than its best one it can cost."""
     proven_problem: Problem | None
-    """Which designs that is said of."""
+    """Designs that the bound is about."""
     proof: str | None
     """`excluded`: no less than the run's best; `within`: no less than a cut under it; `open`; `impossible`."""
 
@@ -72,17 +72,17 @@ def target(row: Row, best: float, gap: float) -> tuple[str, float]:
 
 
 def bounded_alike(task: ResolvedTask, other: ResolvedTask) -> bool:
-    """Whether a proof of one task is one of the other: they differ in name and exposure, which no bound knows."""
+    """True if a proof of one task is one of the other: they differ in name and exposure, which no bound knows."""
     return task.model_copy(update={"name": other.name, "exposure": other.exposure}) == other
 
 
 class ProofSummary(NamedTuple):
-    """What the proofs of one size come to together."""
+    """Summary of the proofs of one size."""
 
     sentence: str | None
     """None while nobody asked for a proof."""
     gap: float | None
-    """How much less than the best a design of this size can cost at most, as a share; None while trees are open."""
+    """Largest share by which a design of this size can cost less than the best; None while trees are open."""
     resumable: tuple[str, ...] = ()
     """The trees that are open and of which the same command could prove more."""
 
@@ -154,7 +154,7 @@ def sizes_with_best(folder: RunFolder, key: str | None) -> tuple[list[tuple[int,
 
 
 def is_stuck(proof: Proof, best: float) -> bool:
-    """Whether a proof has a chunk that cannot be closed, at the lowest cut that its gap allows."""
+    """True if a proof has a chunk that cannot be closed, at the lowest cut that its gap allows."""
     return proof.open_at is not None and proof.cut <= best * (1 - proof.gap)
 
 

@@ -51,7 +51,7 @@ class _Work:
     folder: RunFolder
     observer: Observer
     floor: float
-    """What a tree is held to that cannot be held to more: `gap` under the run's best [rad^4/s^4]."""
+    """Cut for a tree that cannot be held to a higher one: `gap` under the run's best [rad^4/s^4]."""
     proofs: dict[str, Proof] = field(default_factory=dict)
     kept: float = 0.0
     due: set[str] = field(default_factory=set)
@@ -211,7 +211,7 @@ def refuse_unprovable(request: Request, name: str) -> None:
 
 
 def _serves(held: Proof, cut: float, floor: float, gap: float, problem: Problem) -> bool:
-    """Whether what is held of a tree is what is asked for, or more, a part of it, or all that this gap led to."""
+    """True if what is held of a tree is what is asked for, or more, a part of it, or all that this gap led to."""
     if held.complete:
         enough = held.cut >= cut or (held.gap == gap and held.cut >= floor)
         return enough and held.problem in ("task", problem)

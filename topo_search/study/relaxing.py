@@ -46,7 +46,7 @@ class _Attempt:
     short: int = -1
     """Place of the largest share that was tried in vain."""
     proven: bool = False
-    """Whether a share was not solved, as the task is proven impossible with it."""
+    """True if a share was not solved, as the task is proven impossible with it."""
     failure: str | None = None
     """Why the solver or the audit gave no answer, with the change that was tried."""
 

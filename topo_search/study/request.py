@@ -1,4 +1,4 @@
-"""What a run is asked for: the request, what the user brought to it, and what fixes the value of each row."""
+"""Request of a run: the request itself, the user's own input, and what fixes the value of each row."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ DEFAULT_ROUND = 8
 
 
 class Own(Value):
-    """What a user brought to a run beside its task, as far as it tells one run from another."""
+    """User input of a run beside its task, as far as it distinguishes runs."""
 
     topologies: tuple[str, ...] | None = None
     """Keys of the only candidates, in ascending order; None: all trees."""
@@ -49,7 +49,7 @@ class Own(Value):
 
     @property
     def fixes(self) -> dict[str, Any]:
-        """What of it fixes the value of a row."""
+        """Parts of it that fix the value of a row."""
         given = self.model_dump(mode="json", include={"near", "constraints"})
         return {name: value for name, value in given.items() if value}
 
@@ -84,14 +84,14 @@ class Context:
 
     task: ResolvedTask
     step: int
-    """Which of the task's `margins` it has: 0 for its own, larger ones because an audit was not clear."""
+    """Index of the task's `margins`: 0 for its own, larger ones because an audit was not clear."""
     seed: int
     versions: dict[str, str]
     """Versions of the libraries."""
     level: Level | None = None
     """Level of the goals, if the run has any: what was solved there had other designs to start from."""
     own: Own = NOTHING
-    """What the user brought."""
+    """User input beside the task."""
 
     @cached_property
     def fixed_by(self) -> dict[str, Any]:
@@ -117,7 +117,7 @@ class Context:
 
 
 class Identity(Value):
-    """What one folder can hold one of. More starts and more trials extend a run, so they are left out."""
+    """Identity of a folder's only run. More starts and more trials extend a run, so they are left out."""
 
     task: str
     """A digest."""
@@ -131,29 +131,29 @@ class Identity(Value):
     round_size: int = Field(DEFAULT_ROUND, ge=1, le=ROUND)
     """Proposals whose results may be unknown when any other makes one."""
     proposals: Literal["by whole rounds", "ahead of results"] = "by whole rounds"
-    """How any other proposes; older folders are by whole rounds, which waited for their last job."""
+    """Order of proposals in any other; older folders are by whole rounds, which waited for their last job."""
     own: Own | None = None
-    """What the user brought, if anything."""
+    """User input beside the task, if any."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What a run is asked to find; with what force (workers, time) is not part of it."""
+    """Request of a run: what to find. Resources (workers, time) are not part of it."""
 
     task: Task
     symmetry: Symmetry
-    """Which trees are one candidate."""
+    """Symmetry under which trees are one candidate."""
     starts: int
     """Number of starts of each candidate, at most."""
     seed: int
     strategy: StrategyName = "exhaustive"
-    """How candidates are chosen."""
+    """Strategy by which candidates are chosen."""
     sampler: Sampler = "moves"
-    """What proposes candidates when not all are solved."""
+    """Sampler that proposes candidates when not all are solved."""
     trials: int | None = None
     """Number of candidates to propose; None: all."""
     prune: bool = False
-    """Whether candidates are skipped that the bound proves to be no better than the best."""
+    """True if candidates are skipped that the bound proves to be no better than the best."""
     round_size: int = DEFAULT_ROUND
     """Largest number of open proposals: what a proposal learns from is fixed by its place alone."""
     versions: dict[str, str] = field(default_factory=installed_versions)
@@ -163,11 +163,11 @@ class Request:
     previous: Request | None = None
     """The level before, whose designs are carried over."""
     own: Own = NOTHING
-    """What the user brought, as the folder keeps it."""
+    """User input beside the task, as the folder keeps it."""
     near: tuple[Design, ...] = field(default=(), compare=False)
     """The designs to start from themselves; a folder that is only read needs none."""
     propose: SamplerFactory | None = field(default=None, compare=False)
-    """What makes the user's own sampler; likewise."""
+    """Factory of the user's own sampler; likewise."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be asked; ValueError names it."""
@@ -191,7 +191,7 @@ class Request:
 
     @cached_property
     def identity(self) -> Identity:
-        """What its folder is known by."""
+        """Identity of its folder."""
         tasks = [self.task.resolve(n).model_dump(mode="json") for n in self.task.sizes]
         if self.task.goals.names:
             tasks.append(self.task.goals.model_dump(mode="json"))
@@ -250,7 +250,7 @@ class Request:
         return _lossy_resolution(resolve_symmetry(task, self.symmetry), task, own)
 
     def covers(self, n: int) -> bool:
-        """Whether the candidates stand for every tree of n modules that the task's connectors and root allow.
+        """True if the candidates stand for every tree of n modules that the task's connectors and root allow.
 
         Only then does what is proven of all candidates hold of the size: every sentence about a size asks this.
         """

@@ -51,7 +51,7 @@ AT_MOST = ("air_tip_m_s", "air_region_m_s", "joint_moment_Nm", "joint_moment", "
 
 @dataclass(frozen=True)
 class Row:
-    """What became of one candidate."""
+    """Result of one candidate."""
 
     key: str
     modules: int
@@ -99,17 +99,17 @@ class Row:
 
     @property
     def feasible(self) -> bool:
-        """Whether there is a design."""
+        """True if there is a design."""
         return self.status == "feasible"
 
     @property
     def clear(self) -> bool:
-        """Whether there is a design and its audit passed."""
+        """True if there is a design and its audit passed."""
         return self.audit == "clear"
 
     @property
     def audit_ended(self) -> bool:
-        """Whether an audit need not be tried (again)."""
+        """True if an audit need not be tried (again)."""
         return self.audit is not None or self.audit_failure is not None
 
 

@@ -50,7 +50,7 @@ class Solved:
 
     @property
     def found(self) -> bool:
-        """Whether there is a design, and its audit is clear."""
+        """True if there is a design, and its audit is clear."""
         return isinstance(self.audit, Audit) and self.audit.verdict == "clear"
 
     @property
@@ -173,7 +173,7 @@ def solve_single(
 
 
 def _pays(before: Outcome, after: Design | Infeasible, task: ResolvedTask) -> bool:
-    """Whether a round of starts brought a gain."""
+    """True if a round of starts brought a gain."""
     if isinstance(before, Design) and isinstance(after, Design):
         return before.objective - after.objective > GAIN * before.objective
     if isinstance(before, Infeasible) and isinstance(after, Infeasible):

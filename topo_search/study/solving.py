@@ -204,7 +204,7 @@ def record_pruned(folder: RunFolder, n: int, lower_bound: float) -> bool:
 
 
 def _same_platform(earlier: Design | Infeasible | None, later: Design | Infeasible | None) -> bool:
-    """Whether an audit of the one is an audit of the other: they differ in how they were found, if at all."""
+    """True if an audit of the one is an audit of the other: they differ in how they were found, if at all."""
     if not isinstance(earlier, Design) or not isinstance(later, Design):
         return False
     return earlier.model_copy(update={"solver": None}) == later.model_copy(update={"solver": None})

@@ -1,4 +1,4 @@
-"""Which rooted trees are one candidate, which of them is listed, and how many exact classes it stands for."""
+"""Rooted trees that are one candidate, the one of them that is listed, and the exact classes it stands for."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Quotient:
 
     @property
     def masks(self) -> Iterable[int]:
-        """Which ports of the root carry a child (bits 0..3) in trees that are their own representatives."""
+        """Masks of the root's ports with a child (bits 0..3) in trees that are their own representatives."""
         return _stabilizers(self.group)
 
     def lists(self, rooted: Rooted) -> bool:
-        """Whether a tree (free root: one rooted at a centroid) is its own representative."""
+        """True if a tree (free root: one rooted at a centroid) is its own representative."""
         text = text_of(rooted)
         stabilizer = _stabilizers(self.group).get(int(text[0], 16))
         # the root's digit comes first in a text: all other elements lead to a greater one

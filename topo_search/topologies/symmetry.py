@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 Symmetry = Literal["task", "none", "c2", "d2", "c4", "d4"]
-"""What a user can ask for; `task` is the coarsest quotient that is exact for the task."""
+"""Symmetries that a user can ask for; `task` is the coarsest quotient that is exact for the task."""
 Connectors = Literal["aligned", "any"]
 Root = Literal["free", "paper"]
 Group = Literal["c1", "c2", "d2", "c4", "d4"]

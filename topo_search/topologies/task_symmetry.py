@@ -53,7 +53,7 @@ class _Feature(NamedTuple):
 
     kind: str
     scalars: tuple[float, ...]
-    """What no isometry changes."""
+    """Numbers that no isometry changes."""
     polar: Array
     """Vectors that go to O v, shape (m, 3)."""
     axial: Array
@@ -69,7 +69,7 @@ class _Feature(NamedTuple):
         return np.vstack([self.polar, self.axial])
 
     def equals(self, other: _Feature) -> bool:
-        """Whether two features are the same within the tolerance."""
+        """True if two features are the same within the tolerance."""
         if (
             self.kind != other.kind
             or len(self.vectors) != len(other.vectors)
@@ -90,7 +90,7 @@ class _Kind(NamedTuple):
     signs: Array
     """-1 for polar vectors and 1 for axial ones, as O = -P maps them, shape (m + k, 1)."""
     alike: NDArray[np.bool_]
-    """Whether two of them have the same scalars, shape (f, f)."""
+    """True if two of them have the same scalars, shape (f, f)."""
 
     @classmethod
     def of(cls, features: list[_Feature]) -> _Kind:
@@ -102,7 +102,7 @@ class _Kind(NamedTuple):
         return cls(np.array([feature.vectors for feature in features]), signs, alike)
 
     def maps_onto_itself(self, P: Array) -> bool:
-        """Whether the image of each of them under O = -P is one of them."""
+        """True if the image of each of them under O = -P is one of them."""
         images = self.signs * self.vectors @ P.T
         same = _are_same(images[:, None], self.vectors).all(axis=-1)
         return bool(np.all(np.any(self.alike & same, axis=1)))
@@ -280,9 +280,9 @@ class Resolution:
     group: Group
     """The turns and mirrors of the root's frame under which trees are one candidate."""
     exact: bool
-    """Whether all trees that stand for one candidate have the same optimum."""
+    """True if all trees that stand for one candidate have the same optimum."""
     reason: str
-    """What is merged and why, for a reader."""
+    """Explanation of what is merged and why, for a reader."""
 
 
 def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolution:

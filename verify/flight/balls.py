@@ -47,7 +47,7 @@ ASKED = 12
 SAME = 1e-13
 """One minus the cosine of the angle between normals that are one."""
 COVERED = 1e-6
-"""What may be missing of a full (solid) angle around zero [rad], [sr]."""
+"""Largest gap in a full (solid) angle around zero [rad], [sr]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def _refine(polytopes: list[_Polytope], C: Array, M: Array, g: Array, m: Array, 
 
 @dataclass(eq=False)
 class _Polytope:
-    """What is known of one polytope."""
+    """Knowledge of one polytope."""
 
     D: int
     g: Array | None = None
@@ -204,7 +204,7 @@ def _first(D: int) -> Array:
 
 
 def _surrounds(normals: Array, corners: Array) -> bool:
-    """Whether facets, shape (F, D, D), cover all directions from zero, each seen from inside."""
+    """True if facets, shape (F, D, D), cover all directions from zero, each seen from inside."""
     if np.einsum("fd,fkd->fk", normals, corners).min() <= 0:
         return False
     if corners.shape[1] == 2:

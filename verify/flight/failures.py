@@ -1,4 +1,4 @@
-"""Which torques can be added with a rotor dead, so that attitude remains controllable.
+"""Torques that can be added with a rotor dead, so that attitude remains controllable.
 
 The notation is that of `verify.flight.measured`. A dead rotor's bounds are both zero, whatever the least input.
 """
@@ -20,7 +20,7 @@ TOGETHER = 20
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """What is left of a wrench with each rotor dead."""
+    """Remaining capability at a wrench, with each rotor dead."""
 
     yes: NDArray[np.bool_]
     """Proven to be possible, shape (N,)."""

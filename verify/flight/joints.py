@@ -1,4 +1,4 @@
-"""What each joint bears: the tree is cut there, and all that hangs beyond the cut is looked at alone.
+"""Load of each joint: the tree is cut there, and everything beyond the cut is treated as a free body.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

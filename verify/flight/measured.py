@@ -104,7 +104,7 @@ def flight(design: Design, found: Platform, sheet: Assembly, errors: Sensitivity
 
 
 class Measured:
-    """What rotors can do, in weights and largest inputs.
+    """Capability of the rotors, in weights and largest inputs.
 
     Args:
         A: wrenches of the rotors at their largest inputs, shape (6, N) [N, N m].
@@ -139,7 +139,7 @@ class Measured:
 
     @cached_property
     def reached(self) -> Solvable:
-        """Which wrenches can be produced."""
+        """Wrenches that can be produced."""
         return find_solutions(self.A, self.wrenches, self.box)
 
     @cached_property
@@ -154,7 +154,7 @@ class Measured:
 
     @cached_property
     def in_range(self) -> bool:
-        """Whether numbers are small enough for their digits to reach the residuals of programs."""
+        """True if numbers are small enough for their digits to reach the residuals of programs."""
         return bool(np.all(np.abs(self.A) <= LARGEST) and np.all(np.abs(self.b) <= LARGEST))
 
     def cases(self) -> tuple[CaseFlight, ...]:

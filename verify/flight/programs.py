@@ -68,7 +68,7 @@ class Greatest:
     upper: Array
     """No v that meets the equations has more, shape (B,)."""
     bases: Indices
-    """Where to start from for costs that differ a little, shape (B, k)."""
+    """Starting bases for slightly different costs, shape (B, k)."""
 
 
 def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = None) -> Greatest:
@@ -115,7 +115,7 @@ def _bracket(c: Array, M: Array, m: Array, box: Box, v: Array, y: Array, bases: 
 
 @dataclass(frozen=True, eq=False)
 class Solvable:
-    """Whether equations have a solution within bounds, to the audit's tolerance."""
+    """Solvability of equations within bounds, to the audit's tolerance."""
 
     yes: NDArray[np.bool_]
     """Proven: v is one, shape (B,)."""
@@ -124,7 +124,7 @@ class Solvable:
     v: Array
     """Shape (B, N)."""
     bases: Indices
-    """Where to start from for bounds that differ a little, shape (B, k)."""
+    """Starting bases for slightly different bounds, shape (B, k)."""
 
 
 def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -> Solvable:

@@ -27,7 +27,7 @@ from verify.bodies import Array
 from verify.meshes import Indices
 
 FEASIBLE = 1e-11
-"""How far beyond its bounds a variable may end, in units of the largest range of any."""
+"""Largest final violation of a variable's bounds, in units of the largest range of any."""
 PIVOT = 1e-9
 """Smallest pivot, in units of the largest of its row."""
 ROUNDING = 1e-10
@@ -38,7 +38,7 @@ STEPS = 100
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Where the method ended, a row a program."""
+    """Final state of the method, one row per program."""
 
     v: Array
     """Variables, within their bounds, shape (B, N)."""

@@ -49,7 +49,7 @@ class Middle(NamedTuple):
     a: Array
     """Wrench of every rotor at the input 1 about the origin, in W, shape (4 n, 6)."""
     b: Array
-    """What the load cases ask for but for p'_E, shape (K, 6)."""
+    """Wrenches that the load cases ask for, without p'_E, shape (K, 6)."""
     curved: Array
     """sum_{a, j} rho_a^2 beta_aj beta_aj^T / 2, shape (6, 6)."""
     axes: Array
@@ -57,11 +57,11 @@ class Middle(NamedTuple):
     change: Array
     """beta, shape (A, 4 n, 6)."""
     moved: Array
-    """How the sum of all modules' centres changes with an angle, shape (A, 3)."""
+    """Derivatives of the sum of all modules' centres by the angles, shape (A, 3)."""
     slope: Array
     """g, shape (A,)."""
     steep: Array
-    """How g changes with y, shape (A, 6 K)."""
+    """Derivatives of g by y, shape (A, 6 K)."""
     R: Array
     """The root's orientation, shape (3, 3)."""
     gradient: Array
@@ -145,7 +145,7 @@ def _fill_axes(numbers: Numbers, points: Array, frames: Frames, at: Middle) -> N
 
 @njit(cache=True)
 def turns(numbers: Numbers, angle: int, i: int) -> bool:
-    """Whether an angle turns a module: one of the root, or of a hinge on its path."""
+    """True if an angle turns a module: one of the root, or of a hinge on its path."""
     while i > 0 and i + 2 != angle:
         i = numbers.parent[i]
     return angle < 3 or i > 0

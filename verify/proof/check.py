@@ -28,7 +28,7 @@ REASONS = {
     ends.NOT_BOUNDED: "no bound excludes it",
     ends.NOT_NEAR: "no two modules are too close everywhere in it",
 }
-"""What is wrong with a box."""
+"""Faults of a box, by the outcome of its replay."""
 
 
 def check_chunk(

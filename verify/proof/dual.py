@@ -53,7 +53,7 @@ class Sums(NamedTuple):
     y: Array
     """Multipliers seen from there, shape (K, 6, 27)."""
     s: Array
-    """What the centres of modules are weighted with, seen from there, shape (3, 27)."""
+    """Weights of the modules' centres, seen from there, shape (3, 27)."""
     least: Array
     """Least sum of a module and all beyond it, shape (frames, 27)."""
 

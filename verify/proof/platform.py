@@ -44,7 +44,7 @@ PI_ABOVE = math.nextafter(math.pi, 4.0)
 
 
 class Numbers(NamedTuple):
-    """What the compiled functions work on."""
+    """Data of the compiled functions."""
 
     parent: Indices
     """Shape (n,); -1 for the root."""
@@ -67,21 +67,21 @@ class Numbers(NamedTuple):
     free: Array
     """Orthonormal columns that span the multipliers with sum_k g_k x mu_k = 0, shape (6 K, d)."""
     force_off: float
-    """What a clear audit lets the force be off by."""
+    """Largest error of the force in a clear audit."""
     torque_off: Array
     """Likewise the torque about the origin, shape (K,)."""
     reach: float
     """No p'_E of a clear audit is farther from the origin."""
     l_c: float
     airflow: bool
-    """Whether envelopes must not overlap."""
+    """True if airflow envelopes must not overlap."""
     length: float
     start_radius: float
     growth: float
     apart: float
     """Least distance of centres, with airflow of modules that are not bolted together; 0 for none."""
     margin: float
-    """What envelopes are to be apart, to first order."""
+    """Required distance between envelopes, to first order."""
 
 
 def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Numbers:

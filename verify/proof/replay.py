@@ -20,9 +20,9 @@ from verify.proof.nearness import are_too_near
 from verify.proof.platform import Numbers
 
 BOUND, NEAR, HALVED = 0, 1, 2
-"""What a byte says of a box (`topo_search.model.proof`); HALVED + a: along angle a."""
+"""Meaning of a byte for a box (`topo_search.model.proof`); HALVED + a: along angle a."""
 HELD, ENDS_EARLY, GOES_ON, NO_SUCH_ANGLE, TOO_DEEP, NOT_BOUNDED, NOT_NEAR = range(7)
-"""How a replay ends."""
+"""Outcomes of a replay."""
 DEEPEST = 64
 """No angle is halved more often: doubles have no more digits."""
 STEPS, MANY_STEPS = 4, 40
@@ -32,13 +32,13 @@ EXTRA = 4000
 
 
 class Replayed(NamedTuple):
-    """What a replay came to."""
+    """Result of a replay."""
 
     how: int
     position: int
     """Position of the byte at which it ended."""
     extra: int
-    """How many boxes were halved here."""
+    """Number of boxes halved here."""
     lower: Array
     """The box that it ended at."""
     upper: Array

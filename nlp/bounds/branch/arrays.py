@@ -49,7 +49,7 @@ class Tree(NamedTuple):
     path: Indices
     """Angles that move module i, outermost first: psi, alpha_0, alpha_1, then hinges; shape (n, A), -1 beyond."""
     first: Indices
-    """Where the 2^depth[i] vertices of module i begin in a table of all, and the table's length: (n + 1,)."""
+    """Index of the first of module i's 2^depth[i] vertices in a table of all, then the table's length: (n + 1,)."""
     bolted: NDArray[np.bool_]
     """Shape (n, n)."""
 
@@ -78,7 +78,7 @@ class Loads(NamedTuple):
 
 
 class Slack(NamedTuple):
-    """What a dual value loses: to deviations that an audit lets pass, and to rounding."""
+    """Losses of a dual value: to deviations that an audit lets pass, and to rounding."""
 
     force: Array
     """Loss per unit of |nu_k|, shape (K,)."""
@@ -89,7 +89,7 @@ class Slack(NamedTuple):
 
 
 class Separation(NamedTuple):
-    """What must keep clear of what [l_arm]."""
+    """Required separation of modules and airflow [l_arm]."""
 
     airflow: bool
     length: float

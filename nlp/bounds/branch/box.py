@@ -70,9 +70,9 @@ class Sums(NamedTuple):
     least: Array
     """Least sums over the modules beyond, for every frame: (frames,)."""
     slope: Array
-    """How D changes at the middle, by angle, shape (A,)."""
+    """Slope of D at the middle, by angle, shape (A,)."""
     spread: Array
-    """What remainders take of D, by angle, shape (A,)."""
+    """Loss of D to remainders, by angle, shape (A,)."""
     away: Array
     """(A,): |nu'| of a load case about every axis."""
     drift: Array

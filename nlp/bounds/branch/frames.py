@@ -1,4 +1,4 @@
-"""Where modules are, seen from the root module: at the vertices of a box of hinge angles, and at its middle."""
+"""Poses of modules in the root module's frame: at the vertices of a box of hinge angles, and at its middle."""
 
 from __future__ import annotations
 

@@ -49,9 +49,9 @@ class Workspace(NamedTuple):
     solved: Array
     """H_k^-1 of the gradient and of the rows, shape (K, 4 + A, 6)."""
     diagonal: Array
-    """What a row gives way by for a unit of its multiplier, 0 for a condition, shape (3 + A,)."""
+    """Compliance of a row per unit of its multiplier, 0 for a condition, shape (3 + A,)."""
     goal: Array
-    """What a row's change is to make up for, shape (3 + A,)."""
+    """Deficit that a row's change must make up, shape (3 + A,)."""
     step: Array
     trial: Array
     ridge: Array

@@ -21,13 +21,13 @@ from topo_search.model.compiled_code import njit
 
 DUAL, CROWDED, SPLIT = 0, 1, 2
 CLOSED, MANY, OPEN = 0, 1, 2
-"""How a search ends: all boxes are excluded, too many were looked at, or one that cannot be was found."""
+"""Outcomes of a search: all boxes excluded, too many boxes examined, or one found that cannot be excluded."""
 WIDEST = 0.9
 """Boxes wider than this are halved without a bound [rad]."""
 LEAST_WIDTH = 2e-4
 """A box narrower than this in all angles that is not excluded ends the search [rad]."""
 ASPECT = 4.0
-"""How much wider than the one that is split another angle may be."""
+"""Largest width of any angle, over that of the one that is split."""
 STEPS = 2
 """Newton steps for a box, from its parent's multipliers,"""
 FLATTENED = 2
@@ -47,11 +47,11 @@ LEAST_SQUARE = 1e-4
 ENOUGH = 1.3
 """Share of the cut at which the search for multipliers ends: where no balance can be met they have no end."""
 SLOPE = 0.5
-"""What a split gains where D is steep, beside what remainders take."""
+"""Weight of D's slope in the gain of a split, relative to the loss to remainders."""
 
 
 class BoxFrames(NamedTuple):
-    """What a box is bounded from."""
+    """Frames from which a box is bounded."""
 
     roots: Array
     """Root orientations at the middle and at the 8 vertices, shape (9, 3, 3)."""
@@ -61,7 +61,7 @@ class BoxFrames(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What a search came to."""
+    """Result of a search."""
 
     how: int
     record: NDArray[np.uint8]

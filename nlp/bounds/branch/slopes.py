@@ -38,7 +38,7 @@ SHORTER = 0.4
 
 
 class Slopes(NamedTuple):
-    """How D changes with the angles at the middle of a box."""
+    """Slopes of D in the angles at the middle of a box."""
 
     beta: Array
     v: Array

@@ -57,7 +57,7 @@ BATCHES = 2
 
 
 class _Chance(NamedTuple):
-    """What may be proposed, and how much it promises."""
+    """Possible proposal, and how much it promises."""
 
     bound: float
     key: str
@@ -65,7 +65,7 @@ class _Chance(NamedTuple):
 
 
 class _Known(NamedTuple):
-    """What is learnt from the trials that are over."""
+    """Knowledge from the trials that are over."""
 
     solved: tuple[Merit, ...]
     """The best trial of each candidate, in the order of their merit."""
@@ -124,7 +124,7 @@ class Moves(TreeSampler):
         self._settled: set[str] = set()
         """Keys of candidates that are not new: they or their twins were proposed, and did not fail."""
         self._latest: tuple[int, _Known] | None = None
-        """What was learnt last, after the number of trials that it was learnt from."""
+        """Number of trials that the latest knowledge was learnt from, and that knowledge."""
         self._pool: dict[str, tuple[_Chance, str | None]] = {}
         """Trees drawn from the present parents since anything was learnt, each with its parent, if it has one."""
 

@@ -23,9 +23,9 @@ from topo_search.protocols import SamplerFactory, TopologySampler
 from topo_search.supervisor import is_out_of_memory
 
 SEEDS = 2**32
-"""How many seeds Optuna's samplers know."""
+"""Number of seeds that Optuna's samplers know."""
 FIXED = "fixed_params"
-"""What Optuna notes of a trial whose numbers are given: a tree that is solved again from more starts."""
+"""Optuna's key for a trial whose numbers are given: a tree that is solved again from more starts."""
 
 
 class Uniform(TreeSampler):
@@ -127,7 +127,7 @@ class Owned(TreeSampler):
         super().__init__(space, seed)
         self._sampler = sampler
         self._tried: dict[int, Scored] = {}
-        """What became of the trials that are over, by number."""
+        """Results of the trials that are over, by number."""
 
     def note_score(self, number: int, score: Scored) -> None:
         """Take note of what a trial led to: how far from feasible it was, where that says anything."""

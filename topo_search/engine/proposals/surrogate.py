@@ -56,7 +56,7 @@ from topo_search.model.arrays import Array
 Indices = NDArray[np.int_]
 
 DIRECTIONS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-"""Where the ports of a module that is not turned point."""
+"""Directions of the ports of a module that is not turned."""
 LONGEST = 4
 """Joints of the longest paths whose patterns are counted."""
 PATTERNS = tuple(
@@ -81,7 +81,7 @@ class Flat(NamedTuple):
     parent: Indices
     """Parents of all modules but the root, shape (k, n - 1)."""
     cells: Indices
-    """Where the modules are, from the root, shape (k, n, 2)."""
+    """Cells of the modules, from the root, shape (k, n, 2)."""
     quarters: Indices
     """Quarter turns of the modules relative to the root, shape (k, n)."""
     axis: Indices
@@ -188,7 +188,7 @@ class Surrogate:
             places: their places in the ranking, equal ones for trees that stand alike.
         """
         self.kept = slice(None, None, math.ceil(len(described) / MOST))
-        """Which of the solved trees are looked at."""
+        """Slice of the solved trees that are used."""
         described, places = described[self.kept], places[self.kept]
         self._mean, self._scale = described.mean(axis=0), _deviation(described)
         self._X = self._columns(described)

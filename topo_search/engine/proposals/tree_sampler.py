@@ -31,7 +31,7 @@ STARTS = "starts"
 STATUS = "status"
 """User attribute of a trial that is over: what became of its candidate."""
 DRAWS = 64
-"""How many trees in a row may be known before one is drawn uniformly from all that are left."""
+"""Number of known trees drawn in a row after which one is drawn uniformly from all that are left."""
 
 FRESH = 8
 """Uniform draws that a search, or a population after a restart, begins with."""
@@ -43,7 +43,7 @@ class TreeSampler(BaseSampler):
     few = FEW
     """Starts of a new candidate."""
     promotes = True
-    """Whether candidates that do well are given more starts at once."""
+    """True if candidates that do well are given more starts at once."""
 
     def __init__(self, space: Space, seed: int) -> None:
         self.space = space
@@ -51,9 +51,9 @@ class TreeSampler(BaseSampler):
         self.connectors = space.task.search.connectors
         self.trials = Trials()
         self.drawn: dict[int, Idea] = {}
-        """What was drawn for a trial, by its number; the only tree of one module needs no draw."""
+        """Ideas drawn for trials, by trial number; the only tree of one module needs no draw."""
         self.values = ranges(space.n, self.connectors)
-        """How many values each number that makes a tree can have."""
+        """Number of values that each number that makes a tree can have."""
         self.distributions: dict[str, BaseDistribution] = {
             name: CategoricalDistribution(range(values)) for name, values in self.values.items()
         }

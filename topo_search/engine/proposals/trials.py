@@ -101,7 +101,7 @@ def steps(starts: int, few: int) -> Iterator[int]:
 
 
 def goes_on(score: Scored, others: Sequence[Rank], step: int) -> bool:
-    """Whether a candidate is given more starts.
+    """True if a candidate is given more starts.
 
     Args:
         score: what became of it after the first `step` steps.
@@ -113,18 +113,18 @@ def goes_on(score: Scored, others: Sequence[Rank], step: int) -> bool:
 
 
 class Idea(NamedTuple):
-    """What may be proposed."""
+    """Possible proposal."""
 
     key: str
     """Key of the candidate."""
     warm_starts: tuple[str, ...] = ()
     """Keys of the candidates whose designs are carried over to it."""
     again: bool = False
-    """Whether it was proposed before and is to have more starts."""
+    """True if it was proposed before and is to have more starts."""
 
 
 class Merit(NamedTuple):
-    """What a trial led to, in its order: less is better, and the earlier one wins a tie."""
+    """Result of a trial, in the order of merit: less is better, and the earlier one wins a tie."""
 
     violation: float
     """Violation of the best start; 0 with one."""
@@ -135,11 +135,11 @@ class Merit(NamedTuple):
     key: str
     """Key of the trial's candidate."""
     status: str
-    """What became of it."""
+    """Outcome of the trial."""
 
     @property
     def has_design(self) -> bool:
-        """Whether the trial led to a design."""
+        """True if the trial led to a design."""
         return math.isfinite(self.objective)
 
 
@@ -156,7 +156,7 @@ class Trials:
         self.failed: set[str] = set()
         """Keys of candidates of which a trial failed: that says nothing of them."""
         self.completed = 0
-        """How many trials said something."""
+        """Number of trials that said something."""
         self.starts: dict[str, int] = {}
         """Starts so far of each candidate of which a trial said something, by key."""
         self.ranking: list[Merit] = []
