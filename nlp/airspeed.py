@@ -271,10 +271,13 @@ def _is_below(z: Array) -> Array:
 
 
 def _soft_clip(t: ca.SX) -> ca.SX:
-    def rounded(t: Any) -> Any:
-        return (t * t + SOFTNESS**2) ** 0.5 - ((t - 1) ** 2 + SOFTNESS**2) ** 0.5 + 1
+    """Return t within [0, 1], and from 1 on no less than 1."""
+    return _soft_step(t) / _soft_step(ca.SX(1))
 
-    return rounded(t) / rounded(1.0)  # no less than the bend it stands for, from there on
+
+def _soft_step(t: ca.SX) -> ca.SX:
+    step: ca.SX = ca.sqrt(t * t + SOFTNESS**2) - ca.sqrt((t - 1) ** 2 + SOFTNESS**2) + 1
+    return step
 
 
 def _soft_begin(z: ca.SX) -> ca.SX:
@@ -305,7 +308,7 @@ def _pull_inside(shape: Shape, l_arm: float, within: float | None, x: Array) -> 
         return x / l_arm
     for _ in range(PULLS):
         x = _nearest(shape, x * np.minimum(1.0, within / np.maximum(np.linalg.norm(x, axis=1), within))[:, None])
-    return x[np.linalg.norm(x, axis=1) <= within * (1 + 1e-6)] / l_arm
+    return np.asarray(x[np.linalg.norm(x, axis=1) <= within * (1 + 1e-6)] / l_arm)
 
 
 def _nearest(shape: Shape, x: Array) -> Array:
