@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from topo_search.cli.airflow import airflow
 from topo_search.cli.audit import audit
 from topo_search.cli.capability import capability
 from topo_search.cli.check import check
@@ -37,6 +38,7 @@ for command in (
     export,
     fly,
     capability,
+    airflow,
     report,
     experiment,
     examples,

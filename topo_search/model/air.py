@@ -100,3 +100,27 @@ class AirSpeeds(Value):
                 f"module {rotor.module}, which loses {upper_text(100 * rotor.thrust_loss, 3)} % of its thrust, "
                 f"in {case.name}"
             )
+
+
+class EnvelopeAir(Value):
+    """The largest speeds on a module's airflow envelope, alone in free air, proven of the model, to 0.1 %."""
+
+    side_m_s: Speed
+    """On the side of the cone."""
+    side_merged_m_s: Speed | None
+    """The same, from where the jets of the rotors have merged; None if the side ends above."""
+    end_m_s: Speed
+    """On the far ball."""
+    rotor_plane_m_s: Speed
+    """In the plane of the rotors, outside the envelope."""
+
+
+class SpeedEnvelope(Value):
+    """The smallest cone-sphere, to a percent, around all air of a module that is at least as fast as a speed."""
+
+    start_radius_m: Speed
+    spread_angle_deg: Speed
+    reach_m: Speed
+    volume_m3: Speed
+    least_volume_m3: Speed
+    """No cone-sphere around that air has a smaller volume."""

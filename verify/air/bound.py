@@ -65,7 +65,7 @@ def bound_speed(
     found, best, dropped = 0.0, np.full(3, np.nan), 0.0
     cubes, half = _first_cubes(air, region) if within is None else (within.o[None], within.r)
     if within is None and isinstance(region, Cone):
-        dropped = _bound_beyond(air, region.apex, half) * (1 + ROUNDING)
+        dropped = bound_beyond(air, region.apex, half) * (1 + ROUNDING)
     left = MOST_CUBES / len(air.centres)
     while len(cubes):
         cubes = cubes[_reaches(region, cubes, math.sqrt(3) * half)]
@@ -107,12 +107,12 @@ def _reach(air: Jets, region: Cone) -> float:
     grid = region.apex + distance * np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3), axis=-1).reshape(-1, 3)
     points = _points_in(region, np.concatenate([grid, air.centres, air.rotors.reshape(-1, 3)]))
     found = max(float(speeds(air, points).sum(axis=1).max()), NOT_LESS)
-    while _bound_beyond(air, region.apex, distance) > found:
+    while bound_beyond(air, region.apex, distance) > found:
         distance *= 2
     return distance
 
 
-def _bound_beyond(air: Jets, x: Array, distance: float) -> float:
+def bound_beyond(air: Jets, x: Array, distance: float) -> float:
     """Return a bound of the sum of speeds wherever that is farther from x than a distance.
 
     Such a point is at least D away from a module. Either it is deeper than STEEP D, or it is at least

@@ -121,11 +121,16 @@ def speeds(air: Jets, x: Array, h: Array | float = 0.0) -> Array:
     Returns:
         Shape (m, n) [m/s].
     """
+    return np.maximum(wakes(air, x, h), inflows(air, x, h))
+
+
+def inflows(air: Jets, x: Array, h: Array | float = 0.0) -> Array:
+    """Return the same of the air that discs draw in alone, (m, n) [m/s]."""
     wide = _radii(x, h)
     depth, from_axis = _along_rotors(air, x)
     from_disc = np.hypot(np.maximum(from_axis - air.radius, 0.0), depth[..., None]) - wide[..., None]
     inflow = air.induced / (1 + math.sqrt(2) * np.maximum(from_disc, 0.0) / air.radius) ** 2
-    return np.asarray(np.maximum(wakes(air, x, h), inflow.sum(axis=2)))
+    return np.asarray(inflow.sum(axis=2))
 
 
 def wakes(air: Jets, x: Array, h: Array | float = 0.0) -> Array:

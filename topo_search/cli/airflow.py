@@ -1,0 +1,94 @@
+"""`topo-search airflow`: from an air speed to the envelope of one module, and back."""
+
+from __future__ import annotations
+
+import math
+
+import click
+
+from topo_search.cli import options
+from topo_search.cli.errors import explain_errors
+
+
+@click.command(epilog="Example: topo-search airflow push-local --speed 2 --at full")
+@click.argument("task", required=False)
+@click.option(
+    "--speed",
+    type=click.FloatRange(min=1e-6),
+    callback=options.number,
+    required=True,
+    metavar="V",
+    help="Air speed that the envelope encloses [m/s].",
+)
+@click.option(
+    "--at",
+    default="hover",
+    show_default=True,
+    metavar="hover|full|T",
+    help="Thrust of the module: its weight, the most that it has, or a multiple of its weight.",
+)
+@options.as_json
+def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
+    """Compute the smallest cone-sphere around all air of one module that is at least as fast as V.
+
+    Prints start_radius, spread_angle_deg and reach for [module.airflow], and the largest speeds on the envelope
+    that the module has now. That no air outside is as fast is proven of the jet model: averages over time, one
+    module alone in free air. No cone-sphere around that air is smaller by more than 1 %.
+
+    TASK is a file, or the name of a shipped example, whose module is meant; without it, the default module.
+
+    Exit status: 0; 2 bad input, or no air is as fast.
+    """
+    with explain_errors():
+        from topo_search.model import BadInput, Fault, Module
+        from topo_search.model.files import read_task
+        from topo_search.model.module import AIR_DENSITY
+        from topo_search.model.proven import lower_text, upper_text
+        from topo_search.model.task import Task
+        from verify.air import Unreached, enclose, envelope_air
+
+        module, density, gravity = Module(), AIR_DENSITY, Task.model_fields["gravity"].default
+        if task is not None:
+            read = read_task(task)
+            module, density, gravity = read.module, read.air_density, read.gravity
+        ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
+        thrust = ratio * module.mass * gravity
+        where = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
+        try:
+            least = enclose(module, density, thrust, speed)
+        except Unreached as error:
+            reached = (
+                f"{lower_text(error.bound.found, 4)} m/s (proven: at most {upper_text(error.bound.at_most, 4)})"
+            )
+            rule = f"must be a speed that is reached; at {where}, that is up to {reached}, but got {speed:g}"
+            raise BadInput("--speed", [Fault("", rule)]) from None
+        except ArithmeticError as error:
+            raise BadInput("--speed", [Fault("", str(error))]) from None
+        present = envelope_air(module, density, thrust)
+        if as_json:
+            stated = {"speed_m_s": speed, "thrust_to_weight": ratio, "thrust_N": thrust}
+            options.echo_json({**stated, **least.model_dump(mode="json"), **present.model_dump(mode="json")})
+            return
+        click.echo(f"at {where}, all air of {speed:g} m/s and more is inside")
+        click.echo(f"  start_radius = {least.start_radius_m:.5g}")
+        click.echo(f"  spread_angle_deg = {least.spread_angle_deg:.5g}")
+        click.echo(f"  reach = {least.reach_m:.5g}")
+        click.echo(f"a volume of {least.volume_m3:.4g} m³; none is below {least.least_volume_m3:.4g} m³")
+        click.echo("largest speeds on the present envelope")
+        click.echo(f"  side           {upper_text(present.side_m_s, 3)} m/s")
+        if present.side_merged_m_s is not None:
+            click.echo(f"  side, merged   {upper_text(present.side_merged_m_s, 3)} m/s")
+        click.echo(f"  far end        {upper_text(present.end_m_s, 3)} m/s")
+        click.echo(f"  rotor plane    {upper_text(present.rotor_plane_m_s, 3)} m/s, outside it")
+
+
+def _thrust_to_weight(at: str, most: float) -> float:
+    """Return the thrust over the weight that `--at` names."""
+    try:
+        ratio = {"hover": 1.0, "full": most}.get(at) or float(at)
+    except ValueError:
+        ratio = math.nan
+    if not 0 < ratio <= most:
+        rule = f'must be "hover", "full" or a thrust over the weight, above 0 and at most {most:g}'
+        raise click.BadParameter(f"{rule}, but got {at}", param_hint="'--at'")
+    return ratio

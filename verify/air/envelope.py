@@ -1,0 +1,236 @@
+"""The cone-sphere of a speed: the smallest around all air of one module that is as fast, and speeds on a given one.
+
+The module is level at the origin, its four discs blow alike. Points are (z, r, phi): depth, distance from the axis,
+angle from the vertical plane through a rotor. Wakes are fastest at phi = 0, where r is nearest to a rotor's axis;
+all air has the symmetry of the four rotors, so phi from 0 to 45 deg is all of it.
+
+A cell is all points within h of (z, r) in both, and within an angle of phi. Its wake is bounded in the ball about
+(z, r, 0), its inflow in the ball about (z, r, phi) that holds it (`verify.air.jets`). Cells outside a cone-sphere
+are cut until their bound is below the speed, which proves that the cone-sphere encloses it, or until a point is
+found that is as fast. Such points are what the cone-sphere of least volume must hold (`verify.air.least`): it is
+computed, widened a little, and tried, until nothing is found outside. Lengths are in l_arm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from topo_search.model import Module
+from topo_search.model.air import EnvelopeAir, SpeedEnvelope
+from topo_search.model.layout import ROTOR_DIRECTIONS
+from topo_search.model.module import Airflow
+from topo_search.model.proven import at_most
+from verify.air.bound import ROUNDING, SpeedBound, bound_beyond, bound_speed
+from verify.air.jets import DIAMETER, MERGED_AT, Jets, inflows, jets, speeds, wakes
+from verify.air.least import least_cone_sphere, volume
+from verify.bodies import Array, ball
+from verify.certificate import Solid
+
+ENOUGH = 1.01
+"""Volume of a cone-sphere over what none is smaller than, at most."""
+SHARP = 1.001
+"""Bound of a speed on a surface over a speed that was found there, at most."""
+WIDER = 2e-3
+"""Room left around the points that were found [largest radius]; halved where that costs too much."""
+DIGITS = 5
+"""Of start radius, spread and reach, rounded up."""
+POINT = 1e-6
+"""What is no larger is no volume [l_arm]."""
+MOST_CELLS = 500_000
+OCTANT = math.pi / 4
+
+
+class Unreached(ValueError):
+    """No air is known to be as fast; `bound` is the fastest."""
+
+    def __init__(self, bound: SpeedBound) -> None:
+        super().__init__(bound)
+        self.bound = bound
+
+
+class Shape(NamedTuple):
+    """A cone-sphere: first radius, growth per length, length [l_arm]."""
+
+    a: float
+    g: float
+    l: float
+
+    @classmethod
+    def of(cls, module: Module) -> Shape:
+        """Return that of a module."""
+        given = module.envelope
+        return cls(
+            given.start_radius / module.arm_length, given.growth / given.length, given.length / module.arm_length
+        )
+
+    def outside(self, z: Array, r: Array) -> Array:
+        """Return how much larger the balls must be to hold points; negative inside."""
+        t = np.clip(z + self.g / math.sqrt(max(1 - self.g**2, 1e-12)) * r, 0.0, self.l)
+        return np.hypot(r, z - t) - (self.a + self.g * t)
+
+
+def enclose(module: Module, density: float, thrust: float, speed: float) -> SpeedEnvelope:
+    """Return the cone-sphere of least volume, to a percent, around all air of a module at least as fast as a speed.
+
+    Args:
+        module: one module alone.
+        density: rho [kg/m^3].
+        thrust: T [N].
+        speed: [m/s].
+
+    Raises:
+        Unreached: no air is as fast.
+        ArithmeticError: cells run out before the enclosure is proven.
+    """
+    air = _alone(module, density, thrust)
+    near = 2 * (MERGED_AT * DIAMETER + 1 + 2 * air.radius)
+    while bound_beyond(air, np.zeros(3), near) >= speed:
+        near *= 2
+    top = bound_speed(air, Solid(ball(np.zeros(3), near)), limit=speed)
+    if top.found < speed:
+        raise Unreached(top)
+    points, wider = _faster_outside(air, Shape(POINT, 0.0, POINT), near, speed, math.inf), WIDER
+    if not len(points):
+        raise ArithmeticError(f"air of {speed} m/s is nowhere but within {POINT} arm lengths of the centre")
+    while True:
+        least = least_cone_sphere(*points.T)
+        room = wider * (least.a + least.g * least.l)
+        l_arm, a = module.arm_length, at_most((least.a + room) * module.arm_length, DIGITS)
+        spread = min(at_most(2 * math.degrees(math.atan(least.g)), DIGITS), 90.0)
+        reach = at_most(a + least.l * l_arm * (1 + math.tan(math.radians(spread) / 2)), DIGITS)
+        flow = Airflow(start_radius=a, spread_angle_deg=spread, reach=reach, jet=module.airflow.jet)
+        shape = Shape.of(module.model_copy(update={"airflow": flow}))
+        if volume(*shape) > ENOUGH * least.least_volume:
+            wider /= 2
+            continue
+        faster = _faster_outside(air, shape, near, speed, room)
+        if not len(faster):
+            return SpeedEnvelope(
+                start_radius_m=a,
+                spread_angle_deg=spread,
+                reach_m=reach,
+                volume_m3=float(volume(*shape)) * l_arm**3,
+                least_volume_m3=least.least_volume * l_arm**3,
+            )
+        points = np.concatenate([points, faster])
+        if len(points) > 4:
+            both = np.concatenate([points, points * [1, -1]])
+            points = points[np.unique(ConvexHull(both, qhull_options="QJ").vertices % len(points))]
+
+
+def envelope_air(module: Module, density: float, thrust: float) -> EnvelopeAir:
+    """Return the largest speeds on a module's own envelope, at most SHARP times too high.
+
+    Args:
+        module: one module alone.
+        density: rho [kg/m^3].
+        thrust: T [N].
+    """
+    air, (a, g, l) = _alone(module, density, thrust), Shape.of(module)
+    cos, tilt, b = math.sqrt(1 - g * g), math.asin(g), a + g * l
+
+    def side(length: float) -> float:
+        """Return the largest speed on so much of the side, up from its lower end."""
+        return _fastest(air, lambda s: (l - g * b - cos * s, b * cos - g * s), length)
+
+    level = a / cos if a * g <= l * (1 - g * g) else math.sqrt(b * b - l * l)
+    merged = MERGED_AT * DIAMETER
+    return EnvelopeAir(
+        side_m_s=side(l * cos),
+        side_merged_m_s=side((l - g * b - merged) / cos) if merged < l - g * b else None,
+        end_m_s=_fastest(
+            air, lambda s: (l - b * np.sin(tilt - s / b), b * np.cos(tilt - s / b)), b * (math.pi / 2 + tilt)
+        ),
+        rotor_plane_m_s=_fastest(air, lambda s: (0.0 * s, level + s), max(1.0 - level, 0.0)),
+    )
+
+
+def _alone(module: Module, density: float, thrust: float) -> Jets:
+    inputs = np.full((1, 4), thrust / (4 * module.thrust_coefficient))
+    return jets(module, density, np.zeros((1, 3)), np.eye(3)[None], ROTOR_DIRECTIONS[None], inputs)
+
+
+def _faster_outside(air: Jets, shape: Shape, near: float, speed: float, room: float) -> Array:
+    """Return points (z, r), (m, 2), outside a cone-sphere where air is as fast; none: proven.
+
+    Args:
+        air: one module.
+        shape: the cone-sphere.
+        near: no air is as fast farther than that from the origin.
+        speed: [m/s].
+        room: size of cells at which points end the search if there are any.
+    """
+    h, found = near / 2, [np.zeros((0, 2))]
+    z, r, phi, turn = np.array([-h, h]), np.array([h, h]), np.full(2, OCTANT / 2), np.full(2, OCTANT / 2)
+    while len(z):
+        kept = shape.outside(z, r) > -math.sqrt(2) * h
+        z, r, phi, turn = z[kept], r[kept], phi[kept], turn[kept]
+        turned = (r + h) * turn
+        wake, inflow = _bounds(air, z, r, phi, math.sqrt(2) * h, turned)
+        kept, cut = np.maximum(wake, inflow) >= speed, (inflow >= speed) & (turned > h)
+        z, r, phi, turn, cut = z[kept], r[kept], phi[kept], turn[kept], cut[kept]
+        fast = (_speeds(air, z, r, phi) >= speed) & (shape.outside(z, r) > 0)
+        found.append(np.stack([z[fast], r[fast]], axis=1))
+        if h < room and any(len(some) for some in found):
+            break
+        if len(z) > MOST_CELLS:
+            raise ArithmeticError(f"{len(z):,} cells are not enough to prove an enclosure of {speed} m/s")
+        z, r, phi, turn, cut = z[~fast], r[~fast], phi[~fast], turn[~fast], cut[~fast]
+        h /= 2
+        z, r = np.concatenate([z - h, z - h, z + h, z + h]), np.concatenate([r - h, r + h, r - h, r + h])
+        z, r, phi, turn = _cut_angles(np.tile(cut, 4), z, r, np.tile(phi, 4), np.tile(turn, 4))
+    return np.concatenate(found)
+
+
+def _fastest(air: Jets, place: Callable[[Array], tuple[Array, Array]], length: float) -> float:
+    """Return a bound of the speed on a curve turned about the axis, at most SHARP times a speed on it.
+
+    Args:
+        air: one module.
+        place: (z, r) by the distance along the curve.
+        length: of the curve.
+    """
+    h, found, dropped = length / 2, 0.0, 0.0
+    s, phi, turn = np.array([h]), np.array([OCTANT / 2]), np.array([OCTANT / 2])
+    while len(s):
+        z, r = place(s)
+        turned = (r + h) * turn
+        wake, inflow = _bounds(air, z, r, phi, h, turned)
+        found = max(found, float(_speeds(air, z, r, phi).max()))
+        bounds, enough = np.maximum(wake, inflow), SHARP * found
+        dropped = max(dropped, float(bounds[bounds <= enough].max(initial=0.0)))
+        kept, h = bounds > enough, h / 2
+        s, phi, turn, cut = (np.tile(x[kept], 2) for x in (s, phi, turn, (inflow > enough) & (turned > h)))
+        s[: len(s) // 2] -= h
+        s[len(s) // 2 :] += h
+        s, phi, turn = _cut_angles(cut, s, phi, turn)
+    return dropped
+
+
+def _cut_angles(which: Array, *cells: Array) -> list[Array]:
+    """Return cells, of whose arrays the last two are the angle and how far it spans, with some cut in halves."""
+    *others, phi, turn = cells
+    turn = np.where(which, turn / 2, turn)
+    both = [np.concatenate([x, x[which]]) for x in (*others, np.where(which, phi - turn, phi), turn)]
+    both[-2][len(phi) :] = phi[which] + turn[which]
+    return both
+
+
+def _bounds(air: Jets, z: Array, r: Array, phi: Array, wide: float, turned: Array) -> tuple[Array, Array]:
+    """Return bounds of wake and inflow in cells that reach so far from (z, r), and so far about the axis."""
+    wake = wakes(air, _points(z, r, 0.0 * phi), wide)[:, 0]
+    return wake * (1 + ROUNDING), inflows(air, _points(z, r, phi), wide + turned)[:, 0] * (1 + ROUNDING)
+
+
+def _speeds(air: Jets, z: Array, r: Array, phi: Array) -> Array:
+    """Return the larger speed of a cell's angle and of the rotor's, (m,)."""
+    return np.maximum(*(speeds(air, _points(z, r, angle))[:, 0] for angle in (phi, 0.0 * phi)))
+
+
+def _points(z: Array, r: Array, phi: Array) -> Array:
+    return np.stack([r * np.cos(phi + OCTANT), r * np.sin(phi + OCTANT), -z], axis=1)
