@@ -114,8 +114,8 @@ def export(
     air           air speeds on a grid, a field for each load case (.npz, or .vti for ParaView)
     csv, parquet  a table: candidates of a run, clearances of an audit; a design is audited first
     assembly      the assembly sheet as CSV: what to bolt to what, at which angle, in which order
-    kit           a folder for the lab: design, allocation matrix, PX4 parameters, hinge brackets and
-                  rod mount to print, parts list, assembly sheet, MuJoCo model
+    kit           a folder for the lab: design, allocation matrix, allocator in Python, PX4 parameters,
+                  hinge brackets and rod mount to print, parts list, assembly sheet, MuJoCo model
     allocation    the 6 x 4n matrix from rotor inputs to force and torque, with mass and inertia (.json, .csv)
     rotors        the rotors as CSV: position, axis, spin, coefficients
     px4           parameters of PX4's control allocation, for at most 12 rotors (.params)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from topo_search.export.allocation import Allocation, allocation
+from topo_search.export.allocator_file import allocator_file
 from topo_search.export.brackets import brackets, mount, struts
 from topo_search.export.mjcf import mjcf
 from topo_search.export.parts import parts_csv, parts_list
@@ -19,8 +20,9 @@ from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 
 DESIGN, ALLOCATION, PARAMETERS = "design.json", "allocation.json", "platform.params"
+ALLOCATOR = "allocator.py"
 SHEET, PARTS, BRACKETS = "assembly.html", "parts.csv", "brackets"
-FILES = (DESIGN, ALLOCATION, "allocation.csv", "rotors.csv", PARAMETERS, SHEET, PARTS, "platform.xml")
+FILES = (DESIGN, ALLOCATION, "allocation.csv", "rotors.csv", ALLOCATOR, PARAMETERS, SHEET, PARTS, "platform.xml")
 """What a kit may hold, besides the folder of brackets."""
 
 
@@ -123,6 +125,7 @@ def _contents(
     yield ALLOCATION, to_json(acts)
     yield "allocation.csv", acts.csv()
     yield "rotors.csv", acts.rotor_csv()
+    yield ALLOCATOR, allocator_file(design, acts)
     if reason_against(acts) is None:
         yield PARAMETERS, px4_parameters(acts)
     joints, held, arms = brackets(design), mount(design), struts(design)

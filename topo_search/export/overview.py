@@ -42,8 +42,9 @@ def overview(design: Design) -> Iterator[str]:
     )
     yield paragraph(_autopilot(at))
     yield paragraph(
-        "Rotors from the centre of mass, in the axes of the task. Columns of the matrix and CA_ROTOR parameters of "
-        "PX4 count from 0, its motors from 1. CCW: counter-clockwise, seen against the thrust."
+        "Rotors from the centre of mass, in the axes of the task. Columns of the matrix, thrusts of allocator.py "
+        "and CA_ROTOR parameters of PX4 count from 0, its motors from 1. CCW: "
+        "counter-clockwise, seen against the thrust."
     )
     names = ("motor of PX4", "column", "module", "rotor", "turns", "x [mm]", "y [mm]", "z [mm]")
     rows = [

@@ -28,11 +28,11 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
+from topo_search.export.allocator_file import TORQUE_FIRST
 from topo_search.model.arrays import Array
 from topo_search.simulation.plant import Nominal, cross
 
 INTEGRAL = 8.0
-TORQUE_FIRST = 10.0
 EFFORT = 1e-6
 """epsilon."""
 FARTHEST, LARGEST = 0.25, 0.35
