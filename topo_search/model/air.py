@@ -123,4 +123,4 @@ class SpeedEnvelope(Value):
     reach_m: Speed
     volume_m3: Speed
     least_volume_m3: Speed
-    """No cone-sphere around that air has a smaller volume."""
+    """No cone-sphere around that air is smaller, if it starts at the module's centre and widens downwards."""

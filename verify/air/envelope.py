@@ -38,7 +38,7 @@ SHARP = 1.001
 WIDER = 2e-3
 """Room left around the points that were found [largest radius]; halved where that costs too much."""
 DIGITS = 5
-"""Of start radius, spread and reach, rounded up."""
+"""Significant digits of start radius, spread and reach, rounded up."""
 POINT = 1e-6
 """What is no larger is no volume [l_arm]."""
 MOST_CELLS = 500_000
@@ -68,8 +68,8 @@ class Shape(NamedTuple):
             given.start_radius / module.arm_length, given.growth / given.length, given.length / module.arm_length
         )
 
-    def lies_outside(self, z: Array, r: Array) -> Array:
-        """Return how much larger the balls must be to hold points; negative inside."""
+    def excess(self, z: Array, r: Array) -> Array:
+        """Return by how much the balls must grow to hold points; negative inside."""
         t = np.clip(z + self.g / math.sqrt(max(1 - self.g**2, 1e-12)) * r, 0.0, self.l)
         return np.hypot(r, z - t) - (self.a + self.g * t)
 
@@ -168,13 +168,13 @@ def _faster_outside(air: Jets, shape: Shape, near: float, speed: float, room: fl
     h, found = near / 2, [np.zeros((0, 2))]
     z, r, phi, turn = np.array([-h, h]), np.array([h, h]), np.full(2, OCTANT / 2), np.full(2, OCTANT / 2)
     while len(z):
-        kept = shape.lies_outside(z, r) > -math.sqrt(2) * h
+        kept = shape.excess(z, r) > -math.sqrt(2) * h
         z, r, phi, turn = z[kept], r[kept], phi[kept], turn[kept]
         turned = (r + h) * turn
         wake, inflow = _bounds(air, z, r, phi, math.sqrt(2) * h, turned)
         kept, cut = np.maximum(wake, inflow) >= speed, (inflow >= speed) & (turned > h)
         z, r, phi, turn, cut = z[kept], r[kept], phi[kept], turn[kept], cut[kept]
-        fast = (_speeds(air, z, r, phi) >= speed) & (shape.lies_outside(z, r) > 0)
+        fast = (_speeds(air, z, r, phi) >= speed) & (shape.excess(z, r) > 0)
         found.append(np.stack([z[fast], r[fast]], axis=1))
         if h < room and any(len(some) for some in found):
             break
