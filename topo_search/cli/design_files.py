@@ -22,9 +22,9 @@ class DesignFile:
 
     path: str
     listed: bool = False
-    """Whether it was found in a folder: then it may be one of the audits that a run keeps beside its designs."""
+    """True if it was found in a folder, where it may be an audit that a run keeps beside its designs."""
     fault: str | None = None
-    """What was wrong with it before it was looked into."""
+    """Fault that was found before it was opened."""
 
     @property
     def name(self) -> str:

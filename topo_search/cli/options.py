@@ -206,7 +206,7 @@ def warn(task: Task) -> tuple[TaskWarning, ...]:
 
 
 def _meets(setting: str, others: tuple[str, ...]) -> bool:
-    """Whether a setting sets a field that one of others sets too, or a table with it."""
+    """True if a setting sets a field that one of others sets too, or a table with it."""
     from topo_search.model.parsing import field_of
 
     mine = field_of(setting)

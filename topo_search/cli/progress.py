@@ -1,4 +1,4 @@
-"""How a command shows its progress: a bar on a terminal, a plain line now and then elsewhere; both on stderr."""
+"""Progress of a command: a bar on a terminal, a plain line now and then elsewhere; both on stderr."""
 
 from __future__ import annotations
 

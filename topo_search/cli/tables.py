@@ -1,4 +1,4 @@
-"""What the commands print for a person."""
+"""Tables and sentences that commands print."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from topo_search.report.wording import length, modules, near_tie_cells, near_tie
 from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
-"""What follows a design whose end-effector no such rod carries."""
+"""End of the line about a design whose end-effector no such rod carries."""
 
 
 def print_answer(answer: Answer) -> None:

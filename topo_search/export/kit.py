@@ -23,17 +23,17 @@ DESIGN, ALLOCATION, PARAMETERS = "design.json", "allocation.json", "platform.par
 ALLOCATOR = "allocator.py"
 SHEET, PARTS, BRACKETS = "assembly.html", "parts.csv", "brackets"
 FILES = (DESIGN, ALLOCATION, "allocation.csv", "rotors.csv", ALLOCATOR, PARAMETERS, SHEET, PARTS, "platform.xml")
-"""What a kit may hold, besides the folder of brackets."""
+"""Files of a kit, besides the folder of brackets."""
 
 
 @dataclass(frozen=True)
 class Kit:
-    """What was written."""
+    """Files that were written."""
 
     files: tuple[str, ...]
     """Names in the folder, in the order of writing."""
     notes: tuple[str, ...]
-    """What was left out, and why."""
+    """Files that were left out, with the reasons."""
 
 
 def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: Physics = AS_SEARCHED) -> Kit:

@@ -40,7 +40,7 @@ WIDER = 2e-3
 DIGITS = 5
 """Significant digits of start radius, spread and reach, rounded up."""
 POINT = 1e-6
-"""What is no larger is no volume [l_arm]."""
+"""Least size of a volume [l_arm]."""
 MOST_CELLS = 500_000
 OCTANT = math.pi / 4
 
