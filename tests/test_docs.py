@@ -20,7 +20,7 @@ from topo_search.model.files import read_task, to_toml
 
 
 def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
-    (first, own), (exposures, mesh, wall), (goals,), (tolerances,) = (
+    (first, own), (exposures, mesh, air, wall), (goals,), (tolerances,) = (
         [tomllib.loads(block) for block in blocks("toml", page)]
         for page in ("tutorials/first-search.md", "how-to/exposure.md", "how-to/goals.md", "explanation/audit.md")
     )
@@ -36,6 +36,7 @@ def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
     assert mesh["exposure"][0].keys() == {"kind", "mesh", "scale", "offset"}
     (solid,) = Task.model_validate({**first, **wall}).exposure
     assert solid.solid
+    assert [one.speed for one in Task.model_validate({**first, **air}).exposure] == [1.0, 2.0]
 
 
 def test_the_tasks_of_the_readme_are_read():
