@@ -236,6 +236,14 @@ def test_a_box_reads_as_a_box_in_every_form(
     assert mesh.area / 2 == pytest.approx((8 + 12 + 24) * (2 if name == "two.stl" else 1))
 
 
+def test_an_stl_with_more_facets_than_its_header_says_is_refused(tmp_path: Path) -> None:
+    """A second body behind the first would be lost without a word."""
+    facet = struct.pack("<12fH", 0, 0, 1, 0, 0, 5, 1, 0, 5, 0, 1, 5, 0)
+    (tmp_path / "more.stl").write_bytes(BINARY + 4 * facet)
+    with pytest.raises(ValueError, match="as many facets as its header says"):
+        surface(tmp_path / "more.stl")
+
+
 def test_a_mesh_opens_no_other_file(tmp_path: Path) -> None:
     """Neither the library of materials, nor its textures, nor anything else that an OBJ may name."""
     os.mkfifo(tmp_path / "pipe.mtl")

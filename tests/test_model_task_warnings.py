@@ -164,6 +164,11 @@ def test_a_task_in_which_nothing_hovers() -> None:
         ({"module": {"arm_length": 0.135}}, "module.body", "hinges turn by at most 47.5 deg"),
         ({"module": {"body": {"rotor_radius": 0.09}}}, "module.body", "no hinge angle is known to keep rotors off"),
         ({"search": {"margin": 0.0}}, "search.margin", "too close to zero"),
+        ({"end_effector": {"rod_modulus": 70.0}}, "end_effector.rod_modulus", "70 Pa is outside"),
+        ({"end_effector": {"rod_deflection": 5.0}}, "end_effector.rod_deflection", "5 m is outside"),
+        ({"tolerances": {"position": 5.0}}, "tolerances.position", "5 m is outside"),
+        ({"module": {"battery_Wh": 5000.0}}, "module.battery_Wh", "5000 W h is outside"),
+        ({"module": {"joint_moment": 3000.0}}, "module.joint_moment", "3000 N m is outside"),
         ({"search": {"margin": 0.1}}, "search.margin", "0.1 m beyond every clearance"),
     ],
 )

@@ -17,6 +17,7 @@ from topo_search.export.poses import poses
 from topo_search.model import Design
 from topo_search.model.files import read_json
 from topo_search.model.vehicle import Vehicle, read_vehicle
+from topo_search.report.vehicle_page import vehicle_page
 from verify import audit
 from verify.flight import capability
 from verify.flight.vehicle import rotor_map
@@ -119,6 +120,14 @@ def test_a_kit_can_do_what_the_audit_says(tmp_path: Path) -> None:
         q for _, q in found.flight.rotors_out_hover.lost
     ]
     assert found.flight.hover_power_ratio == pytest.approx(expected.hover_power_ratio, rel=1e-6)
+
+
+def test_the_page_rounds_what_is_proven_down() -> None:
+    vehicle = Vehicle(rotors=[rotor([x, y, 0], [0, 0, 1], k_tau=0.01) for x in (0, 1, 2) for y in (0, 1)])
+    found = capability(vehicle.model_copy(update={"com": (1.0, 0.5, 0.0), "mass": 0.3}))
+    assert found is not None
+    page = vehicle_page("v", 6, found.model_copy(update={"zero_torque_ball_N": 7.45115999}))
+    assert "any force up to 7.4511 N" in page
 
 
 def test_the_command_judges_a_vehicle_by_a_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

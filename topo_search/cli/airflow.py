@@ -73,7 +73,8 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
         click.echo(f"  start_radius = {least.start_radius_m:.5g}")
         click.echo(f"  spread_angle_deg = {least.spread_angle_deg:.5g}")
         click.echo(f"  reach = {least.reach_m:.5g}")
-        click.echo(f"a volume of {least.volume_m3:.4g} m³; none is below {least.least_volume_m3:.4g} m³")
+        volume, bound = upper_text(least.volume_m3, 4), lower_text(least.least_volume_m3, 4)
+        click.echo(f"a volume of {volume} m³; none is below {bound} m³")
         click.echo("largest speeds on the present envelope")
         click.echo(f"  side           {upper_text(present.side_m_s, 3)} m/s")
         if present.side_merged_m_s is not None:

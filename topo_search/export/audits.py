@@ -201,7 +201,11 @@ def power_lines(audit: Audit) -> Iterator[str]:
     hover = [case for case in audit.power if audit.flight is not None and case.name == audit.flight.hover.name]
     most = max((case for case in audit.power if case not in hover), key=lambda case: case.shaft_W, default=None)
     for case in (*hover, *([] if most is None else [most])):
-        lasts = "" if case.endurance_min is None else f"; batteries last {case.endurance_min:.3g} min at most"
+        lasts = (
+            ""
+            if case.endurance_min is None
+            else f"; batteries last {upper_text(case.endurance_min, 3)} min at most"
+        )
         yield (
             f"power in {case.name}: {case.shaft_W:.3g} W at the shafts, {case.ideal_W:.3g} W if rotors were ideal "
             f"(figure of merit {case.figure_of_merit:.3g}){lasts}"

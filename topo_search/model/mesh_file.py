@@ -286,6 +286,8 @@ def _stl(content: bytes) -> tuple[bytes, int]:
     """
     facets = int.from_bytes(content[80:HEADER], "little") if len(content) >= HEADER else -1
     if facets >= 0 and HEADER + FACET * facets <= len(content):
+        if _is_facet(content[HEADER + FACET * facets :][:FACET]):
+            raise ValueError(f"must have as many facets as its header says, {facets:,}, but has more")
         return content[: HEADER + FACET * facets], facets
     if not re.match(rb"(?i)\s*solid\b", content):
         given = "too few bytes for a header" if facets < 0 else f"{len(content):,} bytes for {facets:,} facets"
@@ -301,6 +303,17 @@ def _stl(content: bytes) -> tuple[bytes, int]:
         raise ValueError(f"must be a whole ASCII STL, with three vertices per facet, but has {counts}")
     # without normals, which trimesh complains about where they are no numbers
     return b"\n".join([b"solid", *re.findall(rb"(?im)^vertex.*$", body), b"endsolid\n"]), ended
+
+
+def _is_facet(behind: bytes) -> bool:
+    """True if bytes are a facet of a binary STL: a unit normal, or none, and three different corners."""
+    if len(behind) < FACET or any(behind[48:]):
+        return False
+    normal, *corners = np.frombuffer(behind[:48], "<f4").reshape(4, 3).astype(float)
+    if not np.all(np.isfinite([normal, *corners])) or np.abs(corners).max() > FARTHEST:
+        return False
+    length = np.linalg.norm(normal)
+    return bool((length == 0 or abs(length - 1) < 0.01) and np.ptp(corners, axis=0).any())
 
 
 def _obj(content: bytes) -> tuple[bytes, int]:

@@ -60,6 +60,7 @@ def doubts(task: Task) -> Doubts:
         doubtful = (*_by_mass(task), *_torque_coefficient(task.module))
         yield from doubtful or _rotor(task)
     yield from _angles(task)
+    yield from _beside_the_module(task)
 
 
 def _usual(path: str, value: float, low: float, high: float, unit: str, basis: str = "") -> Doubts:
@@ -182,6 +183,22 @@ def _by_mass(task: Task) -> Doubts:
     basis = f", usual of {module.mass:g} kg with arms of {module.arm_length:g} m"
     for k, moment in enumerate(module.body.inertia or ()):
         yield from _usual(f"module.body.inertia[{k}]", moment, least, most, "kg m^2", basis)
+
+
+def _beside_the_module(task: Task) -> Doubts:
+    """Yield what no rod, battery, joint or workshop has."""
+    module, tip, arm = task.module, task.end_effector, task.module.arm_length
+    weight = task.force_unit(task.sizes[-1])
+    yield from _usual("end_effector.rod_modulus", tip.rod_modulus, 1e8, 1e12, "Pa")
+    yield from _usual("end_effector.rod_deflection", tip.rod_deflection, 0.0, arm, "m", ", the length of an arm")
+    for name in ("position", "envelope"):
+        error = getattr(task.tolerances, name)
+        yield from _usual(f"tolerances.{name}", error, 0.0, arm, "m", ", the length of an arm")
+    if module.battery_Wh is not None:  # cells have up to 0.3 kW h/kg
+        yield from _usual("module.battery_Wh", module.battery_Wh, 0.0, 500 * module.mass, "W h", " by its mass")
+    for name, most, unit in (("joint_force", 100 * weight, "N"), ("joint_moment", 100 * weight * arm, "N m")):
+        if (rated := getattr(module, name)) is not None:
+            yield from _usual(f"module.{name}", rated, 0.0, most, unit, " by the platform's weight")
 
 
 def _angles(task: Task) -> Doubts:

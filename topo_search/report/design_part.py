@@ -203,7 +203,9 @@ def _power(audit: Audit) -> Table | None:
             "at the shafts": f"{figures(case.shaft_W, 3)} W",
             "of ideal rotors": f"{figures(case.ideal_W, 3)} W",
             "figure of merit": figures(case.figure_of_merit, 3),
-            "batteries last at most": "" if case.endurance_min is None else f"{figures(case.endurance_min, 3)} min",
+            "batteries last at most": ""
+            if case.endurance_min is None
+            else f"{upper_text(case.endurance_min, 3)} min",
         }
         for case in audit.power
     ]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from topo_search.model import Allowed, AnyExposure, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
-from topo_search.model.proven import at_most
+from topo_search.model.proven import at_most, upper_text
 from topo_search.model.room import in_words
 from topo_search.model.shape import unit as unit_vector
 from topo_search.model.task import Tolerances
@@ -212,7 +212,7 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         turns += f", of {', '.join(map(figures, sorted(search.hinge_angles_deg)))}° either way"
     centres = "any distance" if body is None else f"at least {figures(body)} m apart"
     if body is not None and kept is not None and kept > body:
-        centres += f"; the search keeps {figures(kept)} m, at which no parts can touch"
+        centres += f"; the search keeps {upper_text(kept, 4)} m, at which no parts can touch"
     return (
         (
             "root module",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
+from topo_search.model.proven import lower_text
 from topo_search.model.tables import paragraph, table
 from topo_search.model.vehicle import Capability
 from topo_search.report.design_part import flight_part
@@ -31,8 +32,8 @@ def vehicle_page(name: str, rotors: int, found: Capability) -> str:
         f"<h1>{escape(name)}</h1>",
         paragraph(f"{rotors} rotors, rank {found.rank} of 6. {verdict and f'The vehicle {verdict}'}".strip()),
         paragraph(
-            f"Without torque it exerts any force up to {found.zero_torque_ball_N:.5g} N; all such forces have a "
-            f"volume of {found.zero_torque_volume_N3:.5g} N³."
+            f"Without torque it exerts any force up to {lower_text(found.zero_torque_ball_N, 5)} N; all such "
+            f"forces have a volume of {found.zero_torque_volume_N3:.5g} N³."
         ),
         paragraph(shown["summary"].replace(" of module 0", "")),
         table(shown["cases"].columns, shown["cases"].rows),
