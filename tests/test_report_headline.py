@@ -65,12 +65,12 @@ def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:
         update={"possible": True, "horizontal_reserve_N": 1.2999, "horizontal_weakest": (0.0, -1.0, 0.0)}
     )
     for changed, expected in (
-        (hover, ("1.29 N", "side force at the tip in hover, towards -y")),
+        (hover, ("1.29 N", "at the tip in hover, least towards -y")),
         (hover.model_copy(update={"possible": False}), ("none", "cannot hover")),
         (hover.model_copy(update={"possible": None}), ("none", "hover is undecided")),
     ):
         flight = found.flight.model_copy(update={"cases": (changed, *found.flight.cases[1:])})
-        assert told(made, found.model_copy(update={"flight": flight}))["Weakest reserve"] == expected
+        assert told(made, found.model_copy(update={"flight": flight}))["Side force reserve"] == expected
 
 
 def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -> None:
@@ -80,7 +80,7 @@ def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -
         update={"possible": True, "horizontal_reserve_N": 0.106211, "load_factor": 1.0245}
     )
     flight = found.flight.model_copy(update={"cases": (hover,), "hinge_tolerance_deg": 0.0079366})
-    figure, _ = told(made, found.model_copy(update={"flight": flight}))["Weakest reserve"]
+    figure, _ = told(made, found.model_copy(update={"flight": flight}))["Side force reserve"]
     row = cases(flight).rows[0]
     assert figure == row[4] == "0.106 N"
     assert f"weakest side force at the tip {figure}" in flight.weakest_point

@@ -90,7 +90,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
         return told, meaning
     return (
         told,
-        f"The gap is {gap_percent(gap)}: no platform of {modules(n)} saves more than this share of the effort.",
+        f"The gap is {gap_percent(gap)}: no platform of {modules(n)} saves more than this share of J.",
         meaning,
     )
 

@@ -58,7 +58,8 @@ def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str
         power = f"{figures(flight.hover_power_excess, 3)} % more power than with all rotors pointing straight up"
         yield Tile("Throttle in hover", f"{figures(100 * flight.hover_input, 3)} %", power)
     if gap is not None:
-        told = f"no platform of {modules(n)} can save more effort{', in the scope of the proofs' if scoped else ''}"
+        within = ", in the scope of the proofs" if scoped else ""
+        told = f"no platform of {modules(n)} can save more control effort{within}"
         yield Tile("Proven gap", gap_percent(gap), told)
     nearest = closest(audit)
     if nearest is not None:
@@ -73,11 +74,13 @@ def _reserves(flight: Flight) -> Iterator[Tile]:
     """Yield what is least left in hover, and how many rotors may fail."""
     hover, out = flight.hover, flight.rotors_out_hover
     if hover.possible is not True:
-        yield Tile("Weakest reserve", "none", "cannot hover" if hover.possible is False else "hover is undecided")
+        why = "cannot hover" if hover.possible is False else "hover is undecided"
+        yield Tile("Side force reserve", "none", why)
     elif hover.horizontal_reserve_N is not None:
-        towards = "" if hover.horizontal_weakest is None else f", towards {direction(hover.horizontal_weakest)}"
+        weakest = hover.horizontal_weakest
+        towards = "" if weakest is None else f", least towards {direction(weakest)}"
         size = f"{figures(at_least(hover.horizontal_reserve_N, 3), 3)} N"
-        yield Tile("Weakest reserve", size, f"side force at the tip in hover{towards}")
+        yield Tile("Side force reserve", size, f"at the tip in hover{towards}")
     open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
     yield Tile("Rotor failures", f"{out.survive} of {out.of}", f"single rotor failures survived in hover{open_}")
 
@@ -147,5 +150,5 @@ def _card(row: Row, design: Design, audit: Audit | None, best: Row, *, scoped: b
 def _effort(row: Row, best: Row) -> Tile:
     """Return the effort of a design over that of the winner."""
     if row.key == best.key or not row.objective or not best.objective or row.modules != best.modules:
-        return Tile("Effort", "least found" if row.key == best.key else "of another size", "")
-    return Tile("Effort", f"+{100 * (row.objective / best.objective - 1):.2f} %", "over that of the best")
+        return Tile("Control effort", "least found" if row.key == best.key else "of another size", "")
+    return Tile("Control effort", f"+{100 * (row.objective / best.objective - 1):.2f} %", "over that of the best")

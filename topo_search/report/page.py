@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Collection, Sequence
 from importlib import resources
 from typing import Any, NamedTuple
 
 import jinja2
 import plotly.graph_objects as go
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from plotly.offline import get_plotlyjs
 
 from topo_search.export import palette
@@ -61,7 +62,7 @@ def render(page: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"figure_json": figure_json, "json": json_in_script}
+    environment.filters |= {"figure_json": figure_json, "json": json_in_script, "coded": coded}
     return environment.get_template("page.html.j2").render(
         page={"run": None, "front": None, "simulated": None, **page},
         palette=palette,
@@ -69,6 +70,11 @@ def render(page: dict[str, Any]) -> str:
         script=Markup("\n").join(map(_template, SCRIPTS)),
         plotly=Markup(get_plotlyjs()),
     )
+
+
+def coded(text: str) -> Markup:
+    """Return a text with its names between backticks as code."""
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def figure_json(figure: go.Figure) -> Markup:

@@ -112,9 +112,10 @@ def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> s
         reasons = "; ".join(f"with {modules(size.modules)}, {size.reason}" for size in answer.sizes)
         return f"No design was found for {name}: {reasons}."
     if answer.best is None:
-        return f"No design found for {name} passed its audit; {shown.key} takes the least effort."
+        return f"No design found for {name} passed its audit; {shown.key} takes the least control effort."
     if answer.levels:
-        return f"Of {quantity(len(answer.points), 'design')} on the front, {shown.key} takes the least effort."
+        front = f"{quantity(len(answer.points), 'design')} on the front"
+        return f"Of {front}, {shown.key} takes the least control effort."
     smallest = f"With {modules(shown.modules)}, {answer.smallest}, " if answer.smallest else ""
     return f"{smallest}{shown.key} is {size.statement}."
 
@@ -199,7 +200,7 @@ def _sizes(answer: Answer) -> Table:
             "modules": str(size.modules),
             "candidates solved": f"{size.settled} of {size.candidates}",
             "statuses": ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
-            "feasible trees with their mirror images": str(size.feasible),
+            "feasible trees, symmetric copies included": str(size.feasible),
             "lower bound [rad⁴/s⁴]": figures(at_least(size.lower_bound, 5), 5),
             "best": size.best.key if size.best else "none",
             "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
@@ -213,7 +214,7 @@ def _sizes(answer: Answer) -> Table:
 def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
     """Return the designs of one size that cost about the same as the best."""
     best = size.best or size.near_ties[0]
-    told = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least effort, "
+    told = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least control effort, "
     told += "largest force reserve in hover first"
     if size.near_ties_unaudited:
         told += f"; {quantity(size.near_ties_unaudited, 'design')} as near were not audited"
