@@ -62,7 +62,7 @@ def render(page: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"figure_json": figure_json, "json": json_in_script, "coded": coded}
+    environment.filters |= {"figure_json": figure_json, "json": json_in_script, "code": mark_code}
     return environment.get_template("page.html.j2").render(
         page={"run": None, "front": None, "simulated": None, **page},
         palette=palette,
@@ -72,7 +72,7 @@ def render(page: dict[str, Any]) -> str:
     )
 
 
-def coded(text: str) -> Markup:
+def mark_code(text: str) -> Markup:
     """Return a text with its names between backticks as code."""
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
