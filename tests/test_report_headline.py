@@ -7,8 +7,10 @@ from wording import says
 
 from topo_search.compose import audit
 from topo_search.model import Audit, Design, Topology
+from topo_search.report.design_page import design_page
 from topo_search.report.design_part import cases
-from topo_search.report.headline import headline, tally
+from topo_search.report.headline import fragile, headline, tally
+from topo_search.report.page import render
 from topo_search.report.scene import closest
 from topo_search.report.wording import near_tie_cells
 from topo_search.study import Row
@@ -45,6 +47,25 @@ def test_the_least_clearance_is_the_least_of_all_pairs(audited: tuple[Design, Au
     assert float(size) * {"mm": 1e-3, "cm": 1e-2, "m": 1}[unit] <= least
     (status,) = (tile.status for tile in headline(made, found, None, "") if tile.name == "Least clearance")
     assert status == "violated"
+
+
+@pytest.mark.parametrize(("metres", "degrees", "words"), [(0.00017, 0.0079, 2), (0.00099, 0.2, 1), (0.002, 0.1, 0)])
+def test_a_clear_design_with_hardly_any_margin_is_amber(
+    audited: tuple[Design, Audit], metres: float, degrees: float, words: int
+) -> None:
+    made, found = audited
+    assert found.flight is not None
+    pair = found.pairs[0].model_copy(update={"status": "clear", "analytic_m": metres, "lower_m": metres})
+    flight = found.flight.model_copy(update={"hinge_tolerance_deg": degrees})
+    clear = found.model_copy(update={"verdict": "clear", "pairs": (pair,), "flight": flight})
+    told = {tile.name: tile for tile in headline(made, clear, None, "")}
+    assert told["Least clearance"].status == ("fragile" if metres < 0.001 else "")
+    assert told["Hinge tolerance"].status == ("fragile" if degrees < 0.1 else "")
+    assert len(fragile(clear)) == words
+    text = render(design_page(made, clear, "mine.json"))
+    assert ('<span class="verdict fragile">audit: clear' in text) == (words > 0)
+    assert all(f in text for f in fragile(clear))
+    assert fragile(found) == ()
 
 
 def test_a_gap_is_told_as_the_ranking_tells_it(audited: tuple[Design, Audit]) -> None:

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
-from topo_search.model import Audit, BadInput, Design, Flight
+from topo_search.model import Audit, BadInput, Clearance, Design, Flight
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, gap_percent
 from topo_search.model.topology import PORT_NAMES
@@ -47,6 +47,28 @@ def tally(audit: Audit) -> str:
     return f"{wrong} of {len(audit.pairs) + len(audit.residuals)} checks are not clear"
 
 
+FRAGILE_M, FRAGILE_DEG = 1.0e-3, 0.1
+"""A clearance [m] and an error of every hinge angle [deg] under which a clear design is called fragile."""
+
+
+def fragile(audit: Audit | None) -> tuple[str, ...]:
+    """Return the proven margins of a clear design that are too small to build it safely, in figures."""
+    if audit is None or audit.verdict != "clear":
+        return ()
+    hinge = None if audit.flight is None else audit.flight.hinge_tolerance_deg
+    found = []
+    if (nearest := closest(audit)) is not None and _lower_bound(nearest) < FRAGILE_M:
+        found.append(f"least clearance {clearance(nearest)}")
+    if hinge is not None and hinge < FRAGILE_DEG:
+        found.append(f"no hinge angle may be off by more than {figures(at_least(hinge, 3), 3)}°")
+    return tuple(found)
+
+
+def _lower_bound(pair: Clearance) -> float:
+    """Return what is proven of a clearance [m]; older files have the closed form alone."""
+    return pair.analytic_m if pair.lower_m is None else pair.lower_m
+
+
 def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str, scoped: bool) -> Iterator[Tile]:
     n = design.topology.n
     yield Tile("Modules", str(n), compared)
@@ -63,9 +85,15 @@ def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str
         yield Tile("Proven gap", gap_percent(gap), told)
     nearest = closest(audit)
     if nearest is not None:
-        status = "" if nearest.status == "clear" else str(nearest.status)
+        status = (
+            "fragile" * (_lower_bound(nearest) < FRAGILE_M) if nearest.status == "clear" else str(nearest.status)
+        )
         yield Tile("Least clearance", clearance(nearest), nearest.name, status)
     if flight is not None:
+        if (hinge := flight.hinge_tolerance_deg) is not None:
+            survived = "error of every hinge angle at which all clearances last"
+            size = f"{figures(at_least(hinge, 3), 3)}°"
+            yield Tile("Hinge tolerance", size, survived, "fragile" * (hinge < FRAGILE_DEG))
         yield from _reserves(flight)
         yield _rod(flight, audit)
 
@@ -138,7 +166,7 @@ def _card(row: Row, design: Design, audit: Audit | None, best: Row, *, scoped: b
         "view": view(f"view-{row.key}", design, at, audit),
         "tree": Markup(tree_svg(design, assembly)),
         "figures": (
-            Tile("Audit", verdict, "", verdict),
+            Tile("Audit", verdict, "", "fragile" if fragile(audit) else verdict),
             _effort(row, best),
             *headline(design, audit, row.gap, "", scoped=scoped),
         ),

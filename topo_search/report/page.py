@@ -50,7 +50,7 @@ class Tile(NamedTuple):
     figure: str
     meaning: str
     status: str = ""
-    """A verdict that colours it; empty for none."""
+    """A verdict that colours it, or `fragile`; empty for none."""
 
 
 def render(page: dict[str, Any]) -> str:
@@ -64,7 +64,7 @@ def render(page: dict[str, Any]) -> str:
     )
     environment.filters |= {"figure_json": figure_json, "json": json_in_script, "code": mark_code}
     return environment.get_template("page.html.j2").render(
-        page={"run": None, "front": None, "simulated": None, **page},
+        page={"fragile": (), "run": None, "front": None, "simulated": None, **page},
         palette=palette,
         style=_template("page.css"),
         script=Markup("\n").join(map(_template, SCRIPTS)),

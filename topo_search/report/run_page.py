@@ -14,7 +14,7 @@ from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, task_part, title
 from topo_search.report.design_part import design_part
 from topo_search.report.front_part import front_part
-from topo_search.report.headline import cards, headline, rows_to_show, tally
+from topo_search.report.headline import cards, fragile, headline, rows_to_show, tally
 from topo_search.report.page import Chart, Table, Tile, render
 from topo_search.report.view import shared_meshes
 from topo_search.report.wording import figures, modules, near_tie_cells, near_tie_columns, quantity
@@ -84,6 +84,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         "key": shown.key if shown else None,
         "verdict": None if audit is None else str(audit.verdict),
         "checked": "" if audit is None else tally(audit),
+        "fragile": fragile(audit),
         "answer": _answer(answer, request.task.name, shown, size),
         "tiles": tiles,
         "notes": (*_own(request.own), *(note for size in answer.sizes for note in _limits(size, shown))),
