@@ -112,11 +112,19 @@ def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -
 
 
 def test_a_rod_is_told_with_its_mount(audited: tuple[Design, Audit]) -> None:
-    made, found = audited
+    made, found = design(Topology.from_key("af0000"), "push", "end_effector.rod=straight"), audited[1]
     assert found.flight is not None
     flight = found.flight.model_copy(update={"rod_length_m": None})
     figure, _ = told(made, found.model_copy(update={"flight": flight}))["Rod"]
     assert figure == "none"
+
+
+def test_a_task_without_a_rod_has_no_tile_for_it(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    assert made.task.end_effector.rod == "none"
+    assert found.flight is not None
+    assert found.flight.rod_length_m is not None  # the audit reports it all the same
+    assert "Rod" not in told(made, found)
 
 
 def test_what_is_not_clear_is_counted(audited: tuple[Design, Audit]) -> None:

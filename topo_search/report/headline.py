@@ -95,7 +95,8 @@ def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str
             size = f"{figures(at_least(hinge, 3), 3)}°"
             yield Tile("Hinge tolerance", size, survived, "fragile" * (hinge < FRAGILE_DEG))
         yield from _reserves(flight)
-        yield _rod(flight, audit)
+        if design.task.end_effector.rod != "none":
+            yield _rod(flight, audit)
 
 
 def _reserves(flight: Flight) -> Iterator[Tile]:
