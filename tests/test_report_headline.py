@@ -119,6 +119,20 @@ def test_a_rod_is_told_with_its_mount(audited: tuple[Design, Audit]) -> None:
     assert figure == "none"
 
 
+def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, Audit]) -> None:
+    made = design(Topology.from_key("af0000"), "push-two-paths")
+    found = audit(made)
+    assert found.air is not None
+    tip = max(case.tip_m_s for case in found.air.cases)
+    over = max(region.speed_at_most_m_s for case in found.air.cases for region in case.regions)
+    figure, meaning = told(made, found)["Air at the tip"]
+    assert 0 <= float(figure.removesuffix(" m/s")) - tip < 0.01 * tip
+    most = float(meaning.removeprefix("over the regions at most ").removesuffix(" m/s, by the jet model"))
+    assert 0 <= most - over < 0.01 * over
+    assert told(*audited)["Air at the tip"][1] == "by the jet model"
+    assert "Air at the tip" not in told(made, found.model_copy(update={"air": None}))
+
+
 def test_a_task_without_a_rod_has_no_tile_for_it(audited: tuple[Design, Audit]) -> None:
     made, found = audited
     assert made.task.end_effector.rod == "none"

@@ -12,7 +12,7 @@ from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Audit, BadInput, Clearance, Design, Flight
 from topo_search.model.flight import direction
-from topo_search.model.proven import at_least, at_most, gap_percent
+from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.design_part import nearest, reserves
 from topo_search.report.page import Tile, json_in_script
@@ -89,6 +89,9 @@ def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str
             "fragile" * (_lower_bound(nearest) < FRAGILE_M) if nearest.status == "clear" else str(nearest.status)
         )
         yield Tile("Least clearance", clearance(nearest), nearest.name, status)
+    if audit is not None and (air := audit.air) is not None:
+        over = "" if air.region_m_s is None else f"over the regions at most {upper_text(air.region_m_s, 3)} m/s, "
+        yield Tile("Air at the tip", f"{upper_text(air.tip_m_s, 3)} m/s", f"{over}by the jet model")
     if flight is not None:
         if (hinge := flight.hinge_tolerance_deg) is not None:
             survived = "error of every hinge angle at which all clearances last"
