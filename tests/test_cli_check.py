@@ -65,7 +65,7 @@ def test_load_cases_are_told_by_name_and_those_without_cost_say_so() -> None:
     said = groups("push", "--set", "load_cases[0].name=to the side", "--set", "load_cases[2].weight=0.0")
     cases = said["load cases, each the total wrench of the rotors"]
     assert list(cases) == ["load case 0 (to the side)", "load case 1", "load case 2"]
-    assert cases["load case 2"].endswith("; weight 0: required, adds no effort")
+    assert cases["load case 2"].endswith("; weight 0: required, adds no control effort")
     assert "load_cases" not in said["warnings"]
 
 
@@ -96,7 +96,7 @@ def test_reserves_are_told_where_they_are_asked_for() -> None:
 
 
 def test_goals_are_told_where_there_are_any() -> None:
-    title = "goals beside effort"
+    title = "goals beside control effort"
     assert title not in groups("push")
     told = groups("push", "--set", "goals.stand_off=[0.2, 0.35]", "--set", "goals.peak_input=[1.0, 0.9, 0.8]")[
         title
@@ -138,7 +138,7 @@ def test_of_a_range_of_sizes_each_has_its_weight_and_its_candidates() -> None:
 
 def test_a_proof_stands_in_place_of_the_bound() -> None:
     said = groups("push", "--set", "module.max_thrust_to_weight=0.9")
-    assert said["search of 5 modules"]["effort J"].startswith("impossible: ")
+    assert said["search of 5 modules"]["control effort J"].startswith("impossible: ")
     assert "gravity" in groups("push", "--set", "gravity=1.62")["warnings"]
 
 

@@ -39,7 +39,7 @@ def test_what_a_shorter_rod_costs_is_said_of_clear_designs_alone(verdict, capsys
     given = CASES["clear"][0].model_copy(update={"solver": {"shorter_rod": {"length_m": 0.26, "cost": 0.01}}})
     judged = audit(given).model_copy(update={"verdict": verdict})
     print_solved(Solved(given, judged, ()), None)
-    words = "rod of at most 0.26 m adds 1 % effort"
+    words = "rod of at most 0.26 m adds 1 % control effort"
     assert (words in capsys.readouterr().out) == (verdict == "clear")
     assert any(words in line for line in design_part(given, judged)["findings"]) == (verdict == "clear")
 

@@ -59,7 +59,8 @@ def test_the_legend_explains_the_exposure(name: str) -> None:
     texts = [text.get_text() for text in figure_of(design(CROSS, name)).legends[0].get_texts()]
     volumes = "local" in name or "directional" in name or "two-paths" in name
     assert ("keep-out region for airflow" in texts) == volumes
-    assert ("cone that must contain all airflow" in texts) == ("exterior" in name)
+    assert ("cone that must contain all airflow" in texts) == ("exterior-60" in name)
+    assert ("half-space that must contain all airflow" in texts) == ("exterior-90" in name)
 
 
 def test_load_cases_are_arrows_in_their_colours() -> None:

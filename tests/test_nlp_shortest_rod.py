@@ -52,7 +52,7 @@ def test_what_a_shorter_rod_costs_is_what_a_shorter_reach_costs() -> None:
     assert narrow.objective / design.objective - 1 == pytest.approx(shorter["cost"], rel=1e-2)
     assert shorter["cost"] > 0
     assert design.shorter_rod == (
-        f"a rod of at most {shorter['length_m']:.2f} m adds {100 * shorter['cost']:.2g} % effort, "
+        f"a rod of at most {shorter['length_m']:.2f} m adds {100 * shorter['cost']:.2g} % control effort, "
         "solved from this design"
     )
 

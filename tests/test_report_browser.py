@@ -177,6 +177,18 @@ def test_the_view_opens_on_the_platform_and_shows_what_is_chosen(opened: Open) -
     assert page.inner_text(".told").startswith("Step 5 of 6")
 
 
+def test_rotors_keep_no_colour_of_a_load_case(opened: Open) -> None:
+    made = design(Topology.from_key("af0000"), "push")
+    page = opened(render(design_page(made, audit(made), "mine.json")))
+    still = "document.getElementById('view')._fullLayout.scene._scene.toImage('png')"
+    pictures = []
+    for case in ("0", "1"):
+        page.click("[data-choice=assembly]")
+        pictures.append(page.evaluate(still))
+        page.click(f"[data-choice=case][data-number='{case}']")
+    assert pictures[0] == pictures[1]
+
+
 def test_forces_that_can_be_added_are_shown_at_the_tip(opened: Open) -> None:
     able = {"module": {"max_thrust_to_weight": 4.0}}
     made = solved(Topology.from_key("af0000"), able, hinges=(-0.5, 0.6, 0.5, -0.6), end_effector=(0.1, 0.05, 0.3))

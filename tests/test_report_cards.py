@@ -65,4 +65,4 @@ def test_effort_is_told_over_that_of_the_best(objective, told):
     row = best if objective == 1.0 else toy_row("a70010", objective=objective, gap=0.1)
     (card,) = cards([(row, design(Topology.from_key(row.key)), None)], best)
     figures = {tile.name: tile.figure for tile in card["figures"]}
-    assert (figures["Effort"], figures["Audit"]) == (told, "none")
+    assert (figures["Control effort"], figures["Audit"]) == (told, "none")

@@ -7,8 +7,10 @@ from wording import says
 
 from topo_search.compose import audit
 from topo_search.model import Audit, Design, Topology
+from topo_search.report.design_page import design_page
 from topo_search.report.design_part import cases
-from topo_search.report.headline import headline, tally
+from topo_search.report.headline import fragile, headline, tally
+from topo_search.report.page import render
 from topo_search.report.scene import closest
 from topo_search.report.wording import near_tie_cells
 from topo_search.study import Row
@@ -47,6 +49,25 @@ def test_the_least_clearance_is_the_least_of_all_pairs(audited: tuple[Design, Au
     assert status == "violated"
 
 
+@pytest.mark.parametrize(("metres", "degrees", "words"), [(0.00017, 0.0079, 2), (0.00099, 0.2, 1), (0.002, 0.1, 0)])
+def test_a_clear_design_with_hardly_any_margin_is_amber(
+    audited: tuple[Design, Audit], metres: float, degrees: float, words: int
+) -> None:
+    made, found = audited
+    assert found.flight is not None
+    pair = found.pairs[0].model_copy(update={"status": "clear", "analytic_m": metres, "lower_m": metres})
+    flight = found.flight.model_copy(update={"hinge_tolerance_deg": degrees})
+    clear = found.model_copy(update={"verdict": "clear", "pairs": (pair,), "flight": flight})
+    told = {tile.name: tile for tile in headline(made, clear, None, "")}
+    assert told["Least clearance"].status == ("fragile" if metres < 0.001 else "")
+    assert told["Hinge tolerance"].status == ("fragile" if degrees < 0.1 else "")
+    assert len(fragile(clear)) == words
+    text = render(design_page(made, clear, "mine.json"))
+    assert ('<span class="verdict fragile">audit: clear' in text) == (words > 0)
+    assert all(f in text for f in fragile(clear))
+    assert fragile(found) == ()
+
+
 def test_a_gap_is_told_as_the_ranking_tells_it(audited: tuple[Design, Audit]) -> None:
     assert told(*audited, 0.088901)["Proven gap"][0] == "8.90 %"
     assert "Proven gap" not in told(*audited)
@@ -65,12 +86,12 @@ def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:
         update={"possible": True, "horizontal_reserve_N": 1.2999, "horizontal_weakest": (0.0, -1.0, 0.0)}
     )
     for changed, expected in (
-        (hover, ("1.29 N", "side force at the tip in hover, towards -y")),
+        (hover, ("1.29 N", "at the tip in hover, least towards -y")),
         (hover.model_copy(update={"possible": False}), ("none", "cannot hover")),
         (hover.model_copy(update={"possible": None}), ("none", "hover is undecided")),
     ):
         flight = found.flight.model_copy(update={"cases": (changed, *found.flight.cases[1:])})
-        assert told(made, found.model_copy(update={"flight": flight}))["Weakest reserve"] == expected
+        assert told(made, found.model_copy(update={"flight": flight}))["Side force reserve"] == expected
 
 
 def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -> None:
@@ -80,7 +101,7 @@ def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -
         update={"possible": True, "horizontal_reserve_N": 0.106211, "load_factor": 1.0245}
     )
     flight = found.flight.model_copy(update={"cases": (hover,), "hinge_tolerance_deg": 0.0079366})
-    figure, _ = told(made, found.model_copy(update={"flight": flight}))["Weakest reserve"]
+    figure, _ = told(made, found.model_copy(update={"flight": flight}))["Side force reserve"]
     row = cases(flight).rows[0]
     assert figure == row[4] == "0.106 N"
     assert f"weakest side force at the tip {figure}" in flight.weakest_point
@@ -91,11 +112,33 @@ def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -
 
 
 def test_a_rod_is_told_with_its_mount(audited: tuple[Design, Audit]) -> None:
-    made, found = audited
+    made, found = design(Topology.from_key("af0000"), "push", "end_effector.rod=straight"), audited[1]
     assert found.flight is not None
     flight = found.flight.model_copy(update={"rod_length_m": None})
     figure, _ = told(made, found.model_copy(update={"flight": flight}))["Rod"]
     assert figure == "none"
+
+
+def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, Audit]) -> None:
+    made = design(Topology.from_key("af0000"), "push-two-paths")
+    found = audit(made)
+    assert found.air is not None
+    tip = max(case.tip_m_s for case in found.air.cases)
+    over = max(region.speed_at_most_m_s for case in found.air.cases for region in case.regions)
+    figure, meaning = told(made, found)["Air at the tip"]
+    assert 0 <= float(figure.removesuffix(" m/s")) - tip < 0.01 * tip
+    most = float(meaning.removeprefix("over the regions at most ").removesuffix(" m/s, by the jet model"))
+    assert 0 <= most - over < 0.01 * over
+    assert told(*audited)["Air at the tip"][1] == "by the jet model"
+    assert "Air at the tip" not in told(made, found.model_copy(update={"air": None}))
+
+
+def test_a_task_without_a_rod_has_no_tile_for_it(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
+    assert made.task.end_effector.rod == "none"
+    assert found.flight is not None
+    assert found.flight.rod_length_m is not None  # the audit reports it all the same
+    assert "Rod" not in told(made, found)
 
 
 def test_what_is_not_clear_is_counted(audited: tuple[Design, Audit]) -> None:

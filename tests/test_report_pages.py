@@ -10,6 +10,7 @@ from report_cases import Reader, design, grown, toy_page
 from toy_problem import toy_run
 
 from nlp import lower_bound
+from topo_search.cli.tables import print_answer
 from topo_search.compose import audit, read_design, write_report
 from topo_search.compose.pages import write_page
 from topo_search.export import palette
@@ -23,7 +24,7 @@ from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page, write_run_page
 from topo_search.report.scene import scene
-from topo_search.study import RunFolder
+from topo_search.study import RunFolder, answer_of
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,9 @@ def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):
     with RunFolder.load(tmp_path / "run") as folder:
         closest = min(folder.ledger.ranking(3), key=lambda row: row.violation)
         reason = folder.ledger.result(folder.request.contexts(3)[0], closest.key)
-    assert " ".join(reason.message.split()) in page.text
+    assert "`" in reason.message
+    assert "`" not in page.text
+    assert " ".join(reason.message.replace("`", " ").split()) in page.text
     assert "view-data" not in page.data
     assert "Why trees have no design" in page.text
     (words,) = json.loads(page.data["progress-3-data"])["layout"]["annotations"]
@@ -141,6 +144,25 @@ def test_any_size_has_a_page():
         traces = json.loads(page.data["view-data"])["data"]
         assert len(traces) <= 20
         assert "cone that must contain all airflow" in {trace.get("name") for trace in traces}
+
+
+def test_a_half_space_is_not_called_a_cone():
+    made = design(grown(2), "push-exterior-90")
+    names = {trace.name for trace in scene(made, poses(made)).data}
+    assert "half-space that must contain all airflow" in names
+    assert "cone that must contain all airflow" not in names
+
+
+def test_one_number_has_one_name(audited, tmp_path, capsys):
+    page = Reader(render(design_page(*audited, "mine.json"))).text
+    assert "control effort J" in page
+    run = Reader(toy_page(tmp_path / "run"))
+    assert "“Symmetric copies” counts" in run.text
+    assert "symmetric copies included" in run.text
+    with RunFolder.load(tmp_path / "run") as folder:
+        print_answer(answer_of(folder))
+    for text in (page, run.text, capsys.readouterr().out):
+        assert not re.search(r"\b(objective|orbit|stands for)\b|(?<!control )effort", text.lower())
 
 
 def test_the_rod_and_the_blocked_connectors_are_shown(audited):

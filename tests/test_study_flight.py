@@ -142,17 +142,17 @@ def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys
     assert size.near_ties_unaudited == 0
     print_answer(answer)
     lines = capsys.readouterr().out.splitlines()
-    place = next(k for k, line in enumerate(lines) if line.startswith("within 1 % of the least effort"))
+    place = next(k for k, line in enumerate(lines) if line.startswith("within 1 % of the least control effort"))
     assert [line.split()[0] for line in lines[place + 2 : place + 5]] == ["aa00", "a500", "a600"]
     assert lines[place + 2].split()[1:6] == ["+0.95", "%", "2", "N", "0.125"]
     assert says(lines[-3], "a500: hovers", "1.25 N towards -y", "11 of 12")
     shown = size._repr_html_()
-    place = shown.index("within 1 % of the least effort")
+    place = shown.index("within 1 % of the least control effort")
     assert 0 < shown.index("aa00", place) < shown.index("a500", place) < shown.index("a600", place)
     with RunFolder.load(tmp_path / "run") as folder:
         page = Reader(render(run_page(folder)))
     assert says(page.text, "Hovers;", "1.25 N towards -y; survives 11 of 12")
-    assert "audited designs within 1 % of the least effort" in page.text
+    assert "audited designs within 1 % of the least control effort" in page.text
     assert "Beyond the task" in page.text
     assert says(page.text, "all load cases", "survives 10 of 12, not rotor 1 of module 2")
 

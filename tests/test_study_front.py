@@ -358,7 +358,7 @@ def test_the_page_draws_the_front_and_tells_every_level(tmp_path, monkeypatch):
     assert "front-stand-off-data" not in page.data
     for number, margin in enumerate(sorted(LEVELS)):
         assert f"{number} search.margin = {margin:g} 3 4 feasible" in page.text
-    assert f"on the front, {rows[0]['key']} takes the least effort" in page.text
+    assert f"on the front, {rows[0]['key']} takes the least control effort" in page.text
     ranking = json.loads(page.data["ranking-data"])["rows"]
     level = table(tmp_path / f"run/levels/{rows[0]['level']}/candidates.csv")
     assert [row[0] for row in ranking] == [row["key"] for row in level]
@@ -383,7 +383,7 @@ def test_a_goal_of_which_no_level_binds_is_told_with_where_to_look():
     levels = [Level(None, None, peak, force) for peak in (1.0, 0.9) for force in (0.0, 0.1)]
     binding = [1.0, 1.0 + 1e-6, 2.0, 2.0]
     (told,) = idle_goals(list(zip(levels, binding, strict=True)), [reached])
-    assert told.startswith("no level of goals.force_reserve binds: each gives the same least effort")
+    assert told.startswith("no level of goals.force_reserve binds: each gives the same least control effort")
     assert says(told, "reaches 1.25 (N)", "flight.force_reserve beyond")
     assert idle_goals(list(zip(levels, [1.0, 1.1, 2.0, None], strict=True)), [reached]) == []
     assert idle_goals(list(zip(levels, binding, strict=True)), []) == []

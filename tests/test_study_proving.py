@@ -273,7 +273,7 @@ def test_a_proof_of_some_trees_is_none_of_their_size(tmp_path, options):
     tiles = [page["tiles"], *(card["figures"] for card in page["run"]["cards"])]
     (shown, *others) = [next(tile for tile in some if tile.name == "Proven gap") for some in tiles]
     assert shown.figure == gap_percent(size.best.gap)
-    assert all(tile.meaning == "no platform of 3 modules can save more effort" for tile in (shown, *others))
+    assert all(tile.meaning == "no platform of 3 modules can save more control effort" for tile in (shown, *others))
 
 
 def test_the_gap_of_a_size_that_is_proven_tree_by_tree_has_a_scope(run):

@@ -88,7 +88,7 @@ def _expectations(size: dict[str, Any]) -> list[tuple[str, str]]:
     bound = f"at least {least} rad⁴/s⁴ if every wrench is met exactly, whatever the topology"
     return [
         ("candidates", f"{size['candidates']}; {size['quotient']}"),
-        ("effort J", f"impossible: {size['impossible']}" if size["impossible"] else bound),
+        ("control effort J", f"impossible: {size['impossible']}" if size["impossible"] else bound),
     ]
 
 

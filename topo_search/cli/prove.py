@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     type=click.FloatRange(*GAPS),
     default=0.003,
     show_default=True,
-    help="Relative gap at which a tree counts as settled: how far its bound may lie below its own best effort.",
+    help="Gap at which a tree counts as settled: how far its bound may lie below its own best control effort.",
 )
 @click.option(
     "--problem",

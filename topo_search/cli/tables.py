@@ -102,7 +102,7 @@ def _print_front(answer: Answer) -> None:
     if not answer.points:
         return
     click.echo(f"front, {quantity(len(answer.points), 'design')}, none better than another in every goal:")
-    table = _table("key", "modules", "objective", "clearance", "stand-off", "peak input", "level")
+    table = _table("key", "modules", "J [rad^4/s^4]", "clearance", "stand-off", "peak input", "level")
     for point in answer.points:
         reached = ["" if x is None else length(at_least(x, 3)) for x in (point.clearance, point.stand_off)]
         row = point.row
@@ -120,7 +120,7 @@ def _print_front(answer: Answer) -> None:
 
 
 def _print_rows(rows: tuple[Row, ...]) -> None:
-    table = _table("key", "objective", "J over bound", "gap", "hits", "symmetric copies", "audit")
+    table = _table("key", "J [rad^4/s^4]", "J over bound", "gap", "hits", "symmetric copies", "audit")
     for row in rows:
         table.add_row(
             row.key,
@@ -138,7 +138,7 @@ def _print_near_ties(size: SizeAnswer) -> None:
     """Print what designs leave in hover that cost about the same, unless there is no choice."""
     if size.best is None or len(size.near_ties) < 2:
         return
-    click.echo(f"within {100 * NEAR:g} % of the least effort, largest force reserve in hover first:")
+    click.echo(f"within {100 * NEAR:g} % of the least control effort, largest force reserve in hover first:")
     table = _table(*near_tie_columns())
     for row in size.near_ties:
         table.add_row(*near_tie_cells(row, size.best))
@@ -219,7 +219,7 @@ def print_audit(name: str, audit: Audit) -> None:
     for residual in audit.residuals:
         if residual.status != "clear":
             off = f"off by {upper_text(residual.value, 3)} {residual.unit}"
-            click.echo(f"  {residual.name}: {residual.status}, {off}")
+            click.echo(f"  {residual.words}: {residual.status}, {off}")
     for larger in audit.mesh_excess:
         click.echo(f"  note: {larger.words}")
     sheet = audit.assembly.end_effector

@@ -89,7 +89,7 @@ def _section(each: Judged) -> Iterator[str]:
     head = ["clearance", "status", "closed form [m]", "at least [m]", "at most [m]", "of the deepest"]
     yield from _list_rows(head, [_clearance_row(pair) for pair in wrong], "clearances are not clear")
     off = [
-        [escape(row.name), row.status, upper_text(row.value), row.unit]
+        [escape(row.words), row.status, upper_text(row.value), row.unit]
         + ["" if x is None else f"{x:.{DIGITS}g}" for x in (row.stated, row.derived)]
         for row in audit.residuals
         if row.status != Status.CLEAR
@@ -142,7 +142,7 @@ def broken_lines(audit: Audit) -> Iterator[str]:
             yield f"{pair.name}: {lower_text(1000 * pair.analytic_m, 3)} mm ({pair.status})"
     for row in audit.residuals:
         if row.status != Status.CLEAR:
-            yield f"{row.name}: short by {upper_text(row.value, 3)} {row.unit} ({row.status})"
+            yield f"{row.words}: short by {upper_text(row.value, 3)} {row.unit} ({row.status})"
 
 
 def _clearance_row(pair: Clearance) -> list[str]:

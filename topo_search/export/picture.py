@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 
 from topo_search.export import palette
 from topo_search.export.poses import poses_to_draw
+from topo_search.export.regions import region_words
 from topo_search.export.scene import Scene, wrenches
 from topo_search.export.tree_drawing import draw_tree
 from topo_search.model.design import Design
@@ -120,11 +121,9 @@ def _legend(design: Design) -> list[Artist]:
         Line2D([], [], color=palette.CASES[k], marker=">", label=f"load case {k}")
         for k in sorted({k for k, *_ in wrenches(design, poses_to_draw(design))})
     ]
-    cones = [isinstance(shape, Cone) for requirement in design.task.exposure for shape in requirement.shapes]
-    if not all(cones):
-        entries.append(volume(palette.EXPOSURE, 0.3, "keep-out region for airflow"))
-    if any(cones):
-        entries.append(volume(palette.EXPOSURE, 0.12, "cone that must contain all airflow"))
+    regions = [shape for requirement in design.task.exposure for shape in requirement.shapes]
+    kinds = {region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
+    entries += [volume(palette.EXPOSURE, opacity, words) for words, opacity in sorted(kinds.items())]
     return entries
 
 

@@ -33,6 +33,13 @@ def shapes(task: ResolvedTask, p_E: Array) -> Iterator[tuple[int, Shape]]:
             yield number, shape.at(p_E)
 
 
+def region_words(shape: Shape) -> str:
+    """Return the legend of a region: what airflow has to do with it."""
+    if not isinstance(shape, Cone):
+        return "keep-out region for airflow"
+    return f"{'cone' if shape.half_angle_deg < 90 else 'half-space'} that must contain all airflow"
+
+
 def hull(shape: Polytope) -> Hull:
     """Return the hull of a polytope's corners."""
     return convex_hull(np.array(shape.corners))

@@ -24,7 +24,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
 from topo_search.export import palette
-from topo_search.export.regions import circle, cone_sphere_outline, flat_hull, hull, shapes
+from topo_search.export.regions import circle, cone_sphere_outline, flat_hull, hull, region_words, shapes
 from topo_search.model import ResolvedTask, needs_offset
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Capsule, Cone, Polytope
@@ -159,9 +159,9 @@ def _legend(task: ResolvedTask) -> list[Artist]:
         Line2D([], [], color=palette.END_EFFECTOR, label="end-effector", **dot),
         Patch(facecolor=(airflow, 0.16), edgecolor=airflow, label="airflow of one module, to scale"),
     ]
-    for is_cone, words in ((False, "keep-out region for airflow"), (True, "cone that must contain all airflow")):
-        if any(isinstance(shape, Cone) is is_cone for asked in task.exposure for shape in asked.shapes):
-            entries.append(Patch(**_look(is_cone), label=words))
+    regions = [shape for asked in task.exposure for shape in asked.shapes]
+    kinds = {region_words(shape): isinstance(shape, Cone) for shape in regions}
+    entries += [Patch(**_look(is_cone), label=words) for words, is_cone in sorted(kinds.items())]
     for name, unit in (("force", "N"), ("torque", "N m")):
         for k, vector in _vectors(task, name):
             label = f"{task.case_labels[k]}: {np.linalg.norm(vector):.3g} {unit}"

@@ -256,6 +256,11 @@ class Residual(Value):
     derived: Number | None = None
     """The same number or its limit, as the audit derives it."""
 
+    @property
+    def words(self) -> str:
+        """Name of the check where a person reads it."""
+        return "control effort J" if self.name == "objective" else self.name
+
 
 class Limit(Pair):
     """Largest error of one kind that is tolerated, and the pair that a larger one violates first."""

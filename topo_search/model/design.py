@@ -126,9 +126,8 @@ class ShorterRod(Value):
         """Say it in a sentence's part."""
         if self.cost is None:
             return f"no design with a rod of at most {self.length_m:.2f} m was reached from this one"
-        return (
-            f"a rod of at most {self.length_m:.2f} m adds {100 * self.cost:.2g} % effort, solved from this design"
-        )
+        cost = f"{100 * self.cost:.2g} % control effort"
+        return f"a rod of at most {self.length_m:.2f} m adds {cost}, solved from this design"
 
 
 class SolverRecord(Value):

@@ -421,7 +421,7 @@ def _search(task: Task) -> Iterator[TaskWarning]:
         )
     elif margin > 0.01:
         yield TaskWarning(
-            "search.margin", f"{margin:g} m beyond every clearance that the task asks for costs effort"
+            "search.margin", f"{margin:g} m beyond every clearance that the task asks for costs control effort"
         )
 
 

@@ -29,7 +29,7 @@ TASK = """
 # Every load case is the total wrench of the rotors. Gravity is included only if you ask for it: `carries_weight`
 # adds the platform's weight, for any number of modules, to the force at the centre of mass. Forces are in units of
 # the platform's weight m_t g and torques in arm_length m_t g, or with units = "SI" in N and N m. The default is
-# zero. `weight` is the weight of the case in the effort; with 0 the case must be possible but adds no effort.
+# zero. `weight` is the weight of the case in the control effort; with 0 it must be possible but adds none.
 
 [[load_cases]]                      # push along x with a fifth of the weight while hovering
 name = "push"                       # appears wherever the load case is mentioned

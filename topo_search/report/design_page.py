@@ -23,7 +23,7 @@ from topo_search.model.proven import at_least, gap_percent
 from topo_search.model.task_warnings import task_warnings
 from topo_search.report.charts import MOST_POINTS
 from topo_search.report.design_part import design_part
-from topo_search.report.headline import headline, tally
+from topo_search.report.headline import fragile, headline, tally
 from topo_search.report.page import Chart, Table
 from topo_search.report.task_facts import facts, load_cases
 from topo_search.report.view import shared_meshes
@@ -47,6 +47,7 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         "key": design.topology.key,
         "verdict": str(audit.verdict),
         "checked": tally(audit),
+        "fragile": fragile(audit),
         "answer": "This report covers one design, not a search.",
         "tiles": headline(design, audit, gap, "a single design"),
         "notes": (),
@@ -90,7 +91,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
         return told, meaning
     return (
         told,
-        f"The gap is {gap_percent(gap)}: no platform of {modules(n)} saves more than this share of the effort.",
+        f"The gap is {gap_percent(gap)}: no platform of {modules(n)} saves more than this share of J.",
         meaning,
     )
 

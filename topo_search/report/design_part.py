@@ -147,7 +147,7 @@ def _residuals(audit: Audit) -> Table:
     """Return every number that the audit checked against a limit."""
     rows = [
         [
-            row.name,
+            row.words,
             str(row.status),
             f"{figures(at_most(row.value, 3), 3)} {row.unit}",
             figures(at_most(row.scaled, 2), 2),

@@ -34,7 +34,7 @@ def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
         names: the goals.
     """
     charts = [
-        Chart(f"front-{name.replace('_', '-')}", f"Effort against {AXES[name][0]}", _chart(answer.points, name))
+        Chart(f"front-{name.replace('_', '-')}", f"J against {AXES[name][0]}", _chart(answer.points, name))
         for name in names
         if any(point.cells[name] is not None for point in answer.points)
     ]
@@ -54,7 +54,7 @@ def _chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
     figure = go.Figure()
     figure.add_scatter(
         **at(front(points, [name])),
-        name="least effort for as good a value",
+        name="least control effort for as good a value",
         mode="lines",
         line={"color": palette.CONNECTOR, "width": 1.5, "dash": "dot", "shape": "vh"},
         hoverinfo="skip",

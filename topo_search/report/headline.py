@@ -10,9 +10,9 @@ from markupsafe import Markup
 
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
-from topo_search.model import Audit, BadInput, Design, Flight
+from topo_search.model import Audit, BadInput, Clearance, Design, Flight
 from topo_search.model.flight import direction
-from topo_search.model.proven import at_least, at_most, gap_percent
+from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.design_part import nearest, reserves
 from topo_search.report.page import Tile, json_in_script
@@ -47,6 +47,28 @@ def tally(audit: Audit) -> str:
     return f"{wrong} of {len(audit.pairs) + len(audit.residuals)} checks are not clear"
 
 
+FRAGILE_M, FRAGILE_DEG = 1.0e-3, 0.1
+"""A clearance [m] and an error of every hinge angle [deg] under which a clear design is called fragile."""
+
+
+def fragile(audit: Audit | None) -> tuple[str, ...]:
+    """Return the proven margins of a clear design that are too small to build it safely, in figures."""
+    if audit is None or audit.verdict != "clear":
+        return ()
+    hinge = None if audit.flight is None else audit.flight.hinge_tolerance_deg
+    found = []
+    if (nearest := closest(audit)) is not None and _lower_bound(nearest) < FRAGILE_M:
+        found.append(f"least clearance {clearance(nearest)}")
+    if hinge is not None and hinge < FRAGILE_DEG:
+        found.append(f"no hinge angle may be off by more than {figures(at_least(hinge, 3), 3)}°")
+    return tuple(found)
+
+
+def _lower_bound(pair: Clearance) -> float:
+    """Return what is proven of a clearance [m]; older files have the closed form alone."""
+    return pair.analytic_m if pair.lower_m is None else pair.lower_m
+
+
 def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str, scoped: bool) -> Iterator[Tile]:
     n = design.topology.n
     yield Tile("Modules", str(n), compared)
@@ -58,26 +80,39 @@ def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str
         power = f"{figures(flight.hover_power_excess, 3)} % more power than with all rotors pointing straight up"
         yield Tile("Throttle in hover", f"{figures(100 * flight.hover_input, 3)} %", power)
     if gap is not None:
-        told = f"no platform of {modules(n)} can save more effort{', in the scope of the proofs' if scoped else ''}"
+        within = ", in the scope of the proofs" if scoped else ""
+        told = f"no platform of {modules(n)} can save more control effort{within}"
         yield Tile("Proven gap", gap_percent(gap), told)
     nearest = closest(audit)
     if nearest is not None:
-        status = "" if nearest.status == "clear" else str(nearest.status)
+        status = (
+            "fragile" * (_lower_bound(nearest) < FRAGILE_M) if nearest.status == "clear" else str(nearest.status)
+        )
         yield Tile("Least clearance", clearance(nearest), nearest.name, status)
+    if audit is not None and (air := audit.air) is not None:
+        over = "" if air.region_m_s is None else f"over the regions at most {upper_text(air.region_m_s, 3)} m/s, "
+        yield Tile("Air at the tip", f"{upper_text(air.tip_m_s, 3)} m/s", f"{over}by the jet model")
     if flight is not None:
+        if (hinge := flight.hinge_tolerance_deg) is not None:
+            survived = "error of every hinge angle at which all clearances last"
+            size = f"{figures(at_least(hinge, 3), 3)}°"
+            yield Tile("Hinge tolerance", size, survived, "fragile" * (hinge < FRAGILE_DEG))
         yield from _reserves(flight)
-        yield _rod(flight, audit)
+        if design.task.end_effector.rod != "none":
+            yield _rod(flight, audit)
 
 
 def _reserves(flight: Flight) -> Iterator[Tile]:
     """Yield what is least left in hover, and how many rotors may fail."""
     hover, out = flight.hover, flight.rotors_out_hover
     if hover.possible is not True:
-        yield Tile("Weakest reserve", "none", "cannot hover" if hover.possible is False else "hover is undecided")
+        why = "cannot hover" if hover.possible is False else "hover is undecided"
+        yield Tile("Side force reserve", "none", why)
     elif hover.horizontal_reserve_N is not None:
-        towards = "" if hover.horizontal_weakest is None else f", towards {direction(hover.horizontal_weakest)}"
+        weakest = hover.horizontal_weakest
+        towards = "" if weakest is None else f", least towards {direction(weakest)}"
         size = f"{figures(at_least(hover.horizontal_reserve_N, 3), 3)} N"
-        yield Tile("Weakest reserve", size, f"side force at the tip in hover{towards}")
+        yield Tile("Side force reserve", size, f"at the tip in hover{towards}")
     open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
     yield Tile("Rotor failures", f"{out.survive} of {out.of}", f"single rotor failures survived in hover{open_}")
 
@@ -135,7 +170,7 @@ def _card(row: Row, design: Design, audit: Audit | None, best: Row, *, scoped: b
         "view": view(f"view-{row.key}", design, at, audit),
         "tree": Markup(tree_svg(design, assembly)),
         "figures": (
-            Tile("Audit", verdict, "", verdict),
+            Tile("Audit", verdict, "", "fragile" if fragile(audit) else verdict),
             _effort(row, best),
             *headline(design, audit, row.gap, "", scoped=scoped),
         ),
@@ -147,5 +182,5 @@ def _card(row: Row, design: Design, audit: Audit | None, best: Row, *, scoped: b
 def _effort(row: Row, best: Row) -> Tile:
     """Return the effort of a design over that of the winner."""
     if row.key == best.key or not row.objective or not best.objective or row.modules != best.modules:
-        return Tile("Effort", "least found" if row.key == best.key else "of another size", "")
-    return Tile("Effort", f"+{100 * (row.objective / best.objective - 1):.2f} %", "over that of the best")
+        return Tile("Control effort", "least found" if row.key == best.key else "of another size", "")
+    return Tile("Control effort", f"+{100 * (row.objective / best.objective - 1):.2f} %", "over that of the best")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Collection, Sequence
 from importlib import resources
 from typing import Any, NamedTuple
 
 import jinja2
 import plotly.graph_objects as go
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from plotly.offline import get_plotlyjs
 
 from topo_search.export import palette
@@ -49,7 +50,7 @@ class Tile(NamedTuple):
     figure: str
     meaning: str
     status: str = ""
-    """A verdict that colours it; empty for none."""
+    """A verdict that colours it, or `fragile`; empty for none."""
 
 
 def render(page: dict[str, Any]) -> str:
@@ -61,14 +62,19 @@ def render(page: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"figure_json": figure_json, "json": json_in_script}
+    environment.filters |= {"figure_json": figure_json, "json": json_in_script, "code": mark_code}
     return environment.get_template("page.html.j2").render(
-        page={"run": None, "front": None, "simulated": None, **page},
+        page={"fragile": (), "run": None, "front": None, "simulated": None, **page},
         palette=palette,
         style=_template("page.css"),
         script=Markup("\n").join(map(_template, SCRIPTS)),
         plotly=Markup(get_plotlyjs()),
     )
+
+
+def mark_code(text: str) -> Markup:
+    """Return a text with its names between backticks as code."""
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def figure_json(figure: go.Figure) -> Markup:

@@ -14,7 +14,7 @@ from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, task_part, title
 from topo_search.report.design_part import design_part
 from topo_search.report.front_part import front_part
-from topo_search.report.headline import cards, headline, rows_to_show, tally
+from topo_search.report.headline import cards, fragile, headline, rows_to_show, tally
 from topo_search.report.page import Chart, Table, Tile, render
 from topo_search.report.view import shared_meshes
 from topo_search.report.wording import figures, modules, near_tie_cells, near_tie_columns, quantity
@@ -84,6 +84,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         "key": shown.key if shown else None,
         "verdict": None if audit is None else str(audit.verdict),
         "checked": "" if audit is None else tally(audit),
+        "fragile": fragile(audit),
         "answer": _answer(answer, request.task.name, shown, size),
         "tiles": tiles,
         "notes": (*_own(request.own), *(note for size in answer.sizes for note in _limits(size, shown))),
@@ -112,9 +113,10 @@ def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> s
         reasons = "; ".join(f"with {modules(size.modules)}, {size.reason}" for size in answer.sizes)
         return f"No design was found for {name}: {reasons}."
     if answer.best is None:
-        return f"No design found for {name} passed its audit; {shown.key} takes the least effort."
+        return f"No design found for {name} passed its audit; {shown.key} takes the least control effort."
     if answer.levels:
-        return f"Of {quantity(len(answer.points), 'design')} on the front, {shown.key} takes the least effort."
+        front = f"{quantity(len(answer.points), 'design')} on the front"
+        return f"Of {front}, {shown.key} takes the least control effort."
     smallest = f"With {modules(shown.modules)}, {answer.smallest}, " if answer.smallest else ""
     return f"{smallest}{shown.key} is {size.statement}."
 
@@ -199,7 +201,7 @@ def _sizes(answer: Answer) -> Table:
             "modules": str(size.modules),
             "candidates solved": f"{size.settled} of {size.candidates}",
             "statuses": ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
-            "feasible trees with their mirror images": str(size.feasible),
+            "feasible trees, symmetric copies included": str(size.feasible),
             "lower bound [rad⁴/s⁴]": figures(at_least(size.lower_bound, 5), 5),
             "best": size.best.key if size.best else "none",
             "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
@@ -213,7 +215,7 @@ def _sizes(answer: Answer) -> Table:
 def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
     """Return the designs of one size that cost about the same as the best."""
     best = size.best or size.near_ties[0]
-    told = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least effort, "
+    told = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least control effort, "
     told += "largest force reserve in hover first"
     if size.near_ties_unaudited:
         told += f"; {quantity(size.near_ties_unaudited, 'design')} as near were not audited"

@@ -12,7 +12,7 @@ from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.poses import Poses, azimuth_deg, towards_viewer
-from topo_search.export.regions import cone_slant, cone_triangles, shapes
+from topo_search.export.regions import cone_slant, cone_triangles, region_words, shapes
 from topo_search.export.solids import airflow, cone_sphere, frame, join, pose_matrix, region_mesh, rotors
 from topo_search.model import Assembly, Audit, Clearance, Design
 from topo_search.model.arrays import Array
@@ -98,17 +98,13 @@ def _volumes(design: Design, at: Poses) -> list[Any]:
     """Return the airflow envelopes and the exposure regions."""
     traces = [_copies("airflow", "airflow envelopes", design, at, palette.AIRFLOW, opacity=0.22)]
     apex = at.end_effector
-    kept_out: list[Trimesh] = []
-    cones: list[Trimesh] = []
+    found: dict[tuple[bool, str], list[Trimesh]] = {}
     for _, shape in shapes(design.task, at.p_E):
         surface = region_mesh(shape, cone_slant(design, at)).apply_translation(apex)
-        (cones if isinstance(shape, Cone) else kept_out).append(surface)
-    for part, words, found, opacity in (
-        ("regions", "keep-out region for airflow", kept_out, 0.4),
-        ("cones", "cone that must contain all airflow", cones, 0.15),
-    ):
-        if found:
-            traces.append(drawn_mesh(words, join(found), palette.EXPOSURE, part, opacity=opacity))
+        found.setdefault((isinstance(shape, Cone), region_words(shape)), []).append(surface)
+    for (is_cone, words), surfaces in sorted(found.items()):
+        part, opacity = ("cones", 0.15) if is_cone else ("regions", 0.4)
+        traces.append(drawn_mesh(words, join(surfaces), palette.EXPOSURE, part, opacity=opacity))
     return traces
 
 

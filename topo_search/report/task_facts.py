@@ -103,7 +103,7 @@ def goals(task: Task) -> Facts:
         ("modules", [str(n) for n in task.sizes] if asked.modules else []),
     )
     rows = [(name, ", ".join(texts)) for name, texts in levels if texts]
-    return ("goals beside effort", (*rows, ("searches", quantity(len(asked.levels), "level"))))
+    return ("goals beside control effort", (*rows, ("searches", quantity(len(asked.levels), "level"))))
 
 
 def _region(asked: Local) -> str:
@@ -162,7 +162,7 @@ def load_cases(task: ResolvedTask) -> list[list[str]]:
         [
             f"{k} ({case.name})" if case.name else str(k),
             "; ".join(_parts(case, force_unit, torque_unit)),
-            figures(case.weight) if case.weight else "0: required, adds no effort",
+            figures(case.weight) if case.weight else "0: required, adds no control effort",
         ]
         for k, case in enumerate(task.load_cases)
     ]

@@ -57,7 +57,7 @@ def millimetres(pair: Clearance) -> str:
 
 def near_tie_columns() -> tuple[str, ...]:
     """Return the headings."""
-    return ("key", "effort", "force", "torque", "rotors", "load factor", "joint moment", "hinge error", "rod")
+    return ("key", "J", "force", "torque", "rotors", "load factor", "joint moment", "hinge error", "rod")
 
 
 def near_tie_cells(row: Row, best: Row) -> tuple[str, ...]:

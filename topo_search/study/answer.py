@@ -167,7 +167,7 @@ class SizeAnswer:
                 (row.key, row.objective, *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
                 for row in self.near_ties
             ]
-            near = heading(f"within {100 * NEAR:g} % of the least effort, largest force reserve first")
+            near = heading(f"within {100 * NEAR:g} % of the least control effort, largest force reserve first")
             html += near + table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
         return html + "".join(paragraph(text) for text in remarks)
 

@@ -162,7 +162,7 @@ def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[Fr
         reached = points[0].cells[name]
         has = proven_cell(name, reached, 4)
         sentences.append(
-            f"no level of goals.{name} binds: each gives the same least effort, whose design reaches {has} "
+            f"no level of goals.{name} binds: each gives the same least control effort, whose design reaches {has} "
             f"({UNITS[name]}); try levels of {field} beyond that"
         )
     return sentences

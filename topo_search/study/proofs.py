@@ -188,5 +188,5 @@ def problem(task: ResolvedTask, about: Problem) -> str:
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
     return (
         f"scope: {connectors}{root}, hinge angles within 90 deg either way, every wrench and input within the "
-        f"audit's tolerance; {kept}; all other requirements can only raise the effort"
+        f"audit's tolerance; {kept}; all other requirements can only raise the control effort"
     )

@@ -63,7 +63,7 @@ def check_rows(rows: Iterable[Row], space: Space, lower_bound: float, path: Path
     for row in rows:
         number, orbits = number + 1, orbits + row.orbit
         if row.status not in STATUSES or row.orbit < 1 or orbits > classes:
-            raise damage(path, f"{row.key} is {row.status!r} and stands for {row.orbit} of {classes} trees")
+            raise damage(path, f"{row.key} is {row.status!r} with {row.orbit} of {classes} symmetric copies")
         if row.feasible != (row.objective is not None):
             raise damage(path, f"{row.key} is {row.status} with the objective {row.objective}")
         if row.objective is not None:
@@ -107,7 +107,7 @@ def _differences(ledger: Ledger, contexts: list[Context], space: Space, row: Row
     if len(keys) > 1 or design.topology.n != row.modules:
         yield "key is not that of its tree"
     if row.orbit != candidate.orbit:
-        yield f"tree stands for {candidate.orbit}, not {row.orbit}"
+        yield f"tree has {candidate.orbit} symmetric copies, not {row.orbit}"
     values = {
         "objective": (row.objective, design.objective),
         "margin": (row.margin, context.margin),

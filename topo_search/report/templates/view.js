@@ -81,7 +81,9 @@ class View {
   load() {
     this.value = read(this.plot.dataset.view);
     this.meshes = read("meshes");
-    for (const trace of [this.value.data, ...Object.values(this.extras())].flatMap((traces) => traces ?? [])) {
+    const traces = [this.value.data, ...Object.values(this.extras())].flatMap((traces) => traces ?? []);
+    for (const [number, trace] of traces.entries()) {
+      trace.uid = `trace-${number}`;
       for (const axis of "xyz") trace[axis] = numbers(trace[axis]);
     }
     return this.show();
@@ -152,6 +154,7 @@ class View {
   }
 
   // Gives every corner its module's numbers for the pointer; rotors in a load case have the colour of their throttle.
+  // They are a trace of their own: a mesh that Plotly has once given a scale of colours keeps it.
   tell(trace, part, count, number) {
     const corners = this.meshes[part].x.length;
     const { modules, throttle } = this.value;
@@ -164,7 +167,7 @@ class View {
       for (const u of throttle[number][c]) for (let v = 0; v < corners / 4; v++) trace.intensity.push(100 * u);
     }
     const bar = { title: { text: "throttle [%]" }, len: 0.6, y: 0.45, thickness: 12, outlinewidth: 0 };
-    Object.assign(trace, { cmin: 0, cmax: 100, colorscale: THROTTLE, showscale: true, colorbar: bar });
+    Object.assign(trace, { uid: "throttle", cmin: 0, cmax: 100, colorscale: THROTTLE, showscale: true, colorbar: bar });
   }
 
   // The throttles of a module's rotors: of one load case each, of all how far they go.
