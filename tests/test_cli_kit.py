@@ -1,4 +1,4 @@
-"""`topo-search kit`: the choice against all combinations, the shared part against all maps, and two runs end to end."""
+"""`topo-search kit`: the choice against all combinations, the shared part against all maps, and two runs."""
 
 import json
 import math
@@ -14,7 +14,6 @@ import toy_problem
 from click.testing import CliRunner
 from toy_problem import toy_run, toy_task
 
-from topo_search import compose
 from topo_search.cli import main
 from topo_search.compose.drawer import choose, count_kinds, shared_part
 from topo_search.export.poses import poses
@@ -104,7 +103,7 @@ def same_place(one: Design, other: Design, part: dict[int, int]) -> None:
 
 def test_a_platform_counted_from_another_root_shares_everything():
     draw = random.Random(3)
-    one = made_up(draw, 3, "a110")  # +x of 0, +x of 1
+    one = made_up(draw, 3, "a120")  # a straight chain
     first, second = one.hinge_angles_rad
     middle = toy_problem.solve(one.task, Topology(((-1, -1, -1), (0, 0, 2), (0, 2, 0))), starts=range(1), seed=0)
     other = middle.model_copy(update={"hinge_angles_rad": (second, -first)})
@@ -164,7 +163,9 @@ def test_within_nothing_the_best_designs_are_chosen(tmp_path):
     bests = [run(tmp_path / name, {}, name=name) for name in ("push", "wall")]
     done = make(tmp_path / "push", tmp_path / "wall", "--within", 0, "--out", tmp_path / "kit")
     assert done.exit_code == 0, done.output
-    kept = [read_json(Design, tmp_path / f"kit/{k}-{best.task.name}/design.json") for k, best in enumerate(bests, 1)]
+    kept = [
+        read_json(Design, tmp_path / f"kit/{k}-{best.task.name}/design.json") for k, best in enumerate(bests, 1)
+    ]
     assert kept == bests
     assert "0 % of their least effort" in done.output
 

@@ -26,11 +26,11 @@ from topo_search.cli.errors import explain_errors, note
 def kit(runs: tuple[Path, ...], within: float, out: Path, as_json: bool) -> None:
     """Choose a design for each of several tasks such that the same few brackets build them all.
 
-    RUN is the folder of a finished run. Of its clear designs, as large as its best one, those within --within can be
-    chosen: such that the drawer has the fewest brackets, then that the fewest joints are undone and bolted from task
-    to task in the order given, then with the least effort. A kind of bracket is the size of a hinge angle, rounded to
-    a thousandth of a degree; the drawer has as many as the task that needs most of them. DIR gets `kit.json` and a
-    folder with the kit of each task, as of `export --format kit`.
+    RUN is the folder of a finished run. Its clear designs that are as large as its best one, and within --within of
+    it, can be chosen: such that the drawer has the fewest brackets, then that the fewest joints are undone and
+    bolted from task to task in the order given, then with the least effort. A kind is the size of a hinge angle,
+    rounded to a thousandth of a degree; the drawer has as many as the task that needs most of them. DIR gets
+    `kit.json` and a folder with the kit of each task, as of `export --format kit`.
 
     Exit status: 0; 2 bad input; 3 no common kit, because a run has no clear design.
     """

@@ -2,7 +2,7 @@
 
 | symbol | meaning | unit |
 |---|---|---|
-| t, d, k | task, one of its designs, kind of bracket: the size of its hinge angle, rounded as the kit's file names | |
+| t, d, k | task, one of its designs, kind of bracket: the size of its angle, rounded as in the kit's file names | |
 | x[t, d] | 1 for the design that is chosen | |
 | c[d, k] | brackets of a kind in a design | |
 | y[k] | brackets of a kind in the drawer: `y[k] >= sum_d c[d, k] x[t, d]` for every task | |
@@ -10,8 +10,9 @@
 | m[d, e] | joints to undo and to bolt from d to e | |
 | J, J* | effort of a design, and the least of its task | rad^4/s^4 |
 
-Least sum y first, of these least sum m z, of these least sum J / J* x: three integer programs. A bracket turned upside
-down turns the other way, so the sign of its angle makes no other kind. Modules are alike, and alike after half a turn.
+Least sum y first, of these least sum m z, of these least sum J / J* x: three integer programs. A bracket turned
+upside down turns the other way, so the sign of its angle makes no other kind. Modules are alike, and alike after
+half a turn.
 """
 
 from __future__ import annotations
@@ -147,7 +148,7 @@ def kit(
     """Choose a design for each of several tasks such that few brackets serve them all, and write their kits.
 
     Args:
-        runs: folders of finished runs, in the order of the tasks; each gives its clear designs of the best one's size.
+        runs: folders of finished runs in the order of the tasks; each gives its clear designs as large as its best.
         out: a new or empty folder, which gets `kit.json` and a folder with the kit of each task.
         within: largest effort of a design over the least of its task [%].
         note: receives what is to be known beside it.
@@ -161,9 +162,7 @@ def kit(
         raise BadInput("--out", [Fault("", f"must be a new or empty folder, but got {out}")])
     choices = [_read_choices(Path(run), within) for run in runs]
     _require_same_module(choices)
-    chosen = [
-        each.designs[d] for each, d in zip(choices, choose([each.designs for each in choices]), strict=True)
-    ]
+    chosen = [each.designs[d] for each, d in zip(choices, choose([each.designs for each in choices]), strict=True)]
     shared = _describe(choices, chosen, within)
     for number, (design, told) in enumerate(zip(chosen, shared.tasks, strict=True)):
         beside = brackets_note(design)
@@ -214,7 +213,8 @@ def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
         )
         if not found.success:
             raise RuntimeError(f"the integer program of the drawer failed: {found.message}")
-        rows.append(({c: cost[c] for c in np.flatnonzero(cost)}, -math.inf, round(found.fun) + 0.5))  # whole numbers, but for the last
+        fixed = {c: value for c, value in enumerate(cost.tolist()) if value}
+        rows.append((fixed, -math.inf, round(found.fun) + 0.5))  # a whole number, but for the last
     return tuple(int(np.argmax(found.x[of])) for of in tasks)
 
 
@@ -255,7 +255,7 @@ def _joints(design: Design) -> list[tuple[int, int, int, int, float]]:
 
 
 def _ports(design: Design) -> dict[int, dict[int, tuple[int, int, float]]]:
-    """Return for every module and port with a joint the module there, its port, and phi, the same from both ends."""
+    """Return for every module's port with a joint the module there, its port, and phi, the same at both ends."""
     ports: dict[int, dict[int, tuple[int, int, float]]] = {i: {} for i in range(design.topology.n)}
     for h, i, a, b, phi in _joints(design):
         ports[h][a], ports[i][b] = (i, b, phi), (h, a, phi)
@@ -298,9 +298,7 @@ def _read_choices(run: Path, within: float) -> Choices:
 
 def _require_same_module(choices: Sequence[Choices]) -> None:
     """Refuse tasks whose modules are not the same, whatever their airflow: that is up to the task."""
-    first, *others = (
-        each.designs[0].task.module.model_dump(mode="json", exclude={"airflow"}) for each in choices
-    )
+    first, *others = (each.designs[0].task.module.model_dump(mode="json", exclude={"airflow"}) for each in choices)
     for each, other in zip(choices[1:], others, strict=True):
         names = sorted({*first, *other})
         if faults := [
