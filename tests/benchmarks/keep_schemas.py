@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from topo_search.compose.drawer import SharedKit
 from topo_search.export.allocation import Allocation
 from topo_search.model import Audit, Design, Task
 from topo_search.model.design import Relaxed
@@ -26,6 +27,7 @@ MODELS = {
     "allocation": Allocation,
     "flight": FlightResult,
     "capability": Capability,
+    "kit": SharedKit,
 }
 
 

@@ -13,6 +13,7 @@ from topo_search.cli.experiment import experiment
 from topo_search.cli.export import export
 from topo_search.cli.fly import fly
 from topo_search.cli.init import init
+from topo_search.cli.kit import kit
 from topo_search.cli.prove import prove
 from topo_search.cli.report import report
 from topo_search.cli.run import run
@@ -36,6 +37,7 @@ for command in (
     prove,
     topologies,
     export,
+    kit,
     fly,
     capability,
     airflow,

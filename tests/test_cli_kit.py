@@ -1,0 +1,205 @@
+"""`topo-search kit`: the choice against all combinations, the shared part against all maps, and two runs."""
+
+import json
+import math
+import random
+from collections import Counter
+from dataclasses import replace
+from itertools import pairwise, permutations, product
+
+import networkx as nx
+import numpy as np
+import pytest
+import toy_problem
+from click.testing import CliRunner
+from toy_problem import toy_run, toy_task
+
+from topo_search.cli import main
+from topo_search.compose.drawer import choose, count_kinds, shared_part
+from topo_search.export.poses import poses
+from topo_search.model import Design, Module, Topology
+from topo_search.model.files import read_json
+from topo_search.topologies import sample
+
+ANGLES = (-45.0, -30.0, 0.0, 30.0, 30.0004)
+
+
+def made_up(draw: random.Random, n: int, key: str | None = None) -> Design:
+    """Return a design of a tree with angles and an effort that are drawn."""
+    tree = Topology.from_key(key or draw.choice(["a300", "a500", "a110", "p190"] if n == 3 else ["a7000", "a1110"]))
+    design = toy_problem.solve(toy_task(n).resolve(n), tree, starts=range(1), seed=0)
+    angles = tuple(math.radians(draw.choice(ANGLES)) for _ in range(n - 1))
+    return design.model_copy(update={"hinge_angles_rad": angles, "objective": draw.uniform(1.0, 1.02)})
+
+
+def brute_part(one: Design, other: Design) -> int:
+    """Return the number of joints in the largest piece that two designs of one size share, over all maps."""
+    n, most = one.topology.n, 0
+
+    def joints(design):
+        turns = np.array([1, -1, -1, 1])
+        for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
+            yield h, a, i, b, round(turns[a] * math.degrees(alpha), 3)
+
+    theirs = {frozenset([(h, a), (i, b)]): angle for h, a, i, b, angle in joints(other)}
+    for numbers, turns in product(permutations(range(n)), product((0, 2), repeat=n)):
+        kept = nx.Graph()
+        for h, a, i, b, angle in joints(one):
+            ends = frozenset([(numbers[h], (a + turns[h]) % 4), (numbers[i], (b + turns[i]) % 4)])
+            if theirs.get(ends) == angle:
+                kept.add_edge(h, i)
+        most = max([most, *(len(piece) - 1 for piece in nx.connected_components(kept))])
+    return most
+
+
+def drawer_size(designs) -> int:
+    """Return the number of brackets that serve all designs."""
+    each = [Counter(round(abs(math.degrees(a)), 3) for a in design.hinge_angles_rad) for design in designs]
+    return sum(max(counts[kind] for counts in each) for kind in set().union(*each))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_choice_is_that_of_all_combinations(seed):
+    draw = random.Random(seed)
+    sizes = [3, 3, 3] if seed else [4, 4]
+    choices = [[made_up(draw, n) for _ in range(draw.randint(1, 4))] for n in sizes]
+    least = [min(design.objective for design in each) for each in choices]
+    stay = [[[brute_part(a, b) for b in other] for a in one] for one, other in pairwise(choices)]
+
+    def cost(places):
+        designs = [each[d] for each, d in zip(choices, places, strict=True)]
+        moves = -sum(table[d][e] for table, (d, e) in zip(stay, pairwise(places), strict=True))
+        effort = sum(design.objective / J for design, J in zip(designs, least, strict=True))
+        return drawer_size(designs), moves, effort
+
+    assert choose(choices) == min(product(*(range(len(each)) for each in choices)), key=cost)
+
+
+def test_one_task_and_one_module_have_a_choice_too():
+    draw = random.Random(0)
+    alone = [made_up(draw, 1, "a0") for _ in range(3)]
+    assert choose([alone]) == (min(range(3), key=lambda d: alone[d].objective),)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_shared_part_is_congruent_and_the_largest(seed):
+    draw = random.Random(seed)
+    n = 4
+    keys = [topology.key for topology in sample(n, 2, seed=seed, connectors="any")]
+    one, other = (made_up(draw, n, key) for key in keys)
+    part = shared_part(one, other)
+    assert len(part) - 1 == brute_part(one, other)
+    same_place(one, other, part)
+
+
+def same_place(one: Design, other: Design, part: dict[int, int]) -> None:
+    """Hold the modules of a part against each other: where each sees the others, up to half a turn of its own."""
+    at, there = poses(one), poses(other)
+    for (i, j), (k, m) in product(part.items(), repeat=2):
+        mine, theirs = (p.R[u].T @ (p.p[v] - p.p[u]) for p, u, v in ((at, i, k), (there, j, m)))
+        assert min(np.abs(theirs - mine * [s, s, 1]).max() for s in (1, -1)) < 1e-5
+        assert at.z[i] @ at.z[k] == pytest.approx(there.z[j] @ there.z[m], abs=1e-5)
+
+
+def test_a_platform_counted_from_another_root_shares_everything():
+    draw = random.Random(3)
+    one = made_up(draw, 3, "a120")  # a straight chain
+    first, second = one.hinge_angles_rad
+    middle = toy_problem.solve(one.task, Topology(((-1, -1, -1), (0, 0, 2), (0, 2, 0))), starts=range(1), seed=0)
+    other = middle.model_copy(update={"hinge_angles_rad": (second, -first)})
+    part = shared_part(one, other)
+    assert part == {0: 2, 1: 0, 2: 1}
+    same_place(one, other, part)
+    assert count_kinds(one) == count_kinds(other)
+
+
+def bent(angles: dict[str, tuple[float, float]]):
+    """Return a solver whose trees have these angles [deg]."""
+
+    def solve(task, topology, **options):
+        design = toy_problem.solve(task, topology, **options)
+        given = angles.get(topology.key, (11.0, 12.0))
+        return design.model_copy(update={"hinge_angles_rad": tuple(map(math.radians, given))})
+
+    return replace(toy_problem.BACKENDS, solve=solve)
+
+
+def run(path, angles, **fields) -> Design:
+    task = toy_task().model_copy(update=fields)
+    toy_run(path, task=task, backends=bent(angles))
+    return read_json(Design, path / "best.json")
+
+
+def make(*words):
+    return CliRunner().invoke(main, ["kit", *map(str, words)], catch_exceptions=False)
+
+
+def test_two_runs_end_in_a_drawer_a_change_and_two_kits(tmp_path):
+    angles = {"a300": (30.0, -30.0), "a500": (20.0, 30.0), "a110": (30.0, 45.0)}
+    run(tmp_path / "one", angles, name="push")
+    run(tmp_path / "two", {key: pair[::-1] for key, pair in angles.items()}, name="wall")
+    done = make(tmp_path / "one", tmp_path / "two", "--within", 100, "--out", tmp_path / "kit", "--json")
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert told == json.loads((tmp_path / "kit/kit.json").read_text())
+    designs = [read_json(Design, tmp_path / "kit" / task["design"]) for task in told["tasks"]]
+    assert [task["task"] for task in told["tasks"]] == ["push", "wall"]
+    assert sum(kind["count"] for kind in told["brackets"]) == drawer_size(designs) == 2
+    (change,) = told["changes"]
+    undo = 2 - brute_part(*designs)
+    assert {name: change[name] for name in ("from", "to", "undo", "bolt")} == {
+        "from": "push", "to": "wall", "undo": undo, "bolt": undo,
+    }  # fmt: skip
+    for task, design in zip(told["tasks"], designs, strict=True):
+        best = read_json(Design, tmp_path / ("one" if task["task"] == "push" else "two") / "best.json")
+        assert task["over_best_percent"] == pytest.approx(100 * (design.objective / best.objective - 1))
+    sheets = [(tmp_path / "kit" / task["design"]).with_name("assembly.html").read_text() for task in told["tasks"]]
+    assert [f"from push to wall: undo {undo} joints" in sheet for sheet in sheets] == [False, True]
+    again = make(tmp_path / "one", "--out", tmp_path / "kit")
+    assert (again.exit_code, "new or empty" in again.output) == (2, True)
+
+
+def test_within_nothing_the_best_designs_are_chosen(tmp_path):
+    bests = [run(tmp_path / name, {}, name=name) for name in ("push", "wall")]
+    done = make(tmp_path / "push", tmp_path / "wall", "--within", 0, "--out", tmp_path / "kit")
+    assert done.exit_code == 0, done.output
+    kept = [
+        read_json(Design, tmp_path / f"kit/{k}-{best.task.name}/design.json") for k, best in enumerate(bests, 1)
+    ]
+    assert kept == bests
+    assert "0 % of their least effort" in done.output
+
+
+def test_what_has_no_common_kit_says_so(tmp_path, monkeypatch):
+    run(tmp_path / "one", {})
+    monkeypatch.setenv("TOY_NONE", "*")
+    toy_run(tmp_path / "none")
+    done = make(tmp_path / "one", tmp_path / "none", "--out", tmp_path / "kit")
+    assert done.exit_code == 3, done.output
+    assert f"{tmp_path / 'none'} has no design with a clear audit" in done.stderr
+    assert not (tmp_path / "kit").exists()
+
+
+@pytest.mark.parametrize(
+    ("other", "rule"),
+    [
+        ("push", "must be the folder of a finished run"),
+        ("folder", "is not a run folder"),
+        ("heavy", "module.mass: must be that of"),
+    ],
+)
+def test_what_is_no_run_or_has_other_modules_is_refused(tmp_path, other, rule):
+    run(tmp_path / "one", {})
+    (tmp_path / "folder").mkdir()
+    if other == "heavy":
+        run(tmp_path / other, {}, module=Module(mass=0.3))
+    done = make(tmp_path / "one", tmp_path / other, "--out", tmp_path / "kit")
+    assert (done.exit_code, rule in done.stderr) == (2, True), done.output
+    assert not (tmp_path / "kit").exists()
+
+
+def test_a_run_with_something_left_is_refused(tmp_path):
+    run(tmp_path / "one", {})
+    toy_run(tmp_path / "left", time_limit=0.0)
+    done = make(tmp_path / "left", "--out", tmp_path / "kit")
+    assert (done.exit_code, "something is left to do" in done.stderr) == (2, True), done.output

@@ -1,0 +1,50 @@
+"""`topo-search kit`: one drawer of brackets for several tasks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from topo_search.cli import options
+from topo_search.cli.errors import explain_errors, note
+
+
+@click.command(epilog="Example: topo-search kit runs/push-*/ runs/wall-push-*/ --out kit")
+@click.argument("runs", metavar="RUN...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--within",
+    type=click.FloatRange(0, 1000),
+    callback=options.number,
+    default=2.0,
+    show_default=True,
+    metavar="PERCENT",
+    help="Choose from designs with at most so much more effort than the best of their task.",
+)
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="A new or empty folder.")
+@options.as_json
+def kit(runs: tuple[Path, ...], within: float, out: Path, as_json: bool) -> None:
+    """Choose a design for each of several tasks such that the same few brackets build them all.
+
+    RUN is the folder of a finished run. Its clear designs that are as large as its best one, and within --within of
+    it, can be chosen: such that the drawer has the fewest brackets, then that the fewest joints are undone and
+    bolted from task to task in the order given, then with the least effort. A kind is the size of a hinge angle,
+    rounded to a thousandth of a degree; the drawer has as many as the task that needs most of them. DIR gets
+    `kit.json` and a folder with the kit of each task, as of `export --format kit`.
+
+    Exit status: 0; 2 bad input; 3 no common kit, because a run has no clear design.
+    """
+    with explain_errors():
+        from topo_search.compose.drawer import NoCommonKit
+        from topo_search.compose.drawer import kit as make_kit
+
+        try:
+            shared = make_kit(runs, out=out, within=within, note=note)
+        except NoCommonKit as error:
+            note(str(error))
+            raise SystemExit(3) from None
+        if as_json:
+            options.echo_json(shared.model_dump(mode="json"))
+        else:
+            for line in (*shared.lines, f"the kits are in {out}"):
+                click.echo(line)

@@ -1,0 +1,339 @@
+"""One drawer of brackets for several tasks: a design for each from its run, and what to move from task to task.
+
+| symbol | meaning | unit |
+|---|---|---|
+| t, d, k | task, one of its designs, kind of bracket: the size of its angle, rounded as in the kit's file names | |
+| x[t, d] | 1 for the design that is chosen | |
+| c[d, k] | brackets of a kind in a design | |
+| y[k] | brackets of a kind in the drawer: `y[k] >= sum_d c[d, k] x[t, d]` for every task | |
+| z[t, d, e] | 1 if d is chosen for task t and e for the next: `sum_e z = x[t, d]`, `sum_d z = x[t + 1, e]` | |
+| m[d, e] | joints to undo and to bolt from d to e | |
+| J, J* | effort of a design, and the least of its task | rad^4/s^4 |
+
+Least sum y first, of these least sum m z, of these least sum J / J* x: three integer programs. A bracket turned
+upside down turns the other way, so the sign of its angle makes no other kind. Modules are alike, and alike after
+half a turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from topo_search.compose.designs import brackets_note
+from topo_search.export.brackets import DIGITS, TURNS
+from topo_search.export.kit import write_kit
+from topo_search.model import BadInput, Design, Fault
+from topo_search.model.files import to_json, write_atomically
+from topo_search.model.proven import upper_text
+from topo_search.model.value import Index, Number, Value
+from topo_search.study import RunFolder, answer_of
+
+FILE = "kit.json"
+
+
+class NoCommonKit(Exception):
+    """A task has no audited design to choose from."""
+
+
+class ChosenDesign(Value):
+    """The design that is chosen for a task."""
+
+    task: str
+    run: str
+    """Folder of its run."""
+    design: str
+    """Its file, in the folder of the kit."""
+    topology_key: str
+    over_best_percent: Number
+    """Effort over the least of its task [%]."""
+
+
+class Brackets(Value):
+    """Brackets of one kind in the drawer."""
+
+    angle_deg: Number
+    """Size of the hinge angle [deg]."""
+    count: Index
+    """As many as the task that needs most of them."""
+
+
+class Change(Value):
+    """Joints to undo and to bolt from one task to the next; the part that stays is in one piece."""
+
+    model_config = ConfigDict(serialize_by_alias=True, validate_by_name=True)
+
+    before: str = Field(alias="from")
+    """Task."""
+    after: str = Field(alias="to")
+    """The next task."""
+    undo: Index
+    """Number of joints."""
+    bolt: Index
+    """Number of joints."""
+    stay: tuple[tuple[Index, Index], ...]
+    """Modules that stay bolted together: number in the design before, and in that after."""
+
+    @property
+    def words(self) -> str:
+        """What to do, in a sentence's part."""
+        todo = f"from {self.before} to {self.after}: undo {self.undo} joints, then bolt {self.bolt}"
+        if len(self.stay) == 1:
+            return f"{todo}; no two modules stay together"
+        stay = ", ".join(f"{i} as {j}" for i, j in self.stay)
+        return f"{todo}; these modules stay bolted together in one piece: {stay}"
+
+
+class SharedKit(Value):
+    """One drawer of brackets for several tasks, as `kit.json` holds it."""
+
+    format: Literal["topo-search/kit"] = "topo-search/kit"
+    version: Literal[1] = 1
+    within_percent: Number
+    """Largest effort of a design that could be chosen, over the least of its task [%]."""
+    modules: Index
+    """Number of modules of the largest design."""
+    tasks: tuple[ChosenDesign, ...]
+    """In the order given."""
+    brackets: tuple[Brackets, ...]
+    """By angle. No choice of the designs kept needs fewer in all."""
+    changes: tuple[Change, ...]
+    """One from each task to the next."""
+    designs_kept: tuple[Index, ...]
+    """Number of designs that each task could choose from."""
+
+    @property
+    def lines(self) -> list[str]:
+        """The drawer, the tasks and the changes, for a reader."""
+        brackets = sum(kind.count for kind in self.brackets)
+        most = upper_text(max(task.over_best_percent for task in self.tasks), 3)
+        kept = " x ".join(map(str, self.designs_kept))
+        return [
+            f"{self.modules} modules and {brackets} brackets of {len(self.brackets)} kinds do all tasks within "
+            f"{most} % of their least effort",
+            f"no choice of the designs kept ({kept}) needs fewer brackets",
+            *(f"bracket {kind.angle_deg:.{DIGITS}f} deg: {kind.count}" for kind in self.brackets),
+            *(
+                f"{task.task}: {task.topology_key}, {upper_text(task.over_best_percent, 3)} % over the least effort"
+                for task in self.tasks
+            ),
+            *(change.words for change in self.changes),
+        ]
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Designs of a run to choose from."""
+
+    run: Path
+    designs: tuple[Design, ...]
+    """Least effort first."""
+
+
+def kit(
+    runs: Sequence[str | Path],
+    *,
+    out: str | Path,
+    within: float = 2.0,
+    note: Callable[[str], None] = lambda _: None,
+) -> SharedKit:
+    """Choose a design for each of several tasks such that few brackets serve them all, and write their kits.
+
+    Args:
+        runs: folders of finished runs in the order of the tasks; each gives its clear designs as large as its best.
+        out: a new or empty folder, which gets `kit.json` and a folder with the kit of each task.
+        within: largest effort of a design over the least of its task [%].
+        note: receives what is to be known beside it.
+
+    Raises:
+        BadInput: something is no finished run, modules differ, brackets do not fit, or the folder is in use.
+        NoCommonKit: a run has no design with a clear audit.
+    """
+    out = Path(out)
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise BadInput("--out", [Fault("", f"must be a new or empty folder, but got {out}")])
+    choices = [_read_choices(Path(run), within) for run in runs]
+    _require_same_module(choices)
+    chosen = [each.designs[d] for each, d in zip(choices, choose([each.designs for each in choices]), strict=True)]
+    shared = _describe(choices, chosen, within)
+    for number, (design, told) in enumerate(zip(chosen, shared.tasks, strict=True)):
+        beside = brackets_note(design)
+        note(f"{told.task}: {beside}")
+        before = [f"{change.words}." for change in shared.changes[number - 1 : number]]
+        written = write_kit(design, (out / told.design).parent, (*before, beside))
+        for text in written.notes:
+            note(f"{told.task}: {text}")
+    write_atomically(out / FILE, to_json(shared))
+    return shared
+
+
+def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
+    """Return the place of the design to choose for each task, by the programs of the module's docstring."""
+    from scipy.optimize import LinearConstraint, milp  # slow to import
+    from scipy.sparse import csr_array
+
+    designs = [design for each in choices for design in each]
+    places = iter(range(len(designs)))
+    tasks = [[next(places) for _ in each] for each in choices]
+    counts = [count_kinds(design) for design in designs]
+    y = {kind: len(designs) + k for k, kind in enumerate(sorted(set().union(*counts)))}
+    pairs = [pair for one, other in pairwise(tasks) for pair in product(one, other)]
+    z = {pair: len(designs) + len(y) + p for p, pair in enumerate(pairs)}
+    rows: list[tuple[dict[int, float], float, float]] = [(dict.fromkeys(of, 1.0), 1.0, 1.0) for of in tasks]
+    rows += [
+        ({y[kind]: 1.0} | {d: -float(counts[d][kind]) for d in of}, 0.0, math.inf) for of in tasks for kind in y
+    ]
+    for one, other in pairwise(tasks):
+        rows += [({d: -1.0} | {z[d, e]: 1.0 for e in other}, 0.0, 0.0) for d in one]
+        rows += [({e: -1.0} | {z[d, e]: 1.0 for d in one}, 0.0, 0.0) for e in other]
+    size = len(designs) + len(y) + len(z)
+    drawer, moves, effort = np.zeros((3, size))
+    drawer[list(y.values())] = 1.0
+    for (d, e), place in z.items():
+        moves[place] = sum(_moves(designs[d], designs[e], len(shared_part(designs[d], designs[e]))))
+    effort[: len(designs)] = [1 + _excess(design, each) for each in choices for design in each]
+    for cost in (drawer, moves, effort):
+        entries = [(r, c, value) for r, (row, _, _) in enumerate(rows) for c, value in row.items()]
+        at_row, at_column, values = zip(*entries, strict=True)
+        A = csr_array((values, (at_row, at_column)), shape=(len(rows), size))
+        _, lower, upper = zip(*rows, strict=True)
+        found = milp(
+            cost,
+            constraints=LinearConstraint(A, lower, upper),
+            integrality=np.arange(size) < len(designs),
+            options={"mip_rel_gap": 0.0, "presolve": False},  # SciPy 1.17's presolve may never end on the last
+        )
+        if not found.success:
+            raise RuntimeError(f"the integer program of the drawer failed: {found.message}")
+        fixed = {c: value for c, value in enumerate(cost.tolist()) if value}
+        rows.append((fixed, -math.inf, round(found.fun) + 0.5))  # a whole number, but for the last
+    return tuple(int(np.argmax(found.x[of])) for of in tasks)
+
+
+def count_kinds(design: Design) -> Counter[float]:
+    """Return the number of brackets of each kind, by the size of the angle [deg]."""
+    return Counter(abs(angle) for *_, angle in _joints(design))
+
+
+def shared_part(one: Design, other: Design) -> dict[int, int]:
+    """Return the largest part in one piece that two designs share: numbers of its modules in one, and in the other.
+
+    It is found exactly: a module, its number in the other design and a half turn of it or none fix all the rest.
+    """
+    mine, theirs = _ports(one), _ports(other)
+    largest: dict[int, int] = {}
+    seen = set[tuple[int, int, int]]()
+    for start in product(mine, theirs, (0, 2)):
+        if start in seen:
+            continue
+        part, grown = {start[0]: start[1:]}, [start[0]]
+        for i in grown:
+            j, turn = part[i]
+            for port, (child, child_port, angle) in mine[i].items():
+                match = theirs[j].get((port + turn) % 4)
+                if child not in part and match and match[2] == angle and (match[1] - child_port) % 2 == 0:
+                    part[child] = match[0], (match[1] - child_port) % 4
+                    grown.append(child)
+        seen.update((i, *at) for i, at in part.items())
+        if len(part) > len(largest):
+            largest = {i: j for i, (j, _) in part.items()}
+    return largest
+
+
+def _joints(design: Design) -> list[tuple[int, int, int, int, float]]:
+    """Return (h, i, a, b, phi) of every joint: phi, rounded, is the child's turn as of `export.brackets` [deg]."""
+    edges = zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
+    return [(*edge, round(TURNS[edge[2]] * math.degrees(alpha), DIGITS)) for edge, alpha in edges]
+
+
+def _ports(design: Design) -> dict[int, dict[int, tuple[int, int, float]]]:
+    """Return for every module's port with a joint the module there, its port, and phi, the same at both ends."""
+    ports: dict[int, dict[int, tuple[int, int, float]]] = {i: {} for i in range(design.topology.n)}
+    for h, i, a, b, phi in _joints(design):
+        ports[h][a], ports[i][b] = (i, b, phi), (h, a, phi)
+    return ports
+
+
+def _moves(one: Design, other: Design, stay: int) -> tuple[int, int]:
+    """Return the number of joints to undo and to bolt where so many modules stay in one piece."""
+    return one.topology.n - stay, other.topology.n - stay
+
+
+def _excess(design: Design, choices: Sequence[Design]) -> float:
+    """Return the effort of a design over the least of its task, less one."""
+    least = min(each.objective for each in choices)
+    return design.objective / least - 1 if least else 0.0
+
+
+def _read_choices(run: Path, within: float) -> Choices:
+    """Return the designs of a run with a clear audit, of the best one's size and so much effort at most."""
+    if not run.is_dir():
+        rule = "must be the folder of a finished run (`topo-search run TASK --out RUN`), but is no folder"
+        raise BadInput(str(run), [Fault("", rule)])
+    with RunFolder.load(run) as folder:
+        answer = answer_of(folder)
+        if not answer.complete:
+            rule = "must be a finished run, but something is left to do; continue it with the same command"
+            raise BadInput(str(run), [Fault("", rule)])
+        best = answer.best
+        if best is None or best.objective is None:
+            raise NoCommonKit(f"no common kit: {run} has no design with a clear audit")
+        level = folder.levels[answer.points[0].number if answer.points else 0]
+        contexts, most = level.request.contexts(best.modules), (1 + within / 100) * best.objective
+        designs = [
+            level.ledger.result(contexts[row.step], row.key)
+            for row in level.ledger.ranking(best.modules)
+            if row.clear and row.objective is not None and row.objective <= most
+        ]
+        return Choices(run, tuple(design for design in designs if isinstance(design, Design)))
+
+
+def _require_same_module(choices: Sequence[Choices]) -> None:
+    """Refuse tasks whose modules are not the same, whatever their airflow: that is up to the task."""
+    first, *others = (each.designs[0].task.module.model_dump(mode="json", exclude={"airflow"}) for each in choices)
+    for each, other in zip(choices[1:], others, strict=True):
+        names = sorted({*first, *other})
+        if faults := [
+            Fault(f"module.{name}", f"must be that of {choices[0].run}, as one drawer holds modules of one kind")
+            for name in names
+            if first.get(name) != other.get(name)
+        ]:
+            raise BadInput(str(each.run), faults)
+
+
+def _describe(choices: Sequence[Choices], chosen: Sequence[Design], within: float) -> SharedKit:
+    """Return what `kit.json` says of the designs that are chosen."""
+    drawer = Counter[float]()
+    for design in chosen:
+        drawer |= count_kinds(design)
+    changes = []
+    for one, other in pairwise(chosen):
+        part = shared_part(one, other)
+        undo, bolt = _moves(one, other, len(part))
+        stay = tuple(sorted(part.items()))
+        changes.append(Change(before=one.task.name, after=other.task.name, undo=undo, bolt=bolt, stay=stay))
+    return SharedKit(
+        within_percent=within,
+        modules=max(design.topology.n for design in chosen),
+        tasks=tuple(
+            ChosenDesign(
+                task=design.task.name,
+                run=str(each.run),
+                design=f"{number}-{design.task.name}/design.json",
+                topology_key=design.topology.key,
+                over_best_percent=100 * _excess(design, each.designs),
+            )
+            for number, (each, design) in enumerate(zip(choices, chosen, strict=True), start=1)
+        ),
+        brackets=tuple(Brackets(angle_deg=angle, count=count) for angle, count in sorted(drawer.items())),
+        changes=tuple(changes),
+        designs_kept=tuple(len(each.designs) for each in choices),
+    )
