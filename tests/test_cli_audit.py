@@ -151,7 +151,7 @@ def test_the_summary_names_what_is_wrong_and_by_how_much(command, tmp_path):
     assert overview["bad.json"][0] == "violated"
     assert overview["bad.json"][-3] == "2"
     assert overview["bad.json"][-1] == "3"
-    (objective,) = (row for row in rows if row[0] == "objective")
+    (objective,) = (row for row in rows if row[0] == "control effort J")
     stated, derived = (float(cell) for cell in objective[-2:])
     assert stated == pytest.approx(2 * derived)
     shares = {row[0]: row[-1] for row in rows if row[0].startswith("airflow of modules") and row[1] == "violated"}
