@@ -89,9 +89,9 @@ class Fastest:
     """The fastest of each module's neighbourhood."""
 
 
-def name_of(task: ResolvedTask, exposure: int, case: int) -> str:
+def name_of(task: ResolvedTask, at: Fastest) -> str:
     """Name a limit as the audit does."""
-    return names.air(exposure, task.exposure[exposure], task.case_labels[case])
+    return names.air(at.exposure, task.exposure[at.exposure], task.case_labels[at.case])
 
 
 def fastest(point: Point) -> Iterator[Fastest]:
@@ -108,7 +108,6 @@ def fastest(point: Point) -> Iterator[Fastest]:
     induced = _induced_speeds(task, point.u)
     for number, asked in limited:
         shapes = [shape.at(point.p_E - point.p_COM) for shape in asked.shapes]
-        within = getattr(asked, "speed_within", None)
         for case in range(len(task.declared.load_cases)):
 
             def air(x: Array, u: Array = induced[case]) -> Array:
@@ -116,30 +115,25 @@ def fastest(point: Point) -> Iterator[Fastest]:
 
             found, points = [], set[SpeedPoint]()
             for shape in shapes:
-                inside = partial(_pull_inside, shape, l_arm, within)
+                inside = partial(_pull_inside, shape, l_arm, asked.speed_reach)
                 for i, at in enumerate(begins):
                     begin = inside(at.reshape(-1, 3))
                     if len(begin):
                         found.append(_climb(inside, air, begin[int(np.argmax(air(begin)))]))
                         if isinstance(shape, Capsule):
-                            x, y, z = _nearest(shape._replace(radius=0.0), found[-1][None] * l_arm)[0] / l_arm
-                            points.add(
-                                SpeedPoint(
-                                    case, number, (round(x, 6), round(y, 6), round(z, 6)), i, shape.radius / l_arm
-                                )
-                            )
+                            on_path = _nearest_of_path(shape, found[-1][None] * l_arm)[0] / l_arm
+                            points.add(_point(case, number, on_path, i, shape.radius / l_arm))
             if not found:
                 continue
             sums = air(np.array(found))
-            for x, y, z in np.array(found)[sums > 0.9 * sums.max()].round(6).tolist():
-                points.add(SpeedPoint(case, number, (x, y, z)))
-            yield Fastest(
-                case,
-                number,
-                asked.speed or math.inf,
-                float(sums.max()),
-                tuple(sorted(points)),
-            )
+            points.update(_point(case, number, x) for x in np.array(found)[sums > 0.9 * sums.max()])
+            yield Fastest(case, number, asked.speed or math.inf, float(sums.max()), tuple(sorted(points)))
+
+
+def _point(case: int, exposure: int, from_tip: Array, *of_ball: Any) -> SpeedPoint:
+    """Return a point in as many digits as tell it from others."""
+    x, y, z = from_tip.round(6).tolist()
+    return SpeedPoint(case, exposure, (x, y, z), *of_ball)
 
 
 class SpeedRows:
@@ -181,16 +175,7 @@ def _symbolic_speed(task: ResolvedTask) -> ca.Function:
     away, u = ca.SX.sym("away", 3), ca.SX.sym("u", 4)
     v = [_induced_speeds(task, (u[q] + 1e-6) * Units.of(task).input) for q in range(4)]
     by_rotor = [(away[0] - x) ** 2 + (away[1] - y) ** 2 for x, y, _ in ROTOR_DIRECTIONS]
-    parts = _parts(
-        task,
-        v,
-        -away[2],
-        away[0] ** 2 + away[1] ** 2,
-        by_rotor,
-        _soft_clip,
-        _soft_max,
-        lambda z: _soft_clip(1 + z / SOFTNESS),
-    )
+    parts = _parts(task, v, -away[2], away[0] ** 2 + away[1] ** 2, by_rotor, ROUNDED)
     return ca.Function("air", [away, u], [ca.sqrt(sum(part * part for part in parts))])
 
 
@@ -206,18 +191,8 @@ def _speeds(task: ResolvedTask, R: Array, p: Array, rotors: Array, induced: Arra
     depth = -np.einsum("mix,ix->mi", away, R[:, :, 2])
     on_axis = away + depth[..., None] * R[:, :, 2]
     from_rotors = on_axis[:, :, None] - (rotors - p[:, None])
-    by_rotor = np.sum(from_rotors**2, axis=-1)
-    v = [induced[:, q] for q in range(4)]
-    parts = _parts(
-        task,
-        v,
-        depth,
-        np.sum(on_axis**2, axis=-1),
-        [by_rotor[..., q] for q in range(4)],
-        _clip,
-        np.maximum,
-        _is_below,
-    )
+    by_rotor = list(np.moveaxis(np.sum(from_rotors**2, axis=-1), -1, 0))
+    parts = _parts(task, list(induced.T), depth, np.sum(on_axis**2, axis=-1), by_rotor, EXACT)
     return np.asarray(np.max(np.broadcast_arrays(*parts), axis=0))
 
 
@@ -227,9 +202,7 @@ def _parts(
     z: Any,
     beside: Any,
     by_rotor: list[Any],
-    clip: Callable[[Any], Any],
-    larger: Callable[[Any, float], Any],
-    begins: Callable[[Any], Any],
+    bends: Bends,
 ) -> list[Any]:
     """Return the speeds of a module's parts at a point, of numbers or of symbols.
 
@@ -239,10 +212,9 @@ def _parts(
         z: depth of the point.
         beside: r^2.
         by_rotor: r_q^2.
-        clip: what keeps a number within [0, 1].
-        larger: the larger of two numbers.
-        begins: 1 below the discs, at positive depths, 0 above.
+        bends: exact ones for numbers, rounded ones for symbols.
     """
+    clip, larger, begin = bends
     jet, R = task.module.airflow.jet, task.module.body.rotor_radius / task.module.arm_length
     s = z / 2
     from_origin = larger(s, 2.5) + jet.origin
@@ -251,7 +223,7 @@ def _parts(
     far = clip(s / 2.5) * jet.decay * U_H / from_origin / profile**2
     below = 5 * clip(z / 5)
     g = 1 + below / (R * R + below * below) ** 0.5
-    fade = clip((2.5 - s) / 1.5) * begins(z)
+    fade = clip((2.5 - s) / 1.5) * begin(z)
     radii = [(each + 1e-12) ** 0.5 for each in by_rotor]
     near = [
         each * g * fade * clip(0.5 + (R / g**0.5 - r) / (0.2 * (below + R)))
@@ -262,12 +234,15 @@ def _parts(
     return [far, *near, inflow]
 
 
-def _clip(t: Array) -> Array:
-    return np.clip(t, 0.0, 1.0)
+class Bends(NamedTuple):
+    """Functions with bends."""
 
-
-def _is_below(z: Array) -> Array:
-    return np.where(z >= 0, 1.0, 0.0)
+    clip: Callable[[Any], Any]
+    """A number within [0, 1]."""
+    larger: Callable[[Any, float], Any]
+    """The larger of two numbers."""
+    begin: Callable[[Any], Any]
+    """1 below the discs, at positive depths, 0 above."""
 
 
 def _soft_clip(t: ca.SX) -> ca.SX:
@@ -280,12 +255,12 @@ def _soft_step(t: ca.SX) -> ca.SX:
     return step
 
 
-def _soft_begin(z: ca.SX) -> ca.SX:
-    return _soft_clip(1 + z / SOFTNESS)
-
-
 def _soft_max(a: ca.SX, b: float) -> ca.SX:
     return (a + b + ca.sqrt((a - b) ** 2 + SOFTNESS**2)) / 2
+
+
+EXACT = Bends(partial(np.clip, a_min=0.0, a_max=1.0), np.maximum, lambda z: np.where(z >= 0, 1.0, 0.0))
+ROUNDED = Bends(_soft_clip, _soft_max, lambda z: _soft_clip(1 + z / SOFTNESS))
 
 
 def _climb(inside: Callable[[Array], Array], air: Callable[[Array], Array], x: Array) -> Array:
@@ -314,10 +289,8 @@ def _pull_inside(shape: Shape, l_arm: float, within: float | None, x: Array) -> 
 def _nearest(shape: Shape, x: Array) -> Array:
     """Return points of a region near points, (m, 3) [m]; those inside stay."""
     match shape:
-        case Capsule(radius=radius, start=start, end=end):
-            path = np.subtract(end, start)
-            along = np.clip((x - start) @ path / max(path @ path, 1e-300), 0.0, 1.0)
-            axis = start + along[:, None] * path
+        case Capsule(radius=radius):
+            axis = _nearest_of_path(shape, x)
             away = np.linalg.norm(x - axis, axis=1, keepdims=True)
             return np.asarray(axis + (x - axis) * (radius / np.maximum(away, radius)))
         case Polytope(corners=corners):
@@ -335,3 +308,10 @@ def _nearest(shape: Shape, x: Array) -> Array:
             some = np.cross(d, np.eye(3)[np.argmin(np.abs(d))])
             out = np.where(r[:, None] > 0, beside / np.maximum(r, 1e-300)[:, None], some / np.linalg.norm(some))
             return np.asarray(x - depth[:, None] * (math.sin(angle) * d - math.cos(angle) * out))
+
+
+def _nearest_of_path(capsule: Capsule, x: Array) -> Array:
+    """Return the points of a capsule's path nearest to points, (m, 3) [m]."""
+    path = np.subtract(capsule.end, capsule.start)
+    along = np.clip((x - capsule.start) @ path / max(path @ path, 1e-300), 0.0, 1.0)
+    return np.asarray(capsule.start + along[:, None] * path)

@@ -68,11 +68,13 @@ def take_in_corners(
         if overloaded and (limits is None or not limits.loads or limits.held not in (None, holder(reached))):
             # another holder than the limits are of: of both sides they hold whichever it is
             near, lacking = _near(reached, limits), lacking - overloaded
-        fast = [at for at in fastest(reached) if name_of_air(task, at.exposure, at.case) in lacking]
+        fast = {name: at for at in fastest(reached) if (name := name_of_air(task, at)) in lacking}
         if fast:
-            more_air = {one for at in fast for one in at.points}
-            near = (near or Limits(None, ()))._replace(air=tuple(sorted({*(near.air if near else ()), *more_air})))
-            lacking -= {name_of_air(task, at.exposure, at.case) for at in fast}
+            near = near or Limits(None, ())
+            near = near._replace(
+                air=tuple(sorted({*near.air, *(one for at in fast.values() for one in at.points)}))
+            )
+            lacking -= fast.keys()
         if lacking or (not more and near is limits):
             return outcome
         point, limits = with_some(whole, _labels(point.task) | more) if more else reached, near

@@ -38,14 +38,14 @@ from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
 COMPLETE = 256
-"""Most combinations tried for the sake of one optimum.
+"""Largest number of combinations tried near one optimum.
 
 If there are no more in all, each is tried; else as many hinges take either angle as make no more, those whose
 angles are farthest from the set, and the others take the nearest."""
 WIDEST = 3
-"""Most angles on each side of a hinge's angle among which clear combinations are sought."""
+"""Largest number of angles on each side of a hinge's angle to seek clear combinations among."""
 MOST_REDUCED, MOST_WHOLE = 4096, 48
-"""Most combinations solved for one tree, by the compiled search and by Ipopt."""
+"""Largest numbers of combinations solved for one tree, by the compiled search and by Ipopt."""
 MOST_MISSED = 0.1
 """Largest violation of a free-angle end near which combinations are sought [l_arm, m_t g, l_arm m_t g, rad]."""
 POLISHED = Polish(enough=4, most=8)

@@ -34,7 +34,7 @@ IN_AIRFLOW = "no straight rod that reaches the end-effector is clear of all airf
 HEAVY = 0.05
 """Share of the platform's mass above which the rod's, which the model leaves out, is reported."""
 REACHED = 1e-6
-"""Tolerance of the rod's length beyond the largest reach, as of all residuals [l_arm]."""
+"""Tolerance of the rod's length beyond the largest reach, the same as for all residuals [l_arm]."""
 LOST = "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"
 
 

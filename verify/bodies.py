@@ -162,17 +162,17 @@ class Cone:
         return np.asarray(along * sin - np.linalg.norm(across, axis=-1) * cos)
 
     def direction_across(self, x: Array) -> Array:
-        """Return the unit vector from the axis towards a point, at right angles to the axis, shape (3,)."""
+        """Return the unit vectors from the axis towards points, (..., 3), at right angles to the axis."""
         q = x - self.apex
-        across = q - (q @ self.axis) * self.axis
-        rho = np.linalg.norm(across)
-        if rho <= 1e-12 * np.linalg.norm(q):  # on the axis: any direction is as near
-            return basis_across(self.axis)[0]
-        across -= (across @ self.axis) * self.axis
-        return np.asarray(across / np.linalg.norm(across))
+        across = q - (q @ self.axis)[..., None] * self.axis
+        rho = np.linalg.norm(across, axis=-1, keepdims=True)
+        on_axis = rho <= 1e-12 * np.linalg.norm(q, axis=-1, keepdims=True)  # where any direction is as near
+        across = across - (across @ self.axis)[..., None] * self.axis
+        length = np.linalg.norm(across, axis=-1, keepdims=True)
+        return np.where(on_axis, basis_across(self.axis)[0], across / np.where(on_axis, 1.0, length))
 
     def inward_normal(self, x: Array) -> Array:
-        """Return the unit normal m of the supporting half-space m.(y - apex) >= 0 nearest to x, shape (3,)."""
+        """Return the unit normals m of the supporting half-spaces m.(y - apex) >= 0 nearest to points, (..., 3)."""
         sin, cos = self.sin_cos
         return self.axis * sin - self.direction_across(x) * cos
 

@@ -179,7 +179,7 @@ class Tolerance:
         a = np.array([r.a for r in group])
         inside = [(r.body.body, r.against) for r in group if isinstance(r.against, Cone)]
         X = np.array([(body.o, body.o + body.d) for body, _ in inside])
-        m = np.array([[cone.inward_normal(x) for x in ends] for (_, cone), ends in zip(inside, X, strict=True)])
+        m = np.array([cone.inward_normal(ends) for (_, cone), ends in zip(inside, X, strict=True)])
         gaps = np.array(
             [cone.s(ends) - (body.r, body.r + body.dr) for (body, cone), ends in zip(inside, X, strict=True)]
         )

@@ -17,7 +17,7 @@ from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
 from nlp.joints import LimitRows, Limits
 from nlp.numbers.point import Point
 from nlp.requirements import clearances, variable_bounds
-from nlp.requirements.modules import module_clearances
+from nlp.requirements.modules import BETWEEN_MODULES
 from nlp.user_constraints import UserConstraints, correct_point, rows_of, violations_of
 from nlp.user_constraints.rows import Assembled, JoinedProgram
 from topo_search.model import ResolvedTask, Topology
@@ -65,10 +65,9 @@ class AssembledProgram:
     ) -> None:
         """Keep what a solve needs; nothing expensive is built. `limits`: the loads in joints that are stated."""
         self._task, self._topology, self._constraints, self._limits = task, topology, constraints, limits
+        fixed = task.search.hinge_set_deg is not None  # then no step changes what modules keep from each other
         stated = clearances(task, topology)
-        if task.search.hinge_set_deg is not None:  # no step changes what modules keep from each other
-            stated = stated[len(list(module_clearances(task, topology))) :]
-        self._clearances = stated
+        self._clearances = tuple(each for each in stated if not (fixed and each.equation in BETWEEN_MODULES))
 
     def solve(self, start: Point) -> IpoptResult:
         """Return the best point of all rounds, with the iterations of all rounds.
@@ -153,6 +152,7 @@ def polish_with(constraints: UserConstraints) -> Callable[[Point, Limits | None]
     def polish(point: Point, limits: Limits | None) -> IpoptResult:
         program = AssembledProgram(point.task, point.topology, constraints, limits)
         if limits is not None and limits.air and not (constraints or limits.loads):
+            # no rounds: they take back what is faster between points than at them, and more points come anyway
             return program.approach(point)
         if constraints or limits is not None:  # the search did not know of them: they may pull far from the point
             return program.solve(point)

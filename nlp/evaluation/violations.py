@@ -69,7 +69,7 @@ def _joints(point: Point) -> Iterator[Violation]:
 def _air(point: Point) -> Iterator[Violation]:
     for at in airspeed.fastest(point):
         excess = at.speed - airspeed.ALLOWED * at.limit
-        yield Violation(airspeed.name_of(point.task, at.exposure, at.case), excess, "m/s", excess / at.limit)
+        yield Violation(airspeed.name_of(point.task, at), excess, "m/s", excess / at.limit)
 
 
 def _clearances(point: Point) -> Iterator[Violation]:

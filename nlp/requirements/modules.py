@@ -24,6 +24,8 @@ from topo_search.model import Module, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.room import part_cover
 
+BETWEEN_MODULES = (4, 5, 6)
+"""Their numbers: clearances that hinges alone decide."""
 NEAR = 6.0
 """Pairs of envelopes closer than this are kept apart in a round [l_arm]."""
 BESIDE = 0.3

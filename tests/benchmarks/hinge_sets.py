@@ -1,4 +1,4 @@
-"""What do hinge angles from a set cost, and what does the search of the set miss?
+"""Cost of hinge angles from a set, and what the search of the set misses.
 
     python tests/benchmarks/hinge_sets.py [--modules N ...] [--steps DEG ...] [--set FIELD=VALUE] [--all] [TASK ...]
 

@@ -84,7 +84,7 @@ class Change(Value):
 
     @property
     def words(self) -> str:
-        """What to do, in a sentence's part."""
+        """Instruction for the change, without a full stop."""
         todo = f"from {self.before} to {self.after}: undo {self.undo} joints, then bolt {self.bolt}"
         if len(self.stay) == 1:
             return f"{todo}; no two modules stay together"
@@ -263,7 +263,7 @@ def _ports(design: Design) -> dict[int, dict[int, tuple[int, int, float]]]:
 
 
 def _moves(one: Design, other: Design, stay: int) -> tuple[int, int]:
-    """Return the number of joints to undo and to bolt where so many modules stay in one piece."""
+    """Return the number of joints to undo and to bolt, given the size of the shared part."""
     return one.topology.n - stay, other.topology.n - stay
 
 

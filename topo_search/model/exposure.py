@@ -80,6 +80,11 @@ class Region(Value):
     geometry: Annotated[Flag, Field(exclude_if=lambda given: given)] = True
     """True if airflow envelopes must keep out of the region; if false, only its `speed` is asked for."""
 
+    @property
+    def speed_reach(self) -> float | None:
+        """Distance from the end-effector up to which `speed` holds [m]; None: everywhere in the region."""
+        return None
+
     @model_validator(mode="after")
     def _asks_for_something(self) -> Self:
         if not self.geometry and self.speed is None:
@@ -92,6 +97,11 @@ class UnboundedRegion(Region):
 
     speed_within: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
     """Distance from the end-effector up to which `speed` holds [m]; without it, everywhere."""
+
+    @property
+    def speed_reach(self) -> float | None:
+        """See `Region.speed_reach`."""
+        return self.speed_within
 
     @model_validator(mode="after")
     def _speed_is_given(self) -> Self:
@@ -126,7 +136,7 @@ class Local(Region):
     mesh_excess: Annotated[
         Annotated[tuple[NonNegative, ...], at_most(PIECES)] | None, Field(exclude_if=_not_given)
     ] = None
-    """Upper bound on each piece's excess over the mesh that it was read from [m]; missing where there is none."""
+    """Upper bound on each piece's excess over its source mesh [m]; None if there is no excess."""
     solid: Solid = False
     """True if rigid parts must stay outside too, and the rod except its tip unless p_E is inside."""
 

@@ -123,8 +123,7 @@ def requirement(asked: AnyExposure) -> str:
     """Return one exposure requirement in words."""
     if asked.speed is None:
         return _place(asked)
-    within = getattr(asked, "speed_within", None)
-    reach = "" if within is None else f" within {length(within)} of the end-effector"
+    reach = "" if asked.speed_reach is None else f" within {length(asked.speed_reach)} of the end-effector"
     return f"{_place(asked)}; air there at most {figures(asked.speed)} m/s{reach}"
 
 

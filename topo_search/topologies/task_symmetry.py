@@ -150,8 +150,7 @@ def _features(task: ResolvedTask) -> list[_Feature]:
     p_E = task.end_effector.fixed_position
     none, l_arm = np.zeros((0, 3)), task.module.arm_length
     for requirement in task.exposure:
-        within = getattr(requirement, "speed_within", None)
-        asked = (requirement.solid, requirement.geometry, requirement.speed or 0.0, within or 0.0)
+        asked = (requirement.solid, requirement.geometry, requirement.speed or 0.0, requirement.speed_reach or 0.0)
         for shape in requirement.shapes:
             match shape:
                 case Polytope(corners):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from verify.air.jets import DIAMETER, MERGED_AT, Jets, speeds
-from verify.bodies import Array, Cone, ConeSphere
+from verify.bodies import Array, Cone, ConeSphere, nearest_on_axis
 from verify.certificate import Solid
 from verify.hulls import Hull
 
@@ -135,19 +135,17 @@ def _reaches(region: Solid | Cone | Hull, x: Array, h: float) -> Array:
     """Return which balls of radius h about x, (m, 3), may meet the region; those that do not are not in it."""
     slack = h + ROUNDING * (h + float(np.abs(x).max(initial=0.0)))
     if isinstance(region, Cone):
-        return np.asarray(_depth_in(region, x) <= slack)
+        return np.asarray(region.s(x) <= slack)
     if isinstance(region, Hull):
         return np.asarray((x @ region.normals.T - region.offsets).max(axis=1) <= slack)
-    return np.asarray(
-        np.linalg.norm(x - _nearest_of_axis(region, x), axis=1) <= region.body.r + region.body.dr + slack
-    )
+    return np.asarray(region.body.depth(x) >= -slack)
 
 
 def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
     """Return points of the region near points x, (m, 3): x itself where that is in it."""
     if isinstance(region, Cone):
-        depth = np.maximum(_depth_in(region, x) + INSIDE * (1 + np.abs(x - region.apex).max(axis=1)), 0.0)
-        return np.asarray(x - depth[:, None] * _normals_of(region, x))
+        depth = np.maximum(region.s(x) + INSIDE * (1 + np.abs(x - region.apex).max(axis=1)), 0.0)
+        return np.asarray(x - depth[:, None] * region.inward_normal(x))
     if isinstance(region, Hull):
         for _ in range(PULLS):
             beyond = x @ region.normals.T - region.offsets
@@ -159,34 +157,9 @@ def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(rate > 0, room / rate, np.inf).min(axis=1)
         return np.asarray(region.centre + np.minimum(share, 1.0)[:, None] * (1 - INSIDE) * away)
-    nearest = _nearest_of_axis(region, x)
+    body = region.body
+    eta = nearest_on_axis(body.o - x, np.broadcast_to(body.d, x.shape), body.dr)
+    nearest, radius = body.o + eta[:, None] * body.d, body.r + eta * body.dr
     away = x - nearest
-    length = np.linalg.norm(away, axis=1)
-    share = region.body.r / np.maximum(length, region.body.r) * (1 - INSIDE)
+    share = radius / np.maximum(np.linalg.norm(away, axis=1), radius) * (1 - INSIDE)
     return np.asarray(nearest + share[:, None] * away)
-
-
-def _nearest_of_axis(region: Solid, x: Array) -> Array:
-    """Return the points of a capsule's axis nearest to x, (m, 3)."""
-    o, d = region.body.o, region.body.d
-    along = np.clip((x - o) @ d / max(float(d @ d), np.finfo(float).tiny), 0.0, 1.0)
-    return np.asarray(o + along[:, None] * d)
-
-
-def _depth_in(region: Cone, x: Array) -> Array:
-    """Return how deep inside a cone points are, (m,); negative outside."""
-    sin, cos = region.sin_cos
-    along = (x - region.apex) @ region.axis
-    beside = np.linalg.norm(x - region.apex - along[:, None] * region.axis, axis=1)
-    return np.asarray(along * sin - beside * cos)
-
-
-def _normals_of(region: Cone, x: Array) -> Array:
-    """Return the directions in which the depth in a cone grows fastest, (m, 3)."""
-    sin, cos = region.sin_cos
-    along = (x - region.apex) @ region.axis
-    out = x - region.apex - along[:, None] * region.axis
-    length = np.linalg.norm(out, axis=1, keepdims=True)
-    some = np.cross(region.axis, np.eye(3)[np.argmin(np.abs(region.axis))])
-    out = np.where(length > 0, out / np.maximum(length, np.finfo(float).tiny), some / np.linalg.norm(some))
-    return np.asarray(sin * region.axis - cos * out)

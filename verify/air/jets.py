@@ -121,47 +121,63 @@ def speeds(air: Jets, x: Array, h: Array | float = 0.0) -> Array:
     Returns:
         Shape (m, n) [m/s].
     """
-    return np.maximum(wakes(air, x, h), inflows(air, x, h))
+    about = _about(air, x, h)
+    return np.maximum(_wakes(air, about), _inflows(air, about))
 
 
 def inflows(air: Jets, x: Array, h: Array | float = 0.0) -> Array:
     """Return the same of the air that discs draw in alone, (m, n) [m/s]."""
-    wide = _radii(x, h)
-    depth, from_axis = _along_rotors(air, x)
-    from_disc = np.hypot(np.maximum(from_axis - air.radius, 0.0), depth[..., None]) - wide[..., None]
-    inflow = air.induced / (1 + math.sqrt(2) * np.maximum(from_disc, 0.0) / air.radius) ** 2
-    return np.asarray(inflow.sum(axis=2))
+    return _inflows(air, _about(air, x, h))
 
 
 def wakes(air: Jets, x: Array, h: Array | float = 0.0) -> Array:
     """Return the same without inflow: of the jets below the discs alone, (m, n) [m/s]."""
-    wide = _radii(x, h)
-    depth, from_axis = _along_rotors(air, x)
-    shallow, deep = depth - wide, depth + wide
-    beside = np.linalg.norm(x[:, None] - air.centres + depth[..., None] * air.axes, axis=2)
-    far = far_field(air, shallow, deep, np.maximum(beside - wide, 0.0))
-    near = _slipstreams(air, shallow, deep, np.maximum(from_axis - wide[..., None], 0.0))
-    return np.asarray(np.maximum(far, near.max(axis=2)))
+    return _wakes(air, _about(air, x, h))
 
 
-def _radii(x: Array, h: Array | float) -> Array:
-    return np.broadcast_to(np.asarray(h, dtype=float), (len(x),))[:, None]
+class _Balls(NamedTuple):
+    """Balls about points as modules and rotors see them [l_arm]."""
+
+    radius: Array
+    """Shape (m, 1)."""
+    depth: Array
+    """Depths of their centres below the discs, shape (m, n)."""
+    beside: Array
+    """Distances of their centres from the modules' axes, shape (m, n)."""
+    from_axis: Array
+    """Distances of their centres from the rotors' axes, shape (m, n, 4)."""
 
 
-def _along_rotors(air: Jets, x: Array) -> tuple[Array, Array]:
-    """Return how far points are below the discs, (m, n), and from every rotor's axis, (m, n, 4) [l_arm]."""
-    depth = -np.einsum("mnx,nx->mn", x[:, None] - air.centres, air.axes)
+def _about(air: Jets, x: Array, h: Array | float) -> _Balls:
+    offset = x[:, None] - air.centres
+    depth = -np.einsum("mnx,nx->mn", offset, air.axes)
     to_rotor = x[:, None, None] - air.rotors + depth[..., None, None] * air.axes[:, None]
-    return depth, np.linalg.norm(to_rotor, axis=3)
+    return _Balls(
+        radius=np.broadcast_to(np.asarray(h, dtype=float), (len(x),))[:, None],
+        depth=depth,
+        beside=np.linalg.norm(offset + depth[..., None] * air.axes, axis=2),
+        from_axis=np.linalg.norm(to_rotor, axis=3),
+    )
+
+
+def _inflows(air: Jets, about: _Balls) -> Array:
+    from_disc = np.hypot(np.maximum(about.from_axis - air.radius, 0.0), about.depth[..., None])
+    least = np.maximum(from_disc - about.radius[..., None], 0.0)
+    inflow = air.induced / (1 + math.sqrt(2) * least / air.radius) ** 2
+    return np.asarray(inflow.sum(axis=2))
+
+
+def _wakes(air: Jets, about: _Balls) -> Array:
+    shallow, deep = about.depth - about.radius, about.depth + about.radius
+    far = far_field(air, shallow, deep, np.maximum(about.beside - about.radius, 0.0))
+    near = _slipstreams(air, shallow, deep, np.maximum(about.from_axis - about.radius[..., None], 0.0))
+    return np.asarray(np.maximum(far, near.max(axis=2)))
 
 
 def far_field(air: Jets, shallow: Array, deep: Array, beside: Array) -> Array:
     """Return a bound of the merged jets between two depths, no nearer to the axis than `beside`, (m, n)."""
-    origin, least, most = (
-        air.origin,
-        np.maximum(shallow / DIAMETER, MERGED_AT),
-        np.maximum(deep / DIAMETER, MERGED_AT),
-    )
+    origin = air.origin
+    least, most = (np.maximum(depth / DIAMETER, MERGED_AT) for depth in (shallow, deep))
     onset = np.clip(deep / DIAMETER / MERGED_AT, 0.0, 1.0)
     half_width = air.half_width * (most + origin) * DIAMETER
     profile = 1 + (math.sqrt(2) - 1) * (beside / half_width) ** 2

@@ -82,7 +82,7 @@ def _case(name: str, scene: Scene, blown: Jets) -> CaseAir:
 
 
 def _region(number: int, requirement: Exposure, scene: Scene, blown: Jets) -> RegionAir:
-    limit, within = requirement.speed, getattr(requirement, "speed_within", None)
+    limit, within = requirement.speed, requirement.speed_reach
     near = None if within is None else ball(scene.p_E, within / scene.l_arm)
     bounds = [
         bound_speed(blown, region, limit=math.inf if limit is None else limit, within=near)

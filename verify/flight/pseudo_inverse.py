@@ -42,7 +42,7 @@ class PseudoInverse:
         self._A, self._box, self._inverse = A, box, np.linalg.pinv(A, rcond=RANK)
 
     def ball(self, b: Array, E: Array) -> float:
-        """Return the radius of the largest ball of what can be added to b, 0 if there is none."""
+        """Return the radius of the largest ball of additions to b; 0 if there is none."""
         v, rows = self._inverse @ b, self._inverse @ E
         missed = self._A @ np.column_stack([v, rows]) - np.column_stack([b, E])
         left = np.minimum(self._box.high - v, v - self._box.low)
