@@ -13,6 +13,7 @@ from wording import says
 from topo_search.cli import main
 from topo_search.model import Module
 from topo_search.model.air import SpeedEnvelope
+from topo_search.model.proven import upper_text
 from verify.air import enclose, envelope_air
 from verify.air.jets import jets, speeds
 from verify.air.least import volume
@@ -165,8 +166,8 @@ def test_what_is_printed() -> None:
     told = ask("push-local", "--speed", "2")
     found = answer("push-local", "--speed", "2")
     assert told.exit_code == 0
-    assert f"  start_radius = {found['start_radius_m']:.5g}\n" in told.stdout
-    assert f"  reach = {found['reach_m']:.5g}\n" in told.stdout
+    assert f"  start_radius = {upper_text(found['start_radius_m'], 5)}\n" in told.stdout
+    assert f"  reach = {upper_text(found['reach_m'], 5)}\n" in told.stdout
     assert "  side           11 m/s\n" in told.stdout
 
 

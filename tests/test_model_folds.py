@@ -1,6 +1,7 @@
 """Rotors that reach in among the arms of a bolted module: clear folds, against the audit's parts."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -89,8 +90,13 @@ def test_no_angle_is_left_out_that_is_clear_by_two_millimetres(given):
 def test_folds_are_told_in_degrees_and_kept_to():
     flat, folded = (Module.model_validate(given) for given in (FLAT, FOLDED))
     assert in_words(clear_folds(flat), " deg") == "at most 90 deg"
-    assert in_words(clear_folds(folded), " deg") == "26.5 to 90 deg"
-    assert says(in_words(((-1.0, 0.5),), " deg"), "-57.3 to 28.6 deg", "positive")
+    assert in_words(clear_folds(folded), " deg") == "26.6 to 90 deg"
+    assert says(in_words(((-1.0, 0.5),), " deg"), "-57.2 to 28.6 deg", "positive")
+    for low, high in ((0.1, 0.2), (0.30001, 0.30002), (-0.2, 0.31), (-0.44, 0.44)):
+        folds = ((-high, -low), (low, high)) if low > 0 else ((low, high),)
+        *first, last = (math.radians(float(number)) for number in re.findall(r"-?\d[\d.]*", in_words(folds, "")))
+        assert last <= high
+        assert [low <= number < last for number in first] == [True] * (low != -high)
     ((_, under), (over, _)) = clear_folds(folded)
     assert nearest_fold(clear_folds(folded), np.array([-0.01, 0.02, 1.0])).tolist() == [under, over, 1.0]
 

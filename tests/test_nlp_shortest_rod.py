@@ -5,6 +5,7 @@ import pytest
 
 from nlp import solve
 from topo_search.model import Design, Task, Topology
+from topo_search.model.proven import upper_text
 from verify import audit
 
 TREE = Topology.from_key("a300")
@@ -52,8 +53,8 @@ def test_what_a_shorter_rod_costs_is_what_a_shorter_reach_costs() -> None:
     assert narrow.objective / design.objective - 1 == pytest.approx(shorter["cost"], rel=1e-2)
     assert shorter["cost"] > 0
     assert design.shorter_rod == (
-        f"a rod of at most {shorter['length_m']:.2f} m adds {100 * shorter['cost']:.2g} % control effort, "
-        "solved from this design"
+        f"a rod of at most {upper_text(shorter['length_m'], 3)} m adds {100 * shorter['cost']:.2g} % "
+        "control effort, solved from this design"
     )
 
 

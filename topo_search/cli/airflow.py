@@ -70,9 +70,9 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
             options.echo_json({**stated, **least.model_dump(mode="json"), **present.model_dump(mode="json")})
             return
         click.echo(f"at {where}, all air of {speed:g} m/s and more is inside")
-        click.echo(f"  start_radius = {least.start_radius_m:.5g}")
-        click.echo(f"  spread_angle_deg = {least.spread_angle_deg:.5g}")
-        click.echo(f"  reach = {least.reach_m:.5g}")
+        click.echo(f"  start_radius = {upper_text(least.start_radius_m, 5)}")
+        click.echo(f"  spread_angle_deg = {upper_text(least.spread_angle_deg, 5)}")
+        click.echo(f"  reach = {upper_text(least.reach_m, 5)}")
         volume, bound = upper_text(least.volume_m3, 4), lower_text(least.least_volume_m3, 4)
         click.echo(f"a volume of {volume} m³; none is below {bound} m³")
         click.echo("largest speeds on the present envelope")

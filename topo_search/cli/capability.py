@@ -52,7 +52,8 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
         else:
             click.echo(f"{vehicle}: {len(stated.rotors)} rotors, rank {found.rank} of 6")
             ball = f"{lower_text(found.zero_torque_ball_N, 5)} N in every direction"
-            click.echo(f"  forces without torque: {ball}, a volume of {found.zero_torque_volume_N3:.5g} N^3")
+            volume = lower_text(found.zero_torque_volume_N3, 5)
+            click.echo(f"  forces without torque: {ball}, a volume of {volume} N^3")
             for line in flight_lines(found.flight):
                 click.echo(f"  {line.replace(' of module 0', '')}")
             for case in found.flight.cases[1:]:

@@ -125,9 +125,9 @@ class ShorterRod(Value):
     def words(self) -> str:
         """Say it in a sentence's part."""
         if self.cost is None:
-            return f"no design with a rod of at most {self.length_m:.2f} m was reached from this one"
+            return f"no design with a rod of at most {lower_text(self.length_m, 3)} m was reached from this one"
         cost = f"{100 * self.cost:.2g} % control effort"
-        return f"a rod of at most {self.length_m:.2f} m adds {cost}, solved from this design"
+        return f"a rod of at most {upper_text(self.length_m, 3)} m adds {cost}, solved from this design"
 
 
 class SolverRecord(Value):

@@ -47,9 +47,12 @@ NOT_A_VERTEX = re.compile(rb"(?im)^vertex(?!(?:[ \t]+%b){3}[ \t]*$).*" % NUMBER)
 REFERENCE = re.compile(rb"([+-]?\d{1,9})(?:/[+-]?\d{0,9}){0,2}")
 """A corner of an OBJ's facet: its vertex, perhaps with a texture coordinate and a normal, which may be empty."""
 PASSED_OVER = frozenset(
-    b"vt vn vp o g s mg l p usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj trace_obj".split()
+    b"vt vn vp o g s mg l p end usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj "
+    b"trace_obj".split()
 )
 """Words that an OBJ may have beside vertices and facets."""
+STATEMENTS = PASSED_OVER | {b"v", b"f"}
+"""Words that begin a line of an OBJ that is read."""
 NO_VOLUME = "must be the mesh of a body with a volume"
 ROUNDING = 1e-12
 """Largest distance a body may stick out of another, over its size, and still count as inside."""
@@ -320,12 +323,14 @@ def _obj(content: bytes) -> tuple[bytes, int]:
     """Return an OBJ of vertices and facets alone, its corners counted from 1, and how many triangles it has."""
     lines: list[bytes] = []
     vertices = facets = 0
-    for number, line in enumerate(_lines(content), start=1):
+    for number, line in enumerate(_lines(content.rstrip(b"\0\x1a\r\n")), start=1):
         word, *rest = line.split() or [b""]
         try:
             if word == b"v":
-                if not 3 <= len(rest) <= 8:  # with a weight, a colour, or both
+                if len(rest) < 3:
                     raise ValueError(f"must have three numbers per vertex, but got {len(rest)}")
+                if merged := STATEMENTS.intersection(rest[3:]):  # weights, colours and normals are numbers
+                    raise ValueError(f"must have a line per vertex and facet, but got {show(_text(min(merged)))}")
                 lines.append(b"v " + b" ".join(map(_coordinate, rest[:3])))
                 vertices += 1
             elif word == b"f":

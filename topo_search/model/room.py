@@ -75,6 +75,7 @@ import numpy as np
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.module import Module
+from topo_search.model.proven import excess_texts
 
 ROUNDING = 1e-9
 """Share of a length, or angle [rad], that is left to rounding."""
@@ -217,12 +218,13 @@ def intersect(some: Folds, others: Folds) -> Folds:
 
 
 def in_words(folds: Folds, unit: str) -> str:
-    """Return how far hinges turn, in degrees with a unit as it is to be written."""
+    """Return how far hinges turn, in degrees with a unit as it is to be written; every angle between is clear."""
     mirrored = tuple((-high, -low) for low, high in reversed(folds)) == folds
     ways = [(max(low, 0.0), high) for low, high in folds if high > 0] if mirrored else folds
-    texts = [f"{math.degrees(low):.3g} to {math.degrees(high):.3g}{unit}" for low, high in ways]
+    limits = [excess_texts(math.degrees(high), math.degrees(low), 3) for low, high in ways]
+    texts = [f"{low} to {high}{unit}" for high, low in limits]
     if mirrored and ways[0][0] == 0:
-        texts[0] = f"at most {math.degrees(ways[0][1]):.3g}{unit}"
+        texts[0] = f"at most {limits[0][0]}{unit}"
     text = " or ".join(texts)
     return text if mirrored else f"{text}, counted positive where airflows lean apart"
 

@@ -33,7 +33,7 @@ def vehicle_page(name: str, rotors: int, found: Capability) -> str:
         paragraph(f"{rotors} rotors, rank {found.rank} of 6. {verdict and f'The vehicle {verdict}'}".strip()),
         paragraph(
             f"Without torque it exerts any force up to {lower_text(found.zero_torque_ball_N, 5)} N; all such "
-            f"forces have a volume of {found.zero_torque_volume_N3:.5g} N³."
+            f"forces have a volume of {lower_text(found.zero_torque_volume_N3, 5)} N³."
         ),
         paragraph(shown["summary"].replace(" of module 0", "")),
         table(shown["cases"].columns, shown["cases"].rows),

@@ -80,5 +80,5 @@ def near_tie_cells(row: Row, best: Row) -> tuple[str, ...]:
         ),
         "" if row.joint_moment_Nm is None else f"{figures(at_most(row.joint_moment_Nm, 3), 3)} N m",
         "" if row.hinge_tolerance_deg is None else f"{figures(at_least(row.hinge_tolerance_deg, 3), 3)}°",
-        "none" if row.rod_length_m is None else length(row.rod_length_m),
+        "none" if row.rod_length_m is None else length(at_most(row.rod_length_m, 3)),
     )
