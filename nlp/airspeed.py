@@ -41,7 +41,7 @@ from nlp import names
 from nlp.numbers.point import Point
 from nlp.requirements.regions import hull_of
 from nlp.symbols.kinematics import poses
-from nlp.symbols.wrench import scale
+from nlp.symbols.masses import tip_and_com
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -142,15 +142,11 @@ class SpeedRows:
     def __init__(self, task: ResolvedTask, topology: Topology, points: tuple[SpeedPoint, ...]) -> None:
         """State them as expressions of the task's unknowns, those of its corners included."""
         n, K, unit, module = topology.n, len(task.load_cases), Units.of(task), task.module
-        position, m_E = task.end_effector.fixed_position, task.end_effector.mass / module.mass
-        first = n + 2 + (3 if position is None else 0)
+        first = n + 2 + (3 if task.end_effector.fixed_position is None else 0)
         self.x = ca.SX.sym("x", first + 4 * n * K)
         """The unknowns of `nlp.problem.Variables` as one column."""
         placed = poses(topology, self.x[:3], self.x[3 : n + 2], module.connector_distance / unit.length)
-        tip = self.x[n + 2 : n + 5]
-        if position is not None:
-            centroid = ca.sum2(ca.horzcat(*(pose.p for pose in placed))) / n
-            tip = centroid + (n + m_E) / n * scale(position, unit.length)
+        tip, _ = tip_and_com(task, topology, placed, self.x[n + 2 : n + 5])
         air, rows = _symbolic_speed(task), []
         for point in points:
             limit, total = task.exposure[point.exposure].speed or math.inf, ca.SX(0)

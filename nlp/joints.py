@@ -4,7 +4,7 @@ r"""Joint loads in the load cases that a task states, and their limits as rows o
 |---|---|---|---|
 | j, o_j | module beyond the joint, the child's side; its centre from the COM | (3,) | l_arm |
 | c | the connector at which the joint is cut, from the COM | (3,) | l_arm |
-| M = n + m_E | mass of the platform | | m |
+| m_J, M | mass of a joint, of the platform | | m |
 | a, w' | acceleration of the platform and its angular acceleration | (3,) | g, g / l_arm |
 | F_c, tau_c | what the joint exerts on what is beyond it | (3,) | m g, l_arm m g |
 | L | the largest that is allowed | | m g, l_arm m g |
@@ -17,7 +17,8 @@ less the weight: a = f_C / M - e_z, w' = I^-1 tau_C. Newton and Euler for what i
     F_c = \sum_j (a + w' \times o_j + e_z) - s_j z_j, \qquad
     \tau_c = \sum_j (I_j w' - m_j) + (o_j - c) \times (a + w' \times o_j + e_z - s_j z_j)
 
-with the end-effector, its reaction f_E, tau_E included where it is mounted beyond. Both are linear in the inputs. A
+with the joints beyond, which are points of mass, and with the end-effector, its reaction f_E, tau_E and a rod that
+counts included, where it is mounted beyond. The joint at the cut is not beyond it. Both are linear in the inputs. A
 limit is stated as (L^2 - |.|^2) / (2 L) >= 0, which near the limit is the length that is left. Where no straight
 rod reaches, either side of a joint may carry the end-effector: each load is then the larger of both, and a limit is
 a row for each.
@@ -35,11 +36,14 @@ import numpy as np
 
 from nlp.airspeed import SpeedPoint
 from nlp.numbers.geometry import Swept, clearance
+from nlp.numbers.masses import masses
 from nlp.numbers.point import Point
+from nlp.numbers.rod import Connector, rod_path
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
 from nlp.symbols.kinematics import poses
+from nlp.symbols.masses import tip_and_com
 from nlp.symbols.wrench import scale, thrust
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -47,6 +51,8 @@ from topo_search.model.arrays import Array
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.room import part_cover
 
+TINY = 1e-12
+"""Square of a rod's length below which its turn about itself no longer matters [l_arm^2]."""
 FITTING = 2.0
 """Length over which a rod is fixed to its mount, in radii of the rod."""
 
@@ -84,8 +90,8 @@ def name_of(task: ResolvedTask, load: Load) -> str:
     return f"{task.case_labels[load.case]}, {what} in the joint of module {load.child} and its parent"
 
 
-def rod_of(point: Point) -> tuple[int, Array] | None:
-    """Return the module and the connector of the nearest rod that meets its limits; None: there is no such rod."""
+def rod_of(point: Point) -> Connector | None:
+    """Return where the nearest rod that meets its limits starts; None: there is no such rod."""
     (R, p), module = point.poses, point.task.module
     free = np.array(point.topology.free_connectors)
     starts = p[free[:, 0]] + module.connector_distance * np.einsum(
@@ -99,7 +105,7 @@ def rod_of(point: Point) -> tuple[int, Array] | None:
             _, nearest, gaps = limits.best(point.vectors)
             if gaps[nearest].min() < 0:
                 return None
-    return int(free[nearest, 0]), starts[nearest]
+    return int(free[nearest, 0]), int(free[nearest, 1])
 
 
 def holder(point: Point) -> int | None:
@@ -111,8 +117,8 @@ def holder(point: Point) -> int | None:
     rod, cover = rod_of(point), part_cover(point.task.module)
     if rod is None:
         return None
-    (R, p), radius, (i, start) = point.poses, point.task.end_effector.rod_radius, rod
-    path = point.p_E - start
+    (R, p), radius, path, i = point.poses, point.task.end_effector.rod_radius, rod_path(point, rod), rod[0]
+    start = point.p_E - path
     fitted, length = np.zeros((point.topology.n, 1, 1)), float(np.linalg.norm(path))
     fitted[i] = min(1.0, FITTING * radius / max(length, radius))  # the fitting may touch what it is bolted to
     balls = p[:, None] + np.einsum("iab,mb->ima", R, cover.centres)
@@ -173,21 +179,28 @@ def _vectors(
 
     A load is one vector, or one with the end-effector on either side of the joint where `held` is None.
     """
-    n, unit, module, position = topology.n, Units.of(task), task.module, task.end_effector.fixed_position
+    n, unit, module, carried = topology.n, Units.of(task), task.module, masses(task, topology)
     l_c, m_E = module.connector_distance / unit.length, task.end_effector.mass / module.mass
     root, alpha = ca.SX.sym("root", 3), ca.SX.sym("alpha", n - 1)
-    tip = ca.SX.sym("p_E", 3 if position is None else 0)
+    tip = ca.SX.sym("p_E", 3 if task.end_effector.fixed_position is None else 0)
     u = [ca.SX.sym(f"u_{k}", 4 * n) for k in range(len(task.load_cases))]
     placed = poses(topology, root, alpha, l_c)
-    centroid = ca.sum2(ca.horzcat(*(pose.p for pose in placed))) / n
-    p_E = tip if position is None else centroid + (n + m_E) / n * scale(position, unit.length)
-    p_COM = (m_E * p_E + n * centroid) / (n + m_E)
+    p_E, p_COM = tip_and_com(task, topology, placed, tip)
     o, q, up = [pose.p - p_COM for pose in placed], p_E - p_COM, ca.DM([0, 0, 1])
     inertia = ca.diag(ca.DM(module.inertia)) / (module.mass * unit.length**2)
     turning = [pose.R @ inertia @ pose.R.T for pose in placed]
-    whole = sum((_spread(at) for at in o), start=m_E * _spread(q)) + sum(turning[1:], start=turning[0])
-    torques, beyond = ca.DM(torque_map(module)), _outward_modules(topology)
     joints = {i: o[h] + l_c * placed[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
+    m_J = module.joint_mass / module.mass
+    whole = sum((_spread(at) for at in o), start=m_E * _spread(q)) + sum(turning[1:], start=turning[0])
+    whole += sum((m_J * _spread(at) for at in joints.values()), start=ca.SX.zeros(3, 3))
+    rod, m_R, r_R, spin_R = task.end_effector.counted_rod, 0.0, ca.SX.zeros(3), ca.SX.zeros(3, 3)
+    if rod is not None:
+        start = o[rod.module] + l_c * placed[rod.module].R @ ca.DM(PORT_DIRECTIONS[rod.port])
+        m_R, r_R, d = rod.mass / module.mass, (start + q) / 2, q - start
+        around = (task.end_effector.rod_radius / unit.length) ** 2 / ca.fmax(ca.dot(d, d), TINY)
+        spin_R = m_R * (_spread(d) / 12 + around * d @ d.T)
+        whole += m_R * _spread(r_R) + spin_R
+    torques, beyond = ca.DM(torque_map(module)), _outward_modules(topology)
     vectors = []
     for load in listed:
         case, c = task.load_cases[load.case], joints[load.child]
@@ -196,7 +209,7 @@ def _vectors(
             scale(case.at_end_effector.force, unit.force),
             scale(case.at_end_effector.torque, unit.torque),
         )
-        a, spin = f_C / (n + m_E) - up, ca.SX.zeros(3)
+        a, spin = f_C / carried.total - up, ca.SX.zeros(3)
         if any(case.at_com.torque):
             spin = ca.solve(whole, tau_C)
         force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
@@ -205,9 +218,15 @@ def _vectors(
             pull = a + ca.cross(spin, o[j]) + up - thrust(u_j) * placed[j].z
             force += pull
             moment += turning[j] @ spin - placed[j].R @ (torques @ u_j) + ca.cross(o[j] - c, pull)
+            if j != load.child:  # the joint that is cut hangs at the parent
+                pull = m_J * (a + ca.cross(spin, joints[j]) + up)
+                force += pull
+                moment += ca.cross(joints[j] - c, pull)
         pull = m_E * (a + ca.cross(spin, q) + up) + f_E
         without = moment if load.moment else force
-        with_tip = moment + ca.cross(q - c, pull) + tau_E if load.moment else force + pull
+        on_rod = m_R * (a + ca.cross(spin, r_R) + up)
+        turned = ca.cross(q - c, pull) + tau_E + ca.cross(r_R - c, on_rod) + spin_R @ spin
+        with_tip = moment + turned if load.moment else force + pull + on_rod
         sides = (True, False) if held is None else (held in beyond[load.child],)
         vectors.append([with_tip if tip else without for tip in sides])
     return ca.vertcat(root, alpha, tip, *u), vectors

@@ -56,7 +56,7 @@ import casadi as ca
 
 from nlp.requirements import balances, clearances, variable_bounds
 from nlp.symbols.kinematics import poses
-from nlp.symbols.wrench import scale
+from nlp.symbols.masses import tip_and_com
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 
@@ -110,7 +110,6 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     n, K = topology.n, len(task.load_cases)
     module, unit = task.module, Units.of(task)
     l_c = module.connector_distance / unit.length
-    m_E = task.end_effector.mass / module.mass
 
     # variables
     position = task.end_effector.fixed_position
@@ -124,11 +123,7 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
 
     # the platform
     modules = poses(topology, variables.root, variables.alpha, l_c)
-    centroid = ca.sum2(ca.horzcat(*(pose.p for pose in modules))) / n
-    p_E = variables.p_E
-    if position is not None:  # given from the COM, which it moves: p'_E = centroid + (m_t / n m) p_E
-        p_E = centroid + (n + m_E) / n * scale(position, unit.length)
-    p_COM = (m_E * p_E + n * centroid) / (n + m_E)
+    p_E, p_COM = tip_and_com(task, topology, modules, variables.p_E)
     vectors = {axis: [pose.R[:, column] for pose in modules] for column, axis in enumerate("xyz")}
     vectors |= {"p": [pose.p for pose in modules], "p'_E": [p_E], "p_COM": [p_COM]}
 

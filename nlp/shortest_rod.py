@@ -1,11 +1,14 @@
-"""The shortest rod: where the effort is flat in the rod's length, a start ends with any length.
+"""The rod: its mass, and its length.
 
-The design is solved again from where it is, with less and less reach, as long as that adds no effort. The first
-reach that adds some says what a shorter rod costs.
+A rod that counts weighs what follows from where it ends, which is known once a design is: it is solved again from
+there with that mass, until both agree. Where the effort is flat in the rod's length, a start ends with any: the
+design is solved again with less and less reach, as long as that adds no effort. The first reach that adds some says
+what a shorter rod costs.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +17,9 @@ from nlp.assembled import polish_with
 from nlp.corners import take_in_corners, with_some
 from nlp.joints import rod_of
 from nlp.numbers.point import Point
+from nlp.numbers.rod import Connector, rod_path, weigh_rod
 from nlp.start_result import StartResult
-from nlp.user_constraints import UserConstraints
+from nlp.user_constraints import UserConstraints, correct_point
 from topo_search.model import ShorterRod
 from topo_search.model.corners import to_corners
 
@@ -23,6 +27,51 @@ SAME_EFFORT = 1e-6
 """Relative difference of efforts that counts as none: the audit's tolerance."""
 STEP = 0.9
 """Length of a shorter rod relative to the present one, in the first step and in the last."""
+AGREED = 1e-5
+"""Difference of the rod's mass before and after a solve that no solve needs to make up [m_t]."""
+SOLVES = 6
+"""Largest number of solves until a design agrees with its rod's mass."""
+
+
+def count_rods(found: Iterable[StartResult], constraints: UserConstraints) -> list[StartResult]:
+    """Return the results of starts, those that may be the best with the mass of their rods.
+
+    Starts that ended at the same minimum share the rod. Results that cost more without its mass than the best with
+    it are left as they are.
+    """
+    counted, results = dict[int, StartResult](), list(found)
+    for one in sorted(results, key=lambda one: one.rank):
+        best = min((other.objective for other in counted.values() if other.worst.met), default=np.inf)
+        if not one.worst.met or one.objective >= best:
+            break
+        if id(one.point) not in counted:
+            counted[id(one.point)] = count_rod(one, constraints)
+    weighed = [(one, counted.get(id(one.point))) for one in results]
+    return [one if other is None else replace(other, start=one.start) for one, other in weighed]
+
+
+def count_rod(design: StartResult, constraints: UserConstraints, connector: Connector | None = None) -> StartResult:
+    """Return where a design leads with the mass of its rod.
+
+    Args:
+        design: the result of a start.
+        constraints: constraints of the user.
+        connector: where the rod starts; None: at the nearest one whose rod meets its limits.
+    """
+    n = design.point.topology.n
+    for _ in range(SOLVES):
+        before, weighed = design.point.task.total_mass(n), _weigh(design, constraints, connector)
+        if abs(weighed.point.task.total_mass(n) - before) <= AGREED * before:
+            return weighed
+        origin = with_some(weighed.point, design.corners)
+        design = take_in_corners(weighed.point.task, design.start, origin, polish_with(constraints), constraints)
+    return _weigh(design, constraints, connector)
+
+
+def _weigh(design: StartResult, constraints: UserConstraints, connector: Connector | None = None) -> StartResult:
+    """Return a design of the same angles with the mass that its rod has there, and inputs for it."""
+    point = correct_point(weigh_rod(design.point, connector or rod_of(design.point)), constraints)
+    return StartResult.at(design.start, point, design.result, design.corners, constraints)
 
 
 def shorten_rod(design: StartResult, constraints: UserConstraints) -> tuple[StartResult, ShorterRod | None]:
@@ -33,7 +82,8 @@ def shorten_rod(design: StartResult, constraints: UserConstraints) -> tuple[Star
     shortest, step = design, STEP
     while (length := rod_length(shortest.point)) > design.point.task.module.arm_length:
         shorter = _solve_within(shortest, step * length, constraints)
-        cost = shorter.objective / design.objective - 1 if shorter.worst.met else None
+        least = min(design.objective, shortest.objective)  # a shorter rod that counts is a lighter one
+        cost = shorter.objective / least - 1 if shorter.worst.met else None
         if cost is not None and cost <= SAME_EFFORT:
             shortest, step = shorter, step**2
         elif step < STEP:
@@ -46,16 +96,21 @@ def shorten_rod(design: StartResult, constraints: UserConstraints) -> tuple[Star
 def rod_length(point: Point) -> float:
     """Return the length of a design's rod [m]; zero where no rod meets its limits."""
     rod = rod_of(point)
-    return 0.0 if rod is None else float(np.linalg.norm(point.p_E - rod[1]))
+    return 0.0 if rod is None else float(np.linalg.norm(rod_path(point, rod)))
 
 
 def _solve_within(design: StartResult, reach: float, constraints: UserConstraints) -> StartResult:
     """Return where a design leads with less reach, judged by its own task; it need not become a design again."""
     task = design.point.task
     shorter = {"end_effector": task.end_effector.model_copy(update={"largest_reach": reach})}
-    narrow = to_corners(task.declared.model_copy(update=shorter))
+    narrower = task.declared.model_copy(update=shorter)
+    if (rod := task.end_effector.counted_rod) is not None:
+        mass = task.end_effector.rod_linear_density * reach
+        narrower = narrower.with_rod(rod.model_copy(update={"mass": mass}))
+    narrow = to_corners(narrower)
     origin = with_some(replace(design.point, task=narrow), design.corners)
     solved = take_in_corners(narrow, design.start, origin, polish_with(constraints), constraints)
-    return StartResult.at(
+    judged = StartResult.at(
         design.start, replace(solved.point, task=task), solved.result, solved.corners, constraints
     )
+    return judged if rod is None else _weigh(judged, constraints)

@@ -14,14 +14,15 @@ from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.evaluation.correction import correct
 from nlp.evaluation.violations import Violation
 from nlp.ipopt import IpoptResult
-from nlp.joints import Limits
+from nlp.joints import Limits, rod_of
 from nlp.numbers.point import Point
+from nlp.numbers.rod import weigh_rod
 from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import common_subtrees, warm_start
 from nlp.user_constraints import UserConstraints
-from topo_search.model import Design, Infeasible, ResolvedTask, Shortfall, SolverRecord, Task, Topology
+from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Shortfall, SolverRecord, Task, Topology
 from topo_search.model.corners import to_corners
 from topo_search.protocols import OwnConstraint
 
@@ -103,11 +104,17 @@ def solve(
             (found[k], *_carried_over(task, topology, source, found[k].start, seed, user_constraints)),
             key=lambda one: one.rank,
         )
+    light, found = min(found, key=lambda one: one.rank), _count_rods(task, found, user_constraints)
     best, shorter = min(found, key=lambda one: one.rank), None
+    if light.worst.met and not best.worst.met and task.end_effector.counted_rod is None:
+        # designs of a platform without the rod's mass have no room for it: search with it from the start
+        heavy = weigh_rod(light.point, rod_of(light.point)).task.declared
+        return solve(heavy, topology, starts=starts, seed=seed, near=near, constraints=constraints)
     if not best.worst.met and (narrower := _within_usual_reach(task, best.point)):
         nearer = solve(narrower, topology, starts=starts, seed=seed, near=near, constraints=constraints)
         if isinstance(nearer, Design):
             carried = _carried_over(task, topology, nearer, best.start, seed, user_constraints)
+            carried = _count_rods(task, carried, user_constraints)
             best = min(best, *carried, key=lambda one: one.rank)
             found = [best if one.start == best.start else one for one in found]
     if best.worst.met and task.end_effector.rod == "straight" and task.end_effector.fixed_position is None:
@@ -130,6 +137,27 @@ def solve(
         versions=_versions(),
     )
     return _design(best, record, constraints) if best.worst.met else _infeasible(found, best, record)
+
+
+def _count_rods(task: ResolvedTask, found: list[StartResult], constraints: UserConstraints) -> list[StartResult]:
+    if task.end_effector.rod_mass == "ignored":
+        return found
+    from nlp.shortest_rod import count_rods  # compiled code, which other commands need not load
+
+    return count_rods(found, constraints)
+
+
+def hold_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] = ()) -> Design:
+    """Return where a design leads whose rod counts from another connector; the design itself if that is none."""
+    from nlp.shortest_rod import count_rod  # compiled code, which other commands need not load
+
+    numbers = design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m, design.inputs
+    point, user_constraints = Point(design.task, design.topology, *map(np.array, numbers)), tuple(constraints)
+    whole = with_all(point, to_corners(design.task), user_constraints)
+    kept = StartResult.at(0, whole, IpoptResult(point, "held", 0), constraints=user_constraints)
+    held = count_rod(kept, user_constraints, (mount.module, mount.port))
+    record = SolverRecord.model_validate(design.solver)
+    return _design(held, record, constraints) if held.worst.met else design
 
 
 def _within_usual_reach(task: ResolvedTask, closest: Point) -> ResolvedTask | None:
@@ -210,6 +238,7 @@ def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnCo
     point, J = best.point, best.objective
     bound = bound_of(point.task, J)
     task = point.task.declared
+    rod = task.end_effector.counted_rod
     inputs = point.u[: len(task.load_cases)].reshape(len(task.load_cases), -1)  # corners have none of their own
     return Design(
         task=task,
@@ -218,6 +247,7 @@ def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnCo
         root_orientation_rad=_vector(point.root),
         hinge_angles_rad=tuple(point.alpha.tolist()),
         end_effector_m=_vector(point.p_E),
+        mount=rod and Mount(module=rod.module, port=rod.port),
         rotor_speeds_squared=tuple(tuple(u_k) for u_k in inputs.tolist()),
         objective=J,
         lower_bound=bound,

@@ -75,9 +75,10 @@ def rod_ends(design: Design) -> Array:
 def inertia_about_com(design: Design) -> Array:
     """The inertia of the whole platform about its COM by the parallel axis theorem, in W's axes."""
     task, module, at = design.task, design.task.module, platform(design)
-    own = [R @ np.diag(module.inertia) @ R.T for R in at.poses.R]
-    masses = [*[module.mass] * len(own), task.end_effector.mass]
+    edges, own = design.topology.edges(), [R @ np.diag(module.inertia) @ R.T for R in at.poses.R]
+    joints = [at.o[h] + module.connector_distance * at.poses.R[h] @ PORT_DIRECTIONS[a] for h, _, a, _ in edges]
+    masses = [*[module.mass] * len(own), *[module.joint_mass] * len(joints), task.end_effector.mass]
     J = np.sum(own, axis=0)
-    for m, r in zip(masses, [*at.o, at.p_e], strict=True):
+    for m, r in zip(masses, [*at.o, *joints, at.p_e], strict=True):
         J = J + m * (r @ r * np.eye(3) - np.outer(r, r))
     return np.asarray(J)

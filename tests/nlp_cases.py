@@ -11,7 +11,7 @@ from nlp.assembled import AssembledProgram
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
-from topo_search.model import Design, Infeasible, ResolvedTask, Task, Topology
+from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Task, Topology
 
 Array = NDArray[np.float64]
 Table = dict[str, Any]
@@ -124,6 +124,11 @@ FEATURES: dict[str, Table] = {
     },
     "fixed end-effector": {"end_effector": {"position": [0.1, 0.1, 0.3]}},
     "least input": {"module": {"min_input": 0.1}},
+    "joint mass": {"module": {"joint_mass": 0.05}, "exposure": [CONE]},
+    "joint mass, fixed end-effector": {
+        "module": {"joint_mass": 0.05},
+        "end_effector": {"position": [0.1, 0.1, 0.3]},
+    },
     "any port": {"search": {"connectors": "any"}},
     "solid half-space with a fixed axis": {"exposure": [{**HALF_SPACE_DOWN, "solid": True}]},
     "solid cone with a fixed axis": {"exposure": [{**CONE_DOWN, "solid": True}]},
@@ -212,8 +217,10 @@ def random_point(task: ResolvedTask, topology: Topology, rng: np.random.Generato
 def as_design(point: Point) -> Design:
     """The point as a design, whether it meets its constraints or not: what the audit reads."""
     weights = np.array([case.weight for case in point.task.load_cases])
+    rod = point.task.end_effector.counted_rod
     return Design(
         task=point.task,
+        mount=rod and Mount(module=rod.module, port=rod.port),
         topology=point.topology,
         root_orientation_rad=tuple(point.root.tolist()),
         hinge_angles_rad=tuple(point.alpha.tolist()),

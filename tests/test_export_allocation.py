@@ -38,7 +38,8 @@ def test_columns_are_the_generalised_forces_of_mujoco(tree: Topology) -> None:
 
 @pytest.mark.parametrize("tree", TREES, ids=lambda tree: tree.key)
 def test_mass_and_inertia_are_those_of_mujoco(tree: Topology) -> None:
-    design = random_design(tree, 6, {"module": {"body": OWN_FRAME}} if tree.n == 3 else None)
+    body = {"body": OWN_FRAME} if tree.n == 3 else {}
+    design = random_design(tree, 6, {"module": {"joint_mass": 0.03, **body}})
     acts = allocation(design)
     model = mujoco.MjModel.from_xml_string(mjcf(design))
     data = mujoco.MjData(model)

@@ -59,7 +59,8 @@ def test_frames_are_where_the_audit_has_them(topology: Topology) -> None:
 
 @pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
 def test_mass_and_inertia_of_the_whole_are_those_of_its_parts(topology: Topology) -> None:
-    design = random_design(topology, 6, {"module": {"body": {"inertia": [1e-3, 1.2e-3, 2e-3]}}})
+    module = {"body": {"inertia": [1e-3, 1.2e-3, 2e-3]}, "joint_mass": 0.03}
+    design = random_design(topology, 6, {"module": module})
     model, data = in_mujoco(design)
     m_t = design.task.total_mass(topology.n)
     assert model.body("module_0").subtreemass == pytest.approx(m_t, rel=1e-14)

@@ -89,6 +89,9 @@ def random_task(rng):
     }
     if rng.random() < 0.3:
         search |= {"body_clearance": False}
+    (of_joints,) = rng.spawn(1)
+    if of_joints.random() < 0.5:
+        module["joint_mass"] = float(module.get("mass", 0.24) * of_joints.uniform(0.0, 0.5))
     return Task.model_validate(
         {
             "name": "attack",

@@ -18,7 +18,7 @@ from nlp.bounds.branch.proof import chunk_box, prove_chunk
 from nlp.units import Units
 from topo_search.model import Design, Topology
 from topo_search.model.files import read_task
-from topo_search.model.layout import ROTOR_DIRECTIONS
+from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import chunk_count
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
@@ -47,16 +47,19 @@ def dual_value(task, tree, theta, tip, y):
     unit, module, n = Units.of(task), task.module, tree.n
     at = poses(tree, theta[:3], theta[3:], module.connector_distance)
     mass = task.total_mass(n)
+    l_c = module.connector_distance
+    joints = np.array([at.p[h] + l_c * at.R[h] @ PORT_DIRECTIONS[a] for h, _, a, _ in tree.edges()]).reshape(-1, 3)
+    on_modules = module.mass * at.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
     if task.end_effector.fixed_position is None:
-        p_COM = (module.mass * at.p.sum(axis=0) + task.end_effector.mass * tip) / mass
+        p_COM = (on_modules + task.end_effector.mass * tip) / mass
     else:
-        p_COM = at.p.mean(axis=0) + task.end_effector.mass / (n * module.mass) * np.array(
-            task.end_effector.fixed_position
+        p_COM = (on_modules + task.end_effector.mass * np.array(task.end_effector.fixed_position)) / (
+            mass - task.end_effector.mass
         )
         tip = p_COM + np.array(task.end_effector.fixed_position)
     o = at.p - p_COM
     rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * ROTOR_DIRECTIONS)
-    platform = Platform(at, p_COM, o, tip - p_COM, rotors)
+    platform = Platform(at, p_COM, o, tip - p_COM, rotors, joints - p_COM)
     A, most = wrench_map(platform, module) * unit.input, max(case.weight for case in task.load_cases)
     total = 0.0
     for case, y_k in zip(task.load_cases, y, strict=True):

@@ -39,12 +39,14 @@ def balanced(point: Point) -> Point:
     return replace(point, u=u.reshape(point.u.shape))
 
 
+@pytest.mark.parametrize("joint_mass", [0.0, 0.04])
 @pytest.mark.parametrize("fields", [{}, {"position": [0.1, 0.1, 0.3]}, {"rod_radius": 0.005}])
-def test_loads_are_those_of_the_audit_at_any_balanced_point(fields: Any) -> None:
+def test_loads_are_those_of_the_audit_at_any_balanced_point(fields: Any, joint_mass: float) -> None:
     """The larger of both sides, where no rod reaches and where it is not sure from where the audit's rod comes."""
     rng, asked, known = np.random.default_rng(0), {"joint_moment": 1.0, "joint_force": 1.0}, list[bool]()
     for n in (4, 5, 6) * 6:
-        task = push(n, load_cases=TWISTED, flight=asked, end_effector=fields)
+        module = {"joint_mass": joint_mass}
+        task = push(n, load_cases=TWISTED, flight=asked, end_effector=fields, module=module)
         point = random_point(task, random_tree(n, rng), rng)
         if task.end_effector.fixed_position is None:
             point = replace(point, p_E=rng.uniform(0.5, 4.0) * point.p_E)

@@ -9,11 +9,11 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from export_cases import inertia_about_com
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 from verify_cases import FAN, HOVER, changed, design, fan
 
-from topo_search.export.allocation import inertia
 from topo_search.export.poses import poses
 from topo_search.model import Audit, CaseFlight, Design, Flight, Topology
 from topo_search.model.files import read_json
@@ -219,7 +219,7 @@ def test_the_largest_tilt_does_not_imply_smaller_ones() -> None:
 @pytest.mark.parametrize("seed", ABLE[:3])
 def test_accelerations_about_each_axis_can_be_had_either_way_and_no_more_one_way(seed: int) -> None:
     given = drawn(seed)
-    J = inertia(given, poses(given))
+    J = inertia_about_com(given)
     for case, b in zip(flight(given).cases, asked(given), strict=True):
         for k, a in enumerate(case.angular_acceleration_rad_s2):
             assert a > 0.1
@@ -233,7 +233,7 @@ def test_accelerations_about_each_axis_can_be_had_either_way_and_no_more_one_way
 @pytest.mark.parametrize("seed", ABLE)
 def test_the_pseudo_inverse_stays_within_limits_up_to_its_reserves_and_not_beyond(seed: int) -> None:
     given = drawn(seed)
-    task, at, J = given.task, platform(given), inertia(given, poses(given))
+    task, at, J = given.task, platform(given), inertia_about_com(given)
     A = wrench_map(at, task.module) * task.module.max_input(task.gravity)
     unit = np.repeat([task.force_unit(5), task.torque_unit(5)], 3)
     inverse = np.linalg.pinv(A / unit[:, None]) / unit

@@ -13,7 +13,7 @@ from nlp import proof_root, prove_chunk, solve
 from nlp.bounds.branch.arrays import to_arrays
 from nlp.bounds.branch.crowded import ALL_OVER, crowding
 from topo_search.model import Chunk, Design, Topology
-from topo_search.model.layout import ROTOR_DIRECTIONS
+from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import chunk_count
 from verify import check_chunk
 from verify.bodies import ConeSphere
@@ -52,14 +52,17 @@ def dual_value(task, tree, theta, tip, y):
     module, n = task.module, tree.n
     at = poses(tree, theta[:3], theta[3:], module.connector_distance)
     mass, fixed = task.total_mass(n), task.end_effector.fixed_position
+    l_c = module.connector_distance
+    joints = np.array([at.p[h] + l_c * at.R[h] @ PORT_DIRECTIONS[a] for h, _, a, _ in tree.edges()]).reshape(-1, 3)
+    on_modules = module.mass * at.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
     if fixed is None:
-        p_COM = (module.mass * at.p.sum(axis=0) + task.end_effector.mass * tip) / mass
+        p_COM = (on_modules + task.end_effector.mass * tip) / mass
     else:
-        p_COM = at.p.mean(axis=0) + task.end_effector.mass / (n * module.mass) * np.array(fixed)
+        p_COM = (on_modules + task.end_effector.mass * np.array(fixed)) / (mass - task.end_effector.mass)
         tip = p_COM + np.array(fixed)
     o = at.p - p_COM
     rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * ROTOR_DIRECTIONS)
-    platform = Platform(at, p_COM, o, tip - p_COM, rotors)
+    platform = Platform(at, p_COM, o, tip - p_COM, rotors, joints - p_COM)
     F, most = module.thrust_coefficient * task.max_input, max(case.weight for case in task.load_cases)
     A, total = wrench_map(platform, module) * task.max_input, 0.0
     for case, y_k in zip(task.load_cases, y, strict=True):

@@ -20,6 +20,7 @@ from topo_search.model import (
 )
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.room import LARGE, packed_width
+from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.value import Vector
 from verify.bodies import Array
 from verify.kinematics import Platform, platform
@@ -32,7 +33,7 @@ from verify.solid_regions import rod_keeps_out
 NO_ROD = "no straight rod reaches the end-effector: every free connector is blocked"
 IN_AIRFLOW = "no straight rod that reaches the end-effector is clear of all airflow"
 HEAVY = 0.05
-"""Share of the platform's mass above which the rod's, which the model leaves out, is reported."""
+"""Share of the platform's mass above which that of a rod is reported that the model ignores."""
 REACHED = 1e-6
 """Tolerance of the rod's length beyond the largest reach, the same as for all residuals [l_arm]."""
 LOST = "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"
@@ -98,6 +99,25 @@ def rod_residuals(design: Design, parts: RigidParts, sheet: Assembly) -> Iterato
     reach = design.task.largest_reach(design.topology.n)
     if reach is not None:
         yield _reach(design, parts, sheet, reach)
+    if design.task.end_effector.rod_mass == "included" and sheet.end_effector is not None:
+        yield _rod_mass(design, sheet.end_effector.rod)
+
+
+def _rod_mass(design: Design, rod: Rod | None) -> Residual:
+    """Return by how much the rod weighs more or less than the design counts with."""
+    counted = design.task.end_effector.counted_rod
+    given, weighs = 0.0 if counted is None else counted.mass, 0.0 if rod is None else rod.mass_kg
+    scaled = abs(weighs - given) / design.task.total_mass(design.topology.n)
+    return Residual(
+        name="mass of the end-effector's rod",
+        value=clamp(abs(weighs - given)),
+        unit="kg",
+        scaled=clamp(scaled),
+        tolerance=TOLERANCE,
+        status=Status.CLEAR if scaled <= TOLERANCE else Status.VIOLATED,
+        stated=given,
+        derived=clamp(weighs),
+    )
 
 
 def _reach(design: Design, parts: RigidParts, sheet: Assembly, reach: float) -> Residual:
@@ -169,10 +189,10 @@ def _remark_length(design: Design, rod: Rod) -> str | None:
 
 
 def _remark_mass(design: Design, rod: Rod, found: Platform) -> str | None:
-    """Say what a heavy rod changes: masses of the model are those of the modules and of the end-effector."""
+    """Say what a heavy rod changes that the model ignores."""
     task = design.task
     share = rod.mass_kg / task.total_mass(task.n)
-    if share < HEAVY:
+    if share < HEAVY or task.end_effector.rod_mass == "included":
         return None
     middle = found.p_e - rod.length_m / 2 * np.array(rod.direction)
     weight = rod.mass_kg * task.gravity

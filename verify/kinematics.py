@@ -57,6 +57,10 @@ class Platform(NamedTuple):
     """End-effector from the COM, shape (3,) [m]."""
     rotors: Array
     """o_iq, rotor positions from the COM, shape (n, 4, 3) [m]."""
+    joints: Array
+    """Connectors of the modules 1..n-1 and their parents from the COM, shape (n - 1, 3) [m]."""
+    rod: Array = np.zeros((0, 2, 3))
+    """Middle of the rod that counts from the COM, and from there to the end-effector, shape (1, 2, 3) [m]."""
 
 
 def rotation(axis: int, angle: float) -> Array:
@@ -113,7 +117,22 @@ def platform(design: Design, built: Poses | None = None) -> Platform:
     n = design.topology.n
     found = poses_of(design) if built is None else built
     p_E_in_W = np.array(design.end_effector_m)
-    p_com = (task.end_effector.mass * p_E_in_W + module.mass * found.p.sum(axis=0)) / task.total_mass(n)
+    connectors = [
+        found.p[h] + module.connector_distance * found.R[h] @ PORT_DIRECTIONS[a]
+        for h, _, a, _ in design.topology.edges()
+    ]
+    joints = np.array(connectors).reshape(n - 1, 3)
+    moment = module.mass * found.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
+    moment += task.end_effector.mass * p_E_in_W
+    rod, held = np.zeros((0, 2, 3)), task.end_effector.counted_rod
+    if held is not None:
+        i = held.module
+        half = (p_E_in_W - found.p[i] - module.connector_distance * found.R[i] @ PORT_DIRECTIONS[held.port]) / 2
+        rod = np.array([[p_E_in_W - half, half]])
+        moment += held.mass * rod[0, 0]
+    p_com = moment / task.total_mass(n)
+    rod -= [p_com, np.zeros(3)]
     o = found.p - p_com
     deltas = module.arm_length * ROTOR_DIRECTIONS
-    return Platform(found, p_com, o, p_E_in_W - p_com, o[:, None, :] + np.einsum("nij,qj->nqi", found.R, deltas))
+    rotors = o[:, None, :] + np.einsum("nij,qj->nqi", found.R, deltas)
+    return Platform(found, p_com, o, p_E_in_W - p_com, rotors, joints - p_com, rod)

@@ -138,9 +138,14 @@ class Tolerance:
         )
         of_kind = [[r for r in requirements if r.kind == kind] for kind in KINDS]
         self._groups = [self._group(group) for group in of_kind if group]
-        n = design.topology.n
-        self._arms = self._levers.motion(np.arange(n), np.full(n, holder), CENTRE, np.zeros((n, 2, 3))).L[:, 0]
-        self._share = design.task.module.mass / design.task.total_mass(n)
+        n, module = design.topology.n, design.task.module
+        arms = self._levers.motion(np.arange(n), np.full(n, holder), CENTRE, np.zeros((n, 2, 3))).L[:, 0]
+        # a connector is l_c from its module's centre, and turns with it by as many errors as there are hinges to it
+        parents = [h for h, _, _, _ in design.topology.edges()]
+        joints = (arms + l_c * self._levers.moves.sum(axis=0))[parents]
+        self._arms, masses = np.append(arms, joints), np.repeat([module.mass, module.joint_mass], [n, n - 1])
+        self._shares = masses / design.task.total_mass(n)
+        self._share = float(self._shares[0])
         self._offset = float(np.linalg.norm(scene.offset))
 
     def _group(self, group: list[Requirement]) -> _Group:
@@ -206,7 +211,7 @@ class Tolerance:
         return exposed and needs_offset(self._task.exposure[requirement.b])
 
     def _kappa(self, errors: Errors) -> float:
-        e = self._share * float(np.sum(errors.delta * self._arms + 2 * errors.delta_p))
+        e = float(self._shares @ (errors.delta * self._arms + 2 * errors.delta_p))
         return min(2.0, 2 * e / (2 * self._offset - e)) if e < self._offset else 2.0
 
     def weakest(self, errors: Errors) -> Weakest:

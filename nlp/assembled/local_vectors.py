@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlp.assembled.chain import Links
+from nlp.numbers.masses import Masses
 from nlp.requirements.statement import LocalVector, PlatformVector
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -64,7 +65,7 @@ class VectorLayout:
 
         Args:
             moves: [j, i]: angle j moves module i.
-            free: p'_E is an unknown; else it stands where the modules' centroid takes it.
+            free: p'_E is an unknown; else it stands where the modules and joints take it.
         """
         n, angles = self.n, len(moves)
         mask = np.zeros((4 * n + 3, angles + (3 if free else 0)), dtype=bool)
@@ -102,7 +103,7 @@ class Differences:
     def common_turns(self, moved: Mask, n: int) -> Mask:
         """Return which unknowns turn all of a clearance's vectors as one, which leaves it as it is, shape (m, g).
 
-        No angle does that to p_COM, nor to p'_E where the modules' centroid takes it along.
+        No angle does that to p_COM, nor to p'_E where the modules and joints take it along.
         """
         layout = VectorLayout(n)
         as_one = moved.copy()
@@ -118,19 +119,21 @@ class Differences:
 class PlatformVectors:
     """V and dV at some geometric unknowns."""
 
-    def __init__(self, links: Links, tip: Array, share: float, *, free: bool) -> None:
+    def __init__(self, links: Links, tip: Array, masses: Masses, *, free: bool) -> None:
         """Place the end-effector.
 
         Args:
             links: where the modules are.
-            tip: p'_E; from the modules' centroid unless free.
-            share: that of the end-effector in the COM.
-            free: p'_E is an unknown; else the modules' centroid takes it along.
+            tip: p'_E; from B (`nlp.numbers.masses`) unless free.
+            masses: those of the platform.
+            free: p'_E is an unknown; else B takes it along.
         """
-        self.links, self._share, self._free = links, share, free
+        self.links, self._free = links, free
+        self._share, self._masses, self._bodies = masses.tip / masses.total, masses.modules, masses.bodies
+        self._moments = masses.modules[:, None] * masses.centres
         self.axes = np.ascontiguousarray(links.R.transpose(2, 0, 1)[[2, 0, 1]].reshape(-1, 3))
         """z, x and y of all modules, shape (3n, 3)."""
-        self.V = _vectors(links.p, self.axes, tip, share, free)
+        self.V = _vectors(links.p, self.axes, tip, self._share, self._bodies, self._masses, self._moments, free)
 
     @property
     def p_E(self) -> Array:
@@ -148,32 +151,39 @@ class PlatformVectors:
     def dV(self) -> Array:
         """Derivatives of V by x."""
         links = self.links
-        return _derivatives(links.p, self.axes, links.omega, links.v, links.chain.moves, self._share, self._free)
+        shares = self._share, self._bodies, self._masses, self._moments
+        return _derivatives(links.p, self.axes, links.omega, links.v, links.chain.moves, *shares, self._free)
 
-    def push_to_modules(self, gradients: Array) -> Array:
-        """Return the gradient by the modules' positions, with what p_COM and a p'_E that is not free add, (n, 3).
+    def push_to_modules(self, gradients: Array) -> tuple[Array, Array]:
+        """Return the gradients by the modules' positions, (n, 3), and axes, (3n, 3).
+
+        They include what p_COM and a p'_E that is not free add.
 
         Args:
             gradients: by V, shape (4n+3, 3).
         """
         n = len(self.links.p)
         by_tip, by_com = gradients[n], gradients[n + 1]
-        on_centroid = (1 - self._share) * by_com
+        by_B = (1 - self._share) * by_com
         if not self._free:
-            on_centroid = on_centroid + by_tip + self._share * by_com
-        result: Array = gradients[:n] + on_centroid / n
-        return result
+            by_B = by_B + by_tip + self._share * by_com
+        by_axes = gradients[n + 2 : -1].copy()
+        by_axes[n:] += np.outer(self._moments.T.ravel(), by_B) / self._bodies
+        return gradients[:n] + np.outer(self._masses, by_B) / self._bodies, by_axes
 
 
 @njit(cache=True)
-def _vectors(p: Array, axes: Array, tip: Array, share: float, free: bool) -> Array:
+def _vectors(
+    p: Array, axes: Array, tip: Array, share: float, bodies: float, masses: Array, moments: Array, free: bool
+) -> Array:
     """Return V; see `PlatformVectors`."""
     n = len(p)
     V = np.zeros((4 * n + 3, 3))
     V[n + 2 : -1] = axes
     for i in range(n):
         V[i] = p[i]
-        V[n + 1] += p[i] / n  # the centroid, until the COM is known
+        moment = masses[i] * p[i] + moments[i, 0] * axes[n + i] + moments[i, 1] * axes[2 * n + i]
+        V[n + 1] += moment / bodies  # B, until the COM is known
     V[n] = tip if free else tip + V[n + 1]
     V[n + 1] = share * V[n] + (1 - share) * V[n + 1]
     return V
@@ -193,8 +203,19 @@ def _differences(V: Array, plus: Indices, minus: Indices) -> Array:
 
 
 @njit(cache=True)
-def _derivatives(p: Array, axes: Array, omega: Array, v: Array, moves: Array, share: float, free: bool) -> Array:
-    """Return dV; `share` is that of the end-effector in the COM."""
+def _derivatives(
+    p: Array,
+    axes: Array,
+    omega: Array,
+    v: Array,
+    moves: Array,
+    share: float,
+    bodies: float,
+    masses: Array,
+    moments: Array,
+    free: bool,
+) -> Array:
+    """Return dV; `share` is that of the end-effector in the COM, B the moment of the modules over `bodies`."""
     n, angles = len(p), len(omega)
     dV = np.zeros((4 * n + 3, angles + (3 if free else 0), 3))
     tip, com = n, n + 1
@@ -211,7 +232,9 @@ def _derivatives(p: Array, axes: Array, omega: Array, v: Array, moves: Array, sh
                     dV[n + 2 + k, j, 0] = b * w - c * y
                     dV[n + 2 + k, j, 1] = c * x - a * w
                     dV[n + 2 + k, j, 2] = a * y - b * x
-                dV[com, j] += dV[i, j] / n
+                at_x, at_y = 2 * n + 2 + i, 3 * n + 2 + i
+                moment = masses[i] * dV[i, j] + moments[i, 0] * dV[at_x, j] + moments[i, 1] * dV[at_y, j]
+                dV[com, j] += moment / bodies
         if not free:
             dV[tip, j] = dV[com, j]
         else:

@@ -23,6 +23,7 @@ from nlp.assembled.chain import Chain
 from nlp.assembled.chain_rule import add_curvature, add_gradients, chain_rule
 from nlp.assembled.local_vectors import Differences, Indices, Mask, PlatformVectors, VectorLayout
 from nlp.assembled.terms import Term, derived_rows
+from nlp.numbers.masses import masses
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import Requirement
 from nlp.units import Units
@@ -63,10 +64,9 @@ class AssembledProblem:
         self._torque_map = torque_map(module)
         self.g = self.n + 2 + (3 if self._fixed is None else 0)
         self.size = self.g + 4 * self.n * self.K
-        m_E = task.end_effector.mass / module.mass
-        self._share = m_E / (self.n + m_E)
+        self._masses = masses(task, topology)
         if self._fixed is not None:
-            self._from_centroid = np.array(self._fixed) / unit.length / (1 - self._share)
+            self._from_bodies = self._masses.lever * np.array(self._fixed) / unit.length
         tip, com = [c.at_end_effector for c in task.load_cases], [c.at_com for c in task.load_cases]
         self._f_E, self._f_C = (np.array([w.force for w in side]) / (self.n * unit.force) for side in (tip, com))
         self._tau = (np.array([w.torque for w in tip]) + np.array([w.torque for w in com])) / (self.n * unit.torque)
@@ -115,7 +115,7 @@ class AssembledProblem:
             angles, tip = self._x[: self.n + 2], self._x[self.n + 2 :]
             links = self._chain.at(angles)
             free = self._fixed is None
-            self._platform = PlatformVectors(links, tip if free else self._from_centroid, self._share, free=free)
+            self._platform = PlatformVectors(links, tip if free else self._from_bodies, self._masses, free=free)
             self._A = rotors(links.R, links.p, self._torque_map)
         return self._platform, variables[self.g :].reshape(self.K, self.n, 4)
 
@@ -165,7 +165,7 @@ class AssembledProblem:
             row += term.m
             add_gradients(weights, gradient, term.plus, term.minus, to)
             add_curvature(weights, hessian, term.plus, term.minus, at.dV, term.starts, term.moving, H)
-        g_p, g_axes = at.push_to_modules(to), to[n + 2 : -1]
+        g_p, g_axes = at.push_to_modules(to)
         add_bends(A, u, mu, omega, v, chain.parents, p, at.axes, g_p, g_axes, H)
         diagonal = 2 * of_objective * self._weights
         inputs = by_inputs(A, mu, omega, v, self._starts, self._angles, diagonal)

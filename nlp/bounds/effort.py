@@ -11,7 +11,8 @@ from nlp.bounds.duality import dual_value, multipliers
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.corners import to_corners
+from topo_search.model.corners import CorneredTask, to_corners
+from topo_search.model.module import CountedRod
 from topo_search.model.tolerances import TOLERANCE
 
 UNEVEN = 1e-3
@@ -33,12 +34,27 @@ def total_forces(task: ResolvedTask) -> Array:
     return np.array([np.add(case.at_end_effector.force, case.at_com.force) for case in task.load_cases])
 
 
+def growth(task: ResolvedTask) -> Array:
+    """Return by how much the heaviest rod that may count changes every F_k, shape (K, 3) [N].
+
+    `task` has no rod. Every F_k is affine in the rod's mass, so that a sum of products with fixed multipliers is
+    least with no rod or with the heaviest.
+    """
+    end_effector, heaviest = task.end_effector, task.heaviest_rod
+    if heaviest == 0.0 or end_effector.counted_rod is not None:
+        return np.zeros((len(task.load_cases), 3))
+    heavy = task.declared.with_rod(CountedRod(module=0, port=0, mass=heaviest))
+    if isinstance(task, CorneredTask):
+        heavy = to_corners(heavy, inner=True)
+    return np.asarray(total_forces(heavy) - total_forces(task))
+
+
 def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
     """Return a bound that no design of the task's size undercuts [rad^4/s^4].
 
     It is the largest of the closed form, which needs no sign of a thrust, of a dual value, which knows that rotors
     only pull, and no more than rho u_max, and of what rotors cost that run at their least input. Torques and all
-    geometry but that of axes are left out.
+    geometry but that of axes are left out. Where the rod counts, it holds of rods of any mass (`growth`).
 
     Args:
         task: the task.
@@ -46,7 +62,7 @@ def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
             bound is proven of designs that produce their wrenches exactly; with `TOLERANCE` it is `proven_bound`,
             which is lower by some 3e-6 of it where the forces are near m_t g, and by more where they are less.
     """
-    task = to_corners(task.declared, inner=True)
+    task = to_corners(task.declared.lightest, inner=True)
     idle = max(0.0, task.min_input - accuracy * task.module.max_input(task.gravity))
     at_rest = float(_weights(task).sum()) * 4 * task.n * idle * idle * (1 - ROUNDING)
     return max(closed_form(task, accuracy), _dual_bound(task, accuracy), at_rest)
@@ -91,8 +107,11 @@ def closed_form(task: ResolvedTask, accuracy: float = 0.0) -> float:
     if size == 0:
         return 0.0
     rows = np.sqrt(weights / heaviest)[:, None] * (F / size)
-    off = math.sqrt(3 * float(np.sum(weights / heaviest))) * accuracy * task.force_unit(task.n) / size
-    root_trace = max(0.0, float(np.linalg.svd(rows, compute_uv=False).sum()) - off)
+    off = math.sqrt(3 * float(np.sum(weights / heaviest))) * accuracy * _heaviest(task) / size
+    U, sigma, V = np.linalg.svd(rows, full_matrices=False)
+    # a sum of singular values is no less than any <Y, rows> with |Y| <= 1, and Y = U V has it here
+    change = float(np.sum((U @ V) * np.sqrt(weights / heaviest)[:, None] * growth(task) / size))
+    root_trace = max(0.0, float(sigma.sum()) - off + min(0.0, change))
     thrust = root_trace * size / task.module.thrust_coefficient
     return thrust * thrust / (4 * task.n) * heaviest
 
@@ -111,8 +130,9 @@ def _dual_bound(task: ResolvedTask, accuracy: float) -> float:
     nu, f, weights, T, in_si, size = found
     d = accuracy * task.module.max_thrust_to_weight / size
     lengths = np.linalg.norm(nu, axis=1)
-    missed = accuracy * task.force_unit(task.n) / (task.n * Units.of(task).force) / size
-    value = dual_value(nu, f, weights, T + d) - float(lengths.sum()) * (missed + d)
+    missed = accuracy * _heaviest(task) / (task.n * Units.of(task).force) / size
+    change = float(np.sum(nu * growth(task))) / (task.n * Units.of(task).force) / size
+    value = dual_value(nu, f, weights, T + d) - float(lengths.sum()) * (missed + d) + min(0.0, change)
     return in_si * value if value > 0 else 0.0
 
 
@@ -141,6 +161,11 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
     found = [multipliers(f, w, T, largest=largest, known=known) for w in raised]
     best = max(found, key=lambda nu: dual_value(nu, f, weights, T))
     return best, f, weights, T, in_si, size
+
+
+def _heaviest(task: ResolvedTask) -> float:
+    """Return the largest weight of a platform with any rod [N]."""
+    return task.force_unit(task.n) + task.heaviest_rod * task.gravity
 
 
 def _weights(task: ResolvedTask) -> Array:

@@ -13,19 +13,19 @@ What is asked counts as produced to within the audit's tolerance.
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
 
 from nlp import names
 from nlp.bounds.duality import multipliers
-from nlp.bounds.effort import total_forces
-from nlp.bounds.refutation import Refutation, largest_thrust, modules, unseen_thrust
+from nlp.bounds.effort import growth, total_forces
+from nlp.bounds.refutation import Refutation, largest_thrust, modules, tolerated_force, unseen_thrust
 from nlp.bounds.sphere import greatest
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.proven import excess_texts, lower_text
-from topo_search.model.tolerances import TOLERANCE
 
 ROUNDING = 1e-12
 """Share of the forces that is left to rounding."""
@@ -35,9 +35,11 @@ SOFTENED = 0.01
 
 def one_force(task: ResolvedTask) -> Refutation | None:
     """All rotors together pull with 4 n k_f rho u_max at most, whatever the angles."""
-    asked = np.linalg.norm(total_forces(task), axis=1)
+    F, D = total_forces(task), growth(task)
+    along = np.clip(-np.sum(F * D, axis=1) / np.maximum(np.sum(D * D, axis=1), np.finfo(float).tiny), 0.0, 1.0)
+    asked = np.linalg.norm(F + along[:, None] * D, axis=1)  # whatever its rod weighs
     k, most = int(np.argmax(asked)), largest_thrust(task)
-    if asked[k] * (1 - ROUNDING) - TOLERANCE * task.force_unit(task.n) <= most + unseen_thrust(task):
+    if asked[k] * (1 - ROUNDING) - tolerated_force(task) <= most + unseen_thrust(task):
         return None
     case, (needed, given) = task.case_labels[k], excess_texts(float(asked[k]), most)
     return Refutation(
@@ -62,8 +64,9 @@ def axes(task: ResolvedTask, topology: Topology | None = None) -> Refutation | N
     else:
         return None
     F = total_forces(task)
-    missed = float(np.sqrt(np.sum(np.linalg.svd(F, compute_uv=False)[d:] ** 2) / len(F)))
-    if missed <= TOLERANCE * task.force_unit(task.n) + ROUNDING * float(np.linalg.norm(F)):
+    apart = float(np.sqrt(np.sum(np.linalg.svd(F, compute_uv=False)[d:] ** 2)) - np.linalg.norm(growth(task)))
+    missed = max(0.0, apart) / math.sqrt(len(F))
+    if missed <= tolerated_force(task) + ROUNDING * float(np.linalg.norm(F)):
         return None
     return Refutation(
         "load cases, forces",
@@ -90,12 +93,10 @@ def all_forces(task: ResolvedTask) -> Refutation | None:
     if not lengths.max() > 0:
         return None
     nu, lengths = nu / lengths.max(), lengths / lengths.max()
-    asked = float(np.sum(nu * F))
+    asked = float(np.sum(nu * F)) + min(0.0, float(np.sum(nu * growth(task))))
     most = largest_thrust(task) * greatest(lambda z: np.sum(np.maximum(z @ nu.T, 0.0), axis=-1))
     # inputs a little below zero pull the other way, along every nu_k at once
-    unseen = TOLERANCE * task.force_unit(task.n) * lengths.sum() + unseen_thrust(task) * (1 + lengths.sum()) * len(
-        F
-    )
+    unseen = tolerated_force(task) * lengths.sum() + unseen_thrust(task) * (1 + lengths.sum()) * len(F)
     if asked - unseen - ROUNDING * float(np.sum(np.abs(nu) * np.abs(F))) <= most:
         return None
     needed, given = excess_texts(asked, most)

@@ -25,7 +25,8 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    stated, task = task.declared, to_corners(task.declared, inner=True)
+    stated = task.declared.lightest
+    task = to_corners(stated, inner=True)
     forces = one_force(task) or axes(task) or all_forces(task) or failures(stated)
     refutation, concerned = forces or out_of_reach(task) or rotors_overlap(task) or _shape(task), None
     if refutation is None and topology is not None:

@@ -4,7 +4,8 @@
 |---|---|---|
 | L | largest reach of the rod | m |
 | d | what every module's centre keeps from p_E at least | m |
-| q | distance of a fixed end-effector from the centroid of the modules' centres, (m_t / n m) of p_E's | m |
+| B | centre of mass of modules and joints; a fixed end-effector is at m_t / (m_t - m_E) p_E from it | |
+| q | its least distance from the centroid of the modules' centres, from which joints shift B a little | m |
 
 A connector is l_c from a centre: no nearer to p_E than d - l_c. A centre is (1/n) sum_j 2 l_c d_ij <= (n - 1) l_c
 from the centroid at most, so a connector is no nearer to a fixed p_E than q - n l_c.
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from nlp.bounds.refutation import Refutation, modules
+from nlp.bounds.refutation import Refutation, bodies_mass, modules, off_centre
 from topo_search.model import ResolvedTask
 from topo_search.model.exposure import Local
 from topo_search.model.proven import excess_texts, lower_text
@@ -27,7 +28,7 @@ def out_of_reach(task: ResolvedTask) -> Refutation | None:
     if largest is None:
         return None
     farthest, why = max(_distances(task), default=(0.0, ""))
-    unseen = TOLERANCE * module.arm_length * (2 + task.total_mass(n) / (n * module.mass))
+    unseen = TOLERANCE * module.arm_length * (2 + task.total_mass(n) / bodies_mass(task))
     if farthest <= largest + unseen:
         return None
     shown, limit = excess_texts(farthest, largest)
@@ -54,6 +55,6 @@ def _distances(task: ResolvedTask) -> list[tuple[float, str]]:
             found.append((asked.radius + blown - l_c, told))
     if task.end_effector.fixed_position is not None:
         p_E = math.hypot(*task.end_effector.fixed_position)
-        q = task.total_mass(n) / (n * task.module.mass) * p_E
+        q = task.total_mass(n) / bodies_mass(task) * p_E - off_centre(task)
         found.append((q - n * l_c, f"end_effector.position is {lower_text(p_E)} m from the centre of mass"))
     return found

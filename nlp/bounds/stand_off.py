@@ -2,11 +2,12 @@
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| q | end-effector position from the centroid of the modules' centres, (m_t / n m) p_E | (3,) | m |
+| q | end-effector position from the centroid of the modules' centres | (3,) | m |
 | d_ij | joints between the modules i and j | | |
 
 The least squared distance of p_E from a centre is at most their mean, |q|^2 + (1 / n^2) sum_{i<j} |p_i - p_j|^2,
-and two centres are at most 2 l_c d_ij apart.
+and two centres are at most 2 l_c d_ij apart. From the centre of mass of modules and joints the end-effector is
+m_t / (m_t - m_E) p_E; joints shift that from the centroid a little.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import math
 
 import networkx as nx
 
-from nlp.bounds.refutation import Refutation, modules
+from nlp.bounds.refutation import Refutation, bodies_mass, modules, off_centre
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.tolerances import TOLERANCE
@@ -33,8 +34,8 @@ def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutatio
     if position is None:
         return None
     squares = n**2 * (n**2 - 1) / 12 if topology is None else _squared_distances(topology)
-    share = task.total_mass(n) / (n * task.module.mass)
-    q = share * math.hypot(*position)
+    share = task.total_mass(n) / bodies_mass(task)
+    q = share * math.hypot(*position) + off_centre(task)
     farthest = math.hypot(q, 2 * task.module.connector_distance / n * math.sqrt(squares))
     unseen = TOLERANCE * task.module.arm_length * (1 + share)  # of the distance, and of the place
     if asked <= farthest * (1 + ROUNDING) + unseen:

@@ -19,7 +19,8 @@ import casadi as ca
 import numpy as np
 
 from nlp.evaluation.correction import correct
-from nlp.numbers.point import Point, fixed_end_effector
+from nlp.numbers.point import Point
+from nlp.numbers.rod import weigh_rod
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, wrench_matrix
 from topo_search.model import Design
 from topo_search.model.arrays import Array
@@ -37,12 +38,10 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
     Raises:
         NotPossible: names the first load case that rotors can no longer produce.
     """
-    task, topology = design.task, design.topology
     root, alpha = np.array(design.root_orientation_rad), np.array(hinge_angles_rad)
-    p_E = np.array(design.end_effector_m)
-    if task.end_effector.fixed_position is not None:
-        p_E = fixed_end_effector(task, topology, root, alpha)
-    point = Point(task, topology, root, alpha, p_E, design.inputs)
+    topology, p_E = design.topology, np.array(design.end_effector_m)
+    point = weigh_rod(Point(design.task, topology, root, alpha, p_E, design.inputs))
+    task, p_E = point.task, point.p_E
     units = np.repeat([task.force_unit(topology.n), task.torque_unit(topology.n)], 3)
     A = wrench_matrix(point) * task.max_input / units[:, None]
     u = task.max_input * _least(A, asked_wrenches(point) / units, task.min_input / task.max_input)
@@ -53,6 +52,7 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
     J = found.objective
     return design.model_copy(
         update={
+            "task": task,
             "hinge_angles_rad": tuple(alpha.tolist()),
             "end_effector_m": tuple(p_E.tolist()),
             "rotor_speeds_squared": tuple(tuple(u_k.ravel().tolist()) for u_k in found.u),

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from nlp.numbers.geometry import Swept, envelopes, poses, root_rotation
+from nlp.numbers.masses import Masses, masses
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -37,8 +38,11 @@ class Point:
     @cached_property
     def p_COM(self) -> Array:
         """Centre of mass in W [m]."""
-        n, m, m_E = self.topology.n, self.task.module.mass, self.task.end_effector.mass
-        result: Array = (m_E * self.p_E + m * self.poses[1].sum(axis=0)) / (n * m + m_E)
+        carried = masses(self.task, self.topology)
+        on_modules = carried.module * _bodies_moment(self.task, carried, *self.poses)
+        result: Array = (carried.tip_kg * self.p_E + on_modules) / (
+            carried.module * carried.bodies + carried.tip_kg
+        )
         return result
 
     @cached_property
@@ -81,9 +85,15 @@ class Point:
 
 
 def fixed_end_effector(task: ResolvedTask, topology: Topology, root: Array, alpha: Array) -> Array:
-    """Return p'_E [m] for the position from the COM that the task fixes: centroid + (m_t / n m) p_E."""
-    _, p = poses(topology, root_rotation(root), alpha, task.module.connector_distance)
-    n_m = topology.n * task.module.mass
+    """Return p'_E [m] for the position from the COM that the task fixes (`nlp.numbers.masses`)."""
+    R, p = poses(topology, root_rotation(root), alpha, task.module.connector_distance)
     p_E = np.asarray(task.end_effector.fixed_position)
-    result: Array = p.mean(axis=0) + (n_m + task.end_effector.mass) / n_m * p_E
+    carried = masses(task, topology)
+    result: Array = _bodies_moment(task, carried, R, p) / carried.bodies + carried.lever * p_E
     return result
+
+
+def _bodies_moment(task: ResolvedTask, carried: Masses, R: Array, p: Array) -> Array:
+    """Return sum_i M_i (p_i + R_i d_i) [m]."""
+    centres = p + task.module.arm_length * np.einsum("iab,ib->ia", R[:, :, :2], carried.centres)
+    return np.asarray((carried.modules[:, None] * centres).sum(axis=0))

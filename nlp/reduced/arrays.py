@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nlp.numbers.masses import masses
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.kinds import WIDTH
@@ -54,6 +55,12 @@ class Rotors(NamedTuple):
 
     l_c: float
     m_E: float
+    bodies: float
+    """Mass of modules and joints."""
+    modules: Array
+    """Mass of each module with its joints, shape (n,)."""
+    centres: Array
+    """Centre of that from the module's own, x and y in its frame, shape (n, 2)."""
     torques: Array
     """Torque of each rotor about its module's centre at unit input, shape (4, 3)."""
     u_min: float
@@ -116,7 +123,7 @@ class ReducedProblem(NamedTuple):
     """Bounds on the unknowns, shape (N,)."""
     upper: Array
     fixed: Array
-    """p'_E from the centroid where the task fixes it, else empty."""
+    """p'_E from the centre of mass of the modules and joints where the task fixes it, else empty."""
 
 
 class Row(NamedTuple):
@@ -135,9 +142,17 @@ class Row(NamedTuple):
 def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     """Return the numbers of a task and a topology."""
     n, unit, module = topology.n, Units.of(task), task.module
-    m_E, fixed = task.end_effector.mass / module.mass, task.end_effector.fixed_position
-    limits = task.min_thrust_to_weight, task.max_thrust_to_weight
-    rotors = Rotors(module.connector_distance / unit.length, m_E, torque_map(module).T.copy(), *limits)
+    carried, fixed = masses(task, topology), task.end_effector.fixed_position
+    rotors = Rotors(
+        module.connector_distance / unit.length,
+        carried.tip,
+        carried.bodies,
+        carried.modules.copy(),
+        carried.centres.copy(),
+        torque_map(module).T.copy(),
+        task.min_thrust_to_weight,
+        task.max_thrust_to_weight,
+    )
     air = module.envelope
     geometric = n + 2 + (3 if fixed is None else 0)
     lower, upper = (np.array(side[:geometric]) for side in variable_bounds(task, topology))
@@ -150,7 +165,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         np.column_stack(part_cover(module)) / unit.length,
         lower,
         upper,
-        np.empty(0) if fixed is None else (n + m_E) / n * np.array(fixed) / unit.length,
+        np.empty(0) if fixed is None else carried.lever * np.array(fixed) / unit.length,
     )
 
 

@@ -60,7 +60,7 @@ def effort(
         gradient: is added to, shape (N,).
     """
     n, K = len(at.p), len(stated.cases.effort)
-    m = n + stated.rotors.m_E
+    m = stated.rotors.bodies + stated.rotors.m_E
     A = columns(stated, at)
     w, total = np.empty(6), 0.0
     F, T, E = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(3)  # gradients by o_i, by turns of module i, by p_E
@@ -95,7 +95,7 @@ def effort(
 @njit(cache=True)
 def find_wrench(stated: ReducedProblem, at: Platform, k: int, w: Array) -> None:
     """Find w of load case k."""
-    m = len(at.p) + stated.rotors.m_E
+    m = stated.rotors.bodies + stated.rotors.m_E
     x, y, z = at.p_E[0] - at.p_COM[0], at.p_E[1] - at.p_COM[1], at.p_E[2] - at.p_COM[2]
     fx, fy, fz = stated.cases.f_E[k]
     for a in range(3):
@@ -124,7 +124,7 @@ def inputs(stated: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: A
 def columns(stated: ReducedProblem, at: Platform) -> Array:
     """Return A transposed, shape (4n, 6)."""
     n, torques = len(at.p), stated.rotors.torques
-    m = n + stated.rotors.m_E
+    m = stated.rotors.bodies + stated.rotors.m_E
     A = np.empty((4 * n, 6))
     for i in range(n):
         x, y, z = at.z[i]

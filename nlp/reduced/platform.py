@@ -6,6 +6,7 @@ r"""The platform of a point of the reduced space: poses, and how every unknown m
 | R_i, p_i, z_i | pose and axis of module i in W | (n,3,3), (n,3), (n,3) | -, l_arm, - |
 | omega_l, c_l | axis of angle l, and a point on it | (n+2,3) each | -, l_arm |
 | p'_E, p_COM | end-effector and centre of mass in W | (3,) each | l_arm |
+| B | centre of mass of the modules and joints (`nlp.numbers.masses`) | (3,) | l_arm |
 | dp, dz | derivatives of p_i and z_i by x | (N,n,3) each | |
 | dE, dB | derivatives of p'_E and of p_E = p'_E - p_COM by x | (N,3) each | |
 
@@ -56,14 +57,15 @@ def platform(stated: ReducedProblem, x: Array) -> Platform:
     tree = stated.tree
     R, p, omega, c = chain(x, tree.parent, tree.port, tree.kappa, stated.rotors.l_c)
     n, z = len(p), R[:, :, 2].copy()
-    p_E, p_COM, m_E = np.empty(3), np.empty(3), stated.rotors.m_E
+    p_E, p_COM, rotors = np.empty(3), np.empty(3), stated.rotors
     for k in range(3):
-        centroid = 0.0
+        B = 0.0
         for i in range(n):
-            centroid += p[i, k]
-        centroid /= n
-        p_E[k] = centroid + stated.fixed[k] if len(stated.fixed) else x[n + 2 + k]
-        p_COM[k] = (m_E * p_E[k] + n * centroid) / (n + m_E)
+            d = R[i, k, 0] * rotors.centres[i, 0] + R[i, k, 1] * rotors.centres[i, 1]
+            B += rotors.modules[i] * (p[i, k] + d)
+        B /= rotors.bodies
+        p_E[k] = B + stated.fixed[k] if len(stated.fixed) else x[n + 2 + k]
+        p_COM[k] = (rotors.m_E * p_E[k] + rotors.bodies * B) / (rotors.bodies + rotors.m_E)
     return Platform(R, p, z, omega, c, p_E, p_COM)
 
 
@@ -74,7 +76,7 @@ refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesk
 @njit(cache=True)
 def motion(stated: ReducedProblem, at: Platform) -> Moved:
     """Return how the unknowns move everything."""
-    n, N, m_E = len(at.p), len(stated.lower), stated.rotors.m_E
+    n, N, rotors = len(at.p), len(stated.lower), stated.rotors
     dp, dz = np.zeros((N, n, 3)), np.zeros((N, n, 3))
     dE, dB = np.zeros((N, 3)), np.zeros((N, 3))
     free = len(stated.fixed) == 0
@@ -87,17 +89,23 @@ def motion(stated: ReducedProblem, at: Platform) -> Moved:
                 dp[l, i, 0], dp[l, i, 1], dp[l, i, 2] = v * z - w * y, w * x - u * z, u * y - v * x
                 x, y, z = at.z[i, 0], at.z[i, 1], at.z[i, 2]
                 dz[l, i, 0], dz[l, i, 1], dz[l, i, 2] = v * z - w * y, w * x - u * z, u * y - v * x
+        turned = np.zeros(3)  # derivative of B, times the mass
+        for i in range(n):
+            if stated.tree.moves[l, i]:
+                d, e = rotors.centres[i]
+                x, y = d * at.R[i, 0, 0] + e * at.R[i, 0, 1], d * at.R[i, 1, 0] + e * at.R[i, 1, 1]
+                z = d * at.R[i, 2, 0] + e * at.R[i, 2, 1]
+                turned[0] += rotors.modules[i] * (dp[l, i, 0] + v * z - w * y)
+                turned[1] += rotors.modules[i] * (dp[l, i, 1] + w * x - u * z)
+                turned[2] += rotors.modules[i] * (dp[l, i, 2] + u * y - v * x)
         for k in range(3):
-            centroid = 0.0
-            for i in range(n):
-                centroid += dp[l, i, k]
-            centroid /= n
+            by_angle = turned[k] / rotors.bodies
             if free:
-                dB[l, k] = -n * centroid / (n + m_E)
+                dB[l, k] = -rotors.bodies * by_angle / (rotors.bodies + rotors.m_E)
             else:
-                dE[l, k] = centroid
+                dE[l, k] = by_angle
     if free:
         for k in range(3):
             dE[n + 2 + k, k] = 1.0
-            dB[n + 2 + k, k] = n / (n + m_E)
+            dB[n + 2 + k, k] = rotors.bodies / (rotors.bodies + rotors.m_E)
     return Moved(dp, dz, dE, dB)

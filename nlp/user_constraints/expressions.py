@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from nlp.symbols.kinematics import Pose, poses
-from nlp.symbols.wrench import scale
+from nlp.symbols.masses import tip_and_com
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -47,10 +47,7 @@ def symbolic_platform(task: ResolvedTask, topology: Topology, x: ca.SX) -> Symbo
     """Return the platform that the unknowns describe."""
     n, K, unit, module = topology.n, len(task.load_cases), Units.of(task), task.module
     modules: list[Pose] = poses(topology, x[:3], x[3 : n + 2], module.connector_distance / unit.length)
-    m_E, position = task.end_effector.mass / module.mass, task.end_effector.fixed_position
-    centroid = ca.sum2(ca.horzcat(*(pose.p for pose in modules))) / n
-    p_E = x[n + 2 : n + 5] if position is None else centroid + (n + m_E) / n * scale(position, unit.length)
-    p_COM = (m_E * p_E + n * centroid) / (n + m_E)
+    p_E, p_COM = tip_and_com(task, topology, modules, x[n + 2 : n + 5])
     first = x.numel() - 4 * n * K
     return SymbolicPlatform(
         task=task.declared,

@@ -24,9 +24,16 @@ def solve_mounted(
 ) -> Design | Infeasible:
     """Solve one topology, and choose where the rod of a design's end-effector is bolted."""
     outcome = nlp.solve(task, topology, starts=starts, seed=seed, near=near, constraints=constraints)
-    if isinstance(outcome, Design):
-        return outcome.model_copy(update={"mount": verify.choose_mount(outcome)})
-    return outcome
+    if not isinstance(outcome, Design):
+        return outcome
+    mount = verify.choose_mount(outcome)
+    if outcome.task.end_effector.rod_mass == "ignored":
+        return outcome.model_copy(update={"mount": mount})
+    if mount not in (None, outcome.mount):
+        # the solver counts the nearest rod within its limits; where parts or airflow block it, another is bolted on
+        outcome = nlp.hold_rod(outcome, mount, constraints)
+    # to the last digit the given task with that rod, by whatever rods the solver went
+    return outcome.model_copy(update={"task": task.with_rod(outcome.task.end_effector.counted_rod)})
 
 
 def audit_exactly(design: Design) -> Audit:

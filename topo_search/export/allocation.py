@@ -11,7 +11,7 @@ r"""Data of a platform for a flight controller: forces and torques of its rotors
 | u; T = k_f u | squared rotor speeds; thrusts; j = 4 i + q, rotor q = 0..3 of module i | (4n,) | rad^2/s^2; N |
 | o_j, z_j | position of rotor j from the COM; its thrust axis | (3,) | m, - |
 | s_j = -(-1)^q | sign of the drag torque along z_j: +1 for a rotor that turns clockwise seen against z_j | | |
-| J | inertia about the COM: modules by their own, the end-effector a point; the rod has none | (3, 3) | kg m^2 |
+| J | inertia about the COM: modules by their own, joints and the end-effector as points | (3, 3) | kg m^2 |
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from topo_search.model.layout import ROTOR_SPINS
 from topo_search.model.module import Module
 from topo_search.model.tables import csv_text
 from topo_search.model.value import Index, Number, Value, Vector
+from verify.flight.joints import inertia
+from verify.kinematics import platform
 
 ROWS = ("force_x_N", "force_y_N", "force_z_N", "torque_x_Nm", "torque_y_Nm", "torque_z_Nm")
 """Names of the components of w."""
@@ -127,7 +129,8 @@ def allocation(design: Design) -> Allocation:
     o, z, s = at.rotors.reshape(-1, 3), np.repeat(at.z, 4, axis=0), np.tile(ROTOR_SPINS, n)
     B_T = thrust_matrix(module, at)
     inverse: Array = np.asarray(np.linalg.pinv(B_T, rcond=RANK_TOLERANCE), dtype=np.float64)
-    J = inertia(design, at)
+    J = inertia(design, platform(design))
+    J = (J + J.T) / 2
     moments, axes = np.linalg.eigh(J)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     u_max = module.max_input(task.gravity)
@@ -167,16 +170,6 @@ def thrust_matrix(module: Module, at: Poses) -> Array:
     o, z = at.rotors.reshape(-1, 3), np.repeat(at.z, 4, axis=0)
     drag = np.tile(ROTOR_SPINS, len(at.p)) * module.torque_coefficient / module.thrust_coefficient
     return np.concatenate([z, np.cross(o, z) + drag[:, None] * z], axis=1).T
-
-
-def inertia(design: Design, at: Poses) -> Array:
-    """Return J, shape (3, 3) [kg m^2]."""
-    task = design.task
-    J = np.einsum("nxk,k,nyk->xy", at.R, task.module.inertia, at.R)
-    masses = [*[task.module.mass] * len(at.p), task.end_effector.mass]
-    for m, r in zip(masses, [*(at.p - at.p_com), at.p_E], strict=True):
-        J = J + m * (r @ r * np.eye(3) - np.outer(r, r))
-    return np.asarray((J + J.T) / 2)
 
 
 def _rows(matrix: Array) -> tuple[Row, ...]:

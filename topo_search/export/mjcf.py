@@ -11,14 +11,15 @@
 The body `platform` floats freely. Its frame has its origin at the centre of mass and the axes of the task frame
 W, so that a load case reads there as it stands in the task. Modules hang below it as the topology says, each behind
 its hinge with the angle that the design states. Masses are those of the solver and the audit: m at every module's
-centre with the module's inertia, m_E at p_E as a point. The rod that holds it has a shape, but no mass. `Physics`
-says what else a simulator is to have.
+centre with the module's inertia; m_E at p_E and that of a joint at its hinge are points. The rod that holds the
+end-effector has a shape, and mass where the design counts it. `Physics` says what else a simulator is to have.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from xml.etree.ElementTree import Comment, Element, SubElement
 
 from topo_search.export import palette
@@ -57,9 +58,9 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         physics: what it is to have beyond the model of the search.
     """
     task, module = design.task, design.task.module
-    at = poses(design)
+    at, counts = poses(design), task.end_effector.counted_rod is not None
     model = Element("mujoco", model=f"{task.name} {design.topology.key}")
-    model.append(Comment(ABOUT + physics.about))
+    model.append(Comment(ABOUT + replace(physics, rod_mass=physics.rod_mass and not counts).about))
     SubElement(model, "compiler", angle="radian", eulerseq="zxy", inertiafromgeom="false")
     SubElement(model, "option", gravity=numbers(0, 0, -task.gravity))
     _defaults(SubElement(model, "default"), module, task.gravity, physics)
@@ -94,7 +95,7 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         passing = {"contype": "0", "conaffinity": "0"} if physics.contacts else {}
         SubElement(end_effector, "geom", {"name": "rod", "fromto": ends, **shape, **passing})
         _bar(bodies[design.mount.module], design.mount.port, module)
-        if physics.rod_mass:
+        if physics.rod_mass or counts:
             add_rod_mass(platform, rod, design, at)
     met = physics.solid_regions and add_solid_regions(model, asset, world, design, at)
     if physics.contacts:
@@ -137,6 +138,8 @@ def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Ele
     step = numbers(*module.connector_distance * PORT_DIRECTIONS[a])
     _bar(parent, a, module)
     hinge = SubElement(parent, "body", name=f"hinge_{i}", pos=step, euler=numbers(0, about_x, about_y))
+    if module.joint_mass:
+        SubElement(hinge, "inertial", pos="0 0 0", mass=numbers(module.joint_mass), diaginertia="0 0 0")
     _bar(hinge, a, module)
     return hinge
 

@@ -4,7 +4,7 @@
 |---|---|---|---|
 | c | connector that the rod is bolted to, p_i + l_c R_i e_a | (3,) | m |
 | p'_E | end-effector in W | (3,) | m |
-| m, v | mass of the rod, which solver and audit leave out; unit vector along it | , (3,) | kg, - |
+| m, v | mass of the rod, which solver and audit may ignore; unit vector along it | , (3,) | kg, - |
 """
 
 from __future__ import annotations
@@ -111,7 +111,8 @@ class RodMass:
 
 def mass_of(rod: Rod, design: Design, at: Poses) -> RodMass:
     """Return mass and inertia of the rod of a design."""
-    m = design.task.end_effector.rod_linear_density * rod.length
+    counted = design.task.end_effector.counted_rod
+    m = design.task.end_effector.rod_linear_density * rod.length if counted is None else counted.mass
     v = (rod.end - rod.start) / rod.length
     across = m * rod.length**2 / 12 * (np.eye(3) - np.outer(v, v))
     inertia = across + m * rod.radius**2 * np.outer(v, v)

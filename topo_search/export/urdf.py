@@ -22,10 +22,11 @@ from xml.etree.ElementTree import Comment, Element, SubElement
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import ROTOR_ANGLES, poses, rod_of, rotation_to
+from topo_search.export.poses import ROTOR_ANGLES, mass_of, poses, rod_of, rotation_to
 from topo_search.export.simulator_xml import numbers, rgba, xml_text
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
+from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Module
 from verify.kinematics import rotation
 
@@ -58,8 +59,12 @@ def urdf(design: Design) -> str:
             rotor = f"module_{i}_rotor_{q}"
             _point(robot, rotor, 0.0)
             _joint(robot, f"module_{i}", rotor, R @ _point_towards(angle, module.arm_length), R)
-    for h, i, _, _ in design.topology.edges():
+    for h, i, a, _ in design.topology.edges():
         _joint(robot, f"module_{h}", f"module_{i}", F[h].T @ (at.p[i] - at.p[h]), F[h].T @ F[i])
+        if module.joint_mass:
+            connector = module.connector_distance * F[h].T @ at.R[h] @ PORT_DIRECTIONS[a]
+            _point(robot, f"joint_{i}", module.joint_mass)
+            _joint(robot, f"module_{h}", f"joint_{i}", connector, np.eye(3))
     _point(robot, "centre_of_mass", 0.0)
     _joint(robot, "module_0", "centre_of_mass", at.p_com, np.eye(3))
     tip = _point(robot, "end_effector", task.end_effector.mass)
@@ -68,6 +73,10 @@ def urdf(design: Design) -> str:
         tube = "cylinder", {"radius": numbers(rod.radius), "length": numbers(rod.length)}
         R = rotation_to((rod.end - rod.start) / rod.length)
         _shape(tip, tube, (rod.start - rod.end) / 2, R, "end_effector")
+        if task.end_effector.counted_rod is not None:
+            weighs = mass_of(rod, design, at)
+            _inertial(SubElement(robot, "link", name="rod"), weighs.mass, weighs.inertia)
+            _joint(robot, "module_0", "rod", (rod.start + rod.end) / 2, np.eye(3))
     return xml_text(robot)
 
 
@@ -83,7 +92,7 @@ def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
 def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
     """Add the link of module i, whose axes are R in the link's frame."""
     link = SubElement(robot, "link", name=f"module_{i}")
-    _inertial(link, module.mass, module.inertia, R)
+    _inertial(link, module.mass, R @ np.diag(module.inertia) @ R.T)
     body, l_arm = module.body, module.arm_length
     arm = "box", {"size": numbers(l_arm, body.arm_width, body.arm_width)}
     rotor = "cylinder", {"radius": numbers(body.rotor_radius), "length": numbers(body.rotor_height)}
@@ -96,7 +105,7 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
 def _point(robot: Element, name: str, mass: float) -> Element:
     """Add a link whose mass is a point."""
     link = SubElement(robot, "link", name=name)
-    _inertial(link, mass, (0.0, 0.0, 0.0), np.eye(3))
+    _inertial(link, mass, np.zeros((3, 3)))
     return link
 
 
@@ -104,12 +113,12 @@ def _point_towards(angle: float, length: float) -> Array:
     return length * np.array([math.cos(angle), math.sin(angle), 0.0])
 
 
-def _inertial(link: Element, mass: float, moments: tuple[float, float, float], R: Array) -> None:
-    """Add the tensor in the link's own axes, larger by ROUNDING so that a flat body's stays that of a body."""
+def _inertial(link: Element, mass: float, tensor: Array) -> None:
+    """Add a tensor in the link's own axes, larger by ROUNDING so that a flat body's stays that of a body."""
     inertial = SubElement(link, "inertial")
     _origin(inertial, np.zeros(3), np.eye(3))
     SubElement(inertial, "mass", value=numbers(mass))
-    I = R @ np.diag(moments) @ R.T + ROUNDING * sum(moments) * np.eye(3)
+    I = tensor + ROUNDING * tensor.trace() * np.eye(3)
     entries = {f"i{'xyz'[a]}{'xyz'[b]}": numbers(I[a, b]) for a in range(3) for b in range(a, 3)}
     SubElement(inertial, "inertia", entries)
 

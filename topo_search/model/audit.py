@@ -59,7 +59,7 @@ class Rod(Value):
     length_m: Number
     radius_m: Number
     mass_kg: Number
-    """At `end_effector.rod_linear_density`; not part of the model's mass."""
+    """At `end_effector.rod_linear_density`; part of the model's mass with `rod_mass = "included"`."""
     direction: Vector
     """Unit vector from the connector to the end-effector, in W."""
     direction_in_module: Vector

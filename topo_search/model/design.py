@@ -255,6 +255,13 @@ class Design(Value):
 
     @model_validator(mode="after")
     def _mount_is_free(self) -> Self:
+        counted = self.task.end_effector.counted_rod
+        if counted is not None and self.mount != Mount(module=counted.module, port=counted.port):
+            given = "none" if self.mount is None else f"port {self.mount.port} of module {self.mount.module}"
+            due = f"port {counted.port} of module {counted.module}"
+            refuse(
+                "Design", (("mount",), f"must be that of `task.end_effector.counted_rod`, {due}, but got {given}")
+            )
         if self.mount is not None and (self.mount.module, self.mount.port) not in self.topology.free_connectors:
             given = f"port {self.mount.port} of module {self.mount.module}"
             refuse("Design", (("mount",), f"must be a connector without a joint, but got {given}"))

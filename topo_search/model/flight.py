@@ -161,7 +161,7 @@ class Flight(Value):
     rod_length_m: Size | None
     """None: no straight rod carries the end-effector."""
     rod_mass_share: Size | None
-    """Mass of the rod, which the model leaves out, over that of the platform."""
+    """Mass of the rod over that of the platform, which includes it with `rod_mass = "included"`."""
     span_m: Size
     """Largest distance between the centres of two rotors, and the width of one [m]."""
 

@@ -110,6 +110,9 @@ class LoadCase(Value):
     """f_C, tau_C: exerted at the platform's centre of mass."""
     carries_weight: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
     """True if the platform's weight [0, 0, m_t g] is added to f_C, for any number of modules."""
+    grows: Annotated[Literal["weight", "all"] | None, Field(exclude_if=lambda given: given is None)] = None
+    """What grows with the weight of the rod that a design counts: `weight`: the part of f_C that carries it; `all`:
+    everything, as stated in weights. Designs have it, tasks do not."""
     weight: PositiveOrZero = 1.0
     """lambda_k: weight of this case's effort in the objective; 0: it must be possible but adds no effort."""
 
@@ -154,24 +157,39 @@ class LoadCase(Value):
         plain = {"name": None, "weight": 0.0, "cone": None, "vertices": ()}
         return tuple(self.model_copy(update={**plain, "end_effector": wrench}) for wrench in others)
 
-    def to_si(self, force_unit: float, torque_unit: float) -> LoadCase:
-        """Return the same in N and N m, the weight written out, given m_t g [N] and l_arm m_t g [N m]."""
+    def to_si(self, force_unit: float, torque_unit: float, *, grows: bool = False) -> LoadCase:
+        """Return the same in N and N m, the weight written out, given m_t g [N] and l_arm m_t g [N m].
+
+        `grows`: whether a design adds to m_t.
+        """
         case = self
         if self.units == "weight":
-            wrenches = (
-                wrench and wrench.scale(force_unit, torque_unit) for wrench in (self.end_effector, self.com)
-            )
-            scaled = dict(zip(("end_effector", "com"), wrenches, strict=True))
-            sets = {
-                "cone": self.cone and self.cone.scale(force_unit),
-                "vertices": tuple(wrench.scale(force_unit, torque_unit) for wrench in self.vertices),
-            }
-            case = self.model_copy(update={"units": "SI", **scaled, **sets})
+            case = self._scale(force_unit, torque_unit).model_copy(update={"units": "SI"})
         if self.carries_weight:
-            x, y, z = case.at_com.force
-            com = case.at_com.model_copy(update={"force": (x, y, z + force_unit)})
-            case = case.model_copy(update={"com": com, "carries_weight": False})
+            case = case._carry(force_unit).model_copy(update={"carries_weight": False})
+        if grows and (self.units == "weight" or self.carries_weight):
+            case = case.model_copy(update={"grows": "all" if self.units == "weight" else "weight"})
         return case
+
+    def regrow(self, before: float, after: float) -> LoadCase:
+        """Return the same for another weight of the platform [N]."""
+        if self.grows == "all":
+            return self._scale(after / before, after / before)
+        return self._carry(after - before) if self.grows == "weight" else self
+
+    def _scale(self, force_unit: float, torque_unit: float) -> LoadCase:
+        wrenches = (wrench and wrench.scale(force_unit, torque_unit) for wrench in (self.end_effector, self.com))
+        scaled = dict(zip(("end_effector", "com"), wrenches, strict=True))
+        sets = {
+            "cone": self.cone and self.cone.scale(force_unit),
+            "vertices": tuple(wrench.scale(force_unit, torque_unit) for wrench in self.vertices),
+        }
+        return self.model_copy(update={**scaled, **sets})
+
+    def _carry(self, weight: float) -> LoadCase:
+        x, y, z = self.at_com.force
+        com = self.at_com.model_copy(update={"force": (x, y, z + weight)})
+        return self.model_copy(update={"com": com})
 
 
 def labels(cases: Sequence[LoadCase]) -> tuple[str, ...]:

@@ -73,6 +73,7 @@ from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.mesh_file import ConvexPiece, frame_of, mesh_schema, take_mesh
 from topo_search.model.value import (
     Flag,
+    Index,
     NonEmpty,
     NonNegative,
     Number,
@@ -100,6 +101,16 @@ Reach = Annotated[
 ]
 
 
+class CountedRod(Value):
+    """The rod of a design whose weight its load cases count with."""
+
+    module: Index
+    port: Annotated[int, Field(strict=True, ge=0, le=3)]
+    """Connector that it starts from; 0..3 for +x, +y, -x, -y."""
+    mass: NonNegative
+    """[kg]"""
+
+
 class EndEffector(Value):
     """The rigid end-effector."""
 
@@ -120,11 +131,26 @@ class EndEffector(Value):
     """Radius of the rod that carries the end-effector [m]."""
     rod_linear_density: NonNegative = 0.045
     """Mass of the rod per metre [kg/m]; default: a carbon-fibre tube (1,600 kg/m^3) with a 1 mm wall."""
+    rod_mass: Annotated[Literal["included", "ignored"], Field(exclude_if=lambda given: given == "ignored")] = (
+        "ignored"
+    )
+    """`included`: the rod's mass counts in weight, centre of mass and inertia; `ignored`: it weighs nothing."""
+    counted_rod: Annotated[CountedRod | None, Field(exclude_if=lambda given: given is None)] = None
+    """The rod that a design counts with; a task leaves it out."""
     rod_modulus: Annotated[Positive, Field(exclude_if=lambda given: given == 70e9)] = 70e9
     """Elastic modulus of the rod along it [Pa]; default: a carbon-fibre tube."""
     rod_deflection: Annotated[Positive, Field(exclude_if=lambda given: given == 0.005)] = 0.005
     """Deflection of the rod's tip under the task's largest load and the rod's weight [m] that limits the default of
     largest_reach."""
+
+    @model_validator(mode="after")
+    def _weighable_rod(self) -> Self:
+        if self.rod_mass == "included" and (self.rod == "none" or self.largest_reach is False):
+            given = 'rod = "none"' if self.rod == "none" else "largest_reach = false"
+            refuse("EndEffector", (("rod_mass",), f'must be "ignored" with {given}, but got "included"'))
+        if self.rod_mass == "ignored" and self.counted_rod is not None:
+            refuse("EndEffector", (("counted_rod",), 'must be left out with rod_mass = "ignored"'))
+        return self
 
     def stiff_length(self, force: float, torque: float, gravity: float) -> float:
         """Return the length at which the rod bends by `rod_deflection` [m]; infinite for a rod without mass.
@@ -337,6 +363,8 @@ class Module(Value):
     """Rated moment of a joint [N m]."""
     joint_force: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
     """Rated force of a joint [N]."""
+    joint_mass: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0.0)] = 0.0
+    """Mass of a joint, bracket and bolts, at its connector [kg]."""
     min_input: Annotated[float, Field(strict=True, ge=0, lt=1, exclude_if=lambda given: given == 0.0)] = 0.0
     """Least squared speed of a running rotor, as a share of the largest; a failed rotor is exempt."""
     battery_Wh: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None

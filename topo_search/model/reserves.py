@@ -103,6 +103,8 @@ class AskedFlight(Value):
     joint_force: Annotated[LargestLoad, Field(exclude_if=lambda given: given is None)] = None
     """Largest force in a joint [N]; `rated`: module.joint_force."""
 
+    grows: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
+    """True if reserves grow with the weight of the rod that a design counts. Designs have it, tasks do not."""
     tolerances: Annotated[Flag | None, Field(exclude_if=lambda given: given is None)] = None
     """True if clearances must provably survive all errors within [tolerances], which costs effort like a margin;
     false: they are only measured; default: required where a new task has tolerances, measured in older files."""
@@ -115,7 +117,7 @@ class AskedFlight(Value):
     @property
     def asks(self) -> bool:
         """True if anything is asked for."""
-        how = {"units", "around", "at", "directions", "allocator"}
+        how = {"units", "around", "at", "directions", "allocator", "grows"}
         return self != AskedFlight(**{name: getattr(self, name) for name in how})
 
     def at_level(self, level: Level) -> AskedFlight:
@@ -124,8 +126,11 @@ class AskedFlight(Value):
         held = self.model_copy(update=set_)
         return held.model_copy(update={"rotor_out_torque": None}) if held.rotor_out == "none" else held
 
-    def to_si(self, force_unit: float, torque_unit: float) -> AskedFlight:
-        """Return the same in N and N m, given m_t g [N] and l_arm m_t g [N m]; where nothing is asked, nothing."""
+    def to_si(self, force_unit: float, torque_unit: float, *, grows: bool = False) -> AskedFlight:
+        """Return the same in N and N m, given m_t g [N] and l_arm m_t g [N m]; where nothing is asked, nothing.
+
+        `grows`: whether a design adds to m_t.
+        """
         if not self.asks:
             return AskedFlight()
         f, t = (force_unit, torque_unit) if self.units == "weight" else (1.0, 1.0)
@@ -133,11 +138,20 @@ class AskedFlight(Value):
             "units": "SI",
             "force_reserve": self.force_reserve * f,
             "torque_reserve": self.torque_reserve * t,
+            "grows": self.grows or (grows and self.units == "weight"),
         }
         if self.rotor_out != "none":
             left = self.rotor_out_torque
             changed["rotor_out_torque"] = LEFT * torque_unit if left is None else left * t
         return self.model_copy(update=changed)
+
+    def regrow(self, ratio: float) -> AskedFlight:
+        """Return the same for a platform whose weight is so many times what it was."""
+        if not self.grows:
+            return self
+        names = ("force_reserve", "torque_reserve", "rotor_out_torque")
+        given = {name: getattr(self, name) for name in names}
+        return self.model_copy(update={name: r * ratio for name, r in given.items() if r is not None})
 
 
 def centres(task: ResolvedTask) -> list[Centre]:

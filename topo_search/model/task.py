@@ -3,7 +3,8 @@
 | symbol | meaning | unit |
 |---|---|---|
 | n, K | modules, load cases | |
-| m_E, m_t | end-effector mass; total mass n m + m_E | kg |
+| m_E, m_J | mass of the end-effector, of a joint | kg |
+| m_t | total mass n m + m_E + (n - 1) m_J, with the rod's of a design that counts it | kg |
 | p_E | end-effector position from the platform COM | m |
 | W | task frame: axes of all vectors below | |
 """
@@ -20,7 +21,7 @@ from topo_search.limits import ALL_CORNERS, LOAD_CASES, REQUIREMENTS, SEGMENTS, 
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
 from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
-from topo_search.model.module import AGREE, AIR_DENSITY, EndEffector, Module, ResolvedEndEffector
+from topo_search.model.module import AGREE, AIR_DENSITY, CountedRod, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.reserves import AskedFlight, broken_reserves
 from topo_search.model.room import (
     LARGE,
@@ -33,7 +34,7 @@ from topo_search.model.room import (
     packed_width,
 )
 from topo_search.model.search import Goals, Level, Search
-from topo_search.model.tolerances import FARTHEST
+from topo_search.model.tolerances import FARTHEST, TOLERANCE
 from topo_search.model.value import (
     Angle,
     Count,
@@ -265,7 +266,8 @@ class Task(Value):
 
     def total_mass(self, n: int) -> float:
         """m_t of a platform of n modules [kg]."""
-        return n * self.module.mass + self.end_effector.mass
+        rod, joints = self.end_effector.counted_rod, (n - 1) * self.module.joint_mass
+        return n * self.module.mass + self.end_effector.mass + joints + (0.0 if rod is None else rod.mass)
 
     @property
     def cases(self) -> tuple[LoadCase, ...]:
@@ -401,7 +403,7 @@ class Task(Value):
 
         It has no goals: what a design is held to are the fields that they are levels of.
         """
-        units = self.force_unit(n), self.torque_unit(n)
+        units, grows = (self.force_unit(n), self.torque_unit(n)), self.end_effector.rod_mass == "included"
         search = self.search.model_copy(
             update={"separation": self.separation, "body_clearance": self.body_clearance or False}
         )
@@ -413,10 +415,10 @@ class Task(Value):
                 "modules": n,
                 "module": self.module.resolve(),
                 "end_effector": end_effector,
-                "load_cases": tuple(case.to_si(*units) for case in self.cases),
+                "load_cases": tuple(case.to_si(*units, grows=grows) for case in self.cases),
                 "task_seed": None,
                 "search": search,
-                "flight": self.flight.to_si(*units),
+                "flight": self.flight.to_si(*units, grows=grows),
                 "goals": Goals(),
             }
         )
@@ -440,6 +442,29 @@ class ResolvedTask(Task):
         carry = [k for k, case in enumerate(self.load_cases) if case.carries_weight]
         refuse("ResolvedTask", *((("load_cases", k, "carries_weight"), rule) for k in carry))
         return self
+
+    def with_rod(self, rod: CountedRod | None) -> ResolvedTask:
+        """Return the task of platforms with a rod that counts, or None, and with what grows with the weight."""
+        if rod == self.end_effector.counted_rod:
+            return self
+        end_effector = self.end_effector.model_copy(update={"counted_rod": rod})
+        task, before = self.model_copy(update={"end_effector": end_effector}), self.force_unit(self.n)
+        after = task.force_unit(self.n)
+        cases = tuple(case.regrow(before, after) for case in self.load_cases)
+        return task.model_copy(update={"load_cases": cases, "flight": self.flight.regrow(after / before)})
+
+    @property
+    def lightest(self) -> ResolvedTask:
+        """The task as no platform is lighter: what bounds and proofs are about."""
+        return self.with_rod(None)
+
+    @property
+    def heaviest_rod(self) -> float:
+        """Largest mass of a rod that counts in a clear audit [kg]."""
+        if self.end_effector.rod_mass == "ignored":
+            return 0.0
+        longest = (self.largest_reach(self.n) or 0.0) + TOLERANCE * self.module.arm_length
+        return self.end_effector.rod_linear_density * longest + TOLERANCE * self.total_mass(self.n)
 
     @property
     def declared(self) -> ResolvedTask:

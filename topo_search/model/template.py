@@ -6,6 +6,7 @@ import json
 import textwrap
 import tomllib
 from collections.abc import Iterator
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -85,13 +86,19 @@ LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "t
 RATINGS = {"joint_moment": 4.0, "joint_force": 60.0, "battery_Wh": 12.0}
 SETS = {"hinge_step_deg": 15.0, "hinge_angles_deg": (0.0, 30.0, 45.0, 60.0, 90.0)}
 """Examples of fields of [flight], of a module and of [search] that have no default."""
-ADVISED = {"at": "both"}
-"""Fields of [flight] that a new task states: better than the default, which is that of older tasks."""
+ADVISED: dict[str, dict[str, Any]] = {
+    "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.03},
+    "end_effector": {"rod_mass": "included"},
+    "flight": {"at": "both"},
+}
+"""Fields that a new task states: better than the default, which is that of older tasks."""
+OF_DESIGNS = {"grows"}
+"""Fields that a task leaves out."""
 
 
 def task_template(name: str) -> str:
     """Return the text of a task file with every field, its default and what it means."""
-    task = Task.model_validate(tomllib.loads(HEAD.format(name=name) + TASK))
+    task = Task.model_validate(tomllib.loads(HEAD.format(name=name) + TASK) | ADVISED)
     filled = task.resolve(5)
     module, k_f = filled.module, filled.module.thrust_coefficient
     forms = {
@@ -101,7 +108,7 @@ def task_template(name: str) -> str:
     }
     changed = {
         "module": module.model_copy(update={**forms, **RATINGS}),
-        "flight": filled.flight.model_copy(update=LIMITS | ADVISED),
+        "flight": filled.flight.model_copy(update=LIMITS | ADVISED["flight"]),
         "search": filled.search.model_copy(update=SETS),
     }
     filled = filled.model_copy(update=changed)
@@ -126,11 +133,12 @@ def _fields(task: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[s
     """Yield a line for every field with a plain value by default, commented out, its meaning beside it."""
     for field, known in type(filled).model_fields.items():
         value = getattr(filled, field)
-        if field in without or value is None or isinstance(value, BaseModel):
+        if field in without | OF_DESIGNS or value is None or isinstance(value, BaseModel):
             continue
         if getattr(task, field) is None and not isinstance(value, bool):
             value = _round(value)
-        line = f"{'' if field in ADVISED else '# '}{field} = {json.dumps(value)}"
+        advised = any(field in table for table in ADVISED.values())
+        line = f"{'' if advised else '# '}{field} = {json.dumps(value)}"
         words = textwrap.wrap(known.description or "", WIDTH - COMMENT_AT)
         if len(line) > COMMENT_AT - 2:
             yield line

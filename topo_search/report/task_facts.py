@@ -37,15 +37,25 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
 def _platform(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     n = task.n
     yield "size", modules(n)
-    yield "mass m_t", f"{figures(task.total_mass(n))} kg, end-effector included"
+    yield "mass m_t", f"{figures(task.total_mass(n))} kg, {_included_parts(task)} included"
     yield "weight m_t g", f"{figures(task.force_unit(n))} N, at g = {figures(task.gravity)} m/s²"
     yield "unit of torque l_arm m_t g", f"{figures(task.torque_unit(n))} N m"
+
+
+def _included_parts(task: ResolvedTask) -> str:
+    """Return what weighs besides modules; the rod's mass is known of a design."""
+    rod = "" if task.end_effector.rod_mass == "ignored" else " and the rod"
+    if rod and task.end_effector.counted_rod is None:
+        rod = " without its rod, which a design adds,"
+    return f"{'joints and ' * bool(task.module.joint_mass)}end-effector{rod}"
 
 
 def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     module, u_max, hover = task.module, task.module.max_input(task.gravity), task.module.hover_input(task.gravity)
     k_f, k_tau, thrust_to_weight = module.thrust_coefficient, module.torque_coefficient, module.max_thrust_to_weight
     yield "mass m", f"{figures(module.mass)} kg"
+    if module.joint_mass:
+        yield "mass of a joint", f"{figures(module.joint_mass)} kg, at its connector"
     yield "arm length l_arm", f"{figures(module.arm_length)} m"
     yield "connector distance l_c", f"{figures(module.connector_distance)} m"
     yield "thrust coefficient k_f", f"{figures(k_f)} N s²"

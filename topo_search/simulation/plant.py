@@ -186,7 +186,8 @@ def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
     acts: Allocation = allocation(design)
     at = poses(design)
     m, J, c = acts.mass_kg, np.array(acts.inertia_kg_m2), np.zeros(3)
-    rod = rod_of(design, at) if rod_mass else None
+    ignored = design.task.end_effector.counted_rod is None
+    rod = rod_of(design, at) if rod_mass and ignored else None
     if rod is not None:
         weighs = mass_of(rod, design, at)
         c = weighs.mass / (m + weighs.mass) * weighs.middle

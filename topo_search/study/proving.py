@@ -17,7 +17,7 @@ from topo_search.study.answer import Answer
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger_file import KEPT
 from topo_search.study.progress import CHUNK_SECONDS, Observer, Phase
-from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, sizes_with_best, target
+from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, NO_ROD_MASS, sizes_with_best, target
 from topo_search.study.request import Request
 from topo_search.study.row import Row
 from topo_search.study.summary import answer_of, refuse_lost
@@ -206,6 +206,8 @@ def refuse_unprovable(request: Request, name: str) -> None:
     """
     if request.task.goals.names:
         raise BadInput(name, [Fault("", NO_GOALS)])
+    if request.task.end_effector.rod_mass == "included":
+        raise BadInput(name, [Fault("end_effector.rod_mass", NO_ROD_MASS)])
     if (n := request.task.sizes[-1]) > MOST_MODULES:
         raise BadInput(name, [Fault("modules", f"must be at most {MOST_MODULES} for a proof, but got {n}")])
 

@@ -111,7 +111,7 @@ def _differences(ledger: Ledger, contexts: list[Context], space: Space, row: Row
     values = {
         "objective": (row.objective, design.objective),
         "margin": (row.margin, context.margin),
-        "task": (design.task, context.task),
+        "task": (design.task, context.task.with_rod(design.task.end_effector.counted_rod)),
         "gap": (row.gap, Design.gap_of(design.objective, row.lower_bound or 0.0)),
     }
     yield from (f"{name} is not that of its design" for name, (held, due) in values.items() if held != due)

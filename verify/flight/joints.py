@@ -11,7 +11,8 @@
 Newton and Euler for what is beyond: F_c = sum m a_j - all other forces, and moments about c alike. Other forces are
 those of the rotors, the weight, and the reaction if the end-effector is mounted beyond. The whole platform
 accelerates by what the case leaves unbalanced, wrench of the rotors less wrench at the end-effector less weight;
-nothing in equilibrium. The end-effector is a point of mass m_E; modules have the inertia of the task, the rod none.
+nothing in equilibrium. The end-effector is a point of mass m_E, a joint one at its connector; the one at the cut is
+not beyond it. A rod that counts is beyond where the end-effector is. Modules have the inertia of the task.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from topo_search.model import Design, JointLoad, LoadCase
-from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_SPINS
+from topo_search.model.layout import ROTOR_SPINS
 from verify.bodies import Array
 from verify.kinematics import Platform
 from verify.residuals import clamp
@@ -42,14 +43,12 @@ def joint_loads(
             of both sides that may carry it.
     """
     borne = _Borne(design, found, case, u)
-    topology, l_c = design.topology, design.task.module.connector_distance
+    topology = design.topology
     beyond = _outward_modules(design)
     for h, i, a, _ in topology.edges():
-        R_h = found.poses.R[h]
-        c = found.o[h] + l_c * R_h @ PORT_DIRECTIONS[a]
-        axis = R_h[:, 1 if a % 2 == 0 else 0]
+        axis = found.poses.R[h][:, 1 if a % 2 == 0 else 0]
         sides = (True, False) if holder is None else (bool(beyond[i, holder]),)
-        loads = [borne.at(c, beyond[i], tip) for tip in sides]
+        loads = [borne.at(i, beyond[i], tip) for tip in sides]
         yield JointLoad(
             case=name,
             module=h,
@@ -76,31 +75,45 @@ class _Borne:
     def __init__(self, design: Design, found: Platform, case: LoadCase, u: Array) -> None:
         task, module = design.task, design.task.module
         n, z = design.topology.n, found.poses.z
-        self._o, self._p_E, m, m_E = found.o, found.p_e, module.mass, task.end_effector.mass
+        self._o, self._p_E, self._c = found.o, found.p_e, found.joints
         thrusts = module.thrust_coefficient * u[:, :, None] * z[:, None, :]
         drags = module.torque_coefficient * (ROTOR_SPINS * u).sum(axis=1)[:, None] * z
         self._f_E, self._tau_E = np.array(case.at_end_effector.force), np.array(case.at_end_effector.torque)
         weight = np.array([0.0, 0.0, -task.gravity])
-        F = thrusts.sum(axis=(0, 1)) - self._f_E + (n * m + m_E) * weight
+        points, masses = _masses(design, found)
+        F = thrusts.sum(axis=(0, 1)) - self._f_E + masses.sum() * weight
         tau = np.cross(found.rotors, thrusts).sum(axis=(0, 1)) + drags.sum(axis=0) - self._tau_E
         tau -= np.cross(self._p_E, self._f_E)
-        points, masses = _masses(design, found)
         a, turned = F / masses.sum(), np.linalg.solve(inertia(design, found), tau)
         # what the joints must exert on each part: its inertia less all other forces on it
         falls = masses[:, None] * (a + np.cross(turned, points) - weight)
         self._forces = falls[:n] - thrusts.sum(axis=1)
         rotor_moments = np.cross(found.rotors - found.o[:, None], thrusts).sum(axis=1) + drags
         self._moments = _inertias(design, found) @ turned - rotor_moments
-        self._tip_force = falls[n] + self._f_E
+        joints = 2 * n - 1
+        self._joint_forces, self._tip_force = falls[n:joints], falls[joints] + self._f_E
+        self._rod_force, self._middle = falls[joints + 1 :].sum(axis=0), found.rod[:, 0].sum(axis=0)
+        self._rod_moment = rod_inertia(design, found) @ turned
 
-    def at(self, c: Array, beyond: Array, tip: bool) -> tuple[Array, Array]:
-        """Return force and moment about c that what is beyond needs there, with the end-effector or without it."""
-        F, o = self._forces[beyond], self._o[beyond]
+    def at(self, child: int, beyond: Array, tip: bool) -> tuple[Array, Array]:
+        """Return force and moment that what is beyond a child's joint needs there.
+
+        Args:
+            child: the module behind the joint.
+            beyond: which modules are beyond, shape (n,).
+            tip: True if the end-effector is beyond.
+        """
+        inner = beyond[1:].copy()  # joints by their children
+        inner[child - 1] = False
+        c = self._c[child - 1]
+        F = np.concatenate([self._forces[beyond], self._joint_forces[inner]])
+        levers = np.concatenate([self._o[beyond], self._c[inner]]) - c
         force = F.sum(axis=0)
-        moment = self._moments[beyond].sum(axis=0) + np.cross(o - c, F).sum(axis=0)
+        moment = self._moments[beyond].sum(axis=0) + np.cross(levers, F).sum(axis=0)
         if tip:
-            force = force + self._tip_force
+            force = force + self._tip_force + self._rod_force
             moment = moment + np.cross(self._p_E - c, self._tip_force) + self._tau_E
+            moment = moment + np.cross(self._middle - c, self._rod_force) + self._rod_moment
         return force, moment
 
 
@@ -108,7 +121,18 @@ def inertia(design: Design, found: Platform) -> Array:
     """Return the inertia of a platform about its centre of mass, shape (3, 3) [kg m^2]."""
     points, masses = _masses(design, found)
     spread = (points**2).sum(axis=1)[:, None, None] * np.eye(3) - points[:, :, None] * points[:, None, :]
-    return np.asarray(_inertias(design, found).sum(axis=0) + (masses[:, None, None] * spread).sum(axis=0))
+    own = _inertias(design, found).sum(axis=0) + rod_inertia(design, found)
+    return np.asarray(own + (masses[:, None, None] * spread).sum(axis=0))
+
+
+def rod_inertia(design: Design, found: Platform) -> Array:
+    """Return the inertia of a rod that counts about its middle, as a thin tube, shape (3, 3) [kg m^2]."""
+    rod, J = design.task.end_effector.counted_rod, np.zeros((3, 3))
+    for half in found.rod[:, 1]:
+        if rod is not None and (square := float(half @ half)) > 0:
+            J = rod.mass / 3 * (square * np.eye(3) - np.outer(half, half))
+            J += rod.mass * design.task.end_effector.rod_radius**2 / square * np.outer(half, half)
+    return J
 
 
 def _inertias(design: Design, found: Platform) -> Array:
@@ -118,7 +142,8 @@ def _inertias(design: Design, found: Platform) -> Array:
 
 
 def _masses(design: Design, found: Platform) -> tuple[Array, Array]:
-    """Return places, shape (n + 1, 3), and masses of the modules and the end-effector [m], [kg]."""
-    task = design.task
-    masses = np.append(np.full(design.topology.n, task.module.mass), task.end_effector.mass)
-    return np.concatenate([found.o, found.p_e[None]]), masses
+    """Return places, shape (m, 3), and masses of the modules, joints, end-effector and rod [m], [kg]."""
+    task, n, rod = design.task, design.topology.n, design.task.end_effector.counted_rod
+    each = [task.module.mass, task.module.joint_mass, task.end_effector.mass, rod.mass if rod else 0.0]
+    points = np.concatenate([found.o, found.joints, found.p_e[None], found.rod[:, 0]])
+    return points, np.repeat(each, [n, n - 1, 1, len(found.rod)])

@@ -57,7 +57,7 @@ class Middle(NamedTuple):
     change: Array
     """beta, shape (A, 4 n, 6)."""
     moved: Array
-    """Derivatives of the sum of all modules' centres by the angles, shape (A, 3)."""
+    """Derivatives of the sum of all c_i by the angles, shape (A, 3)."""
     slope: Array
     """g, shape (A,)."""
     steep: Array
@@ -98,8 +98,9 @@ def look(numbers: Numbers, points: Array, frames: Frames, rho: Array, at: Middle
     at.curved[:], at.change[:], at.moved[:] = 0.0, 0.0, 0.0
     total = np.zeros(3)
     for i in range(n):
-        p = R @ frames.p[i]
-        total += p
+        w, (a, b) = numbers.bodies[i, 0], numbers.bodies[i, 1:]
+        c = R @ (w * frames.p[i] + a * frames.R[i, :, 0] + b * frames.R[i, :, 1])
+        total += c
         for q in range(4):
             j = 4 * i + q
             for row in range(3):
@@ -115,7 +116,7 @@ def look(numbers: Numbers, points: Array, frames: Frames, rho: Array, at: Middle
                     _add_curve(at, j, angle, rho[angle])
         for angle in range(n + 2):
             if turns(numbers, angle, i):
-                at.moved[angle] += np.cross(at.axes[angle, 0], p - at.axes[angle, 1])
+                at.moved[angle] += np.cross(at.axes[angle, 0], c - w * at.axes[angle, 1])
     for k in range(len(numbers.f)):
         x, y, z = numbers.h[k]
         at.b[k, :3], at.b[k, 3:] = numbers.f[k], numbers.t[k]

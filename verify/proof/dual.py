@@ -91,8 +91,9 @@ def bound(numbers: Numbers, y: Array, corners: Array, frames: Frames, work: Sums
             for k in range(K):
                 work.y[k, l, choice] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
                 work.y[k, 3 + l, choice] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
-    for v in range(frames.first[n]):
-        _fill(numbers, frames, v, work)
+    for i in range(n):
+        for v in range(frames.first[i], frames.first[i + 1]):
+            _fill(numbers, frames, i, v, work)
     for i in range(n - 1, 0, -1):
         h = numbers.parent[i]
         for v in range(frames.first[h + 1] - frames.first[h]):
@@ -105,12 +106,13 @@ def bound(numbers: Numbers, y: Array, corners: Array, frames: Frames, work: Sums
 
 
 @njit(cache=True)
-def _fill(numbers: Numbers, frames: Frames, v: int, work: Sums) -> None:
-    """Fill what one module adds in one frame, for each choice of the root."""
-    R, p, into = frames.R[v], frames.p[v], work.least[v]
+def _fill(numbers: Numbers, frames: Frames, i: int, v: int, work: Sums) -> None:
+    """Fill what module i adds in one frame, for each choice of the root."""
+    R, into, (w, a, b) = frames.R[v], work.least[v], numbers.bodies[i]
+    c = w * frames.p[v] + a * R[:, 0] + b * R[:, 1]
     Mx, My, Mz = frames.B[v, 0, 2], frames.B[v, 1, 2], frames.B[v, 2, 2]
     for choice in range(CHOICES):
-        into[choice] = p[0] * work.s[0, choice] + p[1] * work.s[1, choice] + p[2] * work.s[2, choice]
+        into[choice] = c[0] * work.s[0, choice] + c[1] * work.s[1, choice] + c[2] * work.s[2, choice]
     for k in range(len(work.y)):
         y, weight = work.y[k], numbers.weight[k]
         steep = 0.5 / weight if weight > 0.5 / STEEP else STEEP
@@ -129,7 +131,7 @@ def _fill(numbers: Numbers, frames: Frames, v: int, work: Sums) -> None:
 
 @njit(cache=True)
 def lever_force(numbers: Numbers, y: Array) -> tuple[float, float, float]:
-    """Return sum_k h_k x mu_k: what mu . (p x h) is in p."""
+    """Return sum_k h_k x mu_k: what mu . (c x h) is in c."""
     a, b, c = 0.0, 0.0, 0.0
     for k in range(len(y)):
         x, y_, z = numbers.h[k]

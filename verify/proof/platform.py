@@ -8,12 +8,13 @@ lambda_max u_max^2.
 | n, K | modules, load cases | |
 | A | angles, n + 2: psi, alpha_0, alpha_1, then the hinge of every module but the root | |
 | f_k | total force of load case k, f_E + f_C | (K, 3) |
-| t_k, h_k, g_k | its torque about the origin of W is t_k + sum_i p_i x h_k + p'_E x g_k | (K, 3) each |
-| C | centroid of the modules' centres | (3,) |
-| kappa | m_E / (n m) | |
+| t_k, h_k, g_k | its torque about the origin of W is t_k + sum_i c_i x h_k + p'_E x g_k | (K, 3) each |
+| c_i | moment of module i and half of each of its joints, over their mean mass: p_i without joint mass | (3,) |
+| C | centre of mass of all modules and joints, the mean of the c_i | (3,) |
+| kappa | m_E / (m_t - m_E) | |
 
-With p'_E free, p_COM = (m sum_i p_i + m_E p'_E) / m_t, so g_k = f_E + (m_E / m_t) f_C and h_k = (m / m_t) f_C. With
-p_E fixed from the COM, p_COM = C + kappa p_E and p'_E = C + (1 + kappa) p_E, so g_k = 0 and h_k = f_k / n.
+With p'_E free, p_COM = (C + kappa p'_E) / (1 + kappa), so g_k = f_E + (m_E / m_t) f_C, h_k = f_C / (n (1 + kappa)).
+With p_E fixed from the COM, p_COM = C + kappa p_E and p'_E = C + (1 + kappa) p_E, so g_k = 0 and h_k = f_k / n.
 
 **What a clear audit lets pass** (`topo_search.model.search`): the force is off by e = TOLERANCE m_t g; so
 are, in l_arm, the torques about the COM and about p_E. Torque changes linearly with the point that it is about,
@@ -32,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.layout import ROTOR_DIRECTIONS, ROTOR_SPINS
+from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.proof import Problem
 from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
@@ -56,6 +57,8 @@ class Numbers(NamedTuple):
     """Hinges between a module and the root."""
     bolted: NDArray[np.bool_]
     """Shape (n, n)."""
+    bodies: Array
+    """c_i as p_i times the first, and the axes x and y of the module times the others, shape (n, 3)."""
     own: Array
     """Torque of each rotor about its module's centre at the input 1, in the module's frame, shape (4, 3)."""
     f: Array
@@ -104,7 +107,8 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
     drag = module.torque_coefficient / (module.thrust_coefficient * l_arm)
     own = np.cross(ROTOR_DIRECTIONS, [0.0, 0.0, 1.0])
     own[:, 2] += drag * ROTOR_SPINS
-    kappa = task.end_effector.mass / (n * module.mass)
+    bodies = _bodies(task, tree)
+    kappa = task.end_effector.mass / (n * module.mass + (n - 1) * module.joint_mass)
     tip, com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
     f_E, f_C = (np.array([w.force for w in at]) / F for at in (tip, com))
     t_E, t_C = (np.array([w.torque for w in at]) / (F * l_arm) for at in (tip, com))
@@ -118,7 +122,8 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
         t = t + np.cross((1 + kappa) * p_E, f_E) + np.cross(kappa * p_E, f_C)
         g, h = np.zeros_like(f_E), (f_E + f_C) / n
         off = TOLERANCE * ((1 + kappa) * np.linalg.norm(f_E, axis=1) + kappa * np.linalg.norm(f_C, axis=1))
-    centroid, e = 2 * l_c * float(depth.mean()), TOLERANCE * task.total_mass(n) * task.gravity / F
+    farthest = bodies[:, 0] * 2 * l_c * depth + np.linalg.norm(bodies[:, 1:], axis=1)
+    centroid, e = float(farthest.mean()), TOLERANCE * task.total_mass(n) * task.gravity / F
     weight = np.array([case.weight for case in cases])
     air = module.envelope
     airflow = task.search.interference == "airflow"
@@ -132,6 +137,7 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
         turns=np.array([0, *((a + 2 - b) % 4 for _, _, a, b in tree.edges())], np.int64),
         depth=depth,
         bolted=bolted,
+        bodies=bodies,
         own=own,
         f=f_E + f_C,
         t=t,
@@ -185,6 +191,17 @@ def all_angles(task: ResolvedTask, n: int) -> tuple[Array, Array]:
         root = [2 * TOLERANCE, quarter, quarter]
     most = np.array([*root, *(quarter for _ in range(n - 1))])
     return -most, most
+
+
+def _bodies(task: ResolvedTask, tree: Topology) -> Array:
+    """Return what the c_i are made of."""
+    module, bodies = task.module, np.zeros((tree.n, 3))
+    bodies[:, 0] = module.mass
+    for h, i, a, b in tree.edges():
+        for one, port in ((h, a), (i, b)):
+            step = module.connector_distance / module.arm_length * PORT_DIRECTIONS[port]
+            bodies[one] += module.joint_mass / 2 * np.array([1.0, step[0], step[1]])
+    return np.asarray(bodies * (tree.n / bodies[:, 0].sum()))
 
 
 def _free(g: Array) -> Array:

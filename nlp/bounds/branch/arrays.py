@@ -21,6 +21,7 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
+from nlp.numbers.masses import Masses, masses
 from nlp.numbers.rotors import torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -59,8 +60,8 @@ class Levers(NamedTuple):
 
     rotor: Array
     """Greatest distance of module i's rotors from the axis of angle a, with the lever of drag; shape (n, A)."""
-    centre: Array
-    """Greatest distance of its centre; shape (n, A)."""
+    body: Array
+    """Greatest distance of its body's moment (`BranchProblem.bodies`); shape (n, A)."""
     between: Array
     """Greatest distance between the axes of two angles; shape (A, A)."""
 
@@ -109,6 +110,8 @@ class BranchProblem(NamedTuple):
     loads: Loads
     slack: Slack
     separation: Separation
+    bodies: Array
+    """Mass of a module with its joints over the mean, and its moments along x and y of the module, shape (n, 3)."""
     torques: Array
     """Torque of each rotor about its module's centre at unit thrust, shape (4, 3)."""
     l_c: float
@@ -127,9 +130,10 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
     n, unit, module = topology.n, Units.of(task), task.module
     l_c = module.connector_distance / unit.length
     drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
-    tree = _tree(topology)
-    levers = _levers(tree, l_c, drag)
-    loads = _loads(task, n, unit)
+    tree, carried = _tree(topology), masses(task, topology)
+    bodies = np.column_stack([carried.modules, carried.modules[:, None] * carried.centres]) * n / carried.bodies
+    levers = _levers(tree, l_c, drag, bodies)
+    loads = _loads(task, carried, unit)
     U = task.max_thrust_to_weight
     air, airflow = module.envelope, task.search.interference == "airflow"
     margin, body = 0.0, task.body_clearance
@@ -142,8 +146,9 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
         tree,
         levers,
         loads,
-        _slack(task, tree, levers, loads, l_c, U),
+        _slack(task, tree, levers, loads, carried, U),
         Separation(airflow, *(x / unit.length for x in lengths)),
+        bodies,
         4 * torque_map(module).T,
         l_c,
         U * (1 + TOLERANCE),
@@ -199,49 +204,49 @@ def _tree(topology: Topology) -> Tree:
     return Tree(parent, port, kappa, depth, path, first, bolted)
 
 
-def _levers(tree: Tree, l_c: float, drag: float) -> Levers:
+def _levers(tree: Tree, l_c: float, drag: float, bodies: Array) -> Levers:
     """Return the distances along the tree stretched out; an axis is l_c before its module, the root's 0."""
     n = len(tree.parent)
     before = np.concatenate([np.zeros(3), l_c * (2 * tree.depth[1:] - 1)])
     centre = np.abs(2 * l_c * tree.depth[:, None] - before)
-    return Levers(centre + 1 + drag, centre, np.abs(before[:, None] - before[None, :])[: n + 2])
+    body = bodies[:, :1] * centre + np.linalg.norm(bodies[:, 1:], axis=1)[:, None]
+    return Levers(centre + 1 + drag, body, np.abs(before[:, None] - before[None, :])[: n + 2])
 
 
-def _loads(task: ResolvedTask, n: int, unit: Units) -> Loads:
+def _loads(task: ResolvedTask, carried: Masses, unit: Units) -> Loads:
     cases, position = task.load_cases, task.end_effector.fixed_position
     tip, com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
     f_E, f_C = (np.array([w.force for w in at]) / unit.force for at in (tip, com))
     t = np.add([w.torque for w in tip], [w.torque for w in com]) / unit.torque
-    m_E = task.end_effector.mass / task.module.mass
+    n, share = task.n, carried.tip / carried.total
     weight = np.array([case.weight for case in cases])
     if position is None:
-        g, h = f_E + m_E / (n + m_E) * f_C, f_C / (n + m_E)
-    else:  # p'_E is (n + m_E) / n p_E from the modules' centroid, and the COM m_E / n p_E
+        g, h = f_E + share * f_C, f_C / (carried.total * (n / carried.bodies))
+    else:  # p'_E and the COM from B (`nlp.numbers.masses`)
         p_E = np.array(position) / unit.length
-        t = t + (n + m_E) / n * np.cross(p_E, f_E) + m_E / n * np.cross(p_E, f_C)
+        t = t + carried.lever * np.cross(p_E, f_E) + carried.tip / carried.bodies * np.cross(p_E, f_C)
         g, h = np.zeros_like(f_E), (f_E + f_C) / n
     crosses = sum(((g_k @ g_k) * np.eye(3) - np.outer(g_k, g_k) for g_k in g), np.zeros((3, 3)))
     return Loads(f_E + f_C, t, h, g, weight / weight.max(), np.linalg.pinv(crosses, rcond=1e-9, hermitian=True))
 
 
-def _slack(task: ResolvedTask, tree: Tree, levers: Levers, loads: Loads, l_c: float, U: float) -> Slack:
+def _slack(task: ResolvedTask, tree: Tree, levers: Levers, loads: Loads, carried: Masses, U: float) -> Slack:
     """Return what deviations within an audit's tolerance and rounding take from a dual value.
 
     With e = TOLERANCE m_t g a force may be off by e, a torque about the COM and about the end-effector by l_arm e
-    each, hence about the modules' centroid by (1 + 2 m_E / (n m)) l_arm e (`nlp.bounds.torques`), and about the
-    origin of W by the centroid's distance times e more. Every input may be d = TOLERANCE U beyond its limits: of
+    each, hence about B by (1 + 2 m_E / (m_t - m_E)) l_arm e (`nlp.bounds.torques`), and about the origin of W by
+    the distance of B times e more. Every input may be d = TOLERANCE U beyond its limits: of
     those below zero a rotor's psi gains d |a_j . y| at most. A fixed end-effector may be TOLERANCE l_arm off.
     """
     n, unit = len(tree.parent), task.module.arm_length
-    m_E = task.end_effector.mass / task.module.mass
-    e, d = TOLERANCE * (n + m_E), TOLERANCE * U
-    centroid, lever = 2 * l_c * float(tree.depth.mean()), float(levers.rotor.max())
+    e, d = TOLERANCE * carried.total, TOLERANCE * U
+    B, lever = float(levers.body[:, 0].mean()), float(levers.rotor.max())  # the first axis is through the origin
     both = [math.hypot(*case.at_end_effector.force) + math.hypot(*case.at_com.force) for case in task.load_cases]
-    off = 0.0 if task.end_effector.fixed_position is None else TOLERANCE * (n + m_E) / n
+    off = 0.0 if task.end_effector.fixed_position is None else TOLERANCE * carried.lever
     f, t, h = (np.linalg.norm(x, axis=1) for x in (loads.f, loads.t, loads.h))
     force = e + n * d + ROUNDING * (f + n * U)
     levered = f + h + np.linalg.norm(loads.g, axis=1)
-    torque = e * (1 + 2 * m_E / n + centroid) + n * d * lever + off * np.array(both) / Units.of(task).force
+    torque = e * (2 * carried.lever - 1 + B) + n * d * lever + off * np.array(both) / Units.of(task).force
     torque = torque + ROUNDING * (t + n * lever * (levered + U))
-    tip = centroid + (n + m_E) / n * (task.farthest_end_effector(n) / unit + TOLERANCE)
+    tip = B + carried.lever * (task.farthest_end_effector(n) / unit + TOLERANCE)
     return Slack(force, torque, tip)

@@ -8,7 +8,8 @@ r"""A lower bound on the effort of every design whose angles lie in a box.
     \psi_k(t) = \max_{0 \le u \le U} t u - \lambda_k u^2
 
 The balance of load case k has p'_E x g_k in its torque; it cancels in the sum where sum_k g_k x mu_k = 0, so
-that no box for p'_E is needed. b_k . y_k is const + sum_i p_i . s with s = sum_k h_k x mu_k.
+that no box for p'_E is needed. b_k . y_k is const + sum_i B_i . s with s = sum_k h_k x mu_k and B_i the moment of
+module i and its joints, p_i where joints weigh nothing.
 
 **Interpolation.** In every single angle a, the others held, t = a_j . y_k is A + alpha cos x + beta sin x, x
 from the middle of the box and |x| <= rho. It exceeds the line through its values at x = -rho and rho by
@@ -19,7 +20,7 @@ after the other, for interpolation averages: in the whole box t is at most its m
 E = sum_a (max(0, alpha_a) (1 - cos rho_a) + |beta_a| rho_a^3 / (9 sqrt 3)), with the largest alpha_a, beta_a
 over the other angles. As psi is convex and nondecreasing, psi(t) is at most the interpolant of psi(t(v) + E), so
 
-    D >= const + min over vertices v of sum_i (p_i(v) . s - E_i - sum_jk psi_k(t_jk(v) + E_jk)).
+    D >= const + min over vertices v of sum_i (B_i(v) . s - E_i - sum_jk psi_k(t_jk(v) + E_jk)).
 
 **Minimum.** What module i adds depends on the root's angles and the hinges on its path alone. So for each of the 8
 vertices of the root the minimum over hinges is taken from the leaves of the tree inwards, not over all 2^A
@@ -49,7 +50,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Axes, Frames
+from nlp.bounds.branch.frames import Axes, Frames, moment
 from nlp.bounds.branch.multipliers import residual
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -125,7 +126,7 @@ def bound(
     for i in range(n):
         _remainders(stated, i, work, middle, axes, rho)
         remainders[i] = work.E
-        least_of[i] = _centre_remainder(stated, i, s, middle, axes, rho, work)
+        least_of[i] = _body_remainder(stated, i, s, middle, axes, rho, work)
     result = math.inf
     for vertex in range(8):
         R = roots[1 + vertex]
@@ -133,7 +134,8 @@ def bound(
         s = _into(R, sx, sy, sz)
         for i in range(n - 1, -1, -1):
             for v in range(tree.first[i], tree.first[i + 1]):
-                added = vertices.p[v, 0] * s[0] + vertices.p[v, 1] * s[1] + vertices.p[v, 2] * s[2] - least_of[i]
+                mx, my, mz = moment(vertices, v, stated.bodies[i])
+                added = mx * s[0] + my * s[1] + mz * s[2] - least_of[i]
                 work.least[v] = added - _psi(stated, work.y, vertices, v, remainders[i])
         for i in range(n - 1, 0, -1):
             h = tree.parent[i]
@@ -304,16 +306,17 @@ def _remainders(stated: BranchProblem, i: int, work: Sums, middle: Frames, axes:
 
 
 @njit(cache=True)
-def _centre_remainder(
+def _body_remainder(
     stated: BranchProblem, i: int, s: tuple[float, float, float], middle: Frames, axes: Axes, rho: Array, work: Sums
 ) -> float:
-    """Return by how much p_i . s is below its interpolant at most: as the rotors' remainders, for -s."""
-    path, count, lever = stated.tree.path[i], stated.tree.depth[i] + 3, stated.levers.centre[i]
+    """Return by how much B_i . s is below its interpolant at most: as the rotors' remainders, for -s."""
+    path, count, lever = stated.tree.path[i], stated.tree.depth[i] + 3, stated.levers.body[i]
+    w, (mx, my, mz) = stated.bodies[i, 0], moment(middle, i, stated.bodies[i])
     size, total = math.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2), 0.0
     for at in range(count):
         a = path[at]
         wx, wy, wz = axes.omega[a]
-        dx, dy, dz = middle.p[i, 0] - axes.c[a, 0], middle.p[i, 1] - axes.c[a, 1], middle.p[i, 2] - axes.c[a, 2]
+        dx, dy, dz = mx - w * axes.c[a, 0], my - w * axes.c[a, 1], mz - w * axes.c[a, 2]
         along = dx * wx + dy * wy + dz * wz
         alpha = -((dx - along * wx) * s[0] + (dy - along * wy) * s[1] + (dz - along * wz) * s[2])
         beta = (wy * dz - wz * dy) * s[0] + (wz * dx - wx * dz) * s[1] + (wx * dy - wy * dx) * s[2]

@@ -33,6 +33,17 @@ class Axes(NamedTuple):
 
 
 @njit(cache=True)
+def moment(at: Frames, v: int, body: Array) -> tuple[float, float, float]:
+    """Return the moment of a module's body (`BranchProblem.bodies`) in frame v."""
+    w, a, b = body
+    return (
+        w * at.p[v, 0] + a * at.x[v, 0] + b * at.y[v, 0],
+        w * at.p[v, 1] + a * at.x[v, 1] + b * at.y[v, 1],
+        w * at.p[v, 2] + a * at.x[v, 2] + b * at.y[v, 2],
+    )
+
+
+@njit(cache=True)
 def blank(count: int) -> Frames:
     """Return arrays for so many frames."""
     return Frames(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)))

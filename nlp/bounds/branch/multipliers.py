@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Frames
+from nlp.bounds.branch.frames import Frames, moment
 from nlp.numbers.cholesky import factor, solve_factored, solve_in_place
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -101,7 +101,8 @@ def wrenches(stated: BranchProblem, R: Array, at: Frames, work: Workspace) -> No
                 work.a[4 * i + q, k], work.a[4 * i + q, 3 + k] = f / 4, t / 4
     sx, sy, sz = 0.0, 0.0, 0.0
     for i in range(n):
-        sx, sy, sz = sx + at.p[i, 0], sy + at.p[i, 1], sz + at.p[i, 2]
+        mx, my, mz = moment(at, i, stated.bodies[i])
+        sx, sy, sz = sx + mx, sy + my, sz + mz
     cx = R[0, 0] * sx + R[0, 1] * sy + R[0, 2] * sz
     cy = R[1, 0] * sx + R[1, 1] * sy + R[1, 2] * sz
     cz = R[2, 0] * sx + R[2, 1] * sy + R[2, 2] * sz

@@ -12,7 +12,7 @@ g before the step (iteratively reweighted). Any multipliers will do for a proof.
 | symbol | meaning | shape |
 |---|---|---|
 | beta_aj | how the wrench of rotor j changes with angle a, in W | (A, 4 n, 6) |
-| v_a | how the sum of all modules' centres does | (A, 3) |
+| v_a | how the sum of all B_i does (`nlp.bounds.branch.box`) | (A, 3) |
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Axes, Frames
+from nlp.bounds.branch.frames import Axes, Frames, moment
 from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, meet, newton_step
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -60,12 +60,13 @@ def fill(stated: BranchProblem, R: Array, middle: Frames, axes: Axes, work: Work
     tree, w, c, d = stated.tree, np.zeros(3), np.zeros(3), np.zeros(3)
     into.v[:] = 0.0
     for i in range(len(tree.parent)):
+        w_i, (mx, my, mz) = stated.bodies[i, 0], moment(middle, i, stated.bodies[i])
         for at in range(tree.depth[i] + 3):
             a = tree.path[i, at]
             for k in range(3):
                 w[k] = R[k, 0] * axes.omega[a, 0] + R[k, 1] * axes.omega[a, 1] + R[k, 2] * axes.omega[a, 2]
                 c[k] = R[k, 0] * axes.c[a, 0] + R[k, 1] * axes.c[a, 1] + R[k, 2] * axes.c[a, 2]
-                d[k] = R[k, 0] * middle.p[i, 0] + R[k, 1] * middle.p[i, 1] + R[k, 2] * middle.p[i, 2] - c[k]
+                d[k] = R[k, 0] * mx + R[k, 1] * my + R[k, 2] * mz - w_i * c[k]
             into.v[a, 0] += w[1] * d[2] - w[2] * d[1]
             into.v[a, 1] += w[2] * d[0] - w[0] * d[2]
             into.v[a, 2] += w[0] * d[1] - w[1] * d[0]
