@@ -141,7 +141,7 @@ def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[dic
 
 
 def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str, Any]:
-    candidates = [each for size in answer.sizes for each in folder.ranked(size.modules)]
+    candidates = [each for size in answer.sizes for each in folder.candidates(size.modules)]
     rows = [row for row, *_ in candidates]
     charts = []
     for size in answer.sizes:

@@ -310,7 +310,7 @@ class RunFolder:
         for part in PARTS:
             self._files.remove(name for name in self._files.names_in(self._level + part) if name not in valid)
 
-    def ranked(self, n: int) -> Iterator[tuple[Row, ProofState, Audit | None]]:
+    def candidates(self, n: int) -> Iterator[tuple[Row, ProofState, Audit | None]]:
         """Yield every candidate of n modules, least control effort first, with its proof and its audit."""
         proofs, best = self.proofs(n), self.ledger.best_clear(n)
         audits = {key: Audit.model_validate_json(text) for key, text in self.ledger.audits(n)}
@@ -329,7 +329,7 @@ class RunFolder:
 
     def cells(self, n: int) -> Iterator[list[object]]:
         """Yield the row of every ranked candidate of n modules in `candidates.csv`."""
-        return (cells(*candidate) for candidate in self.ranked(n))
+        return (cells(*candidate) for candidate in self.candidates(n))
 
     def keep_proof(self, proof: Proof) -> None:
         """Write the proof of one tree, or as much of it as there is."""
