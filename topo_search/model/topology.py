@@ -41,6 +41,8 @@ class Topology:
     joints: tuple[Joint, ...]
     """One (parent, parent_port, child_port) per module, parents before children."""
 
+    __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012 (pydantic wants a dictionary)
+
     def __post_init__(self) -> None:
         """Refuse anything that is not a tree of modules joined at distinct ports."""
         joints = tuple((int(h), int(a), int(b)) for h, a, b in self.joints)
