@@ -51,6 +51,14 @@ def benchmarks(monkeypatch):
 
 
 @pytest.fixture
+def in_process(monkeypatch):
+    """Commands and searches run all jobs here: each worker would load solver, audit and compiled code anew."""
+    from toy_problem import InProcess
+
+    monkeypatch.setattr("topo_search.compose.places.Workers", InProcess)
+
+
+@pytest.fixture
 def log(tmp_path, monkeypatch):
     """The file that gets a line for every solve of the toy problem."""
     path = tmp_path / "log"

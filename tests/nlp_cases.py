@@ -1,12 +1,14 @@
 """Tasks, trees and points for the tests of the inner problem."""
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from nlp import solve
 from nlp.assembled import AssembledProgram
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.start_result import StartResult
@@ -237,6 +239,12 @@ def solved(result: Design | Infeasible) -> Design:
     """The result, which must be a design."""
     assert isinstance(result, Design), result.message
     return result
+
+
+@cache
+def best_design(task: ResolvedTask, topology: Topology, starts: int, seed: int = 0) -> Design:
+    """The best of some starts, solved once however many tests ask for it: it is a pure function."""
+    return solved(solve(task, topology, starts=range(starts), seed=seed))
 
 
 def placed(task: ResolvedTask, topology: Topology, starts: int) -> StartResult:

@@ -27,10 +27,11 @@ class InProcess:
         return self
 
     def __next__(self) -> dict[str, Any]:
+        row = next(self.rows)
         self.capped = time.process_time() > self.end
         if self.capped:
             raise StopIteration
-        return {"peak_mb": 1.0, **next(self.rows)}
+        return {"peak_mb": 1.0, **row}
 
     def __enter__(self) -> Self:
         return self

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from nlp_cases import HOVER, push, solved
+from nlp_cases import HOVER, best_design, push, solved
 from verify_cases import changed
 
 from nlp import lower_bound, prove_impossible, solve
@@ -26,8 +26,8 @@ def rows(design: Any) -> dict[str, Any]:
 
 
 def test_a_design_keeps_a_reserve_that_it_would_not_keep_unasked() -> None:
-    plain = solved(solve(asked(), LOW, starts=range(3), seed=0))
-    more = solved(solve(asked(force_reserve=0.1, directions="horizontal"), LOW, starts=range(6), seed=0))
+    plain = best_design(asked(), LOW, 3)
+    more = best_design(asked(force_reserve=0.1, directions="horizontal"), LOW, 6)
     without = audit(plain).flight
     assert without is not None
     assert without.hover.horizontal_reserve_N < 0.02 * plain.task.force_unit(3)
@@ -42,8 +42,7 @@ def test_a_design_keeps_a_reserve_that_it_would_not_keep_unasked() -> None:
 
 def test_a_reserve_at_the_centre_of_mass_is_another_than_at_the_tip() -> None:
     tip, com = (
-        solved(solve(asked(force_reserve=0.1, directions="horizontal", at=at), LOW, starts=range(6), seed=0))
-        for at in ("tip", "com")
+        best_design(asked(force_reserve=0.1, directions="horizontal", at=at), LOW, 6) for at in ("tip", "com")
     )
     (row,) = rows(com).values()
     assert (row.name, row.status) == ("hover, horizontal force reserve at the centre of mass", Status.CLEAR)
@@ -56,8 +55,8 @@ def test_a_reserve_at_the_centre_of_mass_is_another_than_at_the_tip() -> None:
 
 
 def test_a_design_holds_the_tilt_that_is_asked_for() -> None:
-    plain = solved(solve(asked(), LOW, starts=range(3), seed=0))
-    tilted = solved(solve(asked(tilt_deg=5.0), LOW, starts=range(6), seed=0))
+    plain = best_design(asked(), LOW, 3)
+    tilted = best_design(asked(tilt_deg=5.0), LOW, 6)
     assert audit(plain).flight.hover.tilt_deg < 1.0
     assert audit(tilted).verdict == "clear"
     assert 5.0 - 1e-4 <= audit(tilted).flight.hover.tilt_deg < 15.0
@@ -65,7 +64,7 @@ def test_a_design_holds_the_tilt_that_is_asked_for() -> None:
 
 def test_what_a_program_does_not_know_is_found_missing() -> None:
     """No rows of a program state accelerations yet: the audit does."""
-    design = solved(solve(asked(angular_acceleration=(40.0, 40.0, 40.0)), LOW, starts=range(2), seed=0))
+    design = best_design(asked(angular_acceleration=(40.0, 40.0, 40.0)), LOW, 2)
     assert audit(design).verdict == "violated"
 
 
@@ -78,7 +77,7 @@ def test_axes_of_acceleration_keep_a_mirror_that_exchanges_equal_ones() -> None:
 
 def test_the_audit_judges_what_is_asked_against_what_it_measured() -> None:
     """By reserves between none and more than there is; a design that does not know of them is judged the same."""
-    design = solved(solve(asked(force_reserve=0.1, directions="horizontal"), LOW, starts=range(6), seed=0))
+    design = best_design(asked(force_reserve=0.1, directions="horizontal"), LOW, 6)
     found = audit(design).flight
     assert found is not None
     most = {
@@ -101,7 +100,7 @@ def test_the_audit_judges_what_is_asked_against_what_it_measured() -> None:
 
 def test_around_all_the_cases_that_carry_the_weight_count_too() -> None:
     task = push(3, load_cases=[GENTLE, HOVER], flight={"torque_reserve": 0.01, "around": "all"})
-    design = solved(solve(task, LOW, starts=range(6), seed=0))
+    design = best_design(task, LOW, 6)
     assert set(rows(design)) == {f"{name}, torque reserve" for name in ("hover", "load case 0", "load case 1")}
     assert audit(design).verdict == "clear"
 

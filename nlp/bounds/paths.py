@@ -18,7 +18,6 @@ import math
 from functools import lru_cache
 from itertools import combinations, pairwise
 
-import networkx as nx
 import numpy as np
 
 from nlp.bounds.refutation import Refutation
@@ -67,6 +66,8 @@ def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Refuta
 
 def _paths(topology: Topology) -> set[Turns]:
     """Return the turns of all paths of up to LONGEST modules; a path, its way back and its mirror image are one."""
+    import networkx as nx
+
     graph, found = topology.graph(), set[Turns]()
     for _, ways in nx.all_pairs_shortest_path(graph, LONGEST - 1):
         for way in ways.values():

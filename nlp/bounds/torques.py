@@ -25,7 +25,6 @@ the residual is e (1 + 2 m_E / (n m)) at most, wherever the end-effector is.
 
 from __future__ import annotations
 
-import networkx as nx
 import numpy as np
 
 from nlp import names
@@ -45,6 +44,8 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Refuta
 
     Of all trees a straight chain has the largest sum of distances, sum_ij d_ij = n (n^2 - 1) / 3.
     """
+    import networkx as nx
+
     n, module = task.n, task.module
     distances = n * (n**2 - 1) // 3 if topology is None else 2 * nx.wiener_index(topology.graph())
     lever = 2 * module.connector_distance * distances / n**2 + module.arm_length

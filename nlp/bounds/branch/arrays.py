@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
@@ -177,6 +176,8 @@ def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:
 
 def centre(task: ResolvedTask, topology: Topology) -> int:
     """Return the module that a tree hangs from in a proof: its centre, the first if there are two."""
+    import networkx as nx
+
     return 0 if task.search.root == "paper" else min(nx.center(topology.graph()))
 
 
