@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
@@ -92,7 +92,7 @@ class FurtherRows(Protocol):
         """Return the entries of the Hessian of their sum, times multipliers."""
 
 
-class ConstraintRows(Protocol):
+class ConstraintRows(Hashable, Protocol):
     """Rows of a program as expressions of all its unknowns."""
 
     @property
@@ -131,9 +131,8 @@ class UserRows:
     def g(self) -> ca.SX:
         """The rows of all constraints over their scales, as expressions of x."""
         platform = symbolic_platform(self.task, self.topology, self.x)
-        return ca.vertcat(
-            *(rows(one, platform) / scale for one, scale in zip(self.constraints, self._scales, strict=True))
-        )
+        g = [rows(one, platform) / scale for one, scale in zip(self.constraints, self._scales, strict=True)]
+        return ca.cse(ca.vertcat(*g))
 
     @cached_property
     def counts(self) -> list[int]:
@@ -201,19 +200,27 @@ def _kept_rows(constraints: UserConstraints, task: ResolvedTask, topology: Topol
     return UserRows(constraints, task, topology)
 
 
+@lru_cache(maxsize=8)  # those of the user's constraints, and here of the pseudo-inverse, come again every round
+def _derive(rows: ConstraintRows) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """Return rows, their Jacobian, and the upper triangle of the Hessian of their sum times multipliers."""
+    x, multipliers = rows.x, ca.SX.sym("multipliers", rows.g.numel())
+    hessian = ca.triu(ca.hessian(ca.dot(multipliers, rows.g), x)[0])
+    return (
+        ca.Function("g", [x], [rows.g]),
+        ca.Function("jacobian", [x], [ca.jacobian(rows.g, x)]),
+        ca.Function("hessian", [x, multipliers], [hessian]),
+    )
+
+
 class DerivedRows:
     """Expressions as rows whose derivatives are CasADi's."""
 
     def __init__(self, rows: ConstraintRows) -> None:
         """Derive them."""
-        x, multipliers = rows.x, ca.SX.sym("multipliers", rows.g.numel())
-        jacobian = ca.jacobian(rows.g, x)
-        hessian = ca.triu(ca.hessian(ca.dot(multipliers, rows.g), x)[0])
-        self._g = ca.Function("g", [x], [rows.g])
-        self._jacobian = ca.Function("jacobian", [x], [jacobian])
-        self._hessian = ca.Function("hessian", [x, multipliers], [hessian])
+        self._g, self._jacobian, self._hessian = _derive(rows)
         self.lower, self.upper = rows.bounds
-        self.jacobian_pattern, self.hessian_pattern = jacobian.sparsity(), hessian.sparsity()
+        self.jacobian_pattern = self._jacobian.sparsity_out(0)
+        self.hessian_pattern = self._hessian.sparsity_out(0)
 
     def values(self, variables: Array) -> Array:
         """Return the rows."""
