@@ -33,7 +33,7 @@ class Violation:
     tolerance: float = 0.0
     """Largest `scaled` of a met constraint."""
     air: tuple[airspeed.SpeedPoint, ...] = ()
-    """Of an air speed: the points at which a program states it."""
+    """Points at which a program states an air speed; empty for other constraints."""
 
     @property
     def met(self) -> bool:
