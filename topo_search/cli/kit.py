@@ -8,13 +8,14 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, note
+from topo_search.limits import PERCENT
 
 
 @click.command(epilog="Example: topo-search kit runs/push-*/ runs/wall-push-*/ --out kit")
 @click.argument("runs", metavar="RUN...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--within",
-    type=click.FloatRange(0, 1000),
+    type=click.FloatRange(0, PERCENT),
     callback=options.number,
     default=2.0,
     show_default=True,

@@ -36,6 +36,7 @@ from topo_search.model.files import to_json, write_atomically
 from topo_search.model.proven import upper_text
 from topo_search.model.value import Index, Number, Value
 from topo_search.study import RunFolder, answer_of
+from topo_search.study.optima import clear_designs
 
 FILE = "kit.json"
 
@@ -287,13 +288,15 @@ def _read_choices(run: Path, within: float) -> Choices:
         if best is None or best.objective is None:
             raise NoCommonKit(f"no common kit: {run} has no design with a clear audit")
         level = folder.levels[answer.points[0].number if answer.points else 0]
-        contexts, most = level.request.contexts(best.modules), (1 + within / 100) * best.objective
+        most = (1 + within / 100) * best.objective
         designs = [
-            level.ledger.result(contexts[row.step], row.key)
+            design
             for row in level.ledger.ranking(best.modules)
-            if row.clear and row.objective is not None and row.objective <= most
+            if row.objective is not None and row.objective <= most
+            for design in clear_designs(level, row)
+            if design.objective <= most
         ]
-        return Choices(run, tuple(design for design in designs if isinstance(design, Design)))
+        return Choices(run, tuple(sorted(designs, key=lambda design: (design.objective, design.topology.key))))
 
 
 def _require_same_module(choices: Sequence[Choices]) -> None:

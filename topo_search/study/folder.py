@@ -382,15 +382,23 @@ class RunFolder:
         Raises:
             BadInput: one of them is damaged.
         """
-        values = dict[str, Model]()
-        for path in self._files.names_in(f"{self._level}{part}"):
-            if (content := self._files.read(path)) is None:
-                continue
-            try:
-                values[path.rsplit("/", 1)[1]] = model.model_validate_json(content)
-            except ValidationError as error:
-                raise BadInput(str(self._directory.path / path), faults_of(error, model)) from None
-        return values
+        names = (path.rsplit("/", 1)[1] for path in self._files.names_in(f"{self._level}{part}"))
+        values = ((name, self.read_own(f"{part}/{name}", model)) for name in names)
+        return {name: value for name, value in values if value is not None}
+
+    def read_own(self, name: str, model: type[Model]) -> Model | None:
+        """Return the value that the run wrote into one of its files; None if the file is not there.
+
+        Raises:
+            BadInput: it is damaged.
+        """
+        path = f"{self._level}{name}"
+        if (content := self._files.read(path)) is None:
+            return None
+        try:
+            return model.model_validate_json(content)
+        except ValidationError as error:
+            raise BadInput(str(self._directory.path / path), faults_of(error, model)) from None
 
     def drop_within(self, part: str) -> None:
         """Remove what the run wrote into one of its folders."""
