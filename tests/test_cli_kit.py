@@ -3,6 +3,8 @@
 import json
 import math
 import random
+import re
+import shlex
 from collections import Counter
 from dataclasses import replace
 from itertools import pairwise, permutations, product
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 import toy_problem
 from click.testing import CliRunner
+from documented import PAGES, blocks
 from nlp_cases import push, solved
 from toy_problem import toy_run, toy_task
 
@@ -20,6 +23,7 @@ import verify
 from nlp import solve
 from nlp.evaluation.refit import refit
 from topo_search.cli import main
+from topo_search.compose import searching
 from topo_search.compose.drawer import Choices, choose, count_kinds, growing_steps, share_brackets, shared_part
 from topo_search.export import palette
 from topo_search.export.poses import poses
@@ -32,7 +36,8 @@ ANGLES = (-45.0, -30.0, 0.0, 30.0, 30.0004)
 
 def made_up(draw: random.Random, n: int, key: str | None = None) -> Design:
     """Return a design of a tree with angles and an effort that are drawn."""
-    tree = Topology.from_key(key or draw.choice(["a300", "a500", "a110", "p190"] if n == 3 else ["a7000", "a1110"]))
+    keys = {3: ["a300", "a500", "a110", "p190"], 4: ["a7000", "a1110"], 5: ["a70010", "ab0040"]}
+    tree = Topology.from_key(key or draw.choice(keys[n]))
     design = toy_problem.solve(toy_task(n).resolve(n), tree, starts=range(1), seed=0)
     angles = tuple(math.radians(draw.choice(ANGLES)) for _ in range(n - 1))
     return design.model_copy(update={"hinge_angles_rad": angles, "objective": draw.uniform(1.0, 1.02)})
@@ -67,7 +72,7 @@ def drawer_size(designs) -> int:
 @pytest.mark.parametrize("seed", range(8))
 def test_the_choice_is_that_of_all_combinations(seed):
     draw = random.Random(seed)
-    sizes = [3, 3, 3] if seed else [4, 4]
+    sizes = {0: [4, 4], 1: [5, 5]}.get(seed, [3, 3, 3])
     choices = [[made_up(draw, n) for _ in range(draw.randint(1, 4))] for n in sizes]
     least = [min(design.objective for design in each) for each in choices]
     stay = [[[brute_part(a, b) for b in other] for a in one] for one, other in pairwise(choices)]
@@ -249,6 +254,39 @@ def test_a_shared_bracket_needs_a_clear_design():
     assert share_brackets(choices, 0.1, 10.0) == choices  # nothing agrees so well
     for each, before in zip(share_brackets(choices, 0.3, 0.0), choices, strict=True):
         assert max(one.objective for one in each.designs) <= before.designs[0].objective
+
+
+def test_the_commands_of_the_tutorial_make_what_it_shows(tmp_path, monkeypatch):
+    """In cheap form: three modules, and designs that are made up."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(searching, "backends", lambda _: bent({"*": (30.0, -45.0)}))
+    monkeypatch.setattr(searching, "open_engine", lambda *_: toy_problem.InProcess(1))
+    monkeypatch.setattr(searching, "write_page", lambda _: None)
+    commands = [shlex.split(block.replace("\\\n", " ")) for block in blocks("sh", "tutorials/one-drawer.md")]
+    assert [words[:2] for words in commands] == [["topo-search", "kit"]] * 2
+    for words in commands:
+        main.commands["kit"].make_context("kit", words[2:])  # all options are known
+    cheap = [*commands[0][1:], "--modules", "3"]
+    done = CliRunner().invoke(main, cheap, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    assert "3 modules and 2 brackets of 2 kinds do all tasks within 0 % of their least effort" in done.stdout
+    names = re.findall(r"`(drawer/[^`]+)`", (PAGES / "tutorials/one-drawer.md").read_text())
+    assert len(names) == 3
+    assert all((tmp_path / name).exists() for name in names)
+    assert len(list((tmp_path / "runs").glob("*/optima.json"))) == 3
+    (tmp_path / "drawer").rename(tmp_path / "before")
+    monkeypatch.setenv("TOY_LOG", str(tmp_path / "log"))
+    assert CliRunner().invoke(main, cheap).exit_code == 0
+    assert not (tmp_path / "log").exists()  # nothing was solved again
+    assert (tmp_path / "drawer/kit.json").read_bytes() == (tmp_path / "before/kit.json").read_bytes()
+
+
+def test_settings_are_for_tasks_alone(tmp_path):
+    run(tmp_path / "one", {})
+    done = CliRunner().invoke(
+        main, ["kit", str(tmp_path / "one"), "--modules", "3", "--out", str(tmp_path / "kit")]
+    )
+    assert (done.exit_code, "for tasks" in done.stderr) == (2, True)
 
 
 def test_within_nothing_the_best_designs_are_chosen(tmp_path):

@@ -13,6 +13,8 @@ from topo_search.limits import PERCENT
 
 @click.command(epilog="Example: topo-search kit push wall-push --out kit")
 @click.argument("tasks", metavar="TASK|RUN...", nargs=-1, required=True)
+@options.modules
+@options.set_field
 @click.option(
     "--within",
     type=click.FloatRange(0, PERCENT),
@@ -36,7 +38,14 @@ from topo_search.limits import PERCENT
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="A new or empty folder.")
 @options.as_json
 def kit(
-    tasks: tuple[str, ...], within: float, tolerance_deg: float, workers: int | None, out: Path, as_json: bool
+    tasks: tuple[str, ...],
+    modules: str | None,
+    settings: tuple[str, ...],
+    within: float,
+    tolerance_deg: float,
+    workers: int | None,
+    out: Path,
+    as_json: bool,
 ) -> None:
     """Choose a design for each of several tasks such that the same few brackets build them all.
 
@@ -50,6 +59,9 @@ def kit(
 
     Exit status: 0; 2 bad input; 3 no common kit, because a run has no clear design.
     """
+    folders = [task for task in tasks if Path(task).is_dir()]
+    if folders and (modules or settings):
+        raise click.UsageError(f"--modules and --set are for tasks, but {folders[0]} is the folder of a run")
     with explain_errors(resumes=True):
         from topo_search.cli.progress import shown_progress
         from topo_search.compose.drawer import NoCommonKit
@@ -58,7 +70,10 @@ def kit(
         try:
             with shown_progress() as observer:
                 shared = make_kit(
-                    tasks,
+                    [
+                        task if task in folders else options.task_of(task, settings, modules=modules)
+                        for task in tasks
+                    ],
                     out=out,
                     within=within,
                     tolerance_deg=tolerance_deg,
