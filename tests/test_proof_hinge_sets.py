@@ -14,7 +14,7 @@ from topo_search.model.proof import chunk_count
 from topo_search.study.proofs import problem
 from verify import check_chunk
 from verify.proof.check import chunk_box
-from verify.proof.platform import angles_of_hinges, parted
+from verify.proof.platform import angles_around, angles_of_hinges
 
 CASES = [{"end_effector": {"force": [0.25, 0.0, 0.75]}}, HOVER]
 JOINTS = ((-1, -1, -1), (0, 0, 2), (0, 1, 3))
@@ -82,13 +82,13 @@ def test_prover_and_checker_part_intervals_alike_and_lose_no_angle(seed):
     angles = np.sort(rng.uniform(-1.5, 1.5, 9))
     lower, upper = np.sort(rng.choice(angles, 2, replace=False))
     end, begin = halves(angles, lower, upper)
-    assert (end, begin) == parted(angles, (lower + upper) / 2)
+    assert (end, begin) == angles_around(angles, (lower + upper) / 2)
     within = angles[(lower <= angles) & (angles <= upper)]
     assert np.array_equal(
         within, angles[((lower <= angles) & (angles <= end)) | ((begin <= angles) & (angles <= upper))]
     )
     assert halves(angles, lower, lower) == (lower, math.inf)
-    assert halves(np.zeros(0), -1.0, 2.0) == parted(np.zeros(0), 0.5) == (0.5, 0.5)
+    assert halves(np.zeros(0), -1.0, 2.0) == angles_around(np.zeros(0), 0.5) == (0.5, 0.5)
 
 
 def test_the_scope_of_a_proof_names_the_set():

@@ -14,7 +14,7 @@ from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
 from topo_search.model.topology import straight_chain
 from verify.bodies import Array
 from verify.proof import replay as ends
-from verify.proof.platform import all_angles, angles_of_hinges, effort_unit, hang, numbers, parted
+from verify.proof.platform import all_angles, angles_around, angles_of_hinges, effort_unit, hang, numbers
 
 refresh(ends.replay, Path(__file__).parent, Path(tolerances.__file__))
 
@@ -79,7 +79,7 @@ def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
     (lower, upper), angles = all_angles(task, n), angles_of_hinges(task)
     for split in range(CHUNK_SPLITS if n > 1 else 0):
         a = 3 + split % (n - 1)
-        below, beyond = parted(angles, (lower[a] + upper[a]) / 2)
+        below, beyond = angles_around(angles, (lower[a] + upper[a]) / 2)
         if number >> (CHUNK_SPLITS - 1 - split) & 1 == 0:
             upper[a] = below
         else:

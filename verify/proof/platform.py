@@ -208,7 +208,7 @@ def angles_of_hinges(task: ResolvedTask) -> Array:
 
 
 @njit(cache=True)
-def parted(angles: Array, middle: float) -> tuple[float, float]:
+def angles_around(angles: Array, middle: float) -> tuple[float, float]:
     """Return the greatest hinge angle up to `middle` and the least one beyond; without a set, `middle` twice."""
     if len(angles) == 0:
         return middle, middle

@@ -17,7 +17,7 @@ from verify.bodies import Array
 from verify.proof import arcs, ascent, dual
 from verify.proof.arcs import Frames
 from verify.proof.nearness import are_too_near
-from verify.proof.platform import Numbers, parted
+from verify.proof.platform import Numbers, angles_around
 
 BOUND, NEAR, HALVED = 0, 1, 2
 """Meaning of a byte for a box (`topo_search.model.proof`); HALVED + a: along angle a."""
@@ -142,7 +142,7 @@ def _halve(numbers: Numbers, lo: Array, hi: Array, at: int, a: int) -> None:
     """Put the two halves of a box in its place, the lower one on top; with a set they begin and end in it."""
     below = beyond = (lo[at, a] + hi[at, a]) / 2
     if a >= 3:
-        below, beyond = parted(numbers.angles, below)
+        below, beyond = angles_around(numbers.angles, below)
     lo[at + 1], hi[at + 1] = lo[at], hi[at]
     lo[at, a], hi[at + 1, a] = beyond, below
 
