@@ -184,7 +184,9 @@ def problem(task: ResolvedTask, about: Problem) -> str:
     # a proof holds for the trees and the orientations that the task allows
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
+    of_set = task.search.hinge_set_deg is not None
+    hinges = "hinge angles of the task's set" if of_set else "hinge angles within 90 deg either way"
     return (
-        f"scope: {connectors}{root}, hinge angles within 90 deg either way, every wrench and input within the "
+        f"scope: {connectors}{root}, {hinges}, every wrench and input within the "
         f"audit's tolerance; {kept}; all other requirements can only raise the control effort"
     )

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.compiled_code import njit
 from topo_search.model.layout import ROTOR_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.proof import Problem
 from topo_search.model.tolerances import TOLERANCE
@@ -86,6 +87,8 @@ class Numbers(NamedTuple):
     """Required distance between envelopes, or of parts from them, to first order."""
     parts: Array
     """Balls that must keep out of the airflow of modules that are not bolted to theirs: x, y, z, radius; (b, 4)."""
+    angles: Array
+    """Set that hinge angles are to be of, empty if any will do [rad]."""
 
 
 def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Numbers:
@@ -154,6 +157,7 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
         exempt=exempt,
         margin=margin / l_arm,
         parts=_parts(task, problem),
+        angles=angles_of_hinges(task),
     )
 
 
@@ -211,7 +215,37 @@ def all_angles(task: ResolvedTask, n: int) -> tuple[Array, Array]:
     if task.search.root == "paper":
         root = [2 * TOLERANCE, quarter, quarter]
     most = np.array([*root, *(quarter for _ in range(n - 1))])
-    return -most, most
+    lower, upper, angles = -most, most, angles_of_hinges(task)
+    if len(angles):
+        lower, upper = (
+            np.append(lower[:3], [angles.min()] * (n - 1)),
+            np.append(upper[:3], [angles.max()] * (n - 1)),
+        )
+    return lower, upper
+
+
+def angles_of_hinges(task: ResolvedTask) -> Array:
+    """Return the set that hinge angles are to be of, shape (angles,) [rad]; empty where the task has none.
+
+    An audit lets no other angle pass, not by a bit. The set has both signs of every angle, so that it is the same
+    from either end of a hinge.
+    """
+    degrees = task.search.hinge_set_deg
+    return np.zeros(0) if degrees is None else np.array([math.radians(angle) for angle in degrees])
+
+
+@njit(cache=True)
+def angles_around(angles: Array, middle: float) -> tuple[float, float]:
+    """Return the greatest hinge angle up to `middle` and the least one beyond; without a set, `middle` twice."""
+    if len(angles) == 0:
+        return middle, middle
+    below, beyond = -math.inf, math.inf
+    for angle in angles:
+        if angle <= middle:
+            below = max(below, angle)
+        else:
+            beyond = min(beyond, angle)
+    return below, beyond
 
 
 def _free(g: Array) -> Array:

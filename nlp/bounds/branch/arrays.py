@@ -24,6 +24,7 @@ from nlp.numbers.rotors import torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import Problem
 from topo_search.model.tolerances import TOLERANCE
@@ -118,6 +119,8 @@ class BranchProblem(NamedTuple):
     l_c: float
     u_max: float
     """With the audit's tolerance."""
+    angles: Array
+    """Angles that hinges may have, in order; empty if any will do [rad]."""
 
 
 def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task") -> BranchProblem:
@@ -160,6 +163,7 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
         4 * torque_map(module).T,
         l_c,
         U * (1 + TOLERANCE),
+        hinge_angles(task),
     )
 
 
@@ -188,14 +192,42 @@ def effort_unit(task: ResolvedTask) -> float:
     return Units.of(task).input ** 2 * max(case.weight for case in task.load_cases)
 
 
+def hinge_angles(task: ResolvedTask) -> Array:
+    """Return the angles that hinges may have, in order; empty if any will do [rad].
+
+    Either sign of an angle is there, so that it does not matter from where a hinge is looked at.
+    """
+    return np.array([math.radians(angle) for angle in task.search.hinge_set_deg or ()])
+
+
+@njit(cache=True)
+def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
+    """Return where the lower half of an interval of hinge angles ends, and where the upper one begins [rad].
+
+    Both are at the middle if any angle will do; else at angles that hinges may have, or the upper half is empty and
+    begins at infinity.
+    """
+    middle = (lower + upper) / 2
+    if len(angles) == 0:
+        return middle, middle
+    after = np.searchsorted(angles, middle, side="right")
+    if after == len(angles) or angles[after] > upper:
+        return upper, math.inf
+    return angles[after - 1], angles[after]
+
+
 def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:
     """Return the box of all angles, from and to, shape (A,) each [rad]: a design's, and what an audit lets pass."""
+    angles = hinge_angles(task)
     quarter = np.full(n - 1, math.pi / 2 + TOLERANCE)
     root = [HALF_TURN, math.pi / 2 * (1 + 1e-12), HALF_TURN]
     if task.search.root == "paper":
         root = [TOLERANCE, math.pi / 2 + TOLERANCE, math.pi / 2 + TOLERANCE]
     most = np.concatenate([root, quarter])
-    return -most, most
+    lower, upper = -most, most.copy()
+    if len(angles):
+        lower[3:], upper[3:] = angles[0], angles[-1]
+    return lower, upper
 
 
 def centre(task: ResolvedTask, topology: Topology) -> int:
