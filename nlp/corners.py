@@ -11,8 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlp.airspeed import fastest
-from nlp.airspeed import name_of as name_of_air
+from nlp.evaluation.violations import worst
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
@@ -59,22 +58,22 @@ def take_in_corners(
         result = replace(result, iterations=iterations)
         reached = correct_point(result.point if result.finite else point, constraints)
         whole = with_all(reached, task, constraints)
-        outcome = StartResult.at(start, whole, result, _labels(point.task), constraints)
+        checks = violations_of(whole, constraints)
+        outcome = StartResult(start, result, whole, worst(checks), _labels(point.task))
         if outcome.worst.met:
             return outcome
         more, near = _most_missed(whole, point.task), limits
-        lacking = {check.name for check in violations_of(reached, constraints) if not check.met}
+        if whole is not reached:
+            checks = violations_of(reached, constraints)
+        air = {check.name: set(check.air) for check in checks if check.air and not check.met}
+        lacking = {check.name for check in checks if not check.met} - air.keys()
         overloaded = lacking & {name_of(task, load) for load in limited_loads(task, origin.topology)}
         if overloaded and (limits is None or not limits.loads or limits.held not in (None, holder(reached))):
             # another holder than the limits are of: of both sides they hold whichever it is
             near, lacking = _near(reached, limits), lacking - overloaded
-        fast = {name: at for at in fastest(reached) if (name := name_of_air(task, at)) in lacking}
-        if fast:
+        if faster := set().union(*air.values()).difference(near.air if near else ()):
             near = near or Limits(None, ())
-            near = near._replace(
-                air=tuple(sorted({*near.air, *(one for at in fast.values() for one in at.points)}))
-            )
-            lacking -= fast.keys()
+            near = near._replace(air=tuple(sorted({*near.air, *faster})))
         if lacking or (not more and near is limits):
             return outcome
         point, limits = with_some(whole, _labels(point.task) | more) if more else reached, near

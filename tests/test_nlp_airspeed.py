@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from nlp_cases import HOVER, as_design, push, random_point, random_tree
@@ -47,16 +48,39 @@ def test_rows_are_the_speeds_at_their_points() -> None:
     point = random_point(task, random_tree(4, rng), rng)
     point = replace(point, u=np.abs(point.u) + 1e5)
     points = tuple(SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3))) for k in (0, 1, 2) for _ in range(20))
-    rows = SpeedRows(task, point.topology, points)
-    import casadi as ca
-
-    stated = np.asarray(ca.Function("g", [rows.x], [rows.g])(point.pack())).ravel()
+    stated = SpeedRows(task, point.topology, points).values(point.pack())
     design = as_design(point)
     placed, scene = platform(design), Scene(design, platform(design))
     air = [blown for _, blown in case_jets(design, placed, scene)]
     for row, at in zip(stated, points, strict=True):
         exact = speeds(air[at.case], (scene.p_E + at.from_tip)[None]).sum()
         assert 2.0 * (AIMED_AT - row) == pytest.approx(exact, rel=0.06, abs=0.1)  # bends are rounded
+
+
+@pytest.mark.parametrize("tip", ["free", [0.0, 0.0, -0.6]])
+def test_derivatives_of_rows_are_differences(tip: str | list[float]) -> None:
+    rng, step = np.random.default_rng(4), 1e-6
+    task = push(3, exposure=[{"kind": "local", "radius": 0.2, "speed": 2.0}], end_effector={"position": tip})
+    point = random_point(task, random_tree(3, rng), rng)
+    x = replace(point, u=np.abs(point.u) + 1e5).pack()
+    points = tuple(
+        SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3)), module, 1.5) for k in (0, 2) for module in (-1, -1, 0, 2)
+    )
+    rows = SpeedRows(task, point.topology, points)
+    multipliers = rng.normal(size=len(points))
+
+    def dense(pattern: ca.Sparsity, entries: np.ndarray) -> np.ndarray:
+        return np.asarray(ca.DM(pattern, entries))
+
+    def gradient(at: np.ndarray) -> np.ndarray:
+        return multipliers @ dense(rows.jacobian_pattern, rows.jacobian(at))
+
+    steps = step * np.eye(len(x))
+    by_differences = np.array([(rows.values(x + s) - rows.values(x - s)) / (2 * step) for s in steps]).T
+    assert dense(rows.jacobian_pattern, rows.jacobian(x)) == pytest.approx(by_differences, rel=1e-4, abs=1e-6)
+    by_differences = np.array([(gradient(x + s) - gradient(x - s)) / (2 * step) for s in steps])
+    upper = dense(rows.hessian_pattern, rows.hessian(x, multipliers))
+    assert upper == pytest.approx(np.triu(by_differences), rel=1e-3, abs=1e-4)
 
 
 @pytest.mark.parametrize("geometry", [True, False])

@@ -74,6 +74,24 @@ class Assembled(Protocol):
         """Return the entries of the Hessian of the Lagrangian."""
 
 
+class FurtherRows(Protocol):
+    """Rows that are joined to a program, in numbers."""
+
+    lower: Array
+    upper: Array
+    jacobian_pattern: ca.Sparsity
+    hessian_pattern: ca.Sparsity
+
+    def values(self, variables: Array) -> Array:
+        """Return the rows."""
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the entries of their Jacobian."""
+
+    def hessian(self, variables: Array, multipliers: Array) -> Array:
+        """Return the entries of the Hessian of their sum, times multipliers."""
+
+
 class ConstraintRows(Protocol):
     """Rows of a program as expressions of all its unknowns."""
 
@@ -167,7 +185,7 @@ class UserRows:
 
     def append_to(self, program: Assembled) -> Assembled:
         """Return a program with these rows after its own."""
-        return JoinedProgram(program, self) if self else program
+        return JoinedProgram(program, DerivedRows(self)) if self else program
 
 
 def _violation(constraint: OwnConstraint, scale: float, values: Array) -> Violation:
@@ -183,32 +201,52 @@ def _kept_rows(constraints: UserConstraints, task: ResolvedTask, topology: Topol
     return UserRows(constraints, task, topology)
 
 
-class JoinedProgram:
-    """A program in numbers with other rows below its own; their derivatives are CasADi's."""
+class DerivedRows:
+    """Expressions as rows whose derivatives are CasADi's."""
 
-    def __init__(self, program: Assembled, rows: ConstraintRows) -> None:
-        """Derive the rows, and find where entries go."""
-        self._program = program
+    def __init__(self, rows: ConstraintRows) -> None:
+        """Derive them."""
         x, multipliers = rows.x, ca.SX.sym("multipliers", rows.g.numel())
         jacobian = ca.jacobian(rows.g, x)
         hessian = ca.triu(ca.hessian(ca.dot(multipliers, rows.g), x)[0])
         self._g = ca.Function("g", [x], [rows.g])
         self._jacobian = ca.Function("jacobian", [x], [jacobian])
         self._hessian = ca.Function("hessian", [x, multipliers], [hessian])
-        lower, upper = rows.bounds
-        self.size, self.rows = program.size, program.rows + len(lower)
-        self.lower = np.concatenate([program.lower, lower])
-        self.upper = np.concatenate([program.upper, upper])
-        above, below = program.jacobian_pattern, jacobian.sparsity()
+        self.lower, self.upper = rows.bounds
+        self.jacobian_pattern, self.hessian_pattern = jacobian.sparsity(), hessian.sparsity()
+
+    def values(self, variables: Array) -> Array:
+        """Return the rows."""
+        return np.asarray(self._g(variables), dtype=float).ravel()
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the entries of their Jacobian."""
+        return np.array(self._jacobian(variables).nonzeros())
+
+    def hessian(self, variables: Array, multipliers: Array) -> Array:
+        """Return the entries of the Hessian of their sum, times multipliers."""
+        return np.array(self._hessian(variables, multipliers).nonzeros())
+
+
+class JoinedProgram:
+    """A program in numbers with other rows below its own."""
+
+    def __init__(self, program: Assembled, rows: FurtherRows) -> None:
+        """Find where entries go."""
+        self._program, self._further = program, rows
+        self.size, self.rows = program.size, program.rows + len(rows.lower)
+        self.lower = np.concatenate([program.lower, rows.lower])
+        self.upper = np.concatenate([program.upper, rows.upper])
+        above, below = program.jacobian_pattern, rows.jacobian_pattern
         self.jacobian_pattern = ca.vertcat(above, below)
         counted = [
             ca.DM(part, list(range(first, first + part.nnz())))
             for part, first in ((above, 0), (below, above.nnz()))
         ]
         self._order = np.array(ca.vertcat(*counted).nonzeros(), dtype=np.intp)
-        self.hessian_pattern = program.hessian_pattern.unite(hessian.sparsity())
+        self.hessian_pattern = program.hessian_pattern.unite(rows.hessian_pattern)
         self._places = [
-            _places(self.hessian_pattern, part) for part in (program.hessian_pattern, hessian.sparsity())
+            _places(self.hessian_pattern, part) for part in (program.hessian_pattern, rows.hessian_pattern)
         ]
 
     def objective(self, variables: Array) -> float:
@@ -221,13 +259,12 @@ class JoinedProgram:
 
     def constraints(self, variables: Array) -> Array:
         """Return all rows."""
-        further = np.asarray(self._g(variables), dtype=float).ravel()
-        return np.concatenate([self._program.constraints(variables), further])
+        return np.concatenate([self._program.constraints(variables), self._further.values(variables)])
 
     def jacobian(self, variables: Array) -> Array:
         """Return the entries of their Jacobian."""
-        further = np.array(self._jacobian(variables).nonzeros())
-        result: Array = np.concatenate([self._program.jacobian(variables), further])[self._order]
+        both = self._program.jacobian(variables), self._further.jacobian(variables)
+        result: Array = np.concatenate(both)[self._order]
         return result
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
@@ -235,7 +272,7 @@ class JoinedProgram:
         m = self._program.rows
         entries = np.zeros(self.hessian_pattern.nnz())
         entries[self._places[0]] = self._program.hessian(variables, of_objective, multipliers[:m])
-        entries[self._places[1]] += np.array(self._hessian(variables, multipliers[m:]).nonzeros())
+        entries[self._places[1]] += self._further.hessian(variables, multipliers[m:])
         return entries
 
 
