@@ -22,7 +22,7 @@ slipstream (momentum theory, with a shear layer of 0.1 (z + R)), and the flow to
 
 Over a region counts the sum of all modules' speeds. A program has it at points that are fixed from the
 end-effector, those of the region where air is fastest, taken in as a solve leaves them too fast; there the largest
-of the parts is the root of the sum of their squares, which is no less.
+of the parts is their 8-norm, which is no less.
 """
 
 from __future__ import annotations
@@ -47,6 +47,8 @@ from topo_search.model.arrays import Array
 from topo_search.model.layout import ROTOR_DIRECTIONS
 from topo_search.model.shape import Capsule, Cone, Indices, Polytope, Shape
 
+MERGED_AT = 2.5
+"""Depth at which the jets of a module have merged [2 l_arm]."""
 AIMED_AT = 0.997
 """Share of a limit that rows state: what is faster between their points is within the limit."""
 ALLOWED = 0.998
@@ -55,6 +57,8 @@ ALONG_AXIS = np.concatenate([[0.0], np.geomspace(0.1, 60.0, 30)])
 """Depths at which a search for the fastest air begins [l_arm]."""
 STEPS = 0.5 ** np.arange(1, 16)
 """Steps of that search [l_arm]."""
+NORM = 8
+"""Exponent of the norm that is the largest of a module's parts in rows."""
 SOFTNESS = 0.02
 """Width over which bends are rounded in rows."""
 PULLS = 30
@@ -210,7 +214,7 @@ def _row(
         v = [_induced_speeds(module, density, (u[q] + 1e-6) * module.hover_input(gravity)) for q in range(4)]
         by_rotor = [(away[0] - a) ** 2 + (away[1] - b) ** 2 for a, b, _ in ROTOR_DIRECTIONS]
         parts = _parts(module, v, -away[2], away[0] ** 2 + away[1] ** 2, by_rotor, ROUNDED)
-        total += ca.sqrt(sum(part * part for part in parts))
+        total += sum(part**NORM for part in parts) ** (1 / NORM)
     hessian, gradient = ca.hessian(AIMED_AT - total * data[4], unknowns)
     values = AIMED_AT - total * data[4], ca.densify(gradient.T), ca.triu(hessian)
     first, second, third = (ca.Function("row", [unknowns, data], [value]) for value in values)
@@ -255,13 +259,13 @@ def _parts(
     clip, larger, begin = bends
     jet, R = module.airflow.jet, module.body.rotor_radius / module.arm_length
     s = z / 2
-    from_origin = larger(s, 2.5) + jet.origin
+    from_origin = larger(s, MERGED_AT) + jet.origin
     U_H = (sum(each * each for each in v) / 4) ** 0.5
     profile = 1 + (math.sqrt(2) - 1) * beside / (2 * jet.half_width * from_origin) ** 2
-    far = clip(s / 2.5) * jet.decay * U_H / from_origin / profile**2
-    below = 5 * clip(z / 5)
+    far = clip(s / MERGED_AT) * jet.decay * U_H / from_origin / profile**2
+    below = 2 * MERGED_AT * clip(z / (2 * MERGED_AT))
     g = 1 + below / (R * R + below * below) ** 0.5
-    fade = clip((2.5 - s) / 1.5) * begin(z)
+    fade = clip((MERGED_AT - s) / 1.5) * begin(z)
     radii = [(each + 1e-12) ** 0.5 for each in by_rotor]
     near = [
         each * g * fade * clip(0.5 + (R / g**0.5 - r) / (0.2 * (below + R)))

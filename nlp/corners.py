@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nlp.airspeed import fastest
 from nlp.evaluation.violations import worst
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
@@ -23,7 +24,7 @@ from topo_search.model.corners import CorneredTask
 
 SolveFrom = Callable[[Point, Limits | None], IpoptResult]
 NEAR_LIMIT = 0.6
-"""Share of its limit from which a load in a joint is stated."""
+"""Share of its limit from which a load in a joint, or an air speed, is stated."""
 ROUNDS = 10
 """Largest number of solves, each with more corners than the one before."""
 TAKEN = 8
@@ -51,7 +52,9 @@ def take_in_corners(
         solve: solves the program of a point's own task from there, with limits of what joints bear if it has any.
         constraints: constraints of the user, to which the point is held as well.
     """
-    point, iterations, limits = origin, 0, None
+    near_limits = [at for at in fastest(origin) if at.speed > NEAR_LIMIT * at.limit]
+    first = tuple(sorted({point for at in near_limits for point in at.points}))
+    point, iterations, limits = origin, 0, Limits(None, (), first) if first else None
     for _ in range(ROUNDS):
         result = solve(point, limits)
         iterations += result.iterations

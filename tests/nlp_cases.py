@@ -95,12 +95,15 @@ PILLAR: Table = {
     "vertices": [[-0.3, -0.1, -0.5], [-0.2, -0.1, -0.5], [-0.25, 0.1, -0.5], [-0.25, 0.0, 0.4], [-0.2, 0.0, 0.4]],
 }
 
+WIDE_AT_REGIONS: Table = {"airflow": {"regions": {"start_radius": 0.2, "spread_angle_deg": 4.0, "reach": 1.9}}}
+"""A module whose envelope against regions is wider at the top and longer than that between modules."""
+
 FEATURES: dict[str, Table] = {
     "push": {},
     "local": {"exposure": [LOCAL]},
     "box": {"exposure": [BOX]},
     "convex region": {"exposure": [WEDGE]},
-    "several pieces": {"exposure": [PIECES]},
+    "several pieces": {"exposure": [PIECES], "module": WIDE_AT_REGIONS},
     "one path": {"exposure": [PATH]},
     "two paths": {"exposure": [TWO_PATHS]},
     "a path along the end-effector": {"exposure": [OUTWARDS]},
@@ -110,7 +113,7 @@ FEATURES: dict[str, Table] = {
     "half-space with a fixed axis": {"exposure": [HALF_SPACE_DOWN]},
     "bent paths": {"exposure": [BENT]},
     "planes": {"exposure": [BELOW]},
-    "several requirements": {"exposure": [LOCAL, OUTWARDS, HALF_SPACE]},
+    "several requirements": {"exposure": [LOCAL, OUTWARDS, HALF_SPACE], "module": WIDE_AT_REGIONS},
     "paper root": {"search": {"root": "paper"}},
     "no body clearance": {"search": {"body_clearance": False}},
     "ablation": {"search": {"interference": "separation"}},

@@ -18,6 +18,7 @@ from nlp_cases import (
     PIECES,
     TWO_PATHS,
     WEDGE,
+    WIDE_AT_REGIONS,
     as_design,
     push,
     random_point,
@@ -55,7 +56,7 @@ FINE = np.linspace(0.0, 1.0, 401)
 
 def random_design(kind, seed):
     rng = np.random.default_rng(seed)
-    task = push(2, exposure=[KINDS[kind]])
+    task = push(2, exposure=[KINDS[kind]], module=WIDE_AT_REGIONS if seed == 1 else {})
     return random_point(task, random_tree(2, rng, aligned=True), rng)
 
 
@@ -79,7 +80,7 @@ def test_solver_and_audit_name_the_same_clearances_with_the_same_sign(kind, seed
 
 def brute_force(point, kind):
     """The least clearance of sampled balls of every envelope from the region as its fields say it, in metres."""
-    asked, air, (R, p) = KINDS[kind], point.task.module.envelope, point.poses
+    asked, air, (R, p) = KINDS[kind], point.task.module.region_envelope, point.poses
     centres = p[:, None] - FINE[:, None] * air.length * R[:, None, :, 2] - point.p_E
     radii = air.start_radius + FINE * air.growth
     if "planes" in asked:

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from nlp_cases import HOVER, as_design, push, random_point, random_tree
 
-from nlp import solve
+from nlp import prove_impossible, solve
 from nlp.airspeed import AIMED_AT, SpeedPoint, SpeedRows, fastest
-from topo_search.model import Design, Status, Topology
+from topo_search.model import Design, ResolvedTask, Status, Topology
 from verify import audit
-from verify.air import case_jets
+from verify.air import air, case_jets
 from verify.air.jets import speeds
 from verify.kinematics import platform
 from verify.requirements import Scene
@@ -24,6 +24,7 @@ REGIONS = [
     {"kind": "exterior", "half_angle_deg": 60.0},
     {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}], "speed_within": 1.0},
 ]
+BESIDE = [[0.2, 0.0, 0.0], [0.5, 0.0, 0.0], [0.2, 0.3, 0.0], [0.2, 0.0, 0.3]]
 
 
 @pytest.mark.parametrize("region", REGIONS, ids=lambda region: f"{region['kind']}{len(region)}")
@@ -119,3 +120,33 @@ def test_air_within_a_distance_of_the_tip_is_found_where_the_region_is_farther_f
     found = audit(as_design(point)).air
     assert found is not None
     assert at.speed >= 0.97 * found.cases[0].regions[0].speed_m_s > 1.0
+
+
+@pytest.mark.parametrize("region", [*REGIONS, {"kind": "local", "vertices": BESIDE}], ids=str)
+@pytest.mark.parametrize("tip", [{"position": [0.1, 0.0, -0.3]}, {"largest_reach": 0.3}], ids=str)
+def test_no_platform_blows_less_over_a_region_than_is_proven(region: dict, tip: dict) -> None:
+    """Modules with the thrust of the load case and no more, at random poses, as far away as they may be."""
+    rng, n = np.random.default_rng(5), 3
+
+    def of_limit(speed: float) -> ResolvedTask:
+        return push(n, load_cases=[HOVER], exposure=[{**region, "speed": speed}], end_effector=tip)
+
+    proof = prove_impossible(of_limit(1e-6))
+    assert proof is not None
+    assert "exposure[0].speed" in proof.message
+    least = proof.violation + 1e-6
+    assert prove_impossible(of_limit(1.001 * least)) is None
+    for _ in range(3):
+        point = random_point(of_limit(1.0), random_tree(n, rng), rng)
+        thrusts = rng.dirichlet(np.full(4 * n, 0.3)).reshape(1, n, 4) * point.task.force_unit(n)
+        u = np.minimum(thrusts / point.task.module.thrust_coefficient, point.task.max_input)
+        if tip.get("largest_reach"):  # as far from the tip as the rod allows
+            outwards = point.p_E - point.poses[1][0]
+            end = point.poses[1][0] + outwards / np.linalg.norm(outwards) * (0.3 + 0.15)
+            point = replace(point, p_E=end)
+        share = u.sum() * point.task.module.thrust_coefficient / point.task.force_unit(n)
+        design = as_design(replace(point, u=u / share))
+        placed = platform(design)
+        found = air(design, placed, Scene(design, placed))
+        assert found is not None
+        assert found.cases[0].regions[0].speed_at_most_m_s >= least

@@ -52,7 +52,7 @@ def printed_gaps(task, topology, x):
 
 def lengths_of(row, stated):
     """The least and the largest R, the length by which the printed problem divides a square."""
-    _, start, growth = stated.air
+    _, start, growth = stated.air if row.kind in (s.AIR, s.PARTS) else row.data[9:12]
     end, size = start + growth, row.data[3]
     if row.kind == s.PARTS:
         return end + stated.parts[:, 3].min(), end + stated.parts[:, 3].max()

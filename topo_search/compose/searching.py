@@ -13,6 +13,7 @@ from typing import TypeVar
 import nlp
 import verify
 from topo_search.compose.binding import backends
+from topo_search.compose.envelopes import enclose_speed
 from topo_search.compose.pages import write_page
 from topo_search.compose.places import open_engine
 from topo_search.engine import Certificates, DaskWorkers, Workers
@@ -107,7 +108,7 @@ def search(
             unknown.
         WorkersLost: workers do not start or return, or the Dask scheduler does not answer; results are kept.
     """
-    asked = task if isinstance(task, Task) else read_task(task)
+    asked = enclose_speed(task if isinstance(task, Task) else read_task(task))
     handed = collect_own(
         asked,
         near=near,

@@ -6,9 +6,11 @@ import json
 import textwrap
 import tomllib
 from collections.abc import Iterator
+from typing import Any
 
 from pydantic import BaseModel
 
+from topo_search.model.module import Module, RegionAirflow
 from topo_search.model.task import Task
 
 COMMENT_AT = 36
@@ -84,7 +86,8 @@ carries_weight = true
 LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "tolerances": True}
 RATINGS = {"joint_moment": 4.0, "joint_force": 60.0, "battery_Wh": 12.0}
 SETS = {"hinge_step_deg": 15.0, "hinge_angles_deg": (0.0, 30.0, 45.0, 60.0, 90.0)}
-"""Examples of fields of [flight], of a module and of [search] that have no default."""
+ENVELOPE = {"speed": 2.0}
+"""Examples of fields of [flight], of a module, of [search] and of [module.airflow] that have no default."""
 ADVISED = {"at": "both"}
 """Fields of [flight] that a new task states: better than the default, which is that of older tasks."""
 
@@ -92,6 +95,7 @@ ADVISED = {"at": "both"}
 def task_template(name: str) -> str:
     """Return the text of a task file with every field, its default and what it means."""
     task = Task.model_validate(tomllib.loads(HEAD.format(name=name) + TASK))
+    task = task.model_copy(update={"module": _with_airflow(task.module, regions=RegionAirflow())})
     filled = task.resolve(5)
     module, k_f = filled.module, filled.module.thrust_coefficient
     forms = {
@@ -100,7 +104,7 @@ def task_template(name: str) -> str:
         "bracket": module.bracket_sizes,
     }
     changed = {
-        "module": module.model_copy(update={**forms, **RATINGS}),
+        "module": _with_airflow(module.model_copy(update={**forms, **RATINGS}), **ENVELOPE),
         "flight": filled.flight.model_copy(update=LIMITS | ADVISED),
         "search": filled.search.model_copy(update=SETS),
     }
@@ -109,6 +113,10 @@ def task_template(name: str) -> str:
     top = "\n".join(_fields(task, filled, explained))
     tables = "\n".join(_tables(task, filled, ""))
     return f"{HEAD.format(name=name)}{top}\n{TASK}{tables}\n"
+
+
+def _with_airflow(module: Module, **fields: Any) -> Module:
+    return module.model_copy(update={"airflow": module.airflow.model_copy(update=fields)})
 
 
 def _tables(task: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:
@@ -130,7 +138,7 @@ def _fields(task: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[s
             continue
         if getattr(task, field) is None and not isinstance(value, bool):
             value = _round(value)
-        line = f"{'' if field in ADVISED else '# '}{field} = {json.dumps(value)}"
+        line = f"{'' if ADVISED.get(field) == value else '# '}{field} = {json.dumps(value)}"
         words = textwrap.wrap(known.description or "", WIDTH - COMMENT_AT)
         if len(line) > COMMENT_AT - 2:
             yield line

@@ -71,6 +71,9 @@ def _envelope(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "radius at the far end", f"{figures(envelope.end_radius)} m"
     yield "length of its axis", f"{figures(envelope.length)} m"
     yield "full spreading angle", f"{figures(task.module.airflow.spread_angle_deg)}°"
+    if task.exposure and (regions := task.module.region_airflow) is not None:
+        sizes = f"{length(regions.start_radius)} at the module, {figures(regions.spread_angle_deg)}°"
+        yield "against regions", f"{sizes}, ending {length(regions.reach)} below"
 
 
 def _end_effector(task: ResolvedTask) -> Iterator[tuple[str, str]]:
