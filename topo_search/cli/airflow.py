@@ -45,7 +45,7 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
     Exit status: 0; 2 bad input, or no air is as fast.
     """
     with explain_errors():
-        from topo_search.compose.envelopes import envelope_of_speed
+        from topo_search.compose.envelopes import enclose_speed, envelope_of_speed
         from topo_search.model import Module
         from topo_search.model.files import read_task
         from topo_search.model.module import AIR_DENSITY
@@ -55,7 +55,7 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
 
         module, density, gravity = Module(), AIR_DENSITY, Task.model_fields["gravity"].default
         if task is not None:
-            read = read_task(task)
+            read = enclose_speed(read_task(task))
             module, density, gravity = read.module, read.air_density, read.gravity
         ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
         thrust = ratio * module.mass * gravity

@@ -241,6 +241,8 @@ class Task(Value):
 
     def _broken_goals(self) -> Broken:
         """Yield what is wrong with goals over several sizes, or over one."""
+        if self.goals.speed and not self.exposure:
+            yield ("goals", "speed"), f"needs an exposure, but got {show(self.goals.speed)}"
         if self.goals.modules and len(self.sizes) == 1:
             yield ("goals", "modules"), f"needs a range of sizes, [fewest, most], but got modules = {self.modules}"
         if self.goals.names and len(self.sizes) > 1:
@@ -404,8 +406,10 @@ class Task(Value):
         end_effector = {"stand_off": level.stand_off}
         tolerances = self.tolerances.model_copy(update=_without_none({"hinge_angle_deg": level.hinge_angle_deg}))
         survive = True if level.hinge_angle_deg else self.flight.tolerances
+        speed = _without_none({"speed": level.speed})
         return self.model_copy(
             update={
+                "exposure": tuple(asked.model_copy(update=speed) for asked in self.exposure),
                 "search": self.search.model_copy(update=_without_none(search)),
                 "end_effector": self.end_effector.model_copy(update=_without_none(end_effector)),
                 "flight": self.flight.at_level(level).model_copy(

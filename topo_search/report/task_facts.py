@@ -103,6 +103,7 @@ def goals(task: Task) -> Facts:
         ("possible with any one rotor dead", list(asked.rotor_out)),
         ("largest moment in a joint", [f"{x:g} N m" for x in asked.joint_moment]),
         ("error of every hinge angle that is survived", [f"{x:g}°" for x in asked.hinge_angle_deg]),
+        ("air speed in all regions", [f"{x:g} m/s" for x in asked.speed]),
         ("modules", [str(n) for n in task.sizes] if asked.modules else []),
     )
     rows = [(name, ", ".join(texts)) for name, texts in levels if texts]
