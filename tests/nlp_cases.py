@@ -114,6 +114,8 @@ FEATURES: dict[str, Table] = {
     "paper root": {"search": {"root": "paper"}},
     "no body clearance": {"search": {"body_clearance": False}},
     "ablation": {"search": {"interference": "separation"}},
+    "merging airflow": {"search": {"interference": "parts"}},
+    "merging airflow, no body clearance": {"search": {"interference": "parts", "body_clearance": False}},
     "no exclusion": {"end_effector": {"exclusion": False}},
     "stand-off": {"end_effector": {"stand_off": 0.4}},
     "stand-off in place of exclusion": {"end_effector": {"exclusion": False, "stand_off": 0.1}},

@@ -87,9 +87,9 @@ class Scene:
                 yield None if requirement.pieces is None else piece, region
 
     def _airflow(self) -> Iterator[Requirement]:
-        counts = self.design.task.search.interference == "airflow"
-        for a, b in combinations(range(len(self.envelopes)), 2):
-            yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=counts)
+        kind = self.design.task.search.interference
+        for a, b in combinations(range(len(self.envelopes)), 2) if kind != "parts" else ():
+            yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=kind == "airflow")
 
     def _exposure(self, number: int, requirement: Exposure) -> Iterator[Requirement]:
         for segment, region in self.regions(requirement) if requirement.geometry else ():

@@ -24,7 +24,6 @@ from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask
-from topo_search.model.room import part_cover
 from topo_search.model.shape import Hull
 
 Indices = NDArray[np.int64]
@@ -111,7 +110,7 @@ class ReducedProblem(NamedTuple):
     air: tuple[float, float, float]
     """Length of an envelope's axis, its start radius and growth."""
     parts: Array
-    """Balls around the parts of a module that reach out of its own airflow: x, y, z, radius; shape (b, 4)."""
+    """Balls around the parts of a module (`Task.part_cover`): x, y, z, radius; shape (b, 4)."""
     lower: Array
     """Bounds on the unknowns, shape (N,)."""
     upper: Array
@@ -147,7 +146,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         _cases(task, n, unit),
         *_columns(list(rows(task, topology))),
         (air.length / unit.length, air.start_radius / unit.length, air.growth / unit.length),
-        np.column_stack(part_cover(module)) / unit.length,
+        np.column_stack(task.part_cover) / unit.length,
         lower,
         upper,
         np.empty(0) if fixed is None else (n + m_E) / n * np.array(fixed) / unit.length,

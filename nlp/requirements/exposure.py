@@ -32,7 +32,7 @@ def exposure(task: ResolvedTask) -> Iterator[Requirement]:
         if asked.geometry:
             yield Requirement(9, partial(_name, number, asked), subjects, formulas, margin)
         if asked.solid:
-            balls = PartBalls(task.module)
+            balls = PartBalls.of(task)
             parts = tuple(
                 _solid(shape, balls, unit, segment_of(asked, part)) for part, shape in enumerate(asked.shapes)
             )

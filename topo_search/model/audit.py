@@ -337,7 +337,7 @@ class Audit(Value):
     pairs: tuple[Clearance, ...]
     residuals: tuple[Residual, ...]
     interference: Interference | None = None
-    """None in files of programs that do not compute it."""
+    """None where envelopes may merge, and in files of programs that do not compute it."""
     sensitivity: Sensitivity | None = None
     """None if there is no clearance to lose."""
     flight: Flight | None = None

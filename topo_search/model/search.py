@@ -45,8 +45,9 @@ class Search(Value):
     # effort where that was measured, and leaves room for larger modules and for checks less exact than the audit.
     margin: NonNegative = 1.0e-4
     """Clearance that the solver adds to every geometric requirement [m]."""
-    interference: Literal["airflow", "separation"] = "airflow"
-    """`separation`: the paper's ablation, a minimum distance instead of envelope clearance."""
+    interference: Literal["airflow", "parts", "separation"] = "airflow"
+    """`airflow`: envelopes of two modules must not overlap; `parts`: they may merge, but rotors, hubs and arms keep
+    out of other modules' envelopes; `separation`: the paper's ablation, a minimum distance of module centres."""
     separation: Positive | None = None
     """Minimum distance of module centres in the ablation [m]; default: 2 arm_length."""
     peak_input: Annotated[Positive, Field(le=1, exclude_if=lambda given: given == 1.0)] = 1.0

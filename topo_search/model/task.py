@@ -24,6 +24,7 @@ from topo_search.model.module import AGREE, AIR_DENSITY, EndEffector, Module, Re
 from topo_search.model.reserves import AskedFlight, broken_reserves
 from topo_search.model.room import (
     LARGE,
+    Balls,
     Folds,
     airflow_folds,
     body_radius,
@@ -31,6 +32,8 @@ from topo_search.model.room import (
     in_words,
     intersect,
     packed_width,
+    part_cover,
+    whole_cover,
 )
 from topo_search.model.search import Goals, Level, Search
 from topo_search.model.tolerances import FARTHEST
@@ -359,17 +362,30 @@ class Task(Value):
         clearance = self.body_clearance
         return None if clearance is None else max(clearance, 2 * body_radius(self.module))
 
-    def folds(self, margin: float = 0.0) -> Folds:
-        """Return what the search folds hinges to: +-pi/2, or with body clearance what parts leave of it [rad].
+    @property
+    def parts_off_airflow(self) -> bool:
+        """True if rotors, hubs and arms must keep out of other modules' airflow."""
+        return self.body_clearance is not None or self.search.interference == "parts"
 
-        Rotors keep off the neighbour's parts, and all parts out of its airflow.
+    @property
+    def part_cover(self) -> Balls:
+        """Balls that the search keeps out of other modules' airflow: around all rigid parts if airflows may merge.
+
+        Where they keep apart, parts within their own module's airflow need no balls.
+        """
+        return part_cover(self.module) if self.search.interference == "airflow" else whole_cover(self.module)
+
+    def folds(self, margin: float = 0.0) -> Folds:
+        """Return what the search folds hinges to: +-pi/2, or what parts leave of it [rad].
+
+        With body clearance rotors keep off the neighbour's parts; all parts keep out of its airflow.
 
         Args:
             margin: what they keep clear by at least [m].
         """
-        if self.body_clearance is None:
-            return ((-math.pi / 2, math.pi / 2),)
-        return intersect(clear_folds(self.module, margin), airflow_folds(self.module, margin))
+        any_fold = ((-math.pi / 2, math.pi / 2),)
+        apart = any_fold if self.body_clearance is None else clear_folds(self.module, margin)
+        return intersect(apart, airflow_folds(self.module, margin)) if self.parts_off_airflow else any_fold
 
     @property
     def joint_limits(self) -> tuple[float | None, float | None]:

@@ -200,9 +200,11 @@ def vector(values: Vector | tuple[float, ...]) -> str:
 
 def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
     search = task.search
-    apart = "airflow envelopes must not overlap"
-    if search.interference == "separation":
-        apart = f"centres of modules at least {figures(task.separation)} m apart, in place of airflow (ablation)"
+    apart = {
+        "airflow": "airflow envelopes must not overlap",
+        "parts": "airflow envelopes may merge; rotors, hubs and arms keep out of other modules' envelopes",
+        "separation": f"centres at least {figures(task.separation)} m apart, in place of airflow (ablation)",
+    }[search.interference]
     body, kept, folds = task.body_clearance, task.centre_distance, task.folds(search.margin)
     turns = in_words(folds, "°") if folds else "none: at any angle rotors would touch a neighbour or its airflow"
     if search.hinge_step_deg is not None:

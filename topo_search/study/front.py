@@ -207,7 +207,7 @@ def _measure(row: Row, design: Design, audit: Audit, number: int, level: Level) 
     """Return what a design reaches."""
     task = design.task
     left_out = {"exclusion", "body", "rod", "rod-airflow", "bracket-airflow", "bracket-rotor", "rod-region"}
-    if task.body_clearance is None:
+    if not task.parts_off_airflow:
         left_out.add("rotor-airflow")
     if task.search.interference == "separation":
         left_out.add("airflow")

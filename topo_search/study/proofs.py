@@ -171,17 +171,19 @@ def weakest_problem(problems: Sequence[Problem]) -> Problem:
 def problem(task: ResolvedTask, about: Problem) -> str:
     """Say precisely which designs a proof is about."""
     margin = f" and {upper_text(task.search.margin)} m" if about == "solver" else ""
-    if task.search.interference == "airflow":
-        kept = (
-            f"airflow envelopes may be{margin.removeprefix(' and')} apart"
-            if margin
-            else "airflow envelopes may touch"
-        )
+    if task.search.interference == "separation":
+        kept = f"centres of modules may be {upper_text(task.separation)} m{margin} apart"
+    else:
+        kept = "airflow may blow anywhere"
+        if task.search.interference == "airflow":
+            kept = (
+                f"airflow envelopes may be{margin.removeprefix(' and')} apart"
+                if margin
+                else "airflow envelopes may touch"
+            )
         apart = task.centre_distance if about == "solver" else task.body_clearance
         if apart is not None:
             kept += f" and centres of modules not bolted together be {upper_text(apart)} m{margin} apart"
-    else:
-        kept = f"centres of modules may be {upper_text(task.separation)} m{margin} apart"
     kept = f"the solver's own distances, {kept}" if about == "solver" else kept
     # a proof holds for the trees and the orientations that the task allows
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""

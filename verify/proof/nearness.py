@@ -67,7 +67,7 @@ def _is_pair_too_near(numbers: Numbers, corners: Array, frames: Frames, i: int, 
         gap -= numbers.margin
         if gap < 0.0 and farthest(numbers, corners, i, j, down) < radii * (radii + 2 * numbers.margin):
             return True, gap
-    if numbers.apart > 0.0 and not (numbers.airflow and numbers.bolted[i, j]):
+    if numbers.apart > 0.0 and not (numbers.exempt and numbers.bolted[i, j]):
         centres = math.sqrt(((frames.p[i] - frames.p[j]) ** 2).sum()) - numbers.apart
         gap = min(gap, centres)
         if centres < 0.0 and farthest(numbers, corners, i, j, (0.0, 0.0)) < numbers.apart**2:

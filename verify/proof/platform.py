@@ -79,7 +79,9 @@ class Numbers(NamedTuple):
     start_radius: float
     growth: float
     apart: float
-    """Least distance of centres, with airflow of modules that are not bolted together; 0 for none."""
+    """Least distance of centres; 0 for none."""
+    exempt: bool
+    """True if modules that are bolted together may have centres nearer than that."""
     margin: float
     """Required distance between envelopes, to first order."""
 
@@ -121,10 +123,9 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
     centroid, e = 2 * l_c * float(depth.mean()), TOLERANCE * task.total_mass(n) * task.gravity / F
     weight = np.array([case.weight for case in cases])
     air = module.envelope
-    airflow = task.search.interference == "airflow"
-    margin = task.search.margin if problem == "solver" else 0.0
+    margin, exempt = task.search.margin if problem == "solver" else 0.0, task.search.interference != "separation"
     apart = task.separation
-    if airflow:
+    if exempt:
         apart = (task.centre_distance if problem == "solver" else task.body_clearance) or 0.0
     return Numbers(
         parent=np.array(tree.parents, np.int64),
@@ -143,11 +144,12 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
         torque_off=e * (1 + 2 * kappa + centroid) + off,
         reach=centroid + (1 + kappa) * (task.farthest_end_effector(n) / l_arm + TOLERANCE),
         l_c=l_c,
-        airflow=airflow,
+        airflow=task.search.interference == "airflow",
         length=air.length / l_arm,
         start_radius=air.start_radius / l_arm,
         growth=air.growth / l_arm,
         apart=math.sqrt(apart**2 + 2 * apart * margin) / l_arm,
+        exempt=exempt,
         margin=margin / l_arm,
     )
 

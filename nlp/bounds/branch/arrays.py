@@ -96,7 +96,9 @@ class Separation(NamedTuple):
     start_radius: float
     growth: float
     apart: float
-    """Least distance of centres: with airflow of modules that share no joint, else of all; 0 if there is none."""
+    """Least distance of centres; 0 if there is none."""
+    of_all: bool
+    """True if that is asked of modules that share a joint, too."""
     margin: float
     """By which, to first order, envelopes are to clear each other."""
 
@@ -131,19 +133,27 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
     levers = _levers(tree, l_c, drag)
     loads = _loads(task, n, unit)
     U = task.max_thrust_to_weight
-    air, airflow = module.envelope, task.search.interference == "airflow"
+    air, kind = module.envelope, task.search.interference
     margin, body = 0.0, task.body_clearance
     if problem == "solver":
         margin, body = task.search.margin, task.centre_distance
-    apart = (body or 0.0) if airflow else task.separation
+    apart = task.separation if kind == "separation" else body or 0.0
     apart = math.sqrt(apart * (apart + 2 * margin))
-    lengths = (air.length, air.start_radius, air.growth, apart, margin)
+    length, start_radius, growth = (x / unit.length for x in (air.length, air.start_radius, air.growth))
     return BranchProblem(
         tree,
         levers,
         loads,
         _slack(task, tree, levers, loads, l_c, U),
-        Separation(airflow, *(x / unit.length for x in lengths)),
+        Separation(
+            airflow=kind == "airflow",
+            length=length,
+            start_radius=start_radius,
+            growth=growth,
+            apart=apart / unit.length,
+            of_all=kind == "separation",
+            margin=margin / unit.length,
+        ),
         4 * torque_map(module).T,
         l_c,
         U * (1 + TOLERANCE),

@@ -56,7 +56,7 @@ def crowding(stated: BranchProblem, middle: Frames, axes: Axes, vertices: Frames
                 radii = 2 * separation.start_radius + (eta + gamma) * separation.growth
                 radii = math.sqrt(radii * (radii + 2 * separation.margin))
                 found = max(found, _closeness(stated, middle, axes, vertices, rho, i, j, eta, gamma, radii, gain))
-            if found < ALL_OVER and separation.apart > 0.0 and not (separation.airflow and tree.bolted[i, j]):
+            if found < ALL_OVER and separation.apart > 0.0 and (separation.of_all or not tree.bolted[i, j]):
                 apart = _closeness(stated, middle, axes, vertices, rho, i, j, 0.0, 0.0, separation.apart, gain)
                 found = max(found, apart)
             if found == ALL_OVER:
