@@ -50,7 +50,7 @@ LEAP = 1.5
 def sensitivity(
     design: Design, found: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
 ) -> Sensitivity | None:
-    """Return how much error a design tolerates; None if there is no clearance to lose.
+    """Return how much error a design tolerates; None if there is no clearance to lose, or parts decide.
 
     Args:
         design: the design.
@@ -60,7 +60,7 @@ def sensitivity(
         holder: the module that carries the end-effector.
     """
     bounded = [r for r in requirements if r.counts and r.kind in KINDS]
-    if not bounded:
+    if not bounded or design.task.search.interference == "parts":  # of parts beside airflow there is no bound
         return None
     search = _Search(design, Tolerance(design, found, scene, bounded, holder), scene.l_arm, holder)
     l_arm, asked = scene.l_arm, design.task.tolerances

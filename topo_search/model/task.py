@@ -221,6 +221,9 @@ class Task(Value):
         if self.flight.tolerances and self.tolerances == Tolerances() and not any(self.goals.hinge_angle_deg):
             rule = "must be false where all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
             yield ("flight", "tolerances"), f"{rule}, but got true"
+        if self.search.interference == "parts" and (self.flight.tolerances or any(self.goals.hinge_angle_deg)):
+            rule = 'must be "airflow" where clearances must survive [tolerances], which nothing proves of parts'
+            yield ("search", "interference"), f'{rule}, but got "parts"'
         for field in ("force_reserve", "torque_reserve", "rotor_out", "joint_moment"):
             given, default = getattr(self.flight, field), AskedFlight.model_fields[field].default
             if getattr(self.goals, field) and given != default:

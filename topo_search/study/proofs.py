@@ -174,13 +174,10 @@ def problem(task: ResolvedTask, about: Problem) -> str:
     if task.search.interference == "separation":
         kept = f"centres of modules may be {upper_text(task.separation)} m{margin} apart"
     else:
-        kept = "airflow may blow anywhere"
-        if task.search.interference == "airflow":
-            kept = (
-                f"airflow envelopes may be{margin.removeprefix(' and')} apart"
-                if margin
-                else "airflow envelopes may touch"
-            )
+        what = "airflow envelopes"
+        if task.search.interference == "parts":
+            what = "rotors, hubs and arms and other modules' airflow envelopes"
+        kept = f"{what} may be{margin.removeprefix(' and')} apart" if margin else f"{what} may touch"
         apart = task.centre_distance if about == "solver" else task.body_clearance
         if apart is not None:
             kept += f" and centres of modules not bolted together be {upper_text(apart)} m{margin} apart"

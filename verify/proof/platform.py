@@ -83,7 +83,9 @@ class Numbers(NamedTuple):
     exempt: bool
     """True if modules that are bolted together may have centres nearer than that."""
     margin: float
-    """Required distance between envelopes, to first order."""
+    """Required distance between envelopes, or of parts from them, to first order."""
+    parts: Array
+    """Balls that must keep out of the airflow of modules that are not bolted to theirs: x, y, z, radius; (b, 4)."""
 
 
 def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Numbers:
@@ -151,7 +153,30 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
         apart=math.sqrt(apart**2 + 2 * apart * margin) / l_arm,
         exempt=exempt,
         margin=margin / l_arm,
+        parts=_parts(task, problem),
     )
+
+
+def _parts(task: ResolvedTask, problem: Problem) -> Array:
+    """Return balls that must be out of other modules' airflow, where those may merge [l_arm].
+
+    The solver keeps balls around all parts. Of the task's designs the parts themselves are out of it: here eight
+    points of each rim, a ball in each rotor, and one in the hub.
+    """
+    if task.search.interference != "parts":
+        return np.zeros((0, 4))
+    body, l_arm = task.module.body, task.module.arm_length
+    if problem == "solver":
+        cover = task.part_cover
+        return np.concatenate([cover.centres, cover.radii[:, None]], axis=1) / l_arm
+    turns = np.arange(8) * math.pi / 4
+    rim = body.rotor_radius / l_arm * (1 - 1e-12) * np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
+    balls = np.zeros((4 * 9 + 1, 4))
+    balls[:32, :3] = (ROTOR_DIRECTIONS[:, None] + rim).reshape(32, 3)
+    balls[32:36, :3] = ROTOR_DIRECTIONS
+    balls[32:36, 3] = min(body.rotor_radius, body.rotor_height / 2) / l_arm
+    balls[36, 3] = min(body.hub) / 2 / l_arm
+    return balls if body.frame is None else balls[:36]
 
 
 def effort_unit(task: ResolvedTask) -> float:

@@ -25,6 +25,7 @@ from nlp.numbers.rotors import torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
+from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import Problem
 from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.topology import ROOT, Joint
@@ -100,7 +101,9 @@ class Separation(NamedTuple):
     of_all: bool
     """True if that is asked of modules that share a joint, too."""
     margin: float
-    """By which, to first order, envelopes are to clear each other."""
+    """By which, to first order, envelopes are to clear each other, or parts."""
+    parts: Array
+    """Balls that keep out of the airflow of modules that share no joint: x, y, z, radius; shape (b, 4)."""
 
 
 class BranchProblem(NamedTuple):
@@ -153,11 +156,32 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
             apart=apart / unit.length,
             of_all=kind == "separation",
             margin=margin / unit.length,
+            parts=_parts(task, problem) / unit.length,
         ),
         4 * torque_map(module).T,
         l_c,
         U * (1 + TOLERANCE),
     )
+
+
+def _parts(task: ResolvedTask, problem: Problem) -> Array:
+    """Return balls that keep out of other modules' airflow: the solver's, or some that the parts hold [m].
+
+    These are points of the rotors' rims, towards the arm and the two ports beside it, balls between the faces of
+    rotors, and one in the hub.
+    """
+    module, body = task.module, task.module.body
+    if task.search.interference != "parts":
+        return np.empty((0, 4))
+    if problem == "solver":
+        return np.column_stack(task.part_cover)
+    rotors, ports = ROTOR_DIRECTIONS, PORT_DIRECTIONS
+    rims = [(a, out) for a in rotors for out in (a, *(e for e in ports if e @ a > 0))]
+    balls = [(*(module.arm_length * a), min(body.rotor_radius, body.rotor_height / 2)) for a in rotors]
+    balls += [(*(module.arm_length * a + body.rotor_radius * out), 0.0) for a, out in rims]
+    if body.frame is None:
+        balls.append((0.0, 0.0, 0.0, min(body.hub) / 2))
+    return np.array(balls)
 
 
 def effort_unit(task: ResolvedTask) -> float:
