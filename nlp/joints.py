@@ -39,6 +39,7 @@ from nlp.numbers.point import Point
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
+from nlp.symbols.inertia import of_module, of_platform
 from nlp.symbols.kinematics import poses
 from nlp.symbols.wrench import scale, thrust
 from nlp.units import Units
@@ -183,9 +184,8 @@ def _vectors(
     p_E = tip if position is None else centroid + (n + m_E) / n * scale(position, unit.length)
     p_COM = (m_E * p_E + n * centroid) / (n + m_E)
     o, q, up = [pose.p - p_COM for pose in placed], p_E - p_COM, ca.DM([0, 0, 1])
-    inertia = ca.diag(ca.DM(module.inertia)) / (module.mass * unit.length**2)
-    turning = [pose.R @ inertia @ pose.R.T for pose in placed]
-    whole = sum((_spread(at) for at in o), start=m_E * _spread(q)) + sum(turning[1:], start=turning[0])
+    turning = [of_module(pose.R, module) for pose in placed]
+    whole = of_platform(o, [pose.R for pose in placed], q, module, m_E)
     torques, beyond = ca.DM(torque_map(module)), _outward_modules(topology)
     joints = {i: o[h] + l_c * placed[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
     vectors = []
@@ -211,11 +211,6 @@ def _vectors(
         sides = (True, False) if held is None else (held in beyond[load.child],)
         vectors.append([with_tip if tip else without for tip in sides])
     return ca.vertcat(root, alpha, tip, *u), vectors
-
-
-def _spread(at: ca.SX) -> ca.SX:
-    """Return the inertia of a unit mass somewhere about the COM."""
-    return ca.dot(at, at) * ca.DM.eye(3) - at @ at.T
 
 
 def _outward_modules(topology: Topology) -> list[set[int]]:

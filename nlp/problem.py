@@ -55,6 +55,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from nlp.requirements import balances, clearances, variable_bounds
+from nlp.symbols.inertia import of_platform
 from nlp.symbols.kinematics import poses
 from nlp.symbols.wrench import scale
 from nlp.units import Units
@@ -140,10 +141,11 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     objective = effort / (4 * n * sum(weights))
 
     # (2)-(3) wrench balance of every load case
+    J = of_platform([pose.p - p_COM for pose in modules], [pose.R for pose in modules], p_E - p_COM, module, m_E)
     constraints: list[Constraint] = []
     for row, balance in enumerate(balances(task)):
         u_k = variables.u[row // 2]
-        missing = balance.smooth(modules, u_k, p_E=p_E, p_COM=p_COM, module=module, unit=unit)
+        missing = balance.smooth(modules, u_k, p_E=p_E, p_COM=p_COM, J=J, module=module, unit=unit)
         constraints.append(Constraint(balance.name, missing, 0.0, 0.0))
 
     # (4)-(9) clearances

@@ -16,6 +16,7 @@ from nlp.evaluation.violations import Violation
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits
 from nlp.numbers.point import Point
+from nlp.pseudo_inverse import pseudo_inverse_constraints
 from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
@@ -92,7 +93,7 @@ def solve(
     free = to_corners(task.model_copy(update={"search": task.search.any_angle}))
     task, began = to_corners(task), time.perf_counter()
     solve_starts = _whole_problem if reason_against(task) else _reduced_search
-    user_constraints = tuple(constraints)
+    user_constraints = (*constraints, *pseudo_inverse_constraints(task.declared))
     found = solve_starts(free, topology, starts=starts, seed=seed, near=near, constraints=user_constraints)
     if task.search.hinge_set_deg is not None:
         from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load

@@ -9,7 +9,11 @@ from verify_cases import changed
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.bounds.effort import closed_form
+from nlp.numbers.point import Point
+from nlp.pseudo_inverse import pseudo_inverse_constraints
+from nlp.user_constraints import rows_of
 from topo_search.model import Status, Topology
+from topo_search.model.reserves import AskedFlight
 from topo_search.topologies.task_symmetry import improper_isometry
 from verify import audit
 
@@ -63,10 +67,55 @@ def test_a_design_holds_the_tilt_that_is_asked_for() -> None:
     assert 5.0 - 1e-4 <= audit(tilted).flight.hover.tilt_deg < 15.0
 
 
-def test_what_a_program_does_not_know_is_found_missing() -> None:
-    """No rows of a program state accelerations yet: the audit does."""
-    design = solved(solve(asked(angular_acceleration=(40.0, 40.0, 40.0)), LOW, starts=range(2), seed=0))
-    assert audit(design).verdict == "violated"
+@pytest.mark.parametrize("allocator", ["optimal", "pseudo-inverse"])
+def test_a_design_has_the_angular_accelerations_that_are_asked_for(allocator: str) -> None:
+    axes = (15.0, 15.0, 8.0)
+    turned = solved(solve(asked(angular_acceleration=axes, allocator=allocator), LOW, starts=range(2), seed=0))
+    judged = audit(turned)
+    rows = [row for row in judged.residuals if "angular acceleration" in row.name]
+    assert (judged.verdict, [row.stated for row in rows]) == ("clear", [*axes])
+    assert min(row.derived / row.stated for row in rows) == pytest.approx(1.0, abs=1e-4)  # more costs effort
+
+
+@pytest.mark.parametrize("key", ["a300", "a1300"])
+def test_a_design_keeps_by_the_pseudo_inverse_what_is_asked_of_it(key: str) -> None:
+    tree, demand = Topology.from_key(key), {"at": "both", "torque_reserve": 0.02, "tilt_deg": 4.0}
+    demand |= {"force_reserve": 0.1, "directions": "horizontal", "angular_acceleration": (3.0, 3.0, 3.0)}
+    task = asked(tree.n, **demand, allocator="pseudo-inverse")
+    design = solved(solve(task, tree, starts=range(2), seed=0))
+    judged = audit(design)
+    assert judged.verdict == "clear"
+    names = {one.name for one in pseudo_inverse_constraints(task)}
+    rows = [row for row in judged.residuals if row.name in names]
+    assert len(rows) == len(names) == 7
+    assert min(row.derived / row.stated for row in rows) == pytest.approx(1.0, abs=1e-5)
+    assert design.stated == ()  # no constraint of the user's
+
+
+@pytest.mark.parametrize("directions", ["all", "horizontal"])
+def test_rows_of_the_pseudo_inverse_are_zero_at_what_the_audit_measures(directions: str) -> None:
+    """Each at its largest size, on a design that does not know of them."""
+    design = solved(solve(asked(4, torque_reserve=0.1), Topology.from_key("a1300"), starts=range(1), seed=0))
+    hover = audit(design).flight.hover
+    force = (
+        hover.force_reserve_N_pseudo_inverse if directions == "all" else hover.horizontal_reserve_N_pseudo_inverse
+    )
+    flight = AskedFlight(
+        units="SI",
+        allocator="pseudo-inverse",
+        directions=directions,
+        force_reserve=force,
+        torque_reserve=hover.torque_reserve_Nm_pseudo_inverse,
+        tilt_deg=hover.tilt_deg_pseudo_inverse,
+        angular_acceleration=hover.angular_acceleration_rad_s2_pseudo_inverse,
+    )
+    root, alpha, p_E = (
+        np.array(getattr(design, name)) for name in ("root_orientation_rad", "hinge_angles_rad", "end_effector_m")
+    )
+    task = design.task.model_copy(update={"flight": flight})
+    rows = rows_of(pseudo_inverse_constraints(task), task, design.topology)
+    left = [one.amount for one in rows.violations(Point(task, design.topology, root, alpha, p_E, design.inputs))]
+    assert left == pytest.approx([0.0] * 6, abs=1e-7)
 
 
 def test_axes_of_acceleration_keep_a_mirror_that_exchanges_equal_ones() -> None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances, variable_bounds
+from nlp.requirements.balances import turns
 from nlp.requirements.kinds import WIDTH
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -56,6 +57,8 @@ class Rotors(NamedTuple):
     m_E: float
     torques: Array
     """Torque of each rotor about its module's centre at unit input, shape (4, 3)."""
+    inertia: Array
+    """Moments of inertia of a module about its centre, shape (3,) [m l_arm^2]."""
     u_min: float
     u_max: float
 
@@ -71,6 +74,8 @@ class Cases(NamedTuple):
     """t_k."""
     f_E: Array
     """f_E."""
+    turn: Array
+    """Angular acceleration of the platform, shape (K, 3) [g / l_arm]."""
     dead: Indices
     """The rotor that does not run, -1 where all do."""
     group: Indices
@@ -137,7 +142,8 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     n, unit, module = topology.n, Units.of(task), task.module
     m_E, fixed = task.end_effector.mass / module.mass, task.end_effector.fixed_position
     limits = task.min_thrust_to_weight, task.max_thrust_to_weight
-    rotors = Rotors(module.connector_distance / unit.length, m_E, torque_map(module).T.copy(), *limits)
+    inertia = np.array(module.inertia) / (module.mass * unit.length**2)
+    rotors = Rotors(module.connector_distance / unit.length, m_E, torque_map(module).T.copy(), inertia, *limits)
     air = module.envelope
     geometric = n + 2 + (3 if fixed is None else 0)
     lower, upper = (np.array(side[:geometric]) for side in variable_bounds(task, topology))
@@ -180,7 +186,7 @@ def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
     if isinstance(task, CorneredTask):
         group[len(cases) - len(task.groups) :] = task.groups
     f, tau = (f_E + f_C) / unit.force, (tau_E + tau_C) / unit.torque
-    return Cases(effort, f, tau, f_E / unit.force, dead, group)
+    return Cases(effort, f, tau, f_E / unit.force, turns(task), dead, group)
 
 
 def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:

@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
@@ -74,7 +74,7 @@ class Assembled(Protocol):
         """Return the entries of the Hessian of the Lagrangian."""
 
 
-class ConstraintRows(Protocol):
+class ConstraintRows(Hashable, Protocol):
     """Rows of a program as expressions of all its unknowns."""
 
     @property
@@ -113,9 +113,8 @@ class UserRows:
     def g(self) -> ca.SX:
         """The rows of all constraints over their scales, as expressions of x."""
         platform = symbolic_platform(self.task, self.topology, self.x)
-        return ca.vertcat(
-            *(rows(one, platform) / scale for one, scale in zip(self.constraints, self._scales, strict=True))
-        )
+        g = [rows(one, platform) / scale for one, scale in zip(self.constraints, self._scales, strict=True)]
+        return ca.cse(ca.vertcat(*g))
 
     @cached_property
     def counts(self) -> list[int]:
@@ -183,33 +182,39 @@ def _kept_rows(constraints: UserConstraints, task: ResolvedTask, topology: Topol
     return UserRows(constraints, task, topology)
 
 
+@lru_cache(maxsize=8)  # those of the user's constraints, and here of the pseudo-inverse, come again every round
+def _derive(rows: ConstraintRows) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """Return rows, their Jacobian, and the upper triangle of the Hessian of their sum times multipliers."""
+    x, multipliers = rows.x, ca.SX.sym("multipliers", rows.g.numel())
+    hessian = ca.triu(ca.hessian(ca.dot(multipliers, rows.g), x)[0])
+    return (
+        ca.Function("g", [x], [rows.g]),
+        ca.Function("jacobian", [x], [ca.jacobian(rows.g, x)]),
+        ca.Function("hessian", [x, multipliers], [hessian]),
+    )
+
+
 class JoinedProgram:
     """A program in numbers with other rows below its own; their derivatives are CasADi's."""
 
     def __init__(self, program: Assembled, rows: ConstraintRows) -> None:
         """Derive the rows, and find where entries go."""
         self._program = program
-        x, multipliers = rows.x, ca.SX.sym("multipliers", rows.g.numel())
-        jacobian = ca.jacobian(rows.g, x)
-        hessian = ca.triu(ca.hessian(ca.dot(multipliers, rows.g), x)[0])
-        self._g = ca.Function("g", [x], [rows.g])
-        self._jacobian = ca.Function("jacobian", [x], [jacobian])
-        self._hessian = ca.Function("hessian", [x, multipliers], [hessian])
+        self._g, self._jacobian, self._hessian = _derive(rows)
+        jacobian, hessian = (function.sparsity_out(0) for function in (self._jacobian, self._hessian))
         lower, upper = rows.bounds
         self.size, self.rows = program.size, program.rows + len(lower)
         self.lower = np.concatenate([program.lower, lower])
         self.upper = np.concatenate([program.upper, upper])
-        above, below = program.jacobian_pattern, jacobian.sparsity()
+        above, below = program.jacobian_pattern, jacobian
         self.jacobian_pattern = ca.vertcat(above, below)
         counted = [
             ca.DM(part, list(range(first, first + part.nnz())))
             for part, first in ((above, 0), (below, above.nnz()))
         ]
         self._order = np.array(ca.vertcat(*counted).nonzeros(), dtype=np.intp)
-        self.hessian_pattern = program.hessian_pattern.unite(hessian.sparsity())
-        self._places = [
-            _places(self.hessian_pattern, part) for part in (program.hessian_pattern, hessian.sparsity())
-        ]
+        self.hessian_pattern = program.hessian_pattern.unite(hessian)
+        self._places = [_places(self.hessian_pattern, part) for part in (program.hessian_pattern, hessian)]
 
     def objective(self, variables: Array) -> float:
         """Return that of the program."""

@@ -42,6 +42,7 @@ from topo_search.model.value import (
     NonNegative,
     Positive,
     Value,
+    Vector,
     at_most,
     one_of,
     refuse,
@@ -455,6 +456,11 @@ class ResolvedTask(Task):
     def dead_rotors(self) -> tuple[int | None, ...]:
         """The rotor that does not run in each load case, counted module by module: none where all do."""
         return (None,) * len(self.load_cases)
+
+    @property
+    def accelerations(self) -> tuple[Vector, ...]:
+        """Angular acceleration of the platform in each load case, beside its wrench [rad/s^2]: none."""
+        return ((0.0, 0.0, 0.0),) * len(self.load_cases)
 
 
 def before_requirement(data: Any) -> Any:
