@@ -127,7 +127,7 @@ def _trim(plant: Plant, controller: Controller, allocator: Allocator, home: Arra
     level = (home, np.zeros(3), np.eye(3), np.zeros(3))
     for _ in range(TRIMS):
         T, _ = allocator.thrusts(controller.wrench(level, Reference(home, np.zeros(6), np.zeros(3))))
-        controller.trim(plant.unbalanced(T))
+        controller.trim(plant.missing_wrench(T))
     return T
 
 

@@ -124,7 +124,7 @@ class Plant:
         R, c, omega = self.R, self.nominal.com, self.data.qvel[3:6].copy()
         return self.data.qpos[:3] + R @ c, self.data.qvel[:3] + R @ cross(omega, c), R, omega
 
-    def unbalanced(self, thrusts: Array) -> Array:
+    def missing_wrench(self, thrusts: Array) -> Array:
         """Return the wrench about the nominal COM that thrusts (N,) [N] lack to hover where the plant is, (6,)."""
         at = self.data.subtree_com[self.platform_body] - self.state[0]
         weight = -self.model.body_mass.sum() * self.model.opt.gravity
