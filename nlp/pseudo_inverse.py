@@ -58,7 +58,7 @@ class _Kept:
         A, tip, com = _rotors(platform), self.case.at_end_effector, self.case.at_com
         levers = ca.cross(platform.end_effector, ca.DM(tip.force))
         b = ca.vertcat(ca.DM(tip.force) + ca.DM(com.force), ca.DM(tip.torque) + ca.DM(com.torque) + levers)
-        inputs = A.T @ ca.solve(A @ A.T, ca.horzcat(b / units, self._added(platform) / units))
+        inputs = A.T @ ca.solve(A @ A.T, ca.horzcat(b / units, self._additions(platform) / units))
         v, S, v_min = inputs[:, 0], inputs[:, 1:], task.module.min_input
         if self.what != "tilt":
             moved = ca.sqrt(ca.sum2(S**2) + ROUND)
@@ -68,7 +68,7 @@ class _Kept:
         largest = ca.if_else(h * cosine < c * sine, ca.sqrt(h**2 + c**2), h * sine + c * cosine)
         return ca.vertcat(1 - largest, c * cosine - h * sine - v_min)
 
-    def _added(self, platform: SymbolicPlatform) -> ca.SX:
+    def _additions(self, platform: SymbolicPlatform) -> ca.SX:
         """Return E [N], [N m]."""
         nothing, each = ca.SX.zeros(3, 3), ca.SX.eye(3)
         match self.what:
@@ -91,11 +91,11 @@ def pseudo_inverse_constraints(task: ResolvedTask) -> tuple[OwnConstraint, ...]:
         return ()
     return tuple(
         OwnConstraint(name, kept, lower=0.0, unit="of the largest input", scale=WRENCH_TOLERANCE / TOLERANCE)
-        for name, kept in _required(task)
+        for name, kept in _requirements(task)
     )
 
 
-def _required(task: ResolvedTask) -> Iterator[tuple[str, _Kept]]:
+def _requirements(task: ResolvedTask) -> Iterator[tuple[str, _Kept]]:
     """Yield the requirements with their names."""
     flight = task.flight
     level = flight.directions == "horizontal"

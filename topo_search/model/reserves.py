@@ -205,7 +205,7 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
             if r > 0:
                 groups.append(_corners(f"{label}, {field} reserve{AT[place]}", case, field, r * around, place))
         if not inner:
-            groups += [[corner] for corner in _accelerated(label, case, flight.angular_acceleration)]
+            groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
     if flight.tilt_deg and not on_balls:
         (_, label, case), weight = centres_of(task, "hover")[0], task.force_unit(task.n)
         around = weight * (_cover_cap(flight.tilt_deg) - np.array([0.0, 0.0, 1.0]))
@@ -245,7 +245,7 @@ def _corners(words: str, case: LoadCase, field: str, around: Array, place: Place
     return corners
 
 
-def _accelerated(label: str, case: LoadCase, sizes: Vector) -> Iterator[Corner]:
+def _acceleration_corners(label: str, case: LoadCase, sizes: Vector) -> Iterator[Corner]:
     """Yield the corners of accelerations about x, y and z, either way [rad/s^2]."""
     for axis, size, unit in zip("xyz", sizes, np.eye(3), strict=True):
         for way, a in (("+", size * unit), ("-", -size * unit)):
