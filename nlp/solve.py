@@ -113,7 +113,7 @@ def solve(
             carried = _carried_over(task, topology, nearer, best.start, seed, user_constraints)
             best = min(best, *carried, key=lambda one: one.rank)
             found = [best if one.start == best.start else one for one in found]
-    return _outcome(best, found, began=began, seed=seed, constraints=user_constraints)
+    return _outcome(best, found, began=began, seed=seed, constraints=user_constraints, given=constraints)
 
 
 def local_optima(
@@ -140,7 +140,8 @@ def local_optima(
         most_effort: largest effort of a design [rad^4/s^4].
     """
     free = to_corners(task.model_copy(update={"search": task.search.any_angle}))
-    task, began, user_constraints = to_corners(task), time.perf_counter(), tuple(constraints)
+    task, began = to_corners(task), time.perf_counter()
+    user_constraints = (*constraints, *pseudo_inverse_constraints(task.declared))
     if reason_against(task):
         found = _whole_problem(free, topology, starts=starts, seed=seed, near=near, constraints=user_constraints)
     else:
@@ -169,14 +170,26 @@ def local_optima(
             alike[-1].append(one)
         else:
             alike.append([one])
-    outcomes = [_outcome(same[0], same, began=began, seed=seed, constraints=user_constraints) for same in alike]
+    outcomes = [
+        _outcome(same[0], same, began=began, seed=seed, constraints=user_constraints, given=constraints)
+        for same in alike
+    ]
     return [outcome for outcome in outcomes if isinstance(outcome, Design)]
 
 
 def _outcome(
-    best: StartResult, found: Sequence[StartResult], *, began: float, seed: int, constraints: UserConstraints
+    best: StartResult,
+    found: Sequence[StartResult],
+    *,
+    began: float,
+    seed: int,
+    constraints: UserConstraints,
+    given: Sequence[OwnConstraint],
 ) -> Design | Infeasible:
-    """Return what the best of some results stands for: a design with the shortest rod, or a shortfall."""
+    """Return what the best of some results stands for: a design with the shortest rod, or a shortfall.
+
+    Of all constraints, those that a user has given are named in the design.
+    """
     task, shorter = best.point.task, None
     if best.worst.met and task.end_effector.rod == "straight" and task.end_effector.fixed_position is None:
         from nlp.shortest_rod import shorten_rod  # compiled code, which other commands need not load
@@ -197,7 +210,7 @@ def _outcome(
         shorter_rod=shorter,
         versions=_versions(),
     )
-    return _design(best, record, constraints) if best.worst.met else _infeasible(found, best, record)
+    return _design(best, record, tuple(given)) if best.worst.met else _infeasible(found, best, record)
 
 
 def _within_usual_reach(task: ResolvedTask, closest: Point) -> ResolvedTask | None:

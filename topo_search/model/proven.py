@@ -64,7 +64,7 @@ def gap_percent(gap: float, decimals: int = 2) -> str:
     return f"{_percent(gap, decimals)} %"
 
 
-def better(gap: float) -> str:
+def improvement(gap: float) -> str:
     """Return in words how much better another design can be at most; `better` if by no more than rounding."""
     return f"more than {gap_percent(gap)} better" if gap > SOLVER_PRECISION else "better"
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from topo_search.model import Audit, Proof, ResolvedTask
 from topo_search.model.proof import Problem
-from topo_search.model.proven import better, upper_text
+from topo_search.model.proven import improvement, upper_text
 from topo_search.study.request import Request
 from topo_search.study.row import AUDITED, COLUMNS, Row, figures_of
 
@@ -135,9 +135,7 @@ def summarize(
     least = min([one.proven_bound for one in states if one.proven_bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
     about = weakest_problem([proof.problem for row in rows if (proof := proofs.get(row.key)) is not None])
-    sentence = (
-        f"proven by branch and bound: {subject} is {better(gap)} ({number}: {verdicts}); {problem(task, about)}"
-    )
+    sentence = f"proven by branch and bound: {subject} is {improvement(gap)} ({number}: {verdicts}); {problem(task, about)}"
     return ProofSummary(sentence, gap)
 
 
