@@ -135,8 +135,8 @@ def summarize(
     least = min([one.proven_bound for one in states if one.proven_bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
     about = weakest_problem([proof.problem for row in rows if (proof := proofs.get(row.key)) is not None])
-    sentence = f"proven by branch and bound: {subject} is {improvement(gap)} ({number}: {verdicts}); {problem(task, about)}"
-    return ProofSummary(sentence, gap)
+    limit = f"{subject} is {improvement(gap)} ({number}: {verdicts})"
+    return ProofSummary(f"proven by branch and bound: {limit}; {problem(task, about)}", gap)
 
 
 def sizes_with_best(folder: RunFolder, key: str | None) -> tuple[list[tuple[int, Row, list[Row]]], bool]:
