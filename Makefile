@@ -15,11 +15,11 @@ notebooks: $(STAMP)  ## run every notebook with its full settings, and draw the 
 	$(BIN)/python tests/benchmarks/keep_results.py
 
 test: lint  ## everything CI checks, but what needs a browser; the site shows the notebooks that the tests ran
-	$(BIN)/pytest -n 2 -m "not slow and not browser"
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not browser"
 	$(MAKE) docs
 
 test-slow: lint  ## also the tests that take over ten seconds each
-	$(BIN)/pytest -n 2 -m "not browser"
+	$(BIN)/pytest -n 2 --dist worksteal -m "not browser"
 
 docs: $(STAMP)  ## build the documentation, site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file docs/mkdocs.yml

@@ -78,7 +78,8 @@ def _flight(name: str) -> str:
     rows = "\n".join(_scenario(one) for one in result.scenarios)
     summary = (
         f"In hover rotors can push {100 * result.weakest_force_share:.3g} % of the weight sideways in the weakest "
-        f"direction; the platform survives {result.rotors_out} of {result.rotors} single rotor failures in hover."
+        f"direction; the platform survives {result.rotors_out} of {result.rotors} single rotor failures in hover, "
+        f"each known after {result.options.get('detection_time_s', 0.1):g} s."
     )
     plot = f"![Error, tilt and largest thrust of every flight](../pictures/flight-{name}.png)"
     return f"{head}\n{rows}\n\n{summary}\n\n{plot}"
@@ -102,8 +103,9 @@ def _flights(*names: str) -> str:
 def _all_of(name: str, result: FlightResult) -> str:
     by_name = {one.name: one for one in result.scenarios}
     back = [one.settled_s for one in result.scenarios if one.name.startswith("return")]
-    off = [one.force_error_share for one in result.scenarios if one.force_error_share is not None]
-    limit = max(one.saturated_share or 0.0 for one in result.scenarios)
+    counting = [one for one in result.scenarios if one.counts]
+    off = [one.force_error_share for one in counting if one.force_error_share is not None]
+    limit = max(one.saturated_share or 0.0 for one in counting)
     cells = (
         *(name, f"{100 * result.weakest_force_share:.2g} % of the weight"),
         "never" if None in back else f"{max(s or 0.0 for s in back):.2g} s",

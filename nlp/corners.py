@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from nlp.airspeed import fastest
-from nlp.airspeed import name_of as name_of_air
+from nlp.evaluation.violations import worst
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
@@ -24,7 +24,7 @@ from topo_search.model.corners import CorneredTask
 
 SolveFrom = Callable[[Point, Limits | None], IpoptResult]
 NEAR_LIMIT = 0.6
-"""Share of its limit from which a load in a joint is stated."""
+"""Share of its limit from which a load in a joint, or an air speed, is stated."""
 ROUNDS = 10
 """Largest number of solves, each with more corners than the one before."""
 TAKEN = 8
@@ -52,29 +52,31 @@ def take_in_corners(
         solve: solves the program of a point's own task from there, with limits of what joints bear if it has any.
         constraints: constraints of the user, to which the point is held as well.
     """
-    point, iterations, limits = origin, 0, None
+    near_limits = [at for at in fastest(origin) if at.speed > NEAR_LIMIT * at.limit]
+    first = tuple(sorted({point for at in near_limits for point in at.points}))
+    point, iterations, limits = origin, 0, Limits(None, (), first) if first else None
     for _ in range(ROUNDS):
         result = solve(point, limits)
         iterations += result.iterations
         result = replace(result, iterations=iterations)
         reached = correct_point(result.point if result.finite else point, constraints)
         whole = with_all(reached, task, constraints)
-        outcome = StartResult.at(start, whole, result, _labels(point.task), constraints)
+        checks = violations_of(whole, constraints)
+        outcome = StartResult(start, result, whole, worst(checks), _labels(point.task))
         if outcome.worst.met:
             return outcome
         more, near = _most_missed(whole, point.task), limits
-        lacking = {check.name for check in violations_of(reached, constraints) if not check.met}
+        if whole is not reached:
+            checks = violations_of(reached, constraints)
+        air = {check.name: set(check.air) for check in checks if check.air and not check.met}
+        lacking = {check.name for check in checks if not check.met} - air.keys()
         overloaded = lacking & {name_of(task, load) for load in limited_loads(task, origin.topology)}
         if overloaded and (limits is None or not limits.loads or limits.held not in (None, holder(reached))):
             # another holder than the limits are of: of both sides they hold whichever it is
             near, lacking = _near(reached, limits), lacking - overloaded
-        fast = {name: at for at in fastest(reached) if (name := name_of_air(task, at)) in lacking}
-        if fast:
+        if faster := set().union(*air.values()).difference(near.air if near else ()):
             near = near or Limits(None, ())
-            near = near._replace(
-                air=tuple(sorted({*near.air, *(one for at in fast.values() for one in at.points)}))
-            )
-            lacking -= fast.keys()
+            near = near._replace(air=tuple(sorted({*near.air, *faster})))
         if lacking or (not more and near is limits):
             return outcome
         point, limits = with_some(whole, _labels(point.task) | more) if more else reached, near

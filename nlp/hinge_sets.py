@@ -32,7 +32,6 @@ from nlp.reduced.expressed import reason_against
 from nlp.reduced.search import SAME_AFTER, LocalMinimum, local_minima
 from nlp.requirements.modules import module_clearances
 from nlp.start_result import StartResult
-from nlp.units import Units
 from nlp.user_constraints import UserConstraints
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -137,17 +136,7 @@ def solve_on_set(
         free: where the starts ended with any angles.
         constraints: constraints of the user, which Ipopt alone knows.
     """
-    near = [one for one in free if one.worst.scaled <= MOST_MISSED]
-    optima: dict[int, StartResult] = {}
-    starts: dict[int, list[int]] = {}
-    for one in sorted(near, key=lambda each: each.objective):
-        last = next(reversed(optima.values()), None)
-        if last is None or one.objective - last.objective > SAME_AFTER * one.objective:
-            optima[one.start], starts[one.start] = one, []
-        starts[next(reversed(optima))].append(one.start)
-    found = (_solve_whole if reason_against(task) else _solve_reduced)(
-        task, topology, list(optima.values()), constraints
-    )
+    found, starts = _near_optima(task, topology, free, constraints)
     outcomes = {}
     for one in free:
         held = StartResult.at(one.start, replace(one.point, task=task), one.result, one.corners, constraints)
@@ -156,7 +145,42 @@ def solve_on_set(
     return list(outcomes.values())
 
 
-def _search(angles: _Set, optima: Sequence[StartResult], solve: Solve[End], most: int) -> list[_Solved[End]]:
+def solve_every_on_set(
+    task: ResolvedTask,
+    topology: Topology,
+    free: Sequence[StartResult],
+    constraints: UserConstraints,
+    most_effort: float,
+) -> list[StartResult]:
+    """Return every combination near local optima of free angles that costs no more than `most_effort`."""
+    numbered = [replace(one, start=k) for k, one in enumerate(free)]  # a start may lead to several
+    found, _ = _near_optima(task, topology, numbered, constraints, most_effort)
+    return [replace(one, start=free[one.start].start) for one in found]
+
+
+def _near_optima(
+    task: ResolvedTask,
+    topology: Topology,
+    free: Sequence[StartResult],
+    constraints: UserConstraints,
+    most_effort: float | None = None,
+) -> tuple[list[StartResult], dict[int, list[int]]]:
+    """Return the best combinations near optima, or all up to an effort, and the starts that led to each optimum."""
+    near = [one for one in free if one.worst.scaled <= MOST_MISSED]
+    optima: dict[int, StartResult] = {}
+    starts: dict[int, list[int]] = {}
+    for one in sorted(near, key=lambda each: each.objective):
+        last = next(reversed(optima.values()), None)
+        if last is None or one.objective - last.objective > SAME_AFTER * one.objective:
+            optima[one.start], starts[one.start] = one, []
+        starts[next(reversed(optima))].append(one.start)
+    solve = _solve_whole if reason_against(task) else _solve_reduced
+    return solve(task, topology, list(optima.values()), constraints, most_effort), starts
+
+
+def _search(
+    angles: _Set, optima: Sequence[StartResult], solve: Solve[End], most: int, most_effort: float
+) -> list[_Solved[End]]:
     """Return combinations that were solved, the best first, each as it ended best.
 
     Args:
@@ -164,6 +188,7 @@ def _search(angles: _Set, optima: Sequence[StartResult], solve: Solve[End], most
         optima: ends of free angles, the least effort first.
         solve: solves a combination.
         most: combinations to solve.
+        most_effort: of an optimum whose neighbours are sought even if a better combination is known [rad^4/s^4].
     """
     found: dict[Places, _Solved[End]] = {}
     solved = 0
@@ -176,7 +201,7 @@ def _search(angles: _Set, optima: Sequence[StartResult], solve: Solve[End], most
 
     best: tuple[StartResult, _Solved[End]] | None = None
     for optimum in optima:
-        if best is not None and best[1].rank <= (False, optimum.objective):
+        if best is not None and max(best[1].rank, (False, most_effort)) <= (False, optimum.objective):
             break
         for places in islice(angles.near(optimum.point.alpha), max(0, most - solved)):
             one = attempt(optimum.start, optimum.point.pack(), places)
@@ -198,12 +223,15 @@ def _search(angles: _Set, optima: Sequence[StartResult], solve: Solve[End], most
 
 
 def _solve_reduced(
-    task: ResolvedTask, topology: Topology, optima: Sequence[StartResult], constraints: UserConstraints
+    task: ResolvedTask,
+    topology: Topology,
+    optima: Sequence[StartResult],
+    constraints: UserConstraints,
+    most_effort: float | None,
 ) -> list[StartResult]:
     """Return the best combinations that the compiled search finds, made exact."""
-    search, angles = ReducedSearch(task, topology, 0, constraints), _Set(task, topology)
+    search, angles = ReducedSearch(task, topology, 0, constraints, most_effort), _Set(task, topology)
     stated, hinges = search.stated, slice(3, topology.n + 2)
-    one = 4 * topology.n * sum(case.weight for case in task.load_cases) * Units.of(task).input ** 2
 
     def solve(start: int, x: Array, places: Places) -> _Solved[LocalMinimum]:
         x, lower, upper = x[: len(stated.lower)].copy(), stated.lower.copy(), stated.upper.copy()
@@ -211,14 +239,18 @@ def _solve_reduced(
             each[hinges] = angles.angles(places)
         ((end, *_), _) = local_minima(stated._replace(lower=lower, upper=upper), x[None])
         end = replace(end, starts=(start,))
-        return _Solved(places, (end.missing > ACCEPTED, one * end.merit), end.x, end)
+        return _Solved(places, (end.missing > ACCEPTED, search.effort_unit * end.merit), end.x, end)
 
-    found = _search(angles, optima, solve, MOST_REDUCED)
+    found = _search(angles, optima, solve, MOST_REDUCED, most_effort or 0.0)
     return list(search.polish([each.end for each in found], POLISHED))
 
 
 def _solve_whole(
-    task: ResolvedTask, topology: Topology, optima: Sequence[StartResult], constraints: UserConstraints
+    task: ResolvedTask,
+    topology: Topology,
+    optima: Sequence[StartResult],
+    constraints: UserConstraints,
+    most_effort: float | None,
 ) -> list[StartResult]:
     """Return the best combinations that Ipopt finds."""
     angles, polish, free = _Set(task, topology), polish_with(constraints), {one.start: one for one in optima}
@@ -229,4 +261,4 @@ def _solve_whole(
         end = take_in_corners(task, start, origin, polish, constraints)
         return _Solved(places, end.rank[:2], end.point.pack(), end)
 
-    return [each.end for each in _search(angles, optima, solve, MOST_WHOLE)]
+    return [each.end for each in _search(angles, optima, solve, MOST_WHOLE, most_effort or 0.0)]

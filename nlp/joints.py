@@ -42,6 +42,7 @@ from nlp.numbers.rod import Connector, rod_path
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
+from nlp.symbols.inertia import of_module, of_platform, of_rod, rod_vector
 from nlp.symbols.kinematics import poses
 from nlp.symbols.masses import tip_and_com
 from nlp.symbols.wrench import scale, thrust
@@ -51,8 +52,6 @@ from topo_search.model.arrays import Array
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.room import part_cover
 
-TINY = 1e-12
-"""Square of a rod's length below which its turn about itself no longer matters [l_arm^2]."""
 FITTING = 2.0
 """Length over which a rod is fixed to its mount, in radii of the rod."""
 
@@ -179,27 +178,28 @@ def _vectors(
 
     A load is one vector, or one with the end-effector on either side of the joint where `held` is None.
     """
-    n, unit, module, carried = topology.n, Units.of(task), task.module, masses(task, topology)
+    n, unit, module, carried = (
+        topology.n,
+        Units.of(task),
+        task.module,
+        masses(task.module, task.end_effector, topology),
+    )
     l_c, m_E = module.connector_distance / unit.length, task.end_effector.mass / module.mass
     root, alpha = ca.SX.sym("root", 3), ca.SX.sym("alpha", n - 1)
     tip = ca.SX.sym("p_E", 3 if task.end_effector.fixed_position is None else 0)
     u = [ca.SX.sym(f"u_{k}", 4 * n) for k in range(len(task.load_cases))]
     placed = poses(topology, root, alpha, l_c)
-    p_E, p_COM = tip_and_com(task, topology, placed, tip)
+    p_E, p_COM = tip_and_com(module, task.end_effector, topology, placed, tip)
     o, q, up = [pose.p - p_COM for pose in placed], p_E - p_COM, ca.DM([0, 0, 1])
-    inertia = ca.diag(ca.DM(module.inertia)) / (module.mass * unit.length**2)
-    turning = [pose.R @ inertia @ pose.R.T for pose in placed]
     joints = {i: o[h] + l_c * placed[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
-    m_J = module.joint_mass / module.mass
-    whole = sum((_spread(at) for at in o), start=m_E * _spread(q)) + sum(turning[1:], start=turning[0])
-    whole += sum((m_J * _spread(at) for at in joints.values()), start=ca.SX.zeros(3, 3))
-    rod, m_R, r_R, spin_R = task.end_effector.counted_rod, 0.0, ca.SX.zeros(3), ca.SX.zeros(3, 3)
-    if rod is not None:
-        start = o[rod.module] + l_c * placed[rod.module].R @ ca.DM(PORT_DIRECTIONS[rod.port])
-        m_R, r_R, d = rod.mass / module.mass, (start + q) / 2, q - start
-        around = (task.end_effector.rod_radius / unit.length) ** 2 / ca.fmax(ca.dot(d, d), TINY)
-        spin_R = m_R * (_spread(d) / 12 + around * d @ d.T)
-        whole += m_R * _spread(r_R) + spin_R
+    turning, m_J, m_R = (
+        [of_module(pose.R, module) for pose in placed],
+        module.joint_mass / module.mass,
+        carried.rod.mass,
+    )
+    whole = of_platform(o, [pose.R for pose in placed], q, carried)
+    d = rod_vector(o, [pose.R for pose in placed], q, carried.rod)
+    r_R, spin_R = q - d / 2, of_rod(d, carried.rod)
     torques, beyond = ca.DM(torque_map(module)), _outward_modules(topology)
     vectors = []
     for load in listed:
@@ -230,11 +230,6 @@ def _vectors(
         sides = (True, False) if held is None else (held in beyond[load.child],)
         vectors.append([with_tip if tip else without for tip in sides])
     return ca.vertcat(root, alpha, tip, *u), vectors
-
-
-def _spread(at: ca.SX) -> ca.SX:
-    """Return the inertia of a unit mass somewhere about the COM."""
-    return ca.dot(at, at) * ca.DM.eye(3) - at @ at.T
 
 
 def _outward_modules(topology: Topology) -> list[set[int]]:

@@ -35,6 +35,7 @@ from nlp.start_result import StartResult
 from nlp.starts.random_starts import generator
 from nlp.starts.reduced_starts import draws
 from nlp.starts.warm_start import warm_start
+from nlp.units import Units
 from nlp.user_constraints import UserConstraints, correct_point
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.compiled_code import is_kept
@@ -63,6 +64,8 @@ or exclusion the seven best of 61 minima become designs 1.5 % worse than those o
 CONSTRAINED = Polish(enough=8, most=16)
 """For the user's constraints and air speeds, which the descents do not know: the best design may be far from the
 best minimum."""
+EVERY = Polish(enough=256, most=256)
+"""Where all local optima are sought that cost little enough."""
 MOST_MISSED = 0.02
 """Largest violation at which a local minimum is polished, unless it is the best [l_arm, m_t g, l_arm m_t g].
 
@@ -104,24 +107,37 @@ class _Minima(NamedTuple):
 class ReducedSearch:
     """The reduced search and the polish of one task and topology."""
 
-    def __init__(self, task: ResolvedTask, topology: Topology, seed: int, constraints: UserConstraints) -> None:
-        """State them; `seed` draws the starts."""
+    def __init__(
+        self,
+        task: ResolvedTask,
+        topology: Topology,
+        seed: int,
+        constraints: UserConstraints,
+        most_effort: float | None = None,
+    ) -> None:
+        """State them; `seed` draws the starts, and all minima up to `most_effort` are polished [rad^4/s^4]."""
         self._task, self._topology, self._seed, self._constraints = task, topology, seed, constraints
         self.stated: ReducedProblem = to_arrays(task, topology)
+        self.effort_unit = 4 * topology.n * sum(case.weight for case in task.load_cases) * Units.of(task).input ** 2
+        """Effort of a merit of 1 [rad^4/s^4]."""
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)
         self._extra = bool(constraints) or any(asked.speed is not None for asked in task.exposure)
+        self._most_merit = None if most_effort is None else most_effort / self.effort_unit
 
     def of_starts(self, starts: Sequence[int]) -> _Minima:
         """Return the local minima that some starts reach."""
         return self._descend(starts, f"{self._seed}", (FIRST, SECOND))
 
-    def of_source(self, start: int, source: Design) -> list[LocalMinimum]:
-        """Return the local minimum that a carried-over design leads to."""
-        rng = generator(self._plain, self._topology, start, self._seed)
-        point = warm_start(self._plain, self._topology, source=source, rng=rng)
-        best, _ = local_minima(self.stated, point.pack()[None, : len(self.stated.lower)])
-        return [replace(minimum, starts=(start,)) for minimum in best]
+    def of_sources(self, near: Sequence[Design]) -> list[LocalMinimum]:
+        """Return the local minima that carried-over designs lead to, as the starts -1, -2, ..."""
+        minima = []
+        for start, source in zip(range(-1, -1 - len(near), -1), near, strict=True):
+            rng = generator(self._plain, self._topology, start, self._seed)
+            point = warm_start(self._plain, self._topology, source=source, rng=rng)
+            best, _ = local_minima(self.stated, point.pack()[None, : len(self.stated.lower)])
+            minima += [replace(minimum, starts=(start,)) for minimum in best]
+        return minima
 
     def deep_minima(self) -> list[LocalMinimum]:
         """Return the best distinct local minima of many starts at high prices, whose hinges turn either way.
@@ -149,7 +165,7 @@ class ReducedSearch:
         numbers = [DRAWS * start + k for start in starts for k in range(DRAWS)]
         drawn = draws(self._task, self._topology, self.stated, numbers, seed, anyhow=anyhow)
         least = CONSTRAINED.most if self._extra else LEAST_KEPT
-        if self._cornered and not anyhow:
+        if (self._cornered and not anyhow) or self._most_merit is not None:
             least = len(drawn)
         best, others = local_minima(self.stated, drawn, phases, least=least)
         return _Minima(*([replace(each, starts=_starts(each, starts)) for each in side] for side in (best, others)))
@@ -163,6 +179,8 @@ class ReducedSearch:
         """
         tried, met = 0, False
         enough, most = CONSTRAINED if self._extra else CORNERED if self._cornered else plain
+        if self._most_merit is not None:
+            minima, (enough, most) = [each for each in minima if each.merit <= self._most_merit], EVERY
         for minimum in _one_of_each(minima)[:most]:
             if tried >= enough and met:
                 return
@@ -226,7 +244,7 @@ def solve_starts(
         constraints: constraints of the user, which the polish alone knows: so it takes more minima.
     """
     search = ReducedSearch(task, topology, seed, constraints)
-    best = [minimum for k, source in enumerate(near) for minimum in search.of_source(-1 - k, source)]
+    best = search.of_sources(near)
     others: list[LocalMinimum] = []
     if starts:
         reached = search.of_starts(starts)
@@ -242,6 +260,25 @@ def solve_starts(
             if start not in outcomes:
                 outcomes[start] = search.without_polish(start, minimum)
     return [outcomes[start] for start in (*range(-1, -1 - len(near), -1), *starts)]
+
+
+def solve_every(
+    task: ResolvedTask,
+    topology: Topology,
+    *,
+    starts: range,
+    seed: int,
+    near: Sequence[Design],
+    constraints: UserConstraints,
+    most_effort: float,
+) -> list[StartResult]:
+    """Return every distinct minimum that costs little enough and that starts or carried-over designs lead to.
+
+    Args: as of `solve_starts`, and
+        most_effort: largest effort of a minimum that is polished [rad^4/s^4].
+    """
+    search = ReducedSearch(task, topology, seed, constraints, most_effort)
+    return list(search.polish([*search.of_sources(near), *search.of_starts(starts).best]))
 
 
 def _starts(minimum: LocalMinimum, starts: Sequence[int]) -> tuple[int, ...]:

@@ -54,7 +54,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from nlp.numbers.masses import masses
 from nlp.requirements import balances, clearances, variable_bounds
+from nlp.symbols.inertia import of_platform
 from nlp.symbols.kinematics import poses
 from nlp.symbols.masses import tip_and_com
 from nlp.units import Units
@@ -123,7 +125,7 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
 
     # the platform
     modules = poses(topology, variables.root, variables.alpha, l_c)
-    p_E, p_COM = tip_and_com(task, topology, modules, variables.p_E)
+    p_E, p_COM = tip_and_com(module, task.end_effector, topology, modules, variables.p_E)
     vectors = {axis: [pose.R[:, column] for pose in modules] for column, axis in enumerate("xyz")}
     vectors |= {"p": [pose.p for pose in modules], "p'_E": [p_E], "p_COM": [p_COM]}
 
@@ -135,10 +137,12 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     objective = effort / (4 * n * sum(weights))
 
     # (2)-(3) wrench balance of every load case
+    carried = masses(module, task.end_effector, topology)
+    J = of_platform([pose.p - p_COM for pose in modules], [pose.R for pose in modules], p_E - p_COM, carried)
     constraints: list[Constraint] = []
     for row, balance in enumerate(balances(task)):
         u_k = variables.u[row // 2]
-        missing = balance.smooth(modules, u_k, p_E=p_E, p_COM=p_COM, module=module, unit=unit)
+        missing = balance.smooth(modules, u_k, p_E=p_E, p_COM=p_COM, J=J, module=module, unit=unit)
         constraints.append(Constraint(balance.name, missing, 0.0, 0.0))
 
     # (4)-(9) clearances

@@ -17,6 +17,7 @@ from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, rod_of
 from nlp.numbers.point import Point
 from nlp.numbers.rod import weigh_rod
+from nlp.pseudo_inverse import pseudo_inverse_constraints
 from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
@@ -30,6 +31,8 @@ UNTANGLED_STARTS = 24
 """Default number of starts per topology for the full Ipopt solver."""
 REDUCED_STARTS = {5: 8, 9: 20, 12: 40, REDUCED_UP_TO: 48}
 """Default number of starts of the reduced search by most modules; `tests/benchmarks/reduced.py` compares them."""
+SAME_EFFORT = 1e-4
+"""Relative difference of the efforts of local optima that count as one."""
 
 
 def default_starts(task: Task) -> int:
@@ -93,7 +96,7 @@ def solve(
     free = to_corners(task.model_copy(update={"search": task.search.any_angle}))
     task, began = to_corners(task), time.perf_counter()
     solve_starts = _whole_problem if reason_against(task) else _reduced_search
-    user_constraints = tuple(constraints)
+    user_constraints = (*constraints, *pseudo_inverse_constraints(task.declared))
     found = solve_starts(free, topology, starts=starts, seed=seed, near=near, constraints=user_constraints)
     if task.search.hinge_set_deg is not None:
         from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load
@@ -105,7 +108,7 @@ def solve(
             key=lambda one: one.rank,
         )
     light, found = min(found, key=lambda one: one.rank), _count_rods(task, found, user_constraints)
-    best, shorter = min(found, key=lambda one: one.rank), None
+    best = min(found, key=lambda one: one.rank)
     if light.worst.met and not best.worst.met and task.end_effector.counted_rod is None:
         # designs of a platform without the rod's mass have no room for it: search with it from the start
         heavy = weigh_rod(light.point, rod_of(light.point)).task.declared
@@ -117,10 +120,89 @@ def solve(
             carried = _count_rods(task, carried, user_constraints)
             best = min(best, *carried, key=lambda one: one.rank)
             found = [best if one.start == best.start else one for one in found]
+    return _outcome(best, found, began=began, seed=seed, constraints=user_constraints, given=constraints)
+
+
+def local_optima(
+    task: ResolvedTask,
+    topology: Topology,
+    *,
+    starts: range,
+    seed: int,
+    near: Sequence[Design] = (),
+    constraints: Sequence[OwnConstraint] = (),
+    most_effort: float,
+) -> list[Design]:
+    """Return every local optimum of a topology that starts reach and that costs little enough, the best first.
+
+    Optima whose efforts agree are one: so are symmetric copies.
+
+    Args:
+        task: as of `solve`, and so is what follows.
+        topology: the tree of modules.
+        starts: indices of the starts to try.
+        seed: draws the starts.
+        near: designs that are carried over.
+        constraints: what a user states beyond the task.
+        most_effort: largest effort of a design [rad^4/s^4].
+    """
+    free = to_corners(task.model_copy(update={"search": task.search.any_angle}))
+    task, began = to_corners(task), time.perf_counter()
+    user_constraints = (*constraints, *pseudo_inverse_constraints(task.declared))
+    if reason_against(task):
+        found = _whole_problem(free, topology, starts=starts, seed=seed, near=near, constraints=user_constraints)
+    else:
+        from nlp.multistart import solve_every  # compiled code, which other commands need not load
+
+        found = solve_every(
+            free,
+            topology,
+            starts=starts,
+            seed=seed,
+            near=near,
+            constraints=user_constraints,
+            most_effort=most_effort,
+        )
+    if task.search.hinge_set_deg is not None:
+        from nlp.hinge_sets import solve_every_on_set
+
+        found = solve_every_on_set(task, topology, found, user_constraints, most_effort)
+    for k, source in enumerate(near):
+        found += _carried_over(task, topology, source, -1 - k, seed, user_constraints)
+    found = _count_rods(task, found, user_constraints, most_effort)
+    alike = list[list[StartResult]]()
+    for one in sorted(found, key=lambda one: one.rank):
+        if not one.worst.met or one.objective > most_effort:
+            continue
+        if alike and one.objective - alike[-1][0].objective <= SAME_EFFORT * one.objective:
+            alike[-1].append(one)
+        else:
+            alike.append([one])
+    outcomes = [
+        _outcome(same[0], same, began=began, seed=seed, constraints=user_constraints, given=constraints)
+        for same in alike
+    ]
+    return [outcome for outcome in outcomes if isinstance(outcome, Design)]
+
+
+def _outcome(
+    best: StartResult,
+    found: Sequence[StartResult],
+    *,
+    began: float,
+    seed: int,
+    constraints: UserConstraints,
+    given: Sequence[OwnConstraint],
+) -> Design | Infeasible:
+    """Return what the best of some results stands for: a design with the shortest rod, or a shortfall.
+
+    Of all constraints, those that a user has given are named in the design.
+    """
+    task, shorter = best.point.task, None
     if best.worst.met and task.end_effector.rod == "straight" and task.end_effector.fixed_position is None:
         from nlp.shortest_rod import shorten_rod  # compiled code, which other commands need not load
 
-        best, shorter = shorten_rod(best, user_constraints)
+        best, shorter = shorten_rod(best, constraints)
     corners = len(task.load_cases) - len(task.declared.load_cases)
     record = SolverRecord(
         status=best.result.status,
@@ -136,15 +218,17 @@ def solve(
         shorter_rod=shorter,
         versions=_versions(),
     )
-    return _design(best, record, constraints) if best.worst.met else _infeasible(found, best, record)
+    return _design(best, record, tuple(given)) if best.worst.met else _infeasible(found, best, record)
 
 
-def _count_rods(task: ResolvedTask, found: list[StartResult], constraints: UserConstraints) -> list[StartResult]:
+def _count_rods(
+    task: ResolvedTask, found: list[StartResult], constraints: UserConstraints, most_effort: float | None = None
+) -> list[StartResult]:
     if task.end_effector.rod_mass == "ignored":
         return found
     from nlp.shortest_rod import count_rods  # compiled code, which other commands need not load
 
-    return count_rods(found, constraints)
+    return count_rods(found, constraints, most_effort)
 
 
 def hold_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] = ()) -> Design:
@@ -257,7 +341,7 @@ def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnCo
     )
 
 
-def _infeasible(found: list[StartResult], best: StartResult, record: SolverRecord) -> Infeasible:
+def _infeasible(found: Sequence[StartResult], best: StartResult, record: SolverRecord) -> Infeasible:
     closest = Infeasible(
         topology=best.point.topology,
         topology_key=best.point.topology.key,

@@ -19,6 +19,8 @@ from topo_search.child import ONE_THREAD
 
 assert "numpy" not in sys.modules  # it reads the environment as it is loaded
 os.environ.update(ONE_THREAD)
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # every child would compile all sources anew
+sys.dont_write_bytecode = False
 
 from topo_search.model import Design  # noqa: E402
 from topo_search.model.files import read_json  # noqa: E402
@@ -36,6 +38,24 @@ def cluster(tmp_path_factory):
     with Cluster(tmp_path_factory.mktemp("cluster")) as cluster:
         cluster.add_worker("--nworkers", "2")
         yield cluster
+
+
+@pytest.fixture
+def benchmarks(monkeypatch):
+    """The folder of the benchmarks, whose files can be imported by name."""
+    folder = Path(__file__).parent / "benchmarks"
+    monkeypatch.syspath_prepend(str(folder))
+    yield folder
+    for path in folder.glob("*.py"):
+        sys.modules.pop(path.stem, None)
+
+
+@pytest.fixture
+def in_process(monkeypatch):
+    """Commands and searches run all jobs here: each worker would load solver, audit and compiled code anew."""
+    from toy_problem import InProcess
+
+    monkeypatch.setattr("topo_search.compose.places.Workers", InProcess)
 
 
 @pytest.fixture

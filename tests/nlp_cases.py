@@ -1,12 +1,14 @@
 """Tasks, trees and points for the tests of the inner problem."""
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from nlp import solve
 from nlp.assembled import AssembledProgram
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.start_result import StartResult
@@ -95,12 +97,15 @@ PILLAR: Table = {
     "vertices": [[-0.3, -0.1, -0.5], [-0.2, -0.1, -0.5], [-0.25, 0.1, -0.5], [-0.25, 0.0, 0.4], [-0.2, 0.0, 0.4]],
 }
 
+WIDE_AT_REGIONS: Table = {"airflow": {"regions": {"start_radius": 0.2, "spread_angle_deg": 4.0, "reach": 1.9}}}
+"""A module whose envelope against regions is wider at the top and longer than that between modules."""
+
 FEATURES: dict[str, Table] = {
     "push": {},
     "local": {"exposure": [LOCAL]},
     "box": {"exposure": [BOX]},
     "convex region": {"exposure": [WEDGE]},
-    "several pieces": {"exposure": [PIECES]},
+    "several pieces": {"exposure": [PIECES], "module": WIDE_AT_REGIONS},
     "one path": {"exposure": [PATH]},
     "two paths": {"exposure": [TWO_PATHS]},
     "a path along the end-effector": {"exposure": [OUTWARDS]},
@@ -110,10 +115,12 @@ FEATURES: dict[str, Table] = {
     "half-space with a fixed axis": {"exposure": [HALF_SPACE_DOWN]},
     "bent paths": {"exposure": [BENT]},
     "planes": {"exposure": [BELOW]},
-    "several requirements": {"exposure": [LOCAL, OUTWARDS, HALF_SPACE]},
+    "several requirements": {"exposure": [LOCAL, OUTWARDS, HALF_SPACE], "module": WIDE_AT_REGIONS},
     "paper root": {"search": {"root": "paper"}},
     "no body clearance": {"search": {"body_clearance": False}},
     "ablation": {"search": {"interference": "separation"}},
+    "merging airflow": {"search": {"interference": "parts"}},
+    "merging airflow, no body clearance": {"search": {"interference": "parts", "body_clearance": False}},
     "no exclusion": {"end_effector": {"exclusion": False}},
     "stand-off": {"end_effector": {"stand_off": 0.4}},
     "stand-off in place of exclusion": {"end_effector": {"exclusion": False, "stand_off": 0.1}},
@@ -242,6 +249,12 @@ def solved(result: Design | Infeasible) -> Design:
     """The result, which must be a design."""
     assert isinstance(result, Design), result.message
     return result
+
+
+@cache
+def best_design(task: ResolvedTask, topology: Topology, starts: int, seed: int = 0) -> Design:
+    """The best of some starts, solved once however many tests ask for it: it is a pure function."""
+    return solved(solve(task, topology, starts=range(starts), seed=seed))
 
 
 def placed(task: ResolvedTask, topology: Topology, starts: int) -> StartResult:

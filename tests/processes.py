@@ -1,8 +1,11 @@
 """Watching processes and ledgers from beside, for tests that kill them."""
 
+import csv
 import sqlite3
 import time
 from pathlib import Path
+
+from topo_search.study import COLUMNS
 
 
 def gone(pid):
@@ -33,3 +36,9 @@ def recorded(folder):
         return []
     finally:
         database.close()
+
+
+def ranking(folder):
+    """The rows of a run's table, but how long they took."""
+    with (folder / "candidates.csv").open(newline="") as stream:
+        return [[row[name] for name in COLUMNS if name != "seconds"] for row in csv.DictReader(stream)]

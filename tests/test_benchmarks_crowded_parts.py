@@ -1,6 +1,3 @@
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,11 +7,7 @@ ROW = Topology.from_key("a2444440")
 """Seven modules in a row that turn to the same side at every one."""
 
 
-@pytest.fixture(autouse=True)
-def _benchmarks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(Path(__file__).parent / "benchmarks"))
-    for name in ("crowded_parts", "untangling"):
-        sys.modules.pop(name, None)
+pytestmark = pytest.mark.usefixtures("benchmarks")
 
 
 def test_a_row_that_turns_one_way_is_proven_crowded_at_a_short_distance_and_placed_at_a_long_one() -> None:

@@ -1,46 +1,74 @@
+import importlib
 import json
-import subprocess
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, Self
 
 import pytest
 
 from topo_search.experiments import experiment, results
 
-COMMAND = Path(__file__).parent / "benchmarks" / "performance.py"
 SMALLEST = ["--sizes", "3", "--topologies", "1", "--starts", "1", "--seconds", "0.1", "--cap", "1"]
 SMALLEST += ["--distances", "0.22", "--examples", "ten-wrenches"]
-
-LOAD = """
-import importlib, sys
-from pathlib import Path
-sys.path[:0] = sys.argv[1:]
-for path in sorted(Path(sys.argv[1]).glob("*.py")):
-    importlib.import_module(path.stem)
-"""
+PARTS = ["five", "shared", "random", "share", "hundred", "growth"]
 
 
-def test_every_benchmark_loads() -> None:
-    subprocess.run([sys.executable, "-c", LOAD, str(COMMAND.parent), str(COMMAND.parents[1])], check=True)
+class InProcess:
+    """Stands in for the child processes of the measurements where they are not what is tested."""
+
+    def __init__(self, measurement: Any, *args: Any, cap: float = 60.0) -> None:
+        self.rows: Iterator[dict[str, Any]] = measurement(*args)
+        next(self.rows)
+        self.end, self.capped = time.process_time() + cap, False
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> dict[str, Any]:
+        row = next(self.rows)
+        self.capped = time.process_time() > self.end
+        if self.capped:
+            raise StopIteration
+        return {"peak_mb": 1.0, **row}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
 
 
-@pytest.mark.parametrize("parts", [["five", "shared", "random"], ["share", "hundred", "growth"]])
-def test_every_part_measures_once_and_prints_its_table(parts: list[str], tmp_path: Path) -> None:
+def test_every_benchmark_loads(benchmarks: Path) -> None:
+    for path in benchmarks.glob("*.py"):
+        importlib.import_module(path.stem)
+
+
+def test_every_part_measures_once_and_prints_its_table(
+    benchmarks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "rows.jsonl"
-    command = [sys.executable, str(COMMAND), *parts, *SMALLEST, "--out", str(out)]
-    printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    rows = out.read_text().splitlines()
-    assert {json.loads(row)["part"] for row in rows} == set(parts)
-    assert all(f"\n{part}\n\n|" in printed for part in parts)
-    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == printed
+    monkeypatch.setattr(importlib.import_module("children"), "Child", InProcess)
+    monkeypatch.setattr(sys, "argv", ["performance.py", *PARTS, *SMALLEST, "--out", str(out)])
+    performance = importlib.import_module("performance")
+    performance.main()
+    printed, rows = capsys.readouterr().out, out.read_text().splitlines()
+    assert {json.loads(row)["part"] for row in rows} == set(PARTS)
+    assert all(f"\n{part}\n\n|" in printed for part in PARTS)
+    performance.main()
+    assert capsys.readouterr().out == printed
     assert out.read_text().splitlines() == rows
 
 
-def test_the_direct_formulation_s_rows_are_those_of_the_scaling_study(tmp_path: Path) -> None:
+def test_the_direct_formulation_s_rows_are_those_of_the_scaling_study(
+    benchmarks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = tmp_path / "direct"
-    command = [sys.executable, str(COMMAND.with_name("direct_scaling.py")), "--out", str(out)]
-    command += ["--sizes", "3", "--topologies", "2", "--starts", "1", "--cap", "60"]
-    subprocess.run(command, check=True)
+    small = ["--sizes", "3", "--topologies", "2", "--starts", "1", "--cap", "60"]
+    monkeypatch.setattr(sys, "argv", ["direct_scaling.py", "--out", str(out), *small])
+    measure = importlib.import_module("direct_scaling").main
+    measure()
     rows = results(out)
     asked = experiment("scaling")
     planned = asked.cells(asked.full.override(tasks=(("ten-wrenches", (3,)),), topologies=(2, 2)))
@@ -56,5 +84,5 @@ def test_the_direct_formulation_s_rows_are_those_of_the_scaling_study(tmp_path: 
         *("--distance", "0.3", "--starts", "1", "--cap", "60"),
     ]
     before = (out / "results.csv").read_bytes()
-    subprocess.run(command, check=True)
+    measure()
     assert (out / "results.csv").read_bytes() == before

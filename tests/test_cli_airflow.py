@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from scipy.spatial import ConvexHull
 from wording import says
 
 from topo_search.cli import main
+from topo_search.compose.envelopes import enclose_speed
 from topo_search.model import Module
 from topo_search.model.air import SpeedEnvelope
+from topo_search.model.files import read_task, to_toml
 from topo_search.model.proven import upper_text
 from verify.air import enclose, envelope_air
 from verify.air.jets import jets, speeds
@@ -186,3 +189,38 @@ def test_air_that_is_nowhere_so_fast_is_refused_with_the_fastest() -> None:
 )
 def test_bad_options_are_refused(words: str) -> None:
     assert ask(*words.split()).exit_code == 2
+
+
+def test_a_task_may_state_its_envelope_against_regions_by_a_speed(tmp_path: Path) -> None:
+    """It is replaced by the cone-sphere that the command prints, and that between modules stays."""
+    found = answer("push-local", "--speed", "2")
+    task = enclose_speed(read_task("push-local", ("module.airflow.speed=2.0",)))
+    module = task.resolve(4).module
+    regions = module.airflow.regions
+    assert regions is not None
+    assert (regions.start_radius, regions.reach) == (found["start_radius_m"], found["reach_m"])
+    assert module.envelope == Module().envelope
+    assert module.region_envelope.start_radius == found["start_radius_m"]
+    file = tmp_path / "task.toml"
+    file.write_text(to_toml(task))
+    assert read_task(file) == task
+    assert "11 m/s" in CliRunner().invoke(main, ["check", "push-local"]).stdout
+    told = CliRunner().invoke(main, ["check", "push-local", "--set", "module.airflow.speed=2.0"]).stdout
+    assert "11 m/s" not in told
+    assert "21.9 cm at the module" in told
+
+
+def test_the_envelope_against_regions_encloses_all_slipstreams_by_default() -> None:
+    module = Module.model_validate({"airflow": {"regions": {}}})
+    assert module.region_envelope.start_radius == pytest.approx(module.arm_length + module.body.rotor_radius)
+    assert Module.model_validate({"airflow": {"regions": False}}).region_envelope == Module().envelope
+
+
+@pytest.mark.parametrize(
+    "bad", ["speed=0.0", "speed=-1.0", "speed=50.0", "at=9.0", "at=fall", "regions.start_radius=2.0"]
+)
+def test_a_bad_envelope_against_regions_is_refused(bad: str) -> None:
+    given = [] if bad.startswith("speed") else ["--set", "module.airflow.speed=2.0"] * bad.startswith("at")
+    refused = CliRunner().invoke(main, ["check", "push-local", "--set", f"module.airflow.{bad}", *given])
+    assert refused.exit_code == 2
+    assert bad.split("=")[0].split(".")[0] in refused.stderr

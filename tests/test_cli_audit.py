@@ -28,9 +28,8 @@ COLUMNS = "kind,a,b,segment,status,lower_m,upper_m,analytic_m,level,percent,desi
 
 
 @pytest.fixture
-def command(tmp_path, monkeypatch):
+def command(in_process, tmp_path, monkeypatch):
     """The audit command in this process, with the real audit, in an empty folder."""
-    monkeypatch.setattr(compose.places, "Workers", toy_problem.InProcess)
     monkeypatch.chdir(tmp_path)
     return lambda *words: CliRunner().invoke(main, ["audit", *map(str, words)], catch_exceptions=False)
 

@@ -31,9 +31,8 @@ torque_coefficient = 3.1e-9
 
 
 @pytest.fixture
-def command(tmp_path, monkeypatch):
+def command(in_process, tmp_path, monkeypatch):
     """The command line on the toy problem, in this process, in an empty folder with a task file, without pages."""
-    monkeypatch.setattr(compose.places, "Workers", toy_problem.InProcess)
     monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
     monkeypatch.setattr(compose.searching, "write_page", lambda folder: None)
     monkeypatch.chdir(tmp_path)

@@ -12,10 +12,14 @@ from wording import says
 from topo_search.cli import main
 from topo_search.model import Task
 from topo_search.model.files import read_task
-from topo_search.model.template import LIMITS, RATINGS, SETS, task_template
+from topo_search.model.template import ENVELOPE, LIMITS, RATINGS, SETS, task_template
 
 EXPOSURES = 4
 """Examples of regions, each under its own heading in comments."""
+
+
+SLIPSTREAMS = {"airflow": {"regions": {}}}
+"""What `init` states beside load cases and flight: envelopes against regions enclose the slipstreams."""
 
 
 @pytest.fixture
@@ -32,7 +36,7 @@ def test_the_file_is_a_task_in_which_all_but_the_load_cases_is_the_default(in_fo
     assert init("window.toml").exit_code == 0
     task = read_task("window.toml")
     advised = {
-        "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.03},
+        "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.03, **SLIPSTREAMS},
         "end_effector": {"rod_mass": "included"},
         "flight": {"at": "both"},
     }
@@ -45,7 +49,7 @@ def test_fields_that_are_taken_out_of_their_comments_say_what_their_default_was(
     init("window.toml")
     before = read_task("window.toml").resolve(5)
     path = in_folder / "window.toml"
-    defaults = rf"^# (?!{'|'.join(LIMITS | RATINGS | SETS)})(\w+ = )"  # the others are examples
+    defaults = rf"^# (?!{'|'.join(LIMITS | RATINGS | SETS | ENVELOPE)})(\w+ = )"  # the others are examples
     path.write_text(re.sub(defaults, r"\1", task_template("window").replace("# [", "["), flags=re.MULTILINE))
     after = read_task("window.toml").resolve(5)
     assert len(after.exposure) == EXPOSURES

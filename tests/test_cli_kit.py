@@ -3,19 +3,29 @@
 import json
 import math
 import random
+import re
+import shlex
 from collections import Counter
 from dataclasses import replace
 from itertools import pairwise, permutations, product
+from pathlib import Path
 
 import networkx as nx
 import numpy as np
 import pytest
 import toy_problem
 from click.testing import CliRunner
+from documented import PAGES, blocks
+from nlp_cases import push, solved
 from toy_problem import toy_run, toy_task
 
+import verify
+from nlp import solve
+from nlp.evaluation.refit import refit
 from topo_search.cli import main
-from topo_search.compose.drawer import choose, count_kinds, shared_part
+from topo_search.compose import searching
+from topo_search.compose.drawer import Choices, choose, count_kinds, growing_steps, share_brackets, shared_part
+from topo_search.export import palette
 from topo_search.export.poses import poses
 from topo_search.model import Design, Module, Topology
 from topo_search.model.files import read_json
@@ -26,7 +36,8 @@ ANGLES = (-45.0, -30.0, 0.0, 30.0, 30.0004)
 
 def made_up(draw: random.Random, n: int, key: str | None = None) -> Design:
     """Return a design of a tree with angles and an effort that are drawn."""
-    tree = Topology.from_key(key or draw.choice(["a300", "a500", "a110", "p190"] if n == 3 else ["a7000", "a1110"]))
+    keys = {3: ["a300", "a500", "a110", "p190"], 4: ["a7000", "a1110"], 5: ["a70010", "ab0040"]}
+    tree = Topology.from_key(key or draw.choice(keys[n]))
     design = toy_problem.solve(toy_task(n).resolve(n), tree, starts=range(1), seed=0)
     angles = tuple(math.radians(draw.choice(ANGLES)) for _ in range(n - 1))
     return design.model_copy(update={"hinge_angles_rad": angles, "objective": draw.uniform(1.0, 1.02)})
@@ -61,7 +72,7 @@ def drawer_size(designs) -> int:
 @pytest.mark.parametrize("seed", range(8))
 def test_the_choice_is_that_of_all_combinations(seed):
     draw = random.Random(seed)
-    sizes = [3, 3, 3] if seed else [4, 4]
+    sizes = {0: [4, 4], 1: [5, 5]}.get(seed, [3, 3, 3])
     choices = [[made_up(draw, n) for _ in range(draw.randint(1, 4))] for n in sizes]
     least = [min(design.objective for design in each) for each in choices]
     stay = [[[brute_part(a, b) for b in other] for a in one] for one, other in pairwise(choices)]
@@ -118,7 +129,7 @@ def bent(angles: dict[str, tuple[float, float]]):
 
     def solve(task, topology, **options):
         design = toy_problem.solve(task, topology, **options)
-        given = angles.get(topology.key, (11.0, 12.0))
+        given = angles.get(topology.key, angles.get("*", (11.0, 12.0)))
         return design.model_copy(update={"hinge_angles_rad": tuple(map(math.radians, given))})
 
     return replace(toy_problem.BACKENDS, solve=solve)
@@ -150,6 +161,11 @@ def test_two_runs_end_in_a_drawer_a_change_and_two_kits(tmp_path):
     assert {name: change[name] for name in ("from", "to", "undo", "bolt")} == {
         "from": "push", "to": "wall", "undo": undo, "bolt": undo,
     }  # fmt: skip
+    check_steps(change, *designs)
+    page = (tmp_path / "kit/index.html").read_text()
+    sheet = (tmp_path / "kit/change-1-push-wall.html").read_text()
+    assert page.count("<svg") == 4
+    assert sheet.count(palette.END_EFFECTOR) == 2 * (2 - undo)
     for task, design in zip(told["tasks"], designs, strict=True):
         best = read_json(Design, tmp_path / ("one" if task["task"] == "push" else "two") / "best.json")
         assert task["over_best_percent"] == pytest.approx(100 * (design.objective / best.objective - 1))
@@ -157,6 +173,120 @@ def test_two_runs_end_in_a_drawer_a_change_and_two_kits(tmp_path):
     assert [f"from push to wall: undo {undo} joints" in sheet for sheet in sheets] == [False, True]
     again = make(tmp_path / "one", "--out", tmp_path / "kit")
     assert (again.exit_code, "new or empty" in again.output) == (2, True)
+
+
+def check_steps(change: dict, before: Design, after: Design) -> None:
+    """Follow the steps of a change, joint by joint: no step leaves two pieces, and the last makes the design."""
+    assert (len(change["undo_steps"]), len(change["bolt_steps"])) == (change["undo"], change["bolt"])
+    platform = before.topology.graph()
+    for step in change["undo_steps"]:
+        assert platform.edges[step["module"], step["to"]]["ports"] == {
+            step["module"]: step["port"], step["to"]: step["to_port"],
+        }  # fmt: skip
+        platform.remove_node(step["module"])
+        assert nx.is_connected(platform)
+    assert set(platform) == {i for i, _ in change["stay"]}
+    platform = after.topology.graph().subgraph([j for _, j in change["stay"]]).copy()
+    for step in change["bolt_steps"]:
+        ports = {step["module"]: step["port"], step["to"]: step["to_port"]}
+        platform.add_edge(step["module"], step["to"], ports=ports)
+        assert nx.is_connected(platform)
+    same = nx.utils.edges_equal(platform.edges(data=True), after.topology.graph().edges(data=True))
+    assert same
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_change_is_made_step_by_step_in_one_piece(seed):
+    draw = random.Random(seed)
+    one, other = made_up(draw, 4), made_up(draw, 4)
+    part = shared_part(one, other)
+    steps = {
+        "undo_steps": growing_steps(one, part)[::-1],
+        "bolt_steps": growing_steps(other, part.values()),
+    }
+    change = {name: [step.model_dump() for step in each] for name, each in steps.items()}
+    check_steps({**change, "undo": 4 - len(part), "bolt": 4 - len(part), "stay": [*part.items()]}, one, other)
+
+
+def test_local_optima_that_a_run_kept_are_choices(tmp_path):
+    """The best designs share no bracket; an optimum 1 % worse does, and is found where it was kept."""
+
+    def optima(task, topology, *, near, **_):
+        if task.name == "push":
+            return list(near)
+        other = near[0].model_copy(update={"hinge_angles_rad": (math.radians(20.0),) * 2})
+        return [*near, scaled(other, 1.01)]
+
+    def scaled(design, factor):
+        inputs = tuple(tuple(u * math.sqrt(factor) for u in each) for each in design.rotor_speeds_squared)
+        return design.model_copy(update={"objective": factor * design.objective, "rotor_speeds_squared": inputs})
+
+    for name, angle in (("push", 20.0), ("wall", 50.0)):
+        backends = replace(bent({"*": (angle, angle)}), local_optima=optima)
+        toy_run(
+            tmp_path / name, task=toy_task().model_copy(update={"name": name}), backends=backends, keep_within=2.0
+        )
+    done = make(tmp_path / "push", tmp_path / "wall", "--out", tmp_path / "kit", "--json")
+    told = json.loads(done.stdout)
+    assert [(kind["angle_deg"], kind["count"]) for kind in told["brackets"]] == [(20.0, 2)]
+    assert told["tasks"][1]["over_best_percent"] == pytest.approx(1.0)
+
+
+def test_a_shared_bracket_needs_a_clear_design():
+    """Angles within the tolerance become one, where the design with it is clear and within the effort."""
+    tree = Topology.from_key("a300")
+    design = solved(solve(push(3), tree, starts=range(2), seed=0))
+    turned = [math.degrees(abs(alpha)) for alpha in design.hinge_angles_rad]
+    other = refit(
+        design,
+        [
+            math.copysign(math.radians(size + 0.2), a)
+            for size, a in zip(turned, design.hinge_angles_rad, strict=True)
+        ],
+    )
+    choices = [Choices(Path("one"), (design,)), Choices(Path("two"), (other,))]
+    alone = choose([each.designs for each in choices])
+    assert alone == (0, 0)
+    near = share_brackets(choices, 0.3, 10.0)
+    chosen = [each.designs[d] for each, d in zip(near, choose([each.designs for each in near]), strict=True)]
+    assert all(verify.audit(one).verdict == "clear" for one in chosen)
+    assert drawer_size(chosen) < drawer_size([design, other])
+    assert share_brackets(choices, 0.1, 10.0) == choices  # nothing agrees so well
+    for each, before in zip(share_brackets(choices, 0.3, 0.0), choices, strict=True):
+        assert max(one.objective for one in each.designs) <= before.designs[0].objective
+
+
+def test_the_commands_of_the_tutorial_make_what_it_shows(tmp_path, monkeypatch):
+    """In cheap form: three modules, and designs that are made up."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(searching, "backends", lambda _: bent({"*": (30.0, -45.0)}))
+    monkeypatch.setattr(searching, "open_engine", lambda *_: toy_problem.InProcess(1))
+    monkeypatch.setattr(searching, "write_page", lambda _: None)
+    commands = [shlex.split(block.replace("\\\n", " ")) for block in blocks("sh", "tutorials/one-drawer.md")]
+    assert [words[:2] for words in commands] == [["topo-search", "kit"]] * 2
+    for words in commands:
+        main.commands["kit"].make_context("kit", words[2:])  # all options are known
+    cheap = [*commands[0][1:], "--modules", "3"]
+    done = CliRunner().invoke(main, cheap, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    assert "3 modules and 2 brackets of 2 kinds do all tasks within 0 % of their least effort" in done.stdout
+    names = re.findall(r"`(drawer/[^`]+)`", (PAGES / "tutorials/one-drawer.md").read_text())
+    assert len(names) == 3
+    assert all((tmp_path / name).exists() for name in names)
+    assert len(list((tmp_path / "runs").glob("*/optima.json"))) == 3
+    (tmp_path / "drawer").rename(tmp_path / "before")
+    monkeypatch.setenv("TOY_LOG", str(tmp_path / "log"))
+    assert CliRunner().invoke(main, cheap).exit_code == 0
+    assert not (tmp_path / "log").exists()  # nothing was solved again
+    assert (tmp_path / "drawer/kit.json").read_bytes() == (tmp_path / "before/kit.json").read_bytes()
+
+
+def test_settings_are_for_tasks_alone(tmp_path):
+    run(tmp_path / "one", {})
+    done = CliRunner().invoke(
+        main, ["kit", str(tmp_path / "one"), "--modules", "3", "--out", str(tmp_path / "kit")]
+    )
+    assert (done.exit_code, "for tasks" in done.stderr) == (2, True)
 
 
 def test_within_nothing_the_best_designs_are_chosen(tmp_path):
@@ -183,7 +313,7 @@ def test_what_has_no_common_kit_says_so(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("other", "rule"),
     [
-        ("push", "must be the folder of a finished run"),
+        ("nowhere.toml", "no such file"),
         ("folder", "is not a run folder"),
         ("heavy", "module.mass: must be that of"),
     ],

@@ -81,8 +81,9 @@ def test_a_file_that_somebody_changed_is_named_and_not_shown(command, tmp_path, 
     )
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_run_ends_in_its_page(tmp_path):
-    words = ["run", "push", "--modules", "1", "--starts", "1", "--workers", "1", "--out", str(tmp_path / "run")]
+    words = ["run", "push", "--modules", "1", "--starts", "1", "--out", str(tmp_path / "run")]
     result = CliRunner().invoke(main, words, catch_exceptions=False)
     assert result.exit_code == 3
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")

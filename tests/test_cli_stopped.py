@@ -163,7 +163,8 @@ def test_what_becomes_of_stderr_keeps_no_run_from_being_stopped(tmp_path, kind):
         os.set_blocking(writer, True)
     with open("/dev/full", "wb") as full:
         given = {"full": full, "closed": subprocess.DEVNULL, "unread": writer}[kind]
-        command = Command(tmp_path, *RUN, stderr=given, setup=(lambda: os.close(2)) if kind == "closed" else None)
+        words = (*RUN, "--workers", "1")
+        command = Command(tmp_path, *words, stderr=given, setup=(lambda: os.close(2)) if kind == "closed" else None)
     if kind == "unread":
         eventually(lambda: len(command.family()) >= 2)
         time.sleep(2.0)
@@ -187,7 +188,7 @@ def test_a_run_that_can_tell_nobody_of_its_progress_finishes(tmp_path, kind):
 
 
 def test_a_killed_command_is_told_and_leaves_nothing_behind(tmp_path):
-    command = Command(tmp_path, *RUN)
+    command = Command(tmp_path, *RUN, "--workers", "1")
     eventually(lambda: len(recorded(tmp_path / "run")) >= 1)
     child = Path(f"/proc/{command.process.pid}/task/{command.process.pid}/children").read_text()
     os.kill(int(child), signal.SIGKILL)

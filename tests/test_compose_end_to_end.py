@@ -1,21 +1,16 @@
 """The whole way with the real solver and the real audit, on platforms small enough for seconds."""
 
-import csv
 import json
 import subprocess
 import sys
 
 import pytest
+from processes import ranking
 
 import topo_search
 from topo_search.model import Design
 from topo_search.model.files import read_json, read_task
 from topo_search.study import COLUMNS
-
-
-def ranking(folder):
-    with (folder / "candidates.csv").open(newline="") as stream:
-        return [[row[name] for name in COLUMNS if name != "seconds"] for row in csv.DictReader(stream)]
 
 
 def platform(path):
@@ -53,10 +48,11 @@ def test_two_workers_find_the_same(found, tmp_path):
     assert platform(two.folder / "best.json") == platform(one.folder / "best.json")
 
 
+@pytest.mark.usefixtures("in_process")
 def test_the_mirror_image_need_not_be_solved_because_it_costs_the_same(found, tmp_path):
     """Push is unchanged by exchanging x and y: every tree of the half-turn quotient costs what its mirror does."""
     task, merged = found
-    whole = topo_search.search(task, out=tmp_path / "c2", starts=2, symmetry="c2", workers=2)
+    whole = topo_search.search(task, out=tmp_path / "c2", starts=2, symmetry="c2")
     assert whole.sizes[0].candidates == 14
     assert merged.sizes[0].candidates == 10
     assert merged.best.objective == pytest.approx(whole.best.objective, rel=1e-6)
@@ -70,9 +66,10 @@ def test_one_topology_is_solved_as_in_the_search(found):
     assert alone.outcome.model_copy(update={"solver": None}) == design.model_copy(update={"solver": None})
 
 
+@pytest.mark.usefixtures("in_process")
 def test_what_no_platform_can_lift_is_said_in_words(tmp_path):
     task = read_task("push", ("modules=3", "module.max_thrust_to_weight=0.5"))
-    answer = topo_search.search(task, out=tmp_path / "heavy", workers=1)
+    answer = topo_search.search(task, out=tmp_path / "heavy")
     assert answer.exit_status == 3
     assert "can lift" in answer.sizes[0].reason
     assert {row[COLUMNS.index("status")] for row in ranking(answer.folder)} == {"impossible"}

@@ -10,7 +10,6 @@ import toy_problem
 from verify_cases import fan
 
 import verify
-from topo_search import compose
 from topo_search.cli import main
 from topo_search.export import audits as tables
 from topo_search.export.audits import Judged, escape, markdown
@@ -43,10 +42,9 @@ def test_tables_of_clearances_name_files_harmlessly() -> None:
     assert tables.csv(numbers) == "x,n,t\n-1.5,-1,'-x\n,,\n"
 
 
-def test_the_audit_command_names_files_harmlessly(tmp_path, monkeypatch) -> None:
+def test_the_audit_command_names_files_harmlessly(in_process, tmp_path, monkeypatch) -> None:
     from click.testing import CliRunner
 
-    monkeypatch.setattr(compose.places, "Workers", toy_problem.InProcess)
     monkeypatch.chdir(tmp_path)
     for name in ("=1+1.json", "@x.json"):
         (tmp_path / name).write_text(to_json(fan()))

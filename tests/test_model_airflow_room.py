@@ -8,7 +8,7 @@ from test_model_room import random_body
 from verify_cases import design
 
 from topo_search.model import Module, Status, Topology
-from topo_search.model.room import FOLD, airflow_folds, part_cover
+from topo_search.model.room import FOLD, airflow_folds, part_cover, whole_cover
 from verify import audit
 from verify.beside_airflow import beside_airflow, certify_beside
 from verify.convex import Cylinder
@@ -53,6 +53,15 @@ def test_balls_and_the_own_airflow_hold_all_parts(own_frame):
             axis = np.stack([0 * eta, 0 * eta, -air.length * eta], axis=1)
             apart = np.linalg.norm(left[:, None] - axis, axis=2) - air.start_radius - eta * air.growth
             assert np.all(apart.min(axis=1) <= 1e-6)
+            whole = whole_cover(module)
+            off = np.linalg.norm(x[:, None] - whole.centres, axis=2) - whole.radii
+            assert np.all(off.min(axis=1) <= 1e-12)
+
+
+def test_where_airflow_may_merge_the_default_module_needs_one_ball_more_around_its_hub():
+    balls = whole_cover(Module())
+    assert balls.radii == pytest.approx([*[math.hypot(0.05, 0.01)] * 4, math.hypot(0.04, 0.04, 0.02)])
+    np.testing.assert_array_equal(balls.centres[4], np.zeros(3))
 
 
 @pytest.mark.parametrize(

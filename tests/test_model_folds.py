@@ -5,12 +5,12 @@ import re
 
 import numpy as np
 import pytest
-from nlp_cases import as_point, hover, random_tree, solved
+from nlp_cases import as_point, best_design, hover, random_tree
 from test_model_room import frame
 from verify_cases import design
 from wording import says
 
-from nlp import prove_impossible, solve
+from nlp import prove_impossible
 from nlp.numbers.hinges import FOLD, fold_excess
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.untangling import untangle
@@ -108,7 +108,7 @@ def test_rotors_wholly_beyond_the_hinge_are_no_proof_and_designs_have_them():
     """
     task = hover(2, module=module(0.1, frame(np.random.default_rng(0), 0.05)))
     assert prove_impossible(task) is None
-    found = solved(solve(task, PAIR, starts=range(3), seed=0))
+    found = best_design(task, PAIR, 3)
     report = audit(found)
     assert report.verdict == Status.CLEAR
     assert min(pair.analytic_m for pair in report.pairs if pair.kind == "body") > 0.07
@@ -130,7 +130,7 @@ def test_hinges_keep_to_the_side_that_they_start_on():
     for number in range(4):
         start = draw(task, PAIR, generator(task, PAIR, number, 0))
         assert np.all(fold_excess(task, PAIR, start.alpha) <= 0)
-    found = solved(solve(task, PAIR, starts=range(4), seed=0))
+    found = best_design(task, PAIR, 4)
     assert abs(found.hinge_angles_rad[0]) > 0.12
     assert np.all(fold_excess(task, PAIR, as_point(found).alpha) <= 1e-9)
     assert audit(found).verdict == Status.CLEAR

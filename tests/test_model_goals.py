@@ -110,6 +110,16 @@ def test_levels_of_what_a_design_can_do_beyond_its_task_are_set_in_its_flight():
     assert "torque_reserve" not in asked.model_dump_json(include={"goals"})
 
 
+def test_levels_of_the_air_speed_are_those_of_every_region():
+    regions = [{"kind": "local", "geometry": False, "speed": 9.0}, {"kind": "exterior"}]
+    asked = task(goals={"speed": [1.0, 4.0]}, exposure=regions)
+    assert [level.speed for level in asked.goals.levels] == [4.0, 1.0]
+    assert asked.goals.levels[1].words == "exposure.speed = 1"
+    strict = asked.at(asked.goals.levels[1])
+    assert strict == task(exposure=[{**region, "speed": 1.0} for region in regions])
+    assert strict.goals.names == ()
+
+
 def test_levels_of_hinge_errors_are_survived():
     asked = task(goals={"hinge_angle_deg": [0.2, 0.0]}, tolerances={"position": 1e-3})
     loose, strict = (asked.at(level) for level in asked.goals.levels)
@@ -142,6 +152,8 @@ def test_levels_of_hinge_errors_are_survived():
             r"flight.force_reserve: must be left out where goals.force_reserve has levels of it, but got 0.2",
         ),
         ({}, {"rotor_out": ["one"]}, r'goals.rotor_out\[0\]: must be "none", "hover" or "all", but got "one"'),
+        ({}, {"speed": [1.0]}, r"goals.speed: needs an exposure"),
+        ({}, {"speed": [0.0]}, r"goals.speed\[0\]: must be greater than 0"),
         ({}, {"joint_moment": [0.0]}, r"goals.joint_moment\[0\]: must be greater than 0"),
         ({}, {"torque_reserve": [0.1, 1e15]}, r"flight.torque_reserve: must be at most 1e\+15 N and N m"),
     ],

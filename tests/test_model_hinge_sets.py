@@ -8,6 +8,7 @@ import pytest
 from nlp.numbers.hinges import fold_excess, nearest_angles, ranges, turns
 from topo_search.model import BadInput, Topology
 from topo_search.model.files import read_task, to_toml
+from topo_search.model.task_warnings import task_warnings
 
 TREE = Topology.from_key("a300")
 
@@ -54,6 +55,11 @@ def test_a_set_beside_a_step_or_outside_what_rotors_leave_is_refused():
         read_task("push", (tall, "search.hinge_angles_deg=[85, 90]"))
     task = read_task("push", (tall, "search.hinge_angles_deg=[20, 90]")).resolve(3)
     assert turns(task, 1e-4) == ((-math.radians(20),) * 2, (math.radians(20),) * 2)
+    warned = {
+        each.path: each.words for each in task_warnings(read_task("push", (tall, "search.hinge_step_deg=15")))
+    }
+    assert "6 of 13 angles, -90, -75, -60, 60, ... deg, are beyond" in warned["search.hinge_step_deg"]
+    assert "search.hinge_step_deg" not in {each.path for each in task_warnings(of("hinge_step_deg=15"))}
 
 
 def test_a_task_without_a_set_is_written_as_before():

@@ -285,6 +285,11 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "but got [0.0, 0.0, 0.005]",
         ),
         (
+            "[search]\ninterference = 'parts'\n[tolerances]\nposition = 1e-3",
+            'search.interference: must be "airflow" where clearances must survive [tolerances], which nothing '
+            'proves of parts, but got "parts"',
+        ),
+        (
             "[search]\ninterference = 'separation'\nbody_clearance = 0.3",
             'search.body_clearance: must be false or left out with interference = "separation", but got 0.3',
         ),

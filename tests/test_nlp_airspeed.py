@@ -2,15 +2,16 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from nlp_cases import HOVER, as_design, push, random_point, random_tree
 
-from nlp import solve
+from nlp import prove_impossible, solve
 from nlp.airspeed import AIMED_AT, SpeedPoint, SpeedRows, fastest
-from topo_search.model import Design, Status, Topology
+from topo_search.model import Design, ResolvedTask, Status, Topology
 from verify import audit
-from verify.air import case_jets
+from verify.air import air, case_jets
 from verify.air.jets import speeds
 from verify.kinematics import platform
 from verify.requirements import Scene
@@ -23,6 +24,7 @@ REGIONS = [
     {"kind": "exterior", "half_angle_deg": 60.0},
     {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}], "speed_within": 1.0},
 ]
+BESIDE = [[0.2, 0.0, 0.0], [0.5, 0.0, 0.0], [0.2, 0.3, 0.0], [0.2, 0.0, 0.3]]
 
 
 @pytest.mark.parametrize("region", REGIONS, ids=lambda region: f"{region['kind']}{len(region)}")
@@ -47,16 +49,39 @@ def test_rows_are_the_speeds_at_their_points() -> None:
     point = random_point(task, random_tree(4, rng), rng)
     point = replace(point, u=np.abs(point.u) + 1e5)
     points = tuple(SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3))) for k in (0, 1, 2) for _ in range(20))
-    rows = SpeedRows(task, point.topology, points)
-    import casadi as ca
-
-    stated = np.asarray(ca.Function("g", [rows.x], [rows.g])(point.pack())).ravel()
+    stated = SpeedRows(task, point.topology, points).values(point.pack())
     design = as_design(point)
     placed, scene = platform(design), Scene(design, platform(design))
     air = [blown for _, blown in case_jets(design, placed, scene)]
     for row, at in zip(stated, points, strict=True):
         exact = speeds(air[at.case], (scene.p_E + at.from_tip)[None]).sum()
         assert 2.0 * (AIMED_AT - row) == pytest.approx(exact, rel=0.06, abs=0.1)  # bends are rounded
+
+
+@pytest.mark.parametrize("tip", ["free", [0.0, 0.0, -0.6]])
+def test_derivatives_of_rows_are_differences(tip: str | list[float]) -> None:
+    rng, step = np.random.default_rng(4), 1e-6
+    task = push(3, exposure=[{"kind": "local", "radius": 0.2, "speed": 2.0}], end_effector={"position": tip})
+    point = random_point(task, random_tree(3, rng), rng)
+    x = replace(point, u=np.abs(point.u) + 1e5).pack()
+    points = tuple(
+        SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3)), module, 1.5) for k in (0, 2) for module in (-1, -1, 0, 2)
+    )
+    rows = SpeedRows(task, point.topology, points)
+    multipliers = rng.normal(size=len(points))
+
+    def dense(pattern: ca.Sparsity, entries: np.ndarray) -> np.ndarray:
+        return np.asarray(ca.DM(pattern, entries))
+
+    def gradient(at: np.ndarray) -> np.ndarray:
+        return multipliers @ dense(rows.jacobian_pattern, rows.jacobian(at))
+
+    steps = step * np.eye(len(x))
+    by_differences = np.array([(rows.values(x + s) - rows.values(x - s)) / (2 * step) for s in steps]).T
+    assert dense(rows.jacobian_pattern, rows.jacobian(x)) == pytest.approx(by_differences, rel=1e-4, abs=1e-6)
+    by_differences = np.array([(gradient(x + s) - gradient(x - s)) / (2 * step) for s in steps])
+    upper = dense(rows.hessian_pattern, rows.hessian(x, multipliers))
+    assert upper == pytest.approx(np.triu(by_differences), rel=1e-3, abs=1e-4)
 
 
 @pytest.mark.parametrize("geometry", [True, False])
@@ -95,3 +120,33 @@ def test_air_within_a_distance_of_the_tip_is_found_where_the_region_is_farther_f
     found = audit(as_design(point)).air
     assert found is not None
     assert at.speed >= 0.97 * found.cases[0].regions[0].speed_m_s > 1.0
+
+
+@pytest.mark.parametrize("region", [*REGIONS, {"kind": "local", "vertices": BESIDE}], ids=str)
+@pytest.mark.parametrize("tip", [{"position": [0.1, 0.0, -0.3]}, {"largest_reach": 0.3}], ids=str)
+def test_no_platform_blows_less_over_a_region_than_is_proven(region: dict, tip: dict) -> None:
+    """Modules with the thrust of the load case and no more, at random poses, as far away as they may be."""
+    rng, n = np.random.default_rng(5), 3
+
+    def of_limit(speed: float) -> ResolvedTask:
+        return push(n, load_cases=[HOVER], exposure=[{**region, "speed": speed}], end_effector=tip)
+
+    proof = prove_impossible(of_limit(1e-6))
+    assert proof is not None
+    assert "exposure[0].speed" in proof.message
+    least = proof.violation + 1e-6
+    assert prove_impossible(of_limit(1.001 * least)) is None
+    for _ in range(3):
+        point = random_point(of_limit(1.0), random_tree(n, rng), rng)
+        thrusts = rng.dirichlet(np.full(4 * n, 0.3)).reshape(1, n, 4) * point.task.force_unit(n)
+        u = np.minimum(thrusts / point.task.module.thrust_coefficient, point.task.max_input)
+        if tip.get("largest_reach"):  # as far from the tip as the rod allows
+            outwards = point.p_E - point.poses[1][0]
+            end = point.poses[1][0] + outwards / np.linalg.norm(outwards) * (0.3 + 0.15)
+            point = replace(point, p_E=end)
+        share = u.sum() * point.task.module.thrust_coefficient / point.task.force_unit(n)
+        design = as_design(replace(point, u=u / share))
+        placed = platform(design)
+        found = air(design, placed, Scene(design, placed))
+        assert found is not None
+        assert found.cases[0].regions[0].speed_at_most_m_s >= least

@@ -5,7 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import FEATURES, push, random_point, random_tree
+from nlp_cases import FEATURES, HOVER, push, random_point, random_tree
 
 from nlp.assembled import AssembledProgram
 from nlp.assembled.problem import AssembledProblem
@@ -18,6 +18,7 @@ from nlp.requirements import clearances, variable_bounds
 from nlp.solve import solve
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Topology
+from topo_search.model.corners import to_corners
 from topo_search.model.files import read_task
 from topo_search.topologies import sample
 from verify import audit
@@ -40,7 +41,17 @@ def dense(pattern, entries):
 def test_values_and_derivatives_are_those_of_the_page(name):
     fields, key = CASES[name]
     topology = Topology.from_key(key)
-    task = push(topology.n, **fields)
+    assert_printed(push(topology.n, **fields), topology)
+
+
+@pytest.mark.parametrize("position", ["free", [0.1, -0.2, 0.3]])
+def test_angular_accelerations_take_torque_by_the_inertia(position):
+    tip, flight = {"mass": 0.1, "position": position}, {"angular_acceleration": [30.0, 0.0, 20.0]}
+    task = to_corners(push(4, load_cases=[HOVER], end_effector=tip, flight=flight))
+    assert_printed(task, Topology.from_key("a1300"))
+
+
+def assert_printed(task, topology):
     printed = problem(task, topology)
     assembled = AssembledProblem(task, topology, clearances(task, topology), BETA)
     rng = np.random.default_rng(5)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nlp_cases import HOVER, push, random_tree
+from nlp_cases import HOVER, as_design, push, random_tree
 from test_nlp_bounds_attack import random_task
 
 from nlp import solve
@@ -15,14 +15,18 @@ from nlp.bounds.branch import box, frames, multipliers, search, slopes
 from nlp.bounds.branch.arrays import centre, effort_unit, hang, to_arrays, whole_box
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from nlp.bounds.branch.proof import chunk_box, prove_chunk
+from nlp.numbers.point import Point
 from nlp.units import Units
 from topo_search.model import Design, Topology
 from topo_search.model.files import read_task
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import chunk_count
+from verify.beside_airflow import beside_airflow, certify_beside
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
-from verify.kinematics import Platform, poses
+from verify.kinematics import Platform, platform, poses
+from verify.parts import rigid_parts
+from verify.requirements import Scene
 from verify.wrench import required_wrench, wrench_map
 
 
@@ -190,12 +194,16 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
     assert sum(higher) > 0.5 * len(higher)
 
 
-@pytest.mark.parametrize("seed", range(40))
-def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed):
+@pytest.mark.parametrize(
+    ("seed", "rule"), [*((s, "airflow") for s in range(40)), *((s, "parts") for s in range(10))]
+)
+def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed, rule):
     rng = np.random.default_rng([27, seed])
-    task = push(int(rng.integers(2, 6)), search={"connectors": "any"})
+    parts = {"interference": "parts", "body_clearance": False} if rule == "parts" else {}
+    least = 4 if parts else 2  # of bolted modules no parts are in the way
+    task = push(int(rng.integers(least, 6)), search={"connectors": "any", **parts})
     tree = random_tree(task.n, rng, aligned=False)
-    stated, air = to_arrays(task, tree), task.module.envelope
+    stated = to_arrays(task, tree)
     least, most = whole_box(task, task.n)
     found = 0
     for _ in range(60):
@@ -206,9 +214,8 @@ def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed):
         if where != ALL_OVER:
             continue
         found += 1
-        for _ in range(10):
-            theta = rng.uniform(lower, upper)
-            assert clearance_missed(task, tree, air, theta)
+        for _ in range(10 if rule == "airflow" else 2):
+            assert clearance_missed(task, tree, rng.uniform(lower, upper))
     assert found > 0
 
 
@@ -219,27 +226,36 @@ def test_modules_that_are_too_close_at_a_point_are_found(seed, spread):
     rng = np.random.default_rng([31, seed])
     task = push(int(rng.integers(2, 6)), search={"connectors": "any"})
     tree = random_tree(task.n, rng, aligned=False)
-    stated, air = to_arrays(task, tree), task.module.envelope
+    stated = to_arrays(task, tree)
     least, most = whole_box(task, task.n)
     found = 0
     for _ in range(60):
         theta = np.clip(spread * rng.normal(size=len(least)), least, most)
-        if clearance_missed(task, tree, air, theta):
+        if clearance_missed(task, tree, theta):
             found += 1
             _, at, axes, vertices, rho = seen(stated, theta, theta)
             assert crowding(stated, at, axes, vertices, rho, np.zeros(len(least))) == ALL_OVER
     assert found > 0
 
 
-def clearance_missed(task, tree, air, theta):
-    """Whether envelopes overlap or centres are too close, as the audit measures it."""
-    at = poses(tree, theta[:3], theta[3:], task.module.connector_distance)
-    cones = [ConeSphere(p, -air.length * z, air.start_radius, air.growth) for p, z in zip(at.p, at.z, strict=True)]
-    pairs = [(i, j) for i in range(tree.n) for j in range(i)]
-    if clearances([(cones[i], cones[j]) for i, j in pairs]).d.min() < 0:
+def clearance_missed(task, tree, theta):
+    """Whether envelopes overlap, parts are in airflow or centres are too close, as the audit measures it."""
+    air, at = task.module.envelope, poses(tree, theta[:3], theta[3:], task.module.connector_distance)
+    pairs = list(itertools.combinations(range(tree.n), 2))
+    apart = [np.linalg.norm(at.p[i] - at.p[j]) for i, j in pairs if (i, j) not in tree.bolted]
+    if apart and min(apart) < (task.body_clearance or 0.0):
         return True
-    apart = [np.linalg.norm(at.p[i] - at.p[j]) for i, j in pairs if (j, i) not in tree.bolted]
-    return bool(apart) and min(apart) < task.body_clearance
+    if task.search.interference == "airflow":
+        cones = [
+            ConeSphere(p, -air.length * z, air.start_radius, air.growth) for p, z in zip(at.p, at.z, strict=True)
+        ]
+        return clearances([(cones[i], cones[j]) for i, j in pairs]).d.min() < 0
+    still = np.zeros((len(task.load_cases), tree.n, 4))
+    design = as_design(Point(task, tree, theta[:3], theta[3:], np.zeros(3), still))
+    found = platform(design)
+    parts = rigid_parts(design, found)
+    rows = list(beside_airflow(parts, Scene(design, found).envelopes, counts=True))
+    return any(certificate.analytic < 0 for certificate in certify_beside(rows, parts))
 
 
 def test_a_tree_hung_from_any_module_is_the_same_platform():

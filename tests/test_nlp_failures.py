@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from nlp_cases import GENTLE_PUSH, HOVER, push, solved
+from nlp_cases import GENTLE_PUSH, HOVER, best_design, push, solved
 from scipy.optimize import linprog
 from verify_cases import changed
 
@@ -91,8 +91,8 @@ def test_judged_corners_are_those_that_linear_programs_can_produce() -> None:
 
 
 def test_a_design_survives_what_it_is_asked_to_and_few_corners_are_ever_stated() -> None:
-    plain = solved(solve(asked(cases=GENTLE_PUSH), TREE, starts=range(4), seed=0))
-    design = solved(solve(asked(cases=GENTLE_PUSH, rotor_out="hover"), TREE, starts=range(4), seed=0))
+    plain = best_design(asked(cases=GENTLE_PUSH), TREE, 4)
+    design = best_design(asked(cases=GENTLE_PUSH, rotor_out="hover"), TREE, 4)
     assert audit(design).verdict == "clear"
     assert rows(design)["hover, any rotor dead"].derived == 12
     torque = rows(design)["hover, any rotor dead, torque reserve"]
@@ -107,7 +107,7 @@ def test_a_design_survives_what_it_is_asked_to_and_few_corners_are_ever_stated()
 
 def test_the_audit_judges_by_what_it_measures_itself() -> None:
     """From a little less than is left to a little more; and nothing of it where nothing is proven."""
-    design = solved(solve(asked(rotor_out="hover"), TREE, starts=range(4), seed=0))
+    design = best_design(asked(rotor_out="hover"), TREE, 4)
     measured = audit(design).flight
     assert measured is not None
     assert measured.rotors_out_asked is not None
@@ -137,7 +137,7 @@ def test_a_design_that_loses_a_rotor_is_violated_and_one_without_proof_undecided
 
 def test_a_dead_rotor_is_exempt_from_the_least_input() -> None:
     task = push(3, load_cases=[HOVER], module={"min_input": 0.1}, flight={"rotor_out": "hover"})
-    design = solved(solve(task, TREE, starts=range(4), seed=0))
+    design = best_design(task, TREE, 4)
     assert audit(design).verdict == "clear"
     assert design.inputs.min() >= task.min_input
 
@@ -189,7 +189,7 @@ def test_mirrored_trees_cost_the_same_with_failures() -> None:
     assert improper_isometry(task) is not None  # the one that exchanges x and y
     tree = Topology(((-1, -1, -1), (0, 0, 2), (1, 1, 3), (2, 0, 2)))
     mirror = Topology(((-1, -1, -1), (0, 0, 2), (1, 3, 1), (2, 0, 2)))
-    one, other = (solved(solve(task, each, starts=range(8), seed=0)).objective for each in (tree, mirror))
+    one, other = (best_design(task, each, 8).objective for each in (tree, mirror))
     assert one == pytest.approx(other, rel=1e-4)
 
 
@@ -218,5 +218,5 @@ def test_a_task_that_asks_for_less_finds_no_worse_design() -> None:
     """Without ball, rod and exclusion few of the best ends of the descents become good designs."""
     text = read_task("survives-a-rotor").model_dump(mode="json", exclude={"exposure"})
     text["end_effector"].update(exclusion=False, rod="none", largest_reach=False)
-    found = solved(solve(Task.model_validate(text).resolve(3), TREE, starts=range(8), seed=0))
+    found = best_design(Task.model_validate(text).resolve(3), TREE, 8)
     assert found.objective < 8.63e13  # 8.784e13 where only the best ends go on

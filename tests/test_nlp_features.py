@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from nlp_cases import FEATURES, GENTLE_PUSH, hover, push, solved
+from nlp_cases import FEATURES, GENTLE_PUSH, best_design, hover, push
 
-from nlp import lower_bound, solve
+from nlp import lower_bound
 from nlp.numbers.hinges import largest_turn
 from topo_search.model import Design, Status, Topology
 from topo_search.model.files import examples, read_task, to_json
@@ -47,14 +47,14 @@ def assert_audited(design, task, topology):
 @pytest.mark.parametrize("key", ["a11210", "a11410"])
 def test_a_shipped_example_is_solved_and_audited(name, key):
     task, topology = read_task(name).resolve(5), Topology.from_key(key)
-    assert_audited(solved(solve(task, topology, starts=range(6), seed=0)), task, topology)
+    assert_audited(best_design(task, topology, 6), task, topology)
 
 
 @pytest.mark.parametrize("name", FEATURES)
 def test_a_feature_is_solved_and_audited(name):
     topology = Topology.from_key("p11290" if name == "any port" else "a11210")
     task = push(5, **FEATURES[name])
-    assert_audited(solved(solve(task, topology, starts=range(6), seed=0)), task, topology)
+    assert_audited(best_design(task, topology, 6), task, topology)
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_a_feature_is_solved_and_audited(name):
 def test_modules_whose_rotors_could_touch_are_kept_from_it(key, module):
     """The angle at which rotors of bolted neighbours meet stands in the way of the optimum."""
     task, topology = push(5, module=module), Topology.from_key(key)
-    design = solved(solve(task, topology, starts=range(2), seed=0))
+    design = best_design(task, topology, 2)
     assert_audited(design, task, topology)
     assert np.abs(design.hinge_angles_rad).max() == pytest.approx(largest_turn(task), abs=1e-6)
     parts = [pair for pair in audit(design).pairs if pair.kind == "body"]
@@ -78,14 +78,14 @@ def test_modules_whose_rotors_could_touch_are_kept_from_it(key, module):
 @pytest.mark.parametrize("name", ["ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional"])
 def test_ten_wrenches_are_met_by_five_modules(name):
     task, topology = read_task(name).resolve(5), Topology.from_key("a11210")
-    assert_audited(solved(solve(task, topology, starts=range(3), seed=0)), task, topology)
+    assert_audited(best_design(task, topology, 3), task, topology)
 
 
 @pytest.mark.parametrize("position", ["com", [0.1, 0.1, 0.3]])
 def test_a_fixed_end_effector_is_where_the_task_wants_it(position):
     given = {"position": position, "exclusion": position != "com"}
     task = push(5, end_effector=given, load_cases=GENTLE_PUSH)
-    design = solved(solve(task, Topology.from_key("a11210"), starts=range(4), seed=0))
+    design = best_design(task, Topology.from_key("a11210"), 4)
     found = audit(design).assembly.end_effector.from_com_m
     assert found == pytest.approx([0.0, 0.0, 0.0] if position == "com" else position, abs=1e-12)
 
@@ -94,7 +94,7 @@ def test_each_requirement_costs_effort_or_nothing():
     """A task with more requirements is never cheaper: the optima found keep the order of their feasible sets."""
     topology = Topology.from_key("a11210")
     best = {
-        name: solved(solve(push(5, **FEATURES[name]), topology, starts=range(16), seed=0)).objective
+        name: best_design(push(5, **FEATURES[name]), topology, 16).objective
         for name in (
             "push",
             "one path",
@@ -117,7 +117,7 @@ def test_each_requirement_costs_effort_or_nothing():
 def test_the_ablation_lets_envelopes_overlap_and_says_so():
     """Hovering in one plane needs the least effort, and neighbours then blow into each other at the far end."""
     task = hover(3, search={"interference": "separation"})
-    found = audit(solved(solve(task, Topology.from_key("a110"), starts=range(2), seed=0)))
+    found = audit(best_design(task, Topology.from_key("a110"), 2))
     assert [pair.status for pair in found.pairs if pair.kind == "separation"] == [Status.CLEAR] * 3
     overlaps = {(pair.a, pair.b): pair.analytic_m for pair in found.pairs if pair.status is Status.VIOLATED}
     air, l_c = task.module.envelope, task.module.connector_distance
@@ -130,7 +130,7 @@ def test_the_ablation_lets_envelopes_overlap_and_says_so():
 def test_an_odd_kappa_changes_what_rotors_can_do():
     """The same tree with one module's rotors the other way round has another optimum."""
     aligned, turned = (
-        solved(solve(push(5, search={"connectors": "any"}), Topology.from_key(key), starts=range(8), seed=0))
+        best_design(push(5, search={"connectors": "any"}), Topology.from_key(key), 8)
         for key in ("a11210", "p11a10")
     )
     assert aligned.objective != pytest.approx(turned.objective, rel=1e-6)

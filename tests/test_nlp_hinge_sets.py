@@ -3,10 +3,11 @@
 import math
 
 import pytest
-from nlp_cases import PUSH, push, solved
+from nlp_cases import PUSH, best_design, push, solved
 
-from nlp import hinge_sets, solve
+from nlp import default_starts, hinge_sets, solve
 from topo_search.model import Infeasible, Topology
+from topo_search.topologies import candidates
 from verify import audit
 
 
@@ -57,13 +58,21 @@ def test_without_the_compiled_search_ipopt_solves_the_combinations(monkeypatch):
 def test_reserves_and_several_cases_hold_on_the_set_too():
     cases = [{**case, "name": f"case {k}"} for k, case in enumerate(PUSH)]
     fields = {"load_cases": cases, "flight": {"force_reserve": 0.05}, "search": {"hinge_step_deg": 10.0}}
-    design = solved(solve(push(4, **fields), Topology.from_key("a3020"), starts=range(3), seed=0))
+    design = best_design(push(4, **fields), Topology.from_key("a3020"), 3)
     assert audit(design).verdict == "clear"
 
 
 def test_a_design_of_the_set_is_carried_over():
     task, tree = push(3, search={"hinge_step_deg": 10.0}), Topology.from_key("a300")
-    design = solved(solve(task, tree, starts=range(2), seed=0))
+    design = best_design(task, tree, 2)
     again = solved(solve(task, tree, starts=range(0), seed=0, near=(design,)))
     assert again.objective == pytest.approx(design.objective, rel=1e-6)
     assert again.hinge_angles_rad == design.hinge_angles_rad
+
+
+def test_a_tree_and_its_mirror_image_cost_the_same_on_a_set():
+    task = push(3, search={"hinge_step_deg": 10.0})
+    trees = (Topology.from_key(key) for key in ("a300", "a600"))
+    one, other = (solved(solve(task, tree, starts=range(default_starts(task)), seed=0)) for tree in trees)
+    assert {c.topology.key: c.orbit for c in candidates(3, symmetry="task", task=one.task)}["a300"] == 2
+    assert other.objective == pytest.approx(one.objective, rel=1e-6)

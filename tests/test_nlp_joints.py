@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import GENTLE_PUSH, HOVER, as_design, push, random_point, random_tree, solved
+from nlp_cases import GENTLE_PUSH, HOVER, as_design, best_design, push, random_point, random_tree, solved
 
 from nlp import joints, solve
 from nlp.assembled.problem import AssembledProblem
@@ -15,7 +15,7 @@ from nlp.joints import LimitRows, Limits, holder, limit_of, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.requirements import clearances
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
-from nlp.user_constraints.rows import JoinedProgram
+from nlp.user_constraints.rows import DerivedRows, JoinedProgram
 from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology
 from topo_search.model.files import read_json, validate
 from verify import audit, choose_mount
@@ -83,7 +83,7 @@ def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both(
     base = AssembledProblem(task, topology, clearances(task, topology), 50.0)
     listed = limited_loads(task, topology)[::3]
     rows = LimitRows(task, topology, Limits(held, listed))
-    both, x = JoinedProgram(base, rows), point.pack()
+    both, x = JoinedProgram(base, DerivedRows(rows)), point.pack()
     unit = task.module.arm_length * task.module.mass * task.gravity
     L = np.array([limit_of(task, load) for load in listed]) / unit
     limited = both.constraints(x)[base.rows :].reshape(len(listed), -1).min(axis=1)
@@ -109,13 +109,13 @@ def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both(
 
 
 def test_a_design_keeps_the_largest_moment_that_it_is_asked_to_and_the_audit_judges_it() -> None:
-    plain = solved(solve(push(3, load_cases=GENTLE_PUSH), TREE, starts=range(4), seed=0))
+    plain = best_design(push(3, load_cases=GENTLE_PUSH), TREE, 4)
     flight = audit(plain).flight
     assert flight is not None
     assert flight.joint_moment_Nm is not None
     most = 0.9 * flight.joint_moment_Nm
     asked = push(3, load_cases=GENTLE_PUSH, flight={"joint_moment": most})
-    design = solved(solve(asked, TREE, starts=range(4), seed=0))
+    design = best_design(asked, TREE, 4)
     judged = audit(design)
     assert judged.verdict == "clear"
     (row,) = (row for row in judged.residuals if row.name == "largest moment in a joint")

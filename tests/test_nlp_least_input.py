@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from nlp_cases import HOVER, PUSH, placed, push, random_point, random_tree, solved
+from nlp_cases import HOVER, PUSH, best_design, placed, push, random_point, random_tree
 from scipy.optimize import linprog, lsq_linear
 
-from nlp import lower_bound, solve
+from nlp import lower_bound
 from nlp.assembled import AssembledProgram
 from nlp.evaluation.correction import correct
 from nlp.evaluation.violations import violations, worst
@@ -29,7 +29,7 @@ def idle(share: float = SHARE, n: int = 5, **fields: object) -> ResolvedTask:
 
 def test_a_design_keeps_to_it_and_the_audit_holds_it_to_that():
     task = idle()
-    without, design = (solved(solve(t, TREE, starts=range(4), seed=0)) for t in (push(5), task))
+    without, design = (best_design(t, TREE, 4) for t in (push(5), task))
     assert without.inputs.min() < task.min_input
     assert design.inputs.min() >= task.min_input
     assert design.objective >= without.objective * (1 - 1e-6)
@@ -54,7 +54,7 @@ def test_the_reduced_search_and_the_assembled_program_keep_to_it():
 
 def test_weightless_load_cases_keep_to_it_with_the_least_inputs():
     side = {"carries_weight": True, "end_effector": {"force": [0.1, 0.0, 0.0]}, "weight": 0.0}
-    design = solved(solve(idle(load_cases=[*PUSH, side]), TREE, starts=range(3), seed=0))
+    design = best_design(idle(load_cases=[*PUSH, side]), TREE, 3)
     task = design.task
     A = wrench_map(platform(design), task.module) * task.max_input
     unit = np.repeat([task.force_unit(5), task.torque_unit(5)], 3)
@@ -91,7 +91,7 @@ def test_rotors_that_run_idle_cost_that_much():
 
 
 def test_figures_of_flight_are_of_rotors_that_never_stop_and_a_dead_one_is_exempt():
-    design = solved(solve(idle(), TREE, starts=range(2), seed=0))
+    design = best_design(idle(), TREE, 2)
     assert isinstance(design, Design)
     found, at, task = audit(design).flight, platform(design), design.task
     assert found is not None

@@ -6,7 +6,7 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import HOVER, as_design, hover, push, random_point, random_tree, solved
+from nlp_cases import HOVER, as_design, best_design, hover, push, random_point, random_tree, solved
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.assembled.problem import AssembledProblem
@@ -71,7 +71,7 @@ def test_a_share_is_that_much_less_thrust(share):
 def test_a_smaller_share_costs_effort_until_nothing_is_left():
     efforts = []
     for share in (1.0, 0.95, 0.9):
-        design = solved(solve(push(5, search={"peak_input": share}), FIVE, starts=range(4), seed=0))
+        design = best_design(push(5, search={"peak_input": share}), FIVE, 4)
         assert design.inputs.max() <= share * design.task.module.max_input(design.task.gravity)
         assert audit(design).verdict == "clear"
         efforts.append(design.objective)
@@ -108,7 +108,7 @@ def test_a_larger_stand_off_costs_effort_once_it_matters():
     efforts = []
     for asked in (0.3, 0.38, 0.4):
         task = push(5, end_effector={"stand_off": asked})
-        design = solved(solve(task, FIVE, starts=range(8), seed=0))
+        design = best_design(task, FIVE, 8)
         assert least_distance(design) >= asked
         result = audit(design)
         assert result.verdict == "clear"
@@ -117,7 +117,7 @@ def test_a_larger_stand_off_costs_effort_once_it_matters():
         if asked > 0.3:
             assert least == pytest.approx(task.search.margin, rel=1e-2)
         efforts.append(design.objective)
-    plain = solved(solve(push(5), FIVE, starts=range(8), seed=0))
+    plain = best_design(push(5), FIVE, 8)
     assert least_distance(plain) == pytest.approx(0.309, abs=1e-3)
     assert efforts[0] == pytest.approx(plain.objective, rel=1e-6)
     assert efforts[0] * (1 + 1e-4) < efforts[1] < efforts[2]

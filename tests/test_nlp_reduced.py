@@ -7,14 +7,13 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import BOX, FEATURES, WEDGE, push, random_point, random_tree
+from nlp_cases import BOX, FEATURES, HOVER, WEDGE, push, random_point, random_tree
 from scipy.optimize import lsq_linear, minimize_scalar, nnls
 
 from nlp.names import ROD
 from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.reduced.arrays import rows, to_arrays
-from nlp.reduced.corners import initial_cases
 from nlp.reduced.gaps import hull_gap
 from nlp.reduced.merit import evaluate
 from nlp.requirements import clearances, exposure
@@ -23,6 +22,7 @@ from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from nlp.requirements.rod import BestRod
 from nlp.units import Units
 from topo_search.model import LoadCase, Topology
+from topo_search.model.corners import to_corners
 
 SHARP = 1e8
 """Sharpness at which the printed problem's smooth minimum is the least of its candidates."""
@@ -37,7 +37,8 @@ def unknowns(task, topology, point):
 
 def evaluated(task, topology, x, rho=RHO):
     stated = to_arrays(task, topology)
-    return evaluate(stated, x, np.zeros((len(task.load_cases), 6)), initial_cases(stated), rho)
+    K = len(task.load_cases)
+    return evaluate(stated, x, np.zeros((K, 6)), np.ones(K, dtype=bool), rho)
 
 
 def printed_gaps(task, topology, x):
@@ -52,7 +53,7 @@ def printed_gaps(task, topology, x):
 
 def lengths_of(row, stated):
     """The least and the largest R, the length by which the printed problem divides a square."""
-    _, start, growth = stated.air
+    _, start, growth = stated.air if row.kind in (s.AIR, s.PARTS) else row.data[9:12]
     end, size = start + growth, row.data[3]
     if row.kind == s.PARTS:
         return end + stated.parts[:, 3].min(), end + stated.parts[:, 3].max()
@@ -142,10 +143,13 @@ def test_clearances_are_those_of_the_printed_problem(name):
                 assert g <= most + 3e-5 or (math.isinf(g) and least > 8.0)
 
 
-@pytest.mark.parametrize("name", FEATURES)
-def test_derivatives_are_those_of_the_values(name):
+TURNING = {"load_cases": [HOVER], "flight": {"angular_acceleration": [40.0, 30.0, 20.0]}}
+
+
+@pytest.mark.parametrize("fields", [*FEATURES.values(), TURNING], ids=[*FEATURES, "accelerations"])
+def test_derivatives_are_those_of_the_values(fields):
     rng = np.random.default_rng(2)
-    task, h = push(4, **FEATURES[name]), 1e-6
+    task, h = to_corners(push(4, **fields)), 1e-6
     for _ in range(3):
         topology = random_tree(4, rng, aligned=True)
         x = unknowns(task, topology, random_point(task, topology, rng))

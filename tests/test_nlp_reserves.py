@@ -4,12 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from nlp_cases import HOVER, push, solved
+from nlp_cases import HOVER, best_design, push, solved
 from verify_cases import changed
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.bounds.effort import closed_form
+from nlp.numbers.point import Point
+from nlp.pseudo_inverse import pseudo_inverse_constraints
+from nlp.user_constraints import rows_of
 from topo_search.model import Status, Topology
+from topo_search.model.reserves import AskedFlight
 from topo_search.topologies.task_symmetry import improper_isometry
 from verify import audit
 
@@ -26,8 +30,8 @@ def rows(design: Any) -> dict[str, Any]:
 
 
 def test_a_design_keeps_a_reserve_that_it_would_not_keep_unasked() -> None:
-    plain = solved(solve(asked(), LOW, starts=range(3), seed=0))
-    more = solved(solve(asked(force_reserve=0.1, directions="horizontal"), LOW, starts=range(6), seed=0))
+    plain = best_design(asked(), LOW, 3)
+    more = best_design(asked(force_reserve=0.1, directions="horizontal"), LOW, 6)
     without = audit(plain).flight
     assert without is not None
     assert without.hover.horizontal_reserve_N < 0.02 * plain.task.force_unit(3)
@@ -42,8 +46,7 @@ def test_a_design_keeps_a_reserve_that_it_would_not_keep_unasked() -> None:
 
 def test_a_reserve_at_the_centre_of_mass_is_another_than_at_the_tip() -> None:
     tip, com = (
-        solved(solve(asked(force_reserve=0.1, directions="horizontal", at=at), LOW, starts=range(6), seed=0))
-        for at in ("tip", "com")
+        best_design(asked(force_reserve=0.1, directions="horizontal", at=at), LOW, 6) for at in ("tip", "com")
     )
     (row,) = rows(com).values()
     assert (row.name, row.status) == ("hover, horizontal force reserve at the centre of mass", Status.CLEAR)
@@ -56,17 +59,62 @@ def test_a_reserve_at_the_centre_of_mass_is_another_than_at_the_tip() -> None:
 
 
 def test_a_design_holds_the_tilt_that_is_asked_for() -> None:
-    plain = solved(solve(asked(), LOW, starts=range(3), seed=0))
-    tilted = solved(solve(asked(tilt_deg=5.0), LOW, starts=range(6), seed=0))
+    plain = best_design(asked(), LOW, 3)
+    tilted = best_design(asked(tilt_deg=5.0), LOW, 6)
     assert audit(plain).flight.hover.tilt_deg < 1.0
     assert audit(tilted).verdict == "clear"
     assert 5.0 - 1e-4 <= audit(tilted).flight.hover.tilt_deg < 15.0
 
 
-def test_what_a_program_does_not_know_is_found_missing() -> None:
-    """No rows of a program state accelerations yet: the audit does."""
-    design = solved(solve(asked(angular_acceleration=(40.0, 40.0, 40.0)), LOW, starts=range(2), seed=0))
-    assert audit(design).verdict == "violated"
+@pytest.mark.parametrize("allocator", ["optimal", "pseudo-inverse"])
+def test_a_design_has_the_angular_accelerations_that_are_asked_for(allocator: str) -> None:
+    axes = (15.0, 15.0, 8.0)
+    turned = solved(solve(asked(angular_acceleration=axes, allocator=allocator), LOW, starts=range(2), seed=0))
+    judged = audit(turned)
+    rows = [row for row in judged.residuals if "angular acceleration" in row.name]
+    assert (judged.verdict, [row.stated for row in rows]) == ("clear", [*axes])
+    assert min(row.derived / row.stated for row in rows) == pytest.approx(1.0, abs=1e-4)  # more costs effort
+
+
+@pytest.mark.parametrize("key", ["a300", "a1300"])
+def test_a_design_keeps_by_the_pseudo_inverse_what_is_asked_of_it(key: str) -> None:
+    tree, demand = Topology.from_key(key), {"at": "both", "torque_reserve": 0.02, "tilt_deg": 4.0}
+    demand |= {"force_reserve": 0.1, "directions": "horizontal", "angular_acceleration": (3.0, 3.0, 3.0)}
+    task = asked(tree.n, **demand, allocator="pseudo-inverse")
+    design = solved(solve(task, tree, starts=range(2), seed=0))
+    judged = audit(design)
+    assert judged.verdict == "clear"
+    names = {one.name for one in pseudo_inverse_constraints(task)}
+    rows = [row for row in judged.residuals if row.name in names]
+    assert len(rows) == len(names) == 7
+    assert min(row.derived / row.stated for row in rows) == pytest.approx(1.0, abs=1e-5)
+    assert design.stated == ()  # no constraint of the user's
+
+
+@pytest.mark.parametrize("directions", ["all", "horizontal"])
+def test_rows_of_the_pseudo_inverse_are_zero_at_what_the_audit_measures(directions: str) -> None:
+    """Each at its largest size, on a design that does not know of them."""
+    design = solved(solve(asked(4, torque_reserve=0.1), Topology.from_key("a1300"), starts=range(1), seed=0))
+    hover = audit(design).flight.hover
+    force = (
+        hover.force_reserve_N_pseudo_inverse if directions == "all" else hover.horizontal_reserve_N_pseudo_inverse
+    )
+    flight = AskedFlight(
+        units="SI",
+        allocator="pseudo-inverse",
+        directions=directions,
+        force_reserve=force,
+        torque_reserve=hover.torque_reserve_Nm_pseudo_inverse,
+        tilt_deg=hover.tilt_deg_pseudo_inverse,
+        angular_acceleration=hover.angular_acceleration_rad_s2_pseudo_inverse,
+    )
+    root, alpha, p_E = (
+        np.array(getattr(design, name)) for name in ("root_orientation_rad", "hinge_angles_rad", "end_effector_m")
+    )
+    task = design.task.model_copy(update={"flight": flight})
+    rows = rows_of(pseudo_inverse_constraints(task), task, design.topology)
+    left = [one.amount for one in rows.violations(Point(task, design.topology, root, alpha, p_E, design.inputs))]
+    assert left == pytest.approx([0.0] * 6, abs=1e-7)
 
 
 def test_axes_of_acceleration_keep_a_mirror_that_exchanges_equal_ones() -> None:
@@ -78,7 +126,7 @@ def test_axes_of_acceleration_keep_a_mirror_that_exchanges_equal_ones() -> None:
 
 def test_the_audit_judges_what_is_asked_against_what_it_measured() -> None:
     """By reserves between none and more than there is; a design that does not know of them is judged the same."""
-    design = solved(solve(asked(force_reserve=0.1, directions="horizontal"), LOW, starts=range(6), seed=0))
+    design = best_design(asked(force_reserve=0.1, directions="horizontal"), LOW, 6)
     found = audit(design).flight
     assert found is not None
     most = {
@@ -101,7 +149,7 @@ def test_the_audit_judges_what_is_asked_against_what_it_measured() -> None:
 
 def test_around_all_the_cases_that_carry_the_weight_count_too() -> None:
     task = push(3, load_cases=[GENTLE, HOVER], flight={"torque_reserve": 0.01, "around": "all"})
-    design = solved(solve(task, LOW, starts=range(6), seed=0))
+    design = best_design(task, LOW, 6)
     assert set(rows(design)) == {f"{name}, torque reserve" for name in ("hover", "load case 0", "load case 1")}
     assert audit(design).verdict == "clear"
 

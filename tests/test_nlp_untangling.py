@@ -123,10 +123,12 @@ def test_the_compiled_clearance_is_the_vectorised_one(axes, growth):
     rules = Rules(
         enough=1e3,
         airflow=True,
+        balls=np.empty((0, 4)),
         length=12.0,
         start_radius=1.0,
         growth=growth,
         apart=-np.inf,
+        of_all=False,
         turn=1.0,
         folds=np.array([[-1.0, 1.0]]),
     )

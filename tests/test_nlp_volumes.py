@@ -3,9 +3,8 @@
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import BOX, WEDGE, push, solved
+from nlp_cases import BOX, WEDGE, best_design, push
 
-from nlp import solve
 from nlp.ipopt import BETA
 from nlp.numbers.geometry import Swept, hull_clearance
 from nlp.symbols.envelope import ConeSphere
@@ -69,7 +68,7 @@ def test_the_smooth_form_tells_clear_from_not(number: int) -> None:
 def test_designs_keep_out_and_touch(name: str) -> None:
     """A region that the best design without it would blow into: the airflow ends up on its surface."""
     task = push(5, exposure=[BOX if name == "box" else WEDGE], search={"body_clearance": False})
-    design = solved(solve(task, Topology.from_key("a11210"), starts=range(4), seed=0))
+    design = best_design(task, Topology.from_key("a11210"), 4)
     result = audit(design)
     assert result.verdict is Status.CLEAR
     regions_cleared = [pair for pair in result.pairs if pair.kind == "local"]

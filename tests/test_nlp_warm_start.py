@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from nlp_cases import ROOT, as_design, as_point, push, random_point, random_tree, solved, trees
+from nlp_cases import ROOT, as_design, as_point, best_design, push, random_point, random_tree, solved, trees
 
 from nlp import solve
 from nlp.evaluation.violations import violations, worst
@@ -185,7 +185,7 @@ def test_many_modules_stay_where_nothing_overlaps_and_are_disentangled_where_som
 
 def test_a_design_of_another_tree_is_one_more_start_before_the_others():
     task, tree = push(), Topology.from_key("a11410")
-    source = solved(solve(task, Topology.from_key("a11210"), starts=range(6), seed=0))
+    source = best_design(task, Topology.from_key("a11210"), 6)
     alone = solve(task, tree, starts=range(0), seed=1, near=[source])
     starts = solve(task, tree, starts=range(2), seed=1)
     both = solved(solve(task, tree, starts=range(2), seed=1, near=[source]))
@@ -202,7 +202,7 @@ def test_a_design_of_another_tree_is_one_more_start_before_the_others():
 def test_a_design_carried_to_its_own_tree_leads_back_to_itself():
     """Under a larger margin it starts next to its design, and under its own one it stands there."""
     task, tree = push(), Topology.from_key("a11410")
-    source = solved(solve(task, tree, starts=range(6), seed=0))
+    source = best_design(task, tree, 6)
     again = solved(solve(task, tree, starts=range(0), seed=0, near=[source]))
     assert again.solver["start"] == -1
     assert again.objective == pytest.approx(source.objective, rel=1e-4)

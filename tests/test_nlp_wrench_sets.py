@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from nlp_cases import HOVER, push, solved
+from nlp_cases import HOVER, best_design, push
 from scipy.optimize import linprog
 from verify_cases import design
 
-from nlp import lower_bound, prove_impossible, solve
+from nlp import lower_bound, prove_impossible
 from nlp.assembled import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Status, Topology
@@ -33,7 +33,7 @@ WIPE: dict[str, Any] = {
 
 def test_a_design_can_exert_all_of_a_cone_and_has_inputs_for_its_cases_alone() -> None:
     task = push(5, load_cases=[WIPE, HOVER])
-    found = solved(solve(task, TREE, starts=range(4), seed=0))
+    found = best_design(task, TREE, 4)
     assert found.task == task
     assert found.inputs.shape == (2, 5, 4)
     judged = audit(found)
@@ -116,7 +116,7 @@ def test_the_audit_says_of_every_corner_what_another_program_says() -> None:
 
 
 def test_a_corner_out_of_reach_violates_whatever_the_inputs_of_the_design() -> None:
-    found = solved(solve(push(5, load_cases=[WIPE, HOVER]), TREE, starts=range(4), seed=0))
+    found = best_design(push(5, load_cases=[WIPE, HOVER]), TREE, 4)
     cases = [case.model_dump(mode="json") for case in found.task.load_cases]
     cases[0]["cone"]["force"] *= 20
     task = found.task.model_copy(update={"load_cases": push(5, load_cases=cases).load_cases})

@@ -323,6 +323,63 @@ def test_a_row_shows_its_design_beside_the_best(opened: Open, tmp_path: Path) ->
     assert page.inner_text("#beside h3").startswith(ranked[1])
 
 
+def test_two_designs_of_any_rank_are_compared_and_the_address_links_to_them(opened: Open, tmp_path: Path) -> None:
+    page = opened(toy_page(tmp_path / "run", modules=4, starts=4))
+    ranked = column(page, "tree")
+    page.locator("#ranking tbody button").nth(3).click()
+    page.select_option("[data-against]", ranked[2])
+    assert page.inner_text("#beside h3") == f"{ranked[3]} beside {ranked[2]}"
+    figures = page.evaluate(
+        "[...document.querySelectorAll('#beside .cards > div')].map(card => Object.fromEntries("
+        "[...card.querySelectorAll('dd strong')].map(strong => [strong.closest('dd').previousSibling.textContent,"
+        " [strong.textContent, strong.classList.contains('differs')]])))"
+    )
+    for name in figures[0].keys() & figures[1].keys():
+        (one, marked), (other, marked_too) = figures[0][name], figures[1][name]
+        assert marked == marked_too == (one != other), name
+
+    link = page.url
+    assert link.endswith(f"#design={ranked[3]},{ranked[2]}")
+    page.keyboard.press("Escape")
+    assert page.locator("#beside").is_hidden()
+    assert "design=" not in page.url
+    page.goto("about:blank")
+    page.goto(link)
+    until(page, "document.querySelectorAll('#beside .js-plotly-plot').length === 2")
+    assert page.inner_text("#beside h3") == f"{ranked[3]} beside {ranked[2]}"
+
+
+def test_the_plot_shows_the_audited_designs_that_the_filters_leave(opened: Open, tmp_path: Path) -> None:
+    page = opened(toy_page(tmp_path / "run", modules=4, starts=4))
+    points = "document.getElementById('choice').data.flatMap(trace => trace.customdata ?? [])"
+    audited = [key for key, audit in zip(column(page, "tree"), column(page, "audit"), strict=True) if audit]
+    assert audited
+    assert sorted(page.evaluate(points)) == sorted(audited)
+
+    page.select_option("#up", "J [rad⁴/s⁴]")
+    page.select_option("#across", "clearance [mm]")
+    front = page.evaluate(
+        "(({ x, y }) => x.map((_, i) => [x[i], y[i]]))(document.getElementById('choice').data[0])"
+    )
+    clear = [
+        (float(J), float(mm))
+        for J, mm, audit in zip(
+            *(column(page, name) for name in ("J [rad⁴/s⁴]", "clearance [mm]", "audit")), strict=True
+        )
+        if audit.startswith("clear")
+    ]
+    better = [(J, mm) for J, mm in clear if not any(a <= J and b >= mm and (a, b) != (J, mm) for a, b in clear)]
+    assert sorted(mm for mm, _ in front) == pytest.approx(sorted({mm for _, mm in better}))
+
+    page.fill("#words", audited[1])
+    assert page.evaluate(points) == [audited[1]]
+    clicked = (
+        f"document.getElementById('choice').emit('plotly_click', {{points: [{{customdata: '{audited[1]}'}}]}})"
+    )
+    page.evaluate(clicked)
+    assert page.inner_text("#beside h3").startswith(audited[1])
+
+
 def test_the_keys_of_the_best_open_their_designs_too(opened: Open, tmp_path: Path) -> None:
     page = opened(toy_page(tmp_path / "run", modules=4, starts=4))
     (best,) = page.locator("td[data-name=best] button").all_inner_texts()
@@ -330,6 +387,7 @@ def test_the_keys_of_the_best_open_their_designs_too(opened: Open, tmp_path: Pat
     assert page.inner_text("#beside h3") == f"{best}, the best"
     ties = page.locator("td[data-name=key] button")
     if ties.count():
+        page.locator("summary", has_text="about the least control effort").click()
         key = ties.last.inner_text()
         ties.last.click()
         assert page.inner_text("#beside h3").startswith(key)

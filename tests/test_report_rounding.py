@@ -33,7 +33,7 @@ from topo_search.report.design_page import bound
 from topo_search.report.design_part import design_part, flight_part
 from topo_search.report.front_part import front_part
 from topo_search.report.page import figure_json
-from topo_search.report.run_page import _proof_cells
+from topo_search.report.ranking import ranking
 from topo_search.report.wording import near_tie_cells
 from topo_search.study import Answer, FrontPoint
 from topo_search.study.answer import LevelAnswer
@@ -166,7 +166,8 @@ def test_flights_fronts_and_near_ties(capsys):
 
 def test_efforts_and_gaps(capsys, monkeypatch):
     for x in draws(25, 1e13, 1e15):
-        check(_proof_cells(ProofState(x, 0.1, "task", "within")), least=x)
+        candidate = toy_row("a300", objective=x, gap=0.1), ProofState(x, 0.1, "task", "within"), None
+        check(ranking([candidate], proofs=True)["candidates"]["rows"][0][-3:], least=x)
         check(bound(x, 0.1, 3)[0], least=x)
         check(_expectations({"candidates": 3, "quotient": "", "impossible": None, "lower_bound": x}), least=x)
         row = toy_row("a300", objective=x, gap=0.1)

@@ -11,7 +11,15 @@ from scipy.optimize import lsq_linear
 
 from topo_search.model import Design, Topology
 from topo_search.simulation.authority import hardest_rotor, hover_residual, weakest_force
-from topo_search.simulation.controller import EFFORT, TORQUE_FIRST, Allocator, Bandwidths, Controller, Reference
+from topo_search.simulation.controller import (
+    EFFORT,
+    TORQUE_FIRST,
+    Allocator,
+    Bandwidths,
+    Controller,
+    PseudoInverse,
+    Reference,
+)
 from topo_search.simulation.plant import Errors, Plant, Wall, nominal
 from verify.kinematics import platform
 
@@ -121,6 +129,20 @@ def test_thrusts_are_the_least_squares_within_limits(wall_press: Design) -> None
         best = lsq_linear(A, np.append(scale * wrench, np.zeros(20)), (0, upper), method="bvls")
         np.testing.assert_allclose(T / known.largest_thrust, best.x, atol=1e-6)
         np.testing.assert_allclose(missing, wrench - known.B @ T, atol=1e-12)
+
+
+def test_px4_multiplies_by_the_pseudo_inverse_and_cuts_off(wall_press: Design) -> None:
+    known = nominal(wall_press)
+    rule, full = PseudoInverse(known), known.largest_thrust
+    for wrench in ([0.0, 0.0, known.weight, 0.0, 0.0, 0.0], [5.0, -4.0, known.weight, 0.1, 0.3, -0.2]):
+        plain = np.linalg.pinv(known.B) @ wrench
+        T, missing = rule.thrusts(np.array(wrench))
+        np.testing.assert_allclose(T, np.clip(plain, 0, full), atol=1e-9)
+        np.testing.assert_allclose(missing, wrench - known.B @ T, atol=1e-9)
+    rule.stop_rotor(3)
+    T, missing = rule.thrusts(np.array([0.0, 0.0, known.weight, 0.0, 0.0, 0.0]))
+    assert T[3] == 0
+    np.testing.assert_allclose(missing, 0, atol=1e-9)
 
 
 def test_the_controller_asks_for_hover_at_rest_and_for_a_way_back_elsewhere(wall_press: Design) -> None:

@@ -1,6 +1,5 @@
 """A run on a Dask cluster: the same answer as on this machine, whatever becomes of the cluster."""
 
-import csv
 import os
 import signal
 import sys
@@ -10,7 +9,7 @@ import pytest
 import toy_problem
 from click.testing import CliRunner
 from dask_cluster import Cluster, free_port
-from processes import eventually, recorded
+from processes import eventually, ranking, recorded
 from toy_problem import solved_keys, toy_run, toy_task
 
 import topo_search
@@ -18,12 +17,6 @@ from topo_search import compose
 from topo_search.cli import main
 from topo_search.engine import DaskWorkers, WorkersLost, dask_connection
 from topo_search.model.files import read_task, to_toml
-from topo_search.study import COLUMNS
-
-
-def ranking(folder):
-    with (folder / "candidates.csv").open(newline="") as stream:
-        return [[row[name] for name in COLUMNS if name != "seconds"] for row in csv.DictReader(stream)]
 
 
 @pytest.mark.parametrize("options", [{"modules": 4}, {"modules": 6, "strategy": "optuna", "trials": 24}])
@@ -35,9 +28,10 @@ def test_the_toy_problem_has_the_same_answer_on_both_engines(cluster, tmp_path, 
     assert (tmp_path / "here" / "best.json").read_text() == (tmp_path / "there" / "best.json").read_text()
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_real_task_has_the_same_answer_on_both_engines(cluster, tmp_path):
     task = read_task("push", ("modules=3",))
-    here = topo_search.search(task, out=tmp_path / "here", starts=4, workers=2)
+    here = topo_search.search(task, out=tmp_path / "here", starts=4)
     there = topo_search.search(task, out=tmp_path / "there", starts=4, dask=cluster.address)
     assert here.exit_status == there.exit_status == 0
     assert ranking(tmp_path / "here") == ranking(tmp_path / "there")

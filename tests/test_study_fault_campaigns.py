@@ -3,7 +3,6 @@
 The fast part of each is an ordinary test; the rest is marked `slow`, and prints its counts (`pytest -m slow -s`).
 """
 
-import csv
 import errno
 import os
 import random
@@ -17,13 +16,13 @@ from collections import Counter
 
 import failing_disk
 import pytest
-from processes import eventually, recorded
+from processes import eventually, ranking, recorded
 from test_study_interruptions import Coordinator, processes_with
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
 from topo_search.model import BadInput
 from topo_search.model.files import to_toml
-from topo_search.study import COLUMNS, RunFolder, answer_of
+from topo_search.study import RunFolder, answer_of
 from topo_search.study.directory import PARTIAL
 
 RAN, ENDED, ODD = 0, 3, 99
@@ -55,11 +54,6 @@ def in_child(use, *, seconds=60):
             pytest.fail(f"it did not end within {seconds} s")
         time.sleep(0.001)
     return os.waitstatus_to_exitcode(ended[1])
-
-
-def ranking(folder):
-    with (folder / "candidates.csv").open(newline="") as stream:
-        return [[row[name] for name in COLUMNS if name != "seconds"] for row in csv.DictReader(stream)]
 
 
 def listing(folder):

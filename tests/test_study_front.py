@@ -296,11 +296,12 @@ def test_no_design_at_any_level_and_none_that_passes(tmp_path, monkeypatch):
 # ---- with the solver
 
 
+@pytest.mark.usefixtures("in_process")
 def test_fewer_modules_against_effort_of_a_hover(tmp_path):
     """One module, or two that share the force, splayed just so that their airflows clear (test_nlp_by_hand)."""
     case = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, 5.0)))
     task = Task(name="lift", modules=(1, 2), load_cases=(case,), goals=Goals(modules=True))
-    answer = search(task, out=tmp_path / "run", starts=2, workers=1)
+    answer = search(task, out=tmp_path / "run", starts=2)
     k_f = task.module.thrust_coefficient
     one, two = sorted(answer.points, key=lambda p: p.row.modules)
     assert one.row.objective == pytest.approx((5.0 / k_f) ** 2 / 4, rel=1e-6)
@@ -319,6 +320,7 @@ def test_the_design_of_least_effort_is_not_called_the_smallest(tmp_path, capsys)
     assert f"best design: {answer.best.key}, {answer.best.modules} modules, J = " in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("in_process")
 def test_the_command_tells_the_front(tmp_path):
     """One module hovers with 0.48 of u_max and an end-effector anywhere above or below it; 0.4 is impossible."""
     file = tmp_path / "task.toml"
@@ -327,7 +329,7 @@ def test_the_command_tells_the_front(tmp_path):
         '[end_effector]\nrod = "none"\n'
         "[goals]\npeak_input = [1.0, 0.6, 0.4]\nstand_off = [0.2, 0.4]\n"
     )
-    command = ["run", str(file), "--starts", "1", "--workers", "1", "--out", str(tmp_path / "run")]
+    command = ["run", str(file), "--starts", "1", "--out", str(tmp_path / "run")]
     ran = CliRunner().invoke(main, command, catch_exceptions=False)
     assert ran.exit_code == 0
     assert "level 0: end_effector.stand_off = 0.2, search.peak_input = 1" in ran.stdout

@@ -1,4 +1,3 @@
-import csv
 import errno
 import fcntl
 import os
@@ -12,18 +11,13 @@ from pathlib import Path
 
 import pytest
 import toy_problem
-from processes import eventually, recorded
+from processes import eventually, ranking, recorded
 from toy_problem import solved_keys, toy_run
 
 from topo_search.model import BadInput
-from topo_search.study import COLUMNS, RunFolder
+from topo_search.study import RunFolder
 
 HERE = Path(__file__).parent
-
-
-def ranking(folder):
-    with (folder / "candidates.csv").open(newline="") as stream:
-        return [[row[name] for name in COLUMNS if name != "seconds"] for row in csv.DictReader(stream)]
 
 
 def processes_with(mark):

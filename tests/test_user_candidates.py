@@ -9,6 +9,7 @@ from own_code import MINE, Fewest, make_qmc, make_random
 from topo_search import BadInput, OwnSampler, Topology, read_task, search, solve, to_json
 from topo_search.cli import main
 
+pytestmark = pytest.mark.usefixtures("in_process")
 HOVER = ("load_cases=[{com={force=[0.0,0.0,1.0]}}]", "exposure=[]")
 
 
@@ -31,7 +32,7 @@ def keys(answer):
 
 def test_only_listed_candidates_are_solved_as_they_stand(hover, tmp_path):
     listed = ["a500", Topology.from_key("a300"), Topology.from_key("aa00").graph()]
-    answer = search(hover, out=tmp_path / "run", topologies=listed, starts=1, workers=2)
+    answer = search(hover, out=tmp_path / "run", topologies=listed, starts=1)
     assert keys(answer) == ["a300", "a500", "aa00"]
     assert "every topology that was given is a candidate" in answer.sizes[0].quotient
     again = search(hover, out=tmp_path / "run", topologies=reversed(listed), starts=1)
@@ -172,7 +173,8 @@ def test_a_design_to_start_from_belongs_to_the_run(hover, tmp_path):
 
 @pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")  # what Optuna says of its own
 @pytest.mark.parametrize("sampler", [make_random, make_qmc, MINE, Fewest(), lambda seed: Fewest()])
-def test_any_sampler_proposes(hover, tmp_path, sampler):
+def test_any_sampler_proposes(hover, tmp_path, monkeypatch, sampler):
+    monkeypatch.setattr("topo_search.compose.searching.write_page", lambda folder: None)
     given = {"strategy": "optuna", "trials": 2, "starts": 1, "workers": 1, "sampler": sampler}
     answer = search(hover, out=tmp_path / "run", **given)
     assert len(answer.candidates) == 2

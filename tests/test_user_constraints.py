@@ -94,8 +94,9 @@ def test_a_run_with_versions_resumes_and_others_are_refused(hover, tmp_path):
     assert write_report(tmp_path / "run").exists()
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_run_without_versions_is_not_resumed(hover, tmp_path):
-    answer = search(hover, out=tmp_path / "run", constraints=[span(0.6)], starts=1, workers=1)
+    answer = search(hover, out=tmp_path / "run", constraints=[span(0.6)], starts=1)
     assert answer.found
     assert not answer.candidates.empty  # reading it is another matter
     for others in ([span(0.6)], []):
@@ -103,9 +104,10 @@ def test_a_run_without_versions_is_not_resumed(hover, tmp_path):
             search(hover, out=tmp_path / "run", constraints=others, starts=1)
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_constraint_that_tells_modules_apart_gets_every_rooted_tree(hover, tmp_path):
-    plain = search(hover, out=tmp_path / "plain", starts=1, workers=2)
-    told = search(hover, out=tmp_path / "told", starts=1, workers=2, constraints=[lifted(0, 0.0, version="1")])
+    plain = search(hover, out=tmp_path / "plain", starts=1)
+    told = search(hover, out=tmp_path / "told", starts=1, constraints=[lifted(0, 0.0, version="1")])
     assert (plain.sizes[0].candidates, told.sizes[0].candidates) == (3, 18)  # n F(n) = 3 * 6
     assert "may tell modules apart" in told.sizes[0].quotient
     # a polish may end up to 0.1 mm above the margin, where the smooth form of a clearance ends: 5e-6 of the effort
@@ -232,10 +234,11 @@ def test_a_design_file_keeps_the_names(hover, tmp_path):
     }  # fmt: skip
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_dask_cluster_solves_what_is_stated_in_a_module_that_it_has(cluster, hover, tmp_path):
     stated = [span(0.55, version="1")]
     options = {"constraints": stated, "starts": 1, "topologies": ["a500", "a300"]}
-    here = search(hover, out=tmp_path / "here", workers=1, **options)
+    here = search(hover, out=tmp_path / "here", **options)
     there = search(hover, out=tmp_path / "there", dask=cluster.address, **options)
     assert here.best.objective == there.best.objective
     assert there.audit.stated == here.audit.stated

@@ -176,7 +176,19 @@ def prove_impossible(task: ResolvedTask) -> Infeasible | None:
     )
 
 
-BACKENDS = Backends(solve=solve, audit=audit, lower_bound=lower_bound, prove_impossible=prove_impossible)
+def local_optima(task, topology, *, starts, seed, near=(), most_effort) -> list[Design]:
+    """Each start is an optimum of its own."""
+    found = [solve(task, topology, starts=range(s, s + 1), seed=seed) for s in starts]
+    return sorted((one for one in [*near, *found] if one.objective <= most_effort), key=lambda one: one.objective)
+
+
+BACKENDS = Backends(
+    solve=solve,
+    audit=audit,
+    lower_bound=lower_bound,
+    prove_impossible=prove_impossible,
+    local_optima=local_optima,
+)
 
 
 class InProcess(CallingProcess):

@@ -82,6 +82,8 @@ SECONDS = 1_000_000_000
 """Time limit: 31 years."""
 GAPS = (1e-4, 0.5)
 """Least and greatest gap that a proof can be asked for."""
+PERCENT = 1000
+"""Effort over the best, of designs that are kept or that a kit chooses from [%]."""
 
 LARGEST_INTEGER = 2**63 - 1
 """Seeds and other whole numbers without a range of their own: what TOML promises to every reader."""

@@ -68,7 +68,7 @@ def _audit(design: Design, started: float) -> Audit:
     scene = Scene(design, found)
     requirements = _require_few(scene.requirements(), 0)
     parts = rigid_parts(design, found)
-    counts = design.task.body_clearance is not None
+    counts = design.task.parts_off_airflow
     beside = _require_few(beside_airflow(parts, scene.envelopes, counts=counts), len(requirements))
     sheet = assembly(design, found, parts)
     rows = (*rows, *rod_residuals(design, parts, sheet))
@@ -109,7 +109,7 @@ def _audit(design: Design, started: float) -> Audit:
         verdict=Status.worst([*(row.status for row in rows), *statuses]),
         pairs=pairs,
         residuals=rows,
-        interference=interference(pairs),
+        interference=None if design.task.search.interference == "parts" else interference(pairs),
         sensitivity=errors,
         flight=measured,
         power=power(design, measured),

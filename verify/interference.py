@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import networkx as nx
-
 from topo_search.model import Clearance, Interference, Module, Status
 
 
@@ -21,6 +19,10 @@ def percent_of_deepest(clearance: float, module: Module) -> float:
 def interference(pairs: Sequence[Clearance]) -> Interference:
     """Return the metrics of the airflow rows of an audit; an overlap is one that is proven."""
     colliding = [pair for pair in pairs if pair.kind == "airflow" and pair.status == Status.VIOLATED]
+    if not colliding:
+        return Interference(colliding_pairs=0, deepest_percent=0.0, clusters=())
+    import networkx as nx  # slow to load, and few designs need it
+
     clusters = nx.connected_components(nx.Graph([(pair.a, pair.b) for pair in colliding]))
     return Interference(
         colliding_pairs=len(colliding),

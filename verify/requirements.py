@@ -16,6 +16,7 @@ import numpy as np
 from topo_search.model import Allowed, Design, Directional, Exterior, Mount
 from topo_search.model.audit import Kind
 from topo_search.model.exposure import Exposure
+from topo_search.model.module import AirflowEnvelope
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import Solid
 from verify.hulls import Hull, hull
@@ -51,10 +52,15 @@ class Scene:
         self.p_E: Array = (platform.p_e - middle) / self.l_arm
         self.offset: Array = platform.p_e / self.l_arm
         """p_E from the COM, where some requirements take their direction from."""
-        envelope = design.task.module.envelope
+        module = design.task.module
+        self.envelopes = self._place(module.envelope, platform)
+        self.region_envelopes = self._place(module.region_envelope, platform)
+        """Those that keep out of target regions."""
+
+    def _place(self, envelope: AirflowEnvelope, platform: Platform) -> list[Solid]:
         length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))
         still = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -length]), r, dr))
-        self.envelopes = [still.place(R, o) for R, o in zip(platform.poses.R, self.centres, strict=True)]
+        return [still.place(R, o) for R, o in zip(platform.poses.R, self.centres, strict=True)]
 
     def requirements(self) -> Iterator[Requirement]:
         """Yield every requirement: airflow, exposure, exclusion, separation."""
@@ -87,13 +93,13 @@ class Scene:
                 yield None if requirement.pieces is None else piece, region
 
     def _airflow(self) -> Iterator[Requirement]:
-        counts = self.design.task.search.interference == "airflow"
-        for a, b in combinations(range(len(self.envelopes)), 2):
-            yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=counts)
+        kind = self.design.task.search.interference
+        for a, b in combinations(range(len(self.envelopes)), 2) if kind != "parts" else ():
+            yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=kind == "airflow")
 
     def _exposure(self, number: int, requirement: Exposure) -> Iterator[Requirement]:
         for segment, region in self.regions(requirement) if requirement.geometry else ():
-            for a, envelope in enumerate(self.envelopes):
+            for a, envelope in enumerate(self.region_envelopes):
                 yield Requirement(requirement.kind, a, number, envelope, region, segment)
 
     def _capsules(self, requirement: Directional) -> list[Solid]:

@@ -21,6 +21,7 @@ import math
 from collections.abc import Sequence
 
 from topo_search.model import Design, Limit, Sensitivity, Status, WorstCase
+from topo_search.model.module import RegionAirflow
 from verify.bodies import Array, Cone
 from verify.certificate import ROUNDING
 from verify.clearance import clearances, cone_clearance
@@ -50,7 +51,7 @@ LEAP = 1.5
 def sensitivity(
     design: Design, found: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
 ) -> Sensitivity | None:
-    """Return how much error a design tolerates; None if there is no clearance to lose.
+    """Return how much error a design tolerates; None if there is no clearance to lose, or parts decide.
 
     Args:
         design: the design.
@@ -60,7 +61,7 @@ def sensitivity(
         holder: the module that carries the end-effector.
     """
     bounded = [r for r in requirements if r.counts and r.kind in KINDS]
-    if not bounded:
+    if not bounded or design.task.search.interference == "parts":  # of parts beside airflow there is no bound
         return None
     search = _Search(design, Tolerance(design, found, scene, bounded, holder), scene.l_arm, holder)
     l_arm, asked = scene.l_arm, design.task.tolerances
@@ -193,9 +194,12 @@ def deviate(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope
         holder: that module; no hinge moves it.
     """
     module = design.task.module
-    airflow = module.airflow.model_copy(
-        update={"start_radius": module.start_radius + envelope, "reach": module.reach + envelope}
-    )
+    wider = {"start_radius": module.start_radius + envelope, "reach": module.reach + envelope}
+    airflow = module.airflow.model_copy(update=wider)
+    if (regions := module.region_airflow) is not None:
+        start, spread, reach = regions
+        wide = RegionAirflow(start_radius=start + envelope, spread_angle_deg=spread, reach=reach + envelope)
+        airflow = airflow.model_copy(update={"regions": wide})
     task = design.task.model_copy(update={"module": module.model_copy(update={"airflow": airflow})})
     angles = [alpha + turn for alpha, turn in zip(design.hinge_angles_rad, turns.tolist(), strict=True)]
     p_E = tuple(x + error for x, error in zip(design.end_effector_m, tip.tolist(), strict=True))

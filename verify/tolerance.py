@@ -127,15 +127,13 @@ class Tolerance:
     ) -> None:
         """Measure every requirement of KINDS once; there must be one. The holder is a module."""
         self._task, self._scene, self._holder = design.task, scene, holder
-        envelopes = [solid.body for solid in scene.envelopes]
         l_c = design.task.module.connector_distance / scene.l_arm
-        self._levers = Levers(
-            design.topology,
-            found.poses,
-            np.array([(body.o, body.o + body.d) for body in envelopes]),
-            l_c,
-            holder,
-        )
+
+        def levers(envelopes: Sequence[Solid]) -> Levers:
+            ends = np.array([(solid.body.o, solid.body.o + solid.body.d) for solid in envelopes])
+            return Levers(design.topology, found.poses, ends, l_c, holder)
+
+        self._levers, self._region_levers = levers(scene.envelopes), levers(scene.region_envelopes)
         of_kind = [[r for r in requirements if r.kind == kind] for kind in KINDS]
         self._groups = [self._group(group) for group in of_kind if group]
         n, module = design.topology.n, design.task.module
@@ -168,13 +166,14 @@ class Tolerance:
         between = kind in ("airflow", "separation")
         b = np.array([r.b for r in group]) if between else np.full_like(a, self._holder)
         ends = CENTRE if kind in ("exclusion", "separation") else BOTH
+        levers = self._levers_of(group[0])
         return _Group(
             group,
             ends,
             gaps,
             n,
-            self._levers.motion(a, b, ends, n),
-            self._levers.motion(b, a, ends, n) if between else None,
+            levers.motion(a, b, ends, n),
+            levers.motion(b, a, ends, n) if between else None,
             2 if kind == "airflow" else int(kind in EXPOSURE_KINDS),
             swing,
         )
@@ -198,12 +197,15 @@ class Tolerance:
             BOTH,
             np.repeat(gaps[:, :, None], 2, axis=2),
             -m,
-            self._levers.motion(a, np.full_like(a, self._holder), BOTH, m),
+            self._region_levers.motion(a, np.full_like(a, self._holder), BOTH, m),
             None,
             1,
             turns[:, None] * np.linalg.norm(q, axis=-1),
             cos[:, None] / (2 * np.maximum(w, 1e-9)),
         )
+
+    def _levers_of(self, requirement: Requirement) -> Levers:
+        return self._region_levers if requirement.kind in EXPOSURE_KINDS else self._levers
 
     def _turns(self, requirement: Requirement) -> bool:
         """True if a requirement takes its direction from p_E."""
@@ -240,7 +242,7 @@ class Tolerance:
         for end_A, end in enumerate(group.ends):
             n = group.n[row, end_A]
             drift = self._drift(requirement, group.ends[end_A], n)
-            turns = np.sum(self._levers.arms_towards(a, held, end) * n, axis=-1)
+            turns = np.sum(self._levers_of(requirement).arms_towards(a, held, end) * n, axis=-1)
             turns -= self._levers.drift(self._share * drift)
             shifts = np.tile(-self._share * drift, (len(self._scene.centres), 1))
             shifts[a] += n

@@ -23,6 +23,7 @@ from nlp.assembled.chain import Chain
 from nlp.assembled.chain_rule import add_curvature, add_gradients, chain_rule
 from nlp.assembled.local_vectors import Differences, Indices, Mask, PlatformVectors, VectorLayout
 from nlp.assembled.terms import Term, derived_rows
+from nlp.assembled.turning import turning_terms
 from nlp.numbers.masses import masses
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import Requirement
@@ -64,7 +65,7 @@ class AssembledProblem:
         self._torque_map = torque_map(module)
         self.g = self.n + 2 + (3 if self._fixed is None else 0)
         self.size = self.g + 4 * self.n * self.K
-        self._masses = masses(task, topology)
+        self._masses = masses(module, task.end_effector, topology)
         if self._fixed is not None:
             self._from_bodies = self._masses.lever * np.array(self._fixed) / unit.length
         tip, com = [c.at_end_effector for c in task.load_cases], [c.at_com for c in task.load_cases]
@@ -76,6 +77,9 @@ class AssembledProblem:
         moved = layout.all_movers(self._chain.moves.astype(bool), free=self._fixed is None)
         terms = [term for requirement in stated for term in _terms(requirement, layout, beta)]
         self._clearances = [IndexedTerm(term, moved, self.n) for term in terms]
+        self._turning = [
+            (row, IndexedTerm(term, moved, self.n)) for row, term in turning_terms(task, self._masses, layout)
+        ]
         self._index()
         margins = [np.full(term.m, term.margin) for term in self._clearances]
         self.lower = np.concatenate([np.zeros(6 * self.K), *margins])
@@ -132,9 +136,11 @@ class AssembledProblem:
     def constraints(self, variables: Array) -> Array:
         """Return (2) to (9)."""
         at, u = self._at(variables)
-        balance = balances(self._A, u, at.p_E, at.p_COM, self._f_E, self._f_C, self._tau)
+        balance = balances(self._A, u, at.p_E, at.p_COM, self._f_E, self._f_C, self._tau).ravel()
+        for row, term in self._turning:
+            balance[row] -= term.derived(0, term.vectors.values(at))[0].sum()
         values = [term.derived(0, term.vectors.values(at))[0] for term in self._clearances]
-        return np.concatenate([balance.ravel(), *values])
+        return np.concatenate([balance, *values])
 
     def jacobian(self, variables: Array) -> Array:
         """Return the Jacobian of (2) to (9), its entries in the order of `jacobian_pattern`."""
@@ -143,6 +149,10 @@ class AssembledProblem:
         by_geometry = slopes(
             self._A, u, links.omega, links.v, self._chain.parents, self._f_E, self._f_C, dp_E, dp_COM
         )
+        for row, term in self._turning:
+            _, gradient = term.derived(1, term.vectors.values(at))
+            slope = chain_rule(gradient, term.plus, term.minus, at.dV, term.rows, term.columns)
+            np.subtract.at(by_geometry.reshape(-1, self.g)[row], term.columns, slope)
         entries = [by_geometry.ravel()]
         for term in self._clearances:
             _, gradient = term.derived(1, term.vectors.values(at))
@@ -158,11 +168,13 @@ class AssembledProblem:
         H = np.zeros((self.g, self.g))
         to = np.zeros_like(at.V)
         to[n], to[n + 1] = by_point(mu, self._f_E), by_point(mu, self._f_C)
+        weighted = [(np.full(term.m, -multipliers[row]), term) for row, term in self._turning]
         row = 6 * K
         for term in self._clearances:
-            _, gradient, hessian = term.derived(2, term.vectors.values(at))
-            weights = multipliers[row : row + term.m]
+            weighted.append((multipliers[row : row + term.m], term))
             row += term.m
+        for weights, term in weighted:
+            _, gradient, hessian = term.derived(2, term.vectors.values(at))
             add_gradients(weights, gradient, term.plus, term.minus, to)
             add_curvature(weights, hessian, term.plus, term.minus, at.dV, term.starts, term.moving, H)
         g_p, g_axes = at.push_to_modules(to)

@@ -19,7 +19,7 @@ from nlp.numbers.point import Point
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.modules import BETWEEN_MODULES
 from nlp.user_constraints import UserConstraints, correct_point, rows_of, violations_of
-from nlp.user_constraints.rows import Assembled, JoinedProgram
+from nlp.user_constraints.rows import Assembled, DerivedRows, JoinedProgram
 from topo_search.model import ResolvedTask, Topology
 
 Options = dict[str, int | float | str]
@@ -120,7 +120,7 @@ class AssembledProgram:
         stated = [requirement.restrict(start.vectors) for requirement in self._clearances]
         printed: Assembled = AssembledProblem(self._task, self._topology, stated, BETA)
         if self._limits is not None and self._limits.loads:
-            printed = JoinedProgram(printed, LimitRows(self._task, self._topology, self._limits))
+            printed = JoinedProgram(printed, DerivedRows(LimitRows(self._task, self._topology, self._limits)))
         if self._limits is not None and self._limits.air:
             printed = JoinedProgram(printed, SpeedRows(self._task, self._topology, self._limits.air))
         assembled = rows_of(self._constraints, self._task, self._topology).append_to(printed)

@@ -12,7 +12,7 @@ once a process and not once a topology.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -192,10 +192,13 @@ def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
         return by_hand(formula, beta)
     y = [ca.SX.sym("y", 3) for _ in formula.local_vectors]
     rows = ca.vertsplit(formula.smooth(y, ca.SX(beta)))
-    return tuple(_join(Mapped(ca.vertcat(*y), row)) for row in rows)
+    return tuple(derive(y, row) for row in rows)
 
 
-def _join(mapped: Mapped) -> Derived:
+def derive(y: Sequence[ca.SX], row: ca.SX) -> Derived:
+    """Return an expression of local vectors with its derivatives."""
+    mapped = Mapped(ca.vertcat(*y), row)
+
     def differentiate(order: int, y: Array) -> Jet:
         jet = mapped(order, y.reshape(len(y), -1))
         if order >= 1:

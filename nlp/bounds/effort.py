@@ -34,6 +34,13 @@ def total_forces(task: ResolvedTask) -> Array:
     return np.array([np.add(case.at_end_effector.force, case.at_com.force) for case in task.load_cases])
 
 
+def least_sizes(task: ResolvedTask) -> Array:
+    """Return the size of every load case's force, whatever its rod weighs, shape (K,) [N]."""
+    F, D = total_forces(task), growth(task)
+    along = np.clip(-np.sum(F * D, axis=1) / np.maximum(np.sum(D * D, axis=1), np.finfo(float).tiny), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(F + along[:, None] * D, axis=1))
+
+
 def growth(task: ResolvedTask) -> Array:
     """Return by how much the heaviest rod that may count changes every F_k, shape (K, 3) [N].
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from nlp import names
 from nlp.bounds.duality import multipliers
-from nlp.bounds.effort import growth, total_forces
+from nlp.bounds.effort import growth, least_sizes, total_forces
 from nlp.bounds.refutation import Refutation, largest_thrust, modules, tolerated_force, unseen_thrust
 from nlp.bounds.sphere import greatest
 from nlp.units import Units
@@ -35,9 +35,7 @@ SOFTENED = 0.01
 
 def one_force(task: ResolvedTask) -> Refutation | None:
     """All rotors together pull with 4 n k_f rho u_max at most, whatever the angles."""
-    F, D = total_forces(task), growth(task)
-    along = np.clip(-np.sum(F * D, axis=1) / np.maximum(np.sum(D * D, axis=1), np.finfo(float).tiny), 0.0, 1.0)
-    asked = np.linalg.norm(F + along[:, None] * D, axis=1)  # whatever its rod weighs
+    asked = least_sizes(task)
     k, most = int(np.argmax(asked)), largest_thrust(task)
     if asked[k] * (1 - ROUNDING) - tolerated_force(task) <= most + unseen_thrust(task):
         return None

@@ -5,6 +5,7 @@ Every rule leaves out all that it does not name, so what it refuses cannot be do
 
 from __future__ import annotations
 
+from nlp.bounds.air import windy
 from nlp.bounds.failures import failures
 from nlp.bounds.forces import all_forces, axes, one_force
 from nlp.bounds.paths import crowded_path
@@ -28,7 +29,10 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     stated = task.declared.lightest
     task = to_corners(stated, inner=True)
     forces = one_force(task) or axes(task) or all_forces(task) or failures(stated)
-    refutation, concerned = forces or out_of_reach(task) or rotors_overlap(task) or _shape(task), None
+    refutation, concerned = (
+        forces or out_of_reach(task) or rotors_overlap(task) or windy(stated) or _shape(task),
+        None,
+    )
     if refutation is None and topology is not None:
         refutation, concerned = axes(task, topology) or _shape(task, topology), topology
     if refutation is None:

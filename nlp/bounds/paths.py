@@ -18,7 +18,6 @@ import math
 from functools import lru_cache
 from itertools import combinations, pairwise
 
-import networkx as nx
 import numpy as np
 
 from nlp.bounds.refutation import Refutation
@@ -43,13 +42,16 @@ Turns = tuple[int, ...]
 
 def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """Some path of the tree is in its own way at any hinge angles; without a tree, two bolted modules are."""
-    module, airflow = task.module, task.search.interference == "airflow"
+    module, air = task.module, task.module.envelope if task.search.interference == "airflow" else None
     # what is asked of a design, not the more that the search keeps: a proof is to hold for every design
-    apart, l_c = task.body_clearance if airflow else task.separation, module.connector_distance
+    apart, first = task.body_clearance or 0.0, 2
+    if task.search.interference == "separation":
+        apart, first = task.separation, 1
+    l_c = module.connector_distance
     paths = _paths(topology) if topology is not None else {()} if task.n > 1 else set()
     for turns in sorted(paths, key=lambda turns: (len(turns), turns)):
         depth = DEPTH * module.arm_length
-        if _is_crowded(turns, module.envelope if airflow else None, apart or 0.0, l_c, depth):
+        if _is_crowded(turns, air, apart, first, l_c, depth):
             row = f"{len(turns) + 2} modules in a row"
             way = ", ".join({1: "right", 2: "straight on", 3: "left"}[turn] for turn in turns)
             return Refutation(
@@ -64,6 +66,8 @@ def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Refuta
 
 def _paths(topology: Topology) -> set[Turns]:
     """Return the turns of all paths of up to LONGEST modules; a path, its way back and its mirror image are one."""
+    import networkx as nx
+
     graph, found = topology.graph(), set[Turns]()
     for _, ways in nx.all_pairs_shortest_path(graph, LONGEST - 1):
         for way in ways.values():
@@ -77,15 +81,20 @@ def _paths(topology: Topology) -> set[Turns]:
 
 
 @lru_cache(maxsize=256)
-def _is_crowded(turns: Turns, air: AirflowEnvelope | None, apart: float, l_c: float, depth: float) -> bool:
-    """Return whether it is proven that modules in a row miss some clearance by `depth` [m] at any hinge angles."""
+def _is_crowded(
+    turns: Turns, air: AirflowEnvelope | None, apart: float, first: int, l_c: float, depth: float
+) -> bool:
+    """Return whether it is proven that modules in a row miss some clearance by `depth` [m] at any hinge angles.
+
+    Centres keep `apart` [m] from the `first` one after each other on.
+    """
     hinges = len(turns) + 1
     alpha, h = np.zeros((1, hinges)), np.full(hinges, math.pi / 2 + TOLERANCE)
     while len(alpha) <= MOST_BOXES and h.max() > LEAST_WIDTH:
         R, p = _poses(turns, alpha, l_c)
         open_, clear = np.ones(len(alpha), dtype=bool), np.ones(len(alpha), dtype=bool)
         for i, j in combinations(range(hinges + 1), 2):
-            if j - i > 1 or air is None:
+            if j - i >= first:
                 distance = np.linalg.norm(p[j] - p[i], axis=-1)
                 open_ &= distance + _displacement(i, j, h, l_c) >= apart - depth
                 clear &= distance >= apart

@@ -48,7 +48,7 @@ def _distances(task: ResolvedTask) -> list[tuple[float, str]]:
     if task.exclusion_radius is not None:
         apart = task.exclusion_radius
         found.append((apart - l_c, f"every module's centre keeps {lower_text(apart)} m from the end-effector"))
-    blown = task.module.envelope.start_radius
+    blown = task.module.region_envelope.start_radius
     for e, asked in enumerate(task.exposure):
         if isinstance(asked, Local) and asked.radius is not None and asked.geometry:
             told = f"exposure[{e}].radius = {lower_text(asked.radius)} m keeps every module's airflow off"

@@ -14,8 +14,6 @@ from __future__ import annotations
 
 import math
 
-import networkx as nx
-
 from nlp.bounds.refutation import Refutation, bodies_mass, modules, off_centre
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.proven import excess_texts, upper_text
@@ -53,5 +51,7 @@ def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutatio
 
 def _squared_distances(topology: Topology) -> int:
     """Return sum_{i<j} d_ij^2."""
+    import networkx as nx
+
     lengths: dict[int, dict[int, int]] = dict(nx.all_pairs_shortest_path_length(topology.graph()))
     return sum(d**2 for of_one in lengths.values() for d in of_one.values()) // 2

@@ -27,7 +27,6 @@ the residual is e (1 + 2 m_E / M) at most, wherever the end-effector is.
 
 from __future__ import annotations
 
-import networkx as nx
 import numpy as np
 
 from nlp import names
@@ -56,6 +55,8 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Refuta
     """
     if task.heaviest_rod:  # whose weight turns a platform about any point, by a lever that is not known
         return None
+    import networkx as nx
+
     n, module = task.n, task.module
     distances = n * (n**2 - 1) // 3 if topology is None else 2 * nx.wiener_index(topology.graph())
     lever = 2 * module.connector_distance * distances / n**2 + off_centre(task) + module.arm_length

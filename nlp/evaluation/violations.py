@@ -32,6 +32,8 @@ class Violation:
     """The same in l_arm, m_t g, l_arm m_t g or rad, so that different kinds compare."""
     tolerance: float = 0.0
     """Largest `scaled` of a met constraint."""
+    air: tuple[airspeed.SpeedPoint, ...] = ()
+    """Points at which a program states an air speed; empty for other constraints."""
 
     @property
     def met(self) -> bool:
@@ -69,7 +71,7 @@ def _joints(point: Point) -> Iterator[Violation]:
 def _air(point: Point) -> Iterator[Violation]:
     for at in airspeed.fastest(point):
         excess = at.speed - airspeed.ALLOWED * at.limit
-        yield Violation(airspeed.name_of(point.task, at), excess, "m/s", excess / at.limit)
+        yield Violation(airspeed.name_of(point.task, at), excess, "m/s", excess / at.limit, air=at.points)
 
 
 def _clearances(point: Point) -> Iterator[Violation]:

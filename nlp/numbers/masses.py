@@ -4,12 +4,14 @@
 |---|---|---|---|
 | M_i | mass of module i with half of each of its joints and of the rod, if it holds one that counts | (n,) | m |
 | d_i | centre of that mass from the module's centre, x and y in the module's frame | (n, 2) | l_arm |
+| I_i | inertia of that mass about its centre, in the module's frame | (n, 3, 3) | m l_arm^2 |
 | M_E | mass of the end-effector with the other half of that rod | | m |
 | B | sum_i M_i (p_i + R_i d_i) / sum_i M_i | (3,) | l_arm |
 
 A joint's mass is at its connector, where both halves meet, a rod's in the middle between its connector and the tip.
 p_COM = (sum_i M_i B + M_E p'_E) / (sum_i M_i + M_E), so that an end-effector fixed at p_E from the COM is at
-p'_E = B + p_E (sum_i M_i + M_E) / sum_i M_i.
+p'_E = B + p_E (sum_i M_i + M_E) / sum_i M_i. Halves of a rod at its ends have its centre of mass, but m_R / 4 times
+the inertia of a unit mass at d from a point in place of its own about its middle, where d is the way along it.
 """
 
 from __future__ import annotations
@@ -18,9 +20,36 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import ResolvedTask, Topology
+from topo_search.model import EndEffector, Module, Topology
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.layout import PORT_DIRECTIONS
+
+TINY = 1e-12
+"""Square of a rod's length below which its turn about itself no longer matters [l_arm^2]."""
+
+
+class RodMass(NamedTuple):
+    """The rod that counts, of no mass if none does."""
+
+    mass: float
+    """m_R [m]."""
+    module: int
+    """Module that holds it."""
+    foot: tuple[float, float, float]
+    """Where it starts, from that module's centre and in its frame [l_arm]."""
+    radius: float
+    """Its radius, a thin tube's [l_arm]."""
+
+
+class Body(NamedTuple):
+    """M_i with where it is."""
+
+    mass: float
+    """M_i."""
+    centre: tuple[float, ...]
+    """d_i."""
+    inertia: tuple[tuple[float, ...], ...]
+    """I_i."""
 
 
 class Masses(NamedTuple):
@@ -32,8 +61,17 @@ class Masses(NamedTuple):
     """M_i."""
     centres: Array
     """d_i."""
+    inertias: Array
+    """I_i."""
+    rod: RodMass
     tip_kg: float
     """M_E [kg]."""
+
+    def body(self, i: int) -> Body:
+        """Return M_i with where it is."""
+        return Body(
+            float(self.modules[i]), tuple(self.centres[i].tolist()), tuple(map(tuple, self.inertias[i].tolist()))
+        )
 
     @property
     def tip(self) -> float:
@@ -56,16 +94,28 @@ class Masses(NamedTuple):
         return self.total / self.bodies
 
 
-def masses(task: ResolvedTask, topology: Topology) -> Masses:
-    """Return the masses of a task's platform."""
-    module, modules = task.module, np.ones(topology.n)
-    moments, half = np.zeros((topology.n, 2)), module.joint_mass / module.mass / 2
+def masses(module: Module, end_effector: EndEffector, topology: Topology) -> Masses:
+    """Return the masses of a platform."""
+    modules, moments, unit = np.ones(topology.n), np.zeros((topology.n, 2)), module.arm_length
+    half, l_c = module.joint_mass / module.mass / 2, module.connector_distance / unit
+    inertias = np.tile(np.diag(module.inertia) / (module.mass * unit**2), (topology.n, 1, 1))
     at_ports = [(one, port, half) for h, i, a, b in topology.edges() for one, port in ((h, a), (i, b))]
-    tip_kg, rod = task.end_effector.mass, task.end_effector.counted_rod
-    if rod is not None:
-        at_ports.append((rod.module, rod.port, rod.mass / module.mass / 2))
-        tip_kg += rod.mass / 2
+    tip_kg, rod, counted = end_effector.mass, RodMass(0.0, 0, (0.0, 0.0, 0.0), 0.0), end_effector.counted_rod
+    if counted is not None:
+        x, y, z = (l_c * PORT_DIRECTIONS[counted.port]).tolist()
+        rod = RodMass(counted.mass / module.mass, counted.module, (x, y, z), end_effector.rod_radius / unit)
+        at_ports.append((counted.module, counted.port, rod.mass / 2))
+        tip_kg += counted.mass / 2
     for i, port, mass in at_ports:
         modules[i] += mass
-        moments[i] += mass * module.connector_distance / module.arm_length * PORT_DIRECTIONS[port][:2]
-    return Masses(module.mass, read_only(modules), read_only(moments / modules[:, None]), tip_kg)
+        moments[i] += mass * l_c * PORT_DIRECTIONS[port][:2]
+        inertias[i] += mass * spread(l_c * PORT_DIRECTIONS[port])
+    centres = moments / modules[:, None]
+    for i, (x, y) in enumerate(centres):
+        inertias[i] -= modules[i] * spread(np.array([x, y, 0.0]))
+    return Masses(module.mass, read_only(modules), read_only(centres), read_only(inertias), rod, tip_kg)
+
+
+def spread(at: Array) -> Array:
+    """Return the inertia of a unit mass somewhere about the origin."""
+    return np.asarray(at @ at * np.eye(3) - np.outer(at, at))

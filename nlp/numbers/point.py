@@ -38,7 +38,7 @@ class Point:
     @cached_property
     def p_COM(self) -> Array:
         """Centre of mass in W [m]."""
-        carried = masses(self.task, self.topology)
+        carried = masses(self.task.module, self.task.end_effector, self.topology)
         on_modules = carried.module * _bodies_moment(self.task, carried, *self.poses)
         result: Array = (carried.tip_kg * self.p_E + on_modules) / (
             carried.module * carried.bodies + carried.tip_kg
@@ -88,7 +88,7 @@ def fixed_end_effector(task: ResolvedTask, topology: Topology, root: Array, alph
     """Return p'_E [m] for the position from the COM that the task fixes (`nlp.numbers.masses`)."""
     R, p = poses(topology, root_rotation(root), alpha, task.module.connector_distance)
     p_E = np.asarray(task.end_effector.fixed_position)
-    carried = masses(task, topology)
+    carried = masses(task.module, task.end_effector, topology)
     result: Array = _bodies_moment(task, carried, R, p) / carried.bodies + carried.lever * p_E
     return result
 

@@ -17,15 +17,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.numbers.masses import masses
+from nlp.numbers.masses import RodMass, masses
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances, variable_bounds
+from nlp.requirements.balances import turns
 from nlp.requirements.kinds import WIDTH
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask
-from topo_search.model.room import part_cover
 from topo_search.model.shape import Hull
 
 Indices = NDArray[np.int64]
@@ -61,6 +61,9 @@ class Rotors(NamedTuple):
     """Mass of each module with its joints, shape (n,)."""
     centres: Array
     """Centre of that from the module's own, x and y in its frame, shape (n, 2)."""
+    inertias: Array
+    """Inertia about that centre in the module's frame, shape (n, 3, 3) [m l_arm^2]."""
+    rod: RodMass
     torques: Array
     """Torque of each rotor about its module's centre at unit input, shape (4, 3)."""
     u_min: float
@@ -78,6 +81,8 @@ class Cases(NamedTuple):
     """t_k."""
     f_E: Array
     """f_E."""
+    turn: Array
+    """Angular acceleration of the platform, shape (K, 3) [g / l_arm]."""
     dead: Indices
     """The rotor that does not run, -1 where all do."""
     group: Indices
@@ -118,7 +123,7 @@ class ReducedProblem(NamedTuple):
     air: tuple[float, float, float]
     """Length of an envelope's axis, its start radius and growth."""
     parts: Array
-    """Balls around the parts of a module that reach out of its own airflow: x, y, z, radius; shape (b, 4)."""
+    """Balls around the parts of a module (`Task.part_cover`): x, y, z, radius; shape (b, 4)."""
     lower: Array
     """Bounds on the unknowns, shape (N,)."""
     upper: Array
@@ -142,13 +147,15 @@ class Row(NamedTuple):
 def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     """Return the numbers of a task and a topology."""
     n, unit, module = topology.n, Units.of(task), task.module
-    carried, fixed = masses(task, topology), task.end_effector.fixed_position
+    carried, fixed = masses(module, task.end_effector, topology), task.end_effector.fixed_position
     rotors = Rotors(
         module.connector_distance / unit.length,
         carried.tip,
         carried.bodies,
         carried.modules.copy(),
         carried.centres.copy(),
+        carried.inertias.copy(),
+        carried.rod,
         torque_map(module).T.copy(),
         task.min_thrust_to_weight,
         task.max_thrust_to_weight,
@@ -162,7 +169,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         _cases(task, n, unit),
         *_columns(list(rows(task, topology))),
         (air.length / unit.length, air.start_radius / unit.length, air.growth / unit.length),
-        np.column_stack(part_cover(module)) / unit.length,
+        np.column_stack(task.part_cover) / unit.length,
         lower,
         upper,
         np.empty(0) if fixed is None else carried.lever * np.array(fixed) / unit.length,
@@ -195,7 +202,7 @@ def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
     if isinstance(task, CorneredTask):
         group[len(cases) - len(task.groups) :] = task.groups
     f, tau = (f_E + f_C) / unit.force, (tau_E + tau_C) / unit.torque
-    return Cases(effort, f, tau, f_E / unit.force, dead, group)
+    return Cases(effort, f, tau, f_E / unit.force, turns(task), dead, group)
 
 
 def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:

@@ -121,8 +121,8 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
                         _to(by, r, OFFSET_B, turns / offset, u0 - along * bx, u1 - along * by_, u2 - along * bz)
             continue
         zx, zy, zz = z[i, 0], z[i, 1], z[i, 2]
-        d_i = (-length * zx, -length * zy, -length * zz)
         if kind in (APART, AIR, PARTS):
+            d_i = (-length * zx, -length * zy, -length * zz)
             w = (px - p[j, 0], py - p[j, 1], pz - p[j, 2])
             if kind == APART:
                 g[r] = _distance(w[0], w[1], w[2], by, r, P_I, P_J) - size
@@ -156,7 +156,9 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
                     _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
             continue
         # what is left: a body and a region, the body being the envelope or a rod from p_i + c
-        rod, r_0, growth, skipped = int(data[r, 14]), r_air, dr, 0.0
+        rod, skipped = int(data[r, 14]), 0.0
+        axis, r_0, growth = data[r, 9], data[r, 10], data[r, 11]
+        d_i = (-axis * zx, -axis * zy, -axis * zz)
         c0, c1, c2, t0, t1, t2 = 0.0, 0.0, 0.0, px - ex, py - ey, pz - ez
         if rod >= 0:
             x, y, zz = data[r, 9], data[r, 10], data[r, 11]
@@ -212,7 +214,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
             x, y, zz = scale * x - along * t0, scale * y - along * t1, scale * zz - along * t2
             _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
         else:
-            _to(by, r, Z_I, -length * eta, x, y, zz)
+            _to(by, r, Z_I, -axis * eta, x, y, zz)
         _to(by, r, P_I, 1.0, x, y, zz)
         _to(by, r, TIP, -1.0, x, y, zz)
     best = 0

@@ -12,6 +12,7 @@ r"""Rotor inputs by their dual: for a fixed platform each load case is a small c
 | w | the asked wrench over the platform's weight | (6,) |
 | mu | dual unknowns, rho' (w - A u) at the maximum | (6,) |
 | rho | price of a squared residual | |
+| J | inertia about the COM; a corner that is an angular acceleration adds J times it to the torque | (3, 3) |
 
 phi is once differentiable in A and w, and by the envelope theorem d phi = c mu . (dw - dA u), without any
 derivative of u. Wrenches out of reach leave a residual and a finite phi. The concave dual is piecewise quadratic:
@@ -25,6 +26,7 @@ import math
 import numpy as np
 
 from nlp.numbers.cholesky import solve_in_place
+from nlp.numbers.masses import TINY
 from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.platform import Moved, Platform
 from topo_search.model.arrays import Array
@@ -72,6 +74,8 @@ def effort(
         find_wrench(stated, at, k, w)
         total += c * inputs(stated, A, k, w, rho, mu[k], u[k])
         _add_gradient(stated, at, c / m, mu[k], u[k], F, T)
+        if stated.cases.turn[k].any():
+            _add_turn_gradient(stated, at, c / m, mu[k, 3:], stated.cases.turn[k], F, T, E)
         tx, ty, tz = mu[k, 3], mu[k, 4], mu[k, 5]
         E[0] += c / m * (fy * tz - fz * ty)
         E[1] += c / m * (fz * tx - fx * tz)
@@ -103,6 +107,45 @@ def find_wrench(stated: ReducedProblem, at: Platform, k: int, w: Array) -> None:
     w[3] += (y * fz - z * fy) / m
     w[4] += (z * fx - x * fz) / m
     w[5] += (x * fy - y * fx) / m
+    turn = stated.cases.turn[k]
+    if turn.any():
+        w[3:] += (inertia(stated, at) @ turn) / m
+
+
+@njit(cache=True)
+def inertia(stated: ReducedProblem, at: Platform) -> Array:
+    """Return J, the inertia about the COM, shape (3, 3) [m l_arm^2]."""
+    J, R, rotors = np.zeros((3, 3)), at.R, stated.rotors
+    for i in range(len(at.p) + 1):
+        tip = i == len(at.p)
+        o = (at.p_E if tip else at.p[i] + _offset(stated, at, i)) - at.p_COM
+        mass = rotors.m_E if tip else rotors.modules[i]
+        for a in range(3):
+            for b in range(3):
+                J[a, b] -= mass * o[a] * o[b]
+                if not tip:
+                    for c in range(3):
+                        for d in range(3):
+                            J[a, b] += R[i, a, c] * rotors.inertias[i, c, d] * R[i, b, d]
+            J[a, a] += mass * (o[0] * o[0] + o[1] * o[1] + o[2] * o[2])
+    rod = rotors.rod
+    if rod.mass > 0.0:  # what it is beside its halves at its ends
+        d = at.p_E - at.p[rod.module] - at.R[rod.module] @ np.array(rod.foot)
+        square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        along = rod.mass * (rod.radius**2 / max(square, TINY) + 1 / 6)
+        for a in range(3):
+            for b in range(3):
+                J[a, b] += along * d[a] * d[b]
+            J[a, a] -= rod.mass / 6 * square
+    return J
+
+
+@njit(cache=True)
+def _offset(stated: ReducedProblem, at: Platform, i: int) -> Array:
+    """Return the centre of M_i from that of module i."""
+    d, e = stated.rotors.centres[i]
+    offset: Array = d * at.R[i, :, 0] + e * at.R[i, :, 1]
+    return offset
 
 
 @njit(cache=True)
@@ -167,6 +210,43 @@ def _add_gradient(
         T[i, 0] -= scale * (s * (y * gz - z * gy) + vy * tz - vz * ty)
         T[i, 1] -= scale * (s * (z * gx - x * gz) + vz * tx - vx * tz)
         T[i, 2] -= scale * (s * (x * gy - y * gx) + vx * ty - vy * tx)
+
+
+@njit(cache=True)
+def _add_turn_gradient(
+    stated: ReducedProblem, at: Platform, scale: float, mu: Array, turn: Array, F: Array, T: Array, E: Array
+) -> None:
+    """Add what c mu . dJ turn is by the places o_i and p_E, and by turns of the modules."""
+    along, rotors = mu[0] * turn[0] + mu[1] * turn[1] + mu[2] * turn[2], stated.rotors
+    for i in range(len(at.p) + 1):
+        tip = i == len(at.p)
+        o = (at.p_E if tip else at.p[i] + _offset(stated, at, i)) - at.p_COM
+        mass, by_mu, by_turn = rotors.m_E if tip else rotors.modules[i], 0.0, 0.0
+        for a in range(3):
+            by_mu += o[a] * mu[a]
+            by_turn += o[a] * turn[a]
+        by_place = scale * mass * (2 * along * o - by_turn * mu - by_mu * turn)
+        if tip:
+            E += by_place
+            continue
+        F[i] += by_place
+        T[i] += np.cross(_offset(stated, at, i), by_place)
+        I = at.R[i] @ rotors.inertias[i] @ at.R[i].T
+        x, y = I @ turn, I @ mu
+        T[i, 0] += scale * (x[1] * mu[2] - x[2] * mu[1] - turn[1] * y[2] + turn[2] * y[1])
+        T[i, 1] += scale * (x[2] * mu[0] - x[0] * mu[2] - turn[2] * y[0] + turn[0] * y[2])
+        T[i, 2] += scale * (x[0] * mu[1] - x[1] * mu[0] - turn[0] * y[1] + turn[1] * y[0])
+    rod = rotors.rod
+    if rod.mass > 0.0:
+        foot = at.R[rod.module] @ np.array(rod.foot)
+        d = at.p_E - at.p[rod.module] - foot
+        square, by_mu, by_turn = max(d @ d, TINY), d @ mu, d @ turn
+        around = rod.mass * rod.radius**2 / square
+        by_d = (around + rod.mass / 6) * (by_mu * turn + by_turn * mu) - rod.mass / 3 * along * d
+        by_d = scale * (by_d - 2 * around / square * by_mu * by_turn * d)
+        E += by_d
+        F[rod.module] -= by_d
+        T[rod.module] -= np.cross(foot, by_d)
 
 
 @njit(cache=True)

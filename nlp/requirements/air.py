@@ -8,10 +8,12 @@ import casadi as ca
 import numpy as np
 
 from nlp.numbers.geometry import Swept
+from nlp.requirements.kinds import Kernel
 from nlp.symbols.envelope import ConeSphere
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
+from topo_search.model.module import AirflowEnvelope
 
 SHORT = 1e-9
 """A rod that is shorter has no direction [l_arm]."""
@@ -26,8 +28,17 @@ class Air(NamedTuple):
 
     @classmethod
     def of(cls, task: ResolvedTask) -> Air:
-        """Return those of a task."""
-        unit, air = Units.of(task).length, task.module.envelope
+        """Return those between the modules of a task."""
+        return cls._in_units(task, task.module.envelope)
+
+    @classmethod
+    def at_regions(cls, task: ResolvedTask) -> Air:
+        """Return those against the regions of a task."""
+        return cls._in_units(task, task.module.region_envelope)
+
+    @classmethod
+    def _in_units(cls, task: ResolvedTask, air: AirflowEnvelope) -> Air:
+        unit = Units.of(task).length
         return cls(air.length / unit, air.start_radius / unit, air.growth / unit)
 
     def symbol(self, o: ca.SX, z: ca.SX) -> ConeSphere:
@@ -37,6 +48,10 @@ class Air(NamedTuple):
     def number(self, o: Array, z: Array) -> Swept:
         """Return the envelopes of modules at o with the axes z, shape (m, 3) each."""
         return Swept(o, -self.length * z, self.start_radius, self.growth)
+
+    def add_sizes(self, row: Kernel) -> Kernel:
+        """Return a row of the compiled search with these sizes."""
+        return row._replace(connector=(self.length, self.start_radius, self.growth))
 
 
 class Rod(NamedTuple):
@@ -57,3 +72,7 @@ class Rod(NamedTuple):
         start = q + self.l_c * outward
         length = np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), SHORT)
         return Swept(start, (np.minimum(self.tip / length, 1.0) - 1) * start, self.radius)
+
+    def add_sizes(self, row: Kernel) -> Kernel:
+        """Return a row of the compiled search with these sizes."""
+        return row._replace(radius=self.radius, tip=self.tip)

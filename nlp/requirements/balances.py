@@ -4,6 +4,7 @@
 |---|---|---|---|
 | A | wrench of every rotor at unit input, about W's origin | (6, 4n) | N, N m |
 | u | inputs of every load case | (K, n, 4) | rad^2/s^2 |
+| J | inertia about the COM, which takes torque where a corner is an angular acceleration | (3, 3) | kg m^2 |
 
 What a task asks to be possible besides (reserves, cones and sets of wrenches) are load cases by now
 (`topo_search.model.corners`).
@@ -18,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from nlp import names
+from nlp.numbers.masses import TINY, masses, spread
 from nlp.numbers.point import Point
 from nlp.symbols.kinematics import Pose
 from nlp.symbols.wrench import force_residual, torque_residual
@@ -25,6 +27,7 @@ from nlp.units import Units
 from topo_search.model import LoadCase, Module, ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.layout import ROTOR_DIRECTIONS, ROTOR_SPINS
+from topo_search.model.value import Vector
 
 WRENCH_TOLERANCE = 1e-8
 """Largest wrench residual of a design [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
@@ -41,26 +44,34 @@ class Balance:
     unit: str
     one: float
     """m_t g [N] or l_arm m_t g [N m]."""
+    turn: Vector
+    """Angular acceleration of the platform, dimensionless [g / l_arm]."""
     tolerance: float = WRENCH_TOLERANCE
     """Largest residual of a design, over `one`."""
 
     def smooth(
-        self, modules: list[Pose], u: ca.SX, *, p_E: ca.SX, p_COM: ca.SX, module: Module, unit: Units
+        self, modules: list[Pose], u: ca.SX, *, p_E: ca.SX, p_COM: ca.SX, J: ca.SX, module: Module, unit: Units
     ) -> ca.SX:
         """Return what is produced less what is asked for, over the number of modules, dimensionless, (3,)."""
         if self.equation == 2:
             residual = force_residual(self.case, modules, u, unit)
         else:
             residual = torque_residual(self.case, modules, u, unit, p_E=p_E, p_COM=p_COM, module=module)
+            residual -= J @ ca.DM(self.turn)
         return residual / len(modules)
 
 
 def balances(task: ResolvedTask) -> Iterator[Balance]:
     """Yield (2) and (3) of every load case."""
     force, torque = task.force_unit(task.n), task.torque_unit(task.n)
-    for label, case in zip(task.case_labels, task.load_cases, strict=True):
-        yield Balance(2, names.force(label), case, "N", force)
-        yield Balance(3, names.torque(label), case, "N m", torque)
+    for label, case, (x, y, z) in zip(task.case_labels, task.load_cases, turns(task).tolist(), strict=True):
+        yield Balance(2, names.force(label), case, "N", force, (x, y, z))
+        yield Balance(3, names.torque(label), case, "N m", torque, (x, y, z))
+
+
+def turns(task: ResolvedTask) -> Array:
+    """Return the angular acceleration of every load case, shape (K, 3) [g / l_arm]."""
+    return np.array(task.accelerations) * (task.module.arm_length / task.gravity)
 
 
 def missed_wrenches(point: Point) -> Array:
@@ -93,6 +104,22 @@ def wrench_matrix(point: Point) -> Array:
     return columns.reshape(-1, 6).T
 
 
+def inertia(point: Point) -> Array:
+    """Return the inertia about the COM, shape (3, 3) [kg m^2]."""
+    module, (R, p) = point.task.module, point.poses
+    carried = masses(module, point.task.end_effector, point.topology)
+    centres = p + module.arm_length * np.einsum("iab,ib->ia", R[:, :, :2], carried.centres)
+    at, unit = np.vstack([centres, point.p_E]) - point.p_COM, module.mass * module.arm_length**2
+    kg = np.append(module.mass * carried.modules, carried.tip_kg)
+    J = kg @ np.sum(at**2, axis=1) * np.eye(3) - (kg * at.T) @ at
+    J += unit * np.einsum("iab,ibd,icd->ac", R, carried.inertias, R)
+    if (rod := carried.rod).mass:
+        d = (point.p_E - p[rod.module]) / module.arm_length - R[rod.module] @ rod.foot
+        around = rod.radius**2 / max(float(d @ d), TINY)
+        J += unit * rod.mass * (around * np.outer(d, d) - spread(d) / 6)
+    return np.asarray(J)
+
+
 def asked_wrenches(point: Point) -> Array:
     """Return the wrench of every load case about W's origin, shape (K, 6) [N, N m]."""
     tip = [case.at_end_effector for case in point.task.load_cases]
@@ -100,4 +127,5 @@ def asked_wrenches(point: Point) -> Array:
     f_E, tau_E = np.array([wrench.force for wrench in tip]), np.array([wrench.torque for wrench in tip])
     f_C, tau_C = np.array([wrench.force for wrench in com]), np.array([wrench.torque for wrench in com])
     torque = tau_E + tau_C + np.cross(point.p_E, f_E) + np.cross(point.p_COM, f_C)
+    torque += np.array(point.task.accelerations) @ inertia(point)
     return np.concatenate([f_E + f_C, torque], axis=1)

@@ -26,13 +26,13 @@ def exposure(task: ResolvedTask) -> Iterator[Requirement]:
     margin = task.search.margin / unit
     for number, asked in enumerate(task.exposure):
         formulas = tuple(
-            to_formula(shape, Air.of(task), unit, segment_of(asked, part))
+            to_formula(shape, Air.at_regions(task), unit, segment_of(asked, part))
             for part, shape in enumerate(asked.shapes)
         )
         if asked.geometry:
             yield Requirement(9, partial(_name, number, asked), subjects, formulas, margin)
         if asked.solid:
-            balls = PartBalls(task.module)
+            balls = PartBalls.of(task)
             parts = tuple(
                 _solid(shape, balls, unit, segment_of(asked, part)) for part, shape in enumerate(asked.shapes)
             )

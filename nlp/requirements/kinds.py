@@ -36,7 +36,7 @@ class Kernel(NamedTuple):
     of: int = 0
     """Index in the subject of the module it is about."""
     connector: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Start of a rod, in its module's frame: the row is about the rod, not about the envelope."""
+    """Start of a rod, in its module's frame; or length, start radius and growth of an envelope and a region."""
     radius: float = 0.0
     """Radius of the rod."""
     tip: float = 0.0

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations
 
 import casadi as ca
 import numpy as np
 
 from nlp import names
-from nlp.numbers.geometry import Swept
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
 from nlp.requirements.kinds import AIR, PARTS, Kernel
 from nlp.requirements.kinds import APART as TWO_CENTRES
+from nlp.requirements.solid import PartBalls
 from nlp.requirements.statement import APART, X_I, Y_I, Z_I, Z_J, Requirement, Subjects
-from nlp.symbols.envelope import Ball, clearance, clearance_of_all
+from nlp.symbols.envelope import clearance, clearance_of_all
 from nlp.units import Units
-from topo_search.model import Module, ResolvedTask, Topology
+from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.room import part_cover
 
 BETWEEN_MODULES = (4, 5, 6)
 """Their numbers: clearances that hinges alone decide."""
@@ -31,7 +29,8 @@ NEAR = 6.0
 BESIDE = 0.3
 """Parts nearer than this to the airflow of a module that is not bolted to theirs are kept out in a round [l_arm].
 
-Few designs that meet all else have any in there, so that most rounds do well without the others.
+Where envelopes keep apart, few designs that meet all else have any in there, so that most rounds do well without
+the others; where they may merge, it is NEAR.
 """
 
 
@@ -63,31 +62,20 @@ class PartsBeside:
     """Balls around the parts of module i keep out of the airflow of module j."""
 
     air: Air
-    module: Module
+    balls: PartBalls
     local_vectors = (APART, X_I, Y_I, Z_I, Z_J)
     segment = None
 
-    @cached_property
-    def _balls(self) -> tuple[Array, list[float]]:
-        """Their centres in the module's frame, shape (b, 3), and radii [l_arm]."""
-        cover, unit = part_cover(self.module), self.module.arm_length
-        return cover.centres / unit, (cover.radii / unit).tolist()
-
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the log-sum-exp over all balls and KKT candidates."""
-        w, *axes, z_j = y
-        R = ca.horzcat(*axes)
-        parts = [Ball(w + R @ ca.DM(place), radius) for place, radius in zip(*self._balls, strict=True)]
-        return clearance_of_all(self.air.symbol(ca.SX.zeros(3), z_j), parts, beta)
+        *part, z_j = y
+        return clearance_of_all(self.air.symbol(ca.SX.zeros(3), z_j), self.balls.symbols(part), beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the least gap of all balls."""
-        w, *axes, z_j = y
-        R, still = np.stack(axes, axis=-1), np.zeros(3)
-        envelopes, least = self.air.number(still, z_j), np.full(len(w), np.inf)
-        for place, radius in zip(*self._balls, strict=True):
-            least = np.minimum(least, exact_clearance(envelopes, Swept(w + R @ place, still, radius)))
-        return least
+        *part, z_j = y
+        envelopes = self.air.number(np.zeros(3), z_j)
+        return np.asarray(np.min([exact_clearance(envelopes, ball) for ball in self.balls.numbers(part)], axis=0))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
@@ -95,26 +83,26 @@ class PartsBeside:
 
 
 def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
-    """Yield (4), (5) and (6); in the ablation (5) alone, of all pairs."""
+    """Yield (4), (5) and (6): without (4) where envelopes may merge; in the ablation (5) alone, of all pairs."""
     unit, air = Units.of(task).length, Air.of(task)
     margin, pairs = task.search.margin / unit, list(combinations(range(topology.n), 2))
-    airflow = task.search.interference == "airflow"
+    airflow, ablation = (task.search.interference == one for one in ("airflow", "separation"))
     if airflow:
         formulas = (EnvelopePair(air),)
         yield Requirement(4, lambda i, j, _: names.airflow(i, j), _pairs(pairs), formulas, margin, near=NEAR)
-    distance = task.centre_distance if airflow else task.separation
+    distance = task.separation if ablation else task.centre_distance
     if distance is not None:
-        apart = [pair for pair in pairs if not airflow or pair not in topology.bolted]
+        apart = [pair for pair in pairs if ablation or pair not in topology.bolted]
         formula = Distance(APART, distance / unit, TWO_CENTRES)
         yield Requirement(5, lambda i, j, _: names.separation(i, j), _pairs(apart), (formula,), margin)
-    if task.body_clearance is not None:
+    if task.parts_off_airflow:
         yield Requirement(
             6,
             lambda i, j, _: names.rotor_airflow(i, j),
             _pairs(list(topology.unbolted)),
-            (PartsBeside(air, task.module),),
+            (PartsBeside(air, PartBalls.of(task)),),
             margin,
-            near=BESIDE,
+            near=BESIDE if airflow else NEAR,
         )
 
 

@@ -64,7 +64,7 @@ class OffBall:
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (Kernel(BALL, size=self.radius),)
+        return (self.body.add_sizes(Kernel(BALL, size=self.radius)),)
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class OffCapsule:
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (Kernel(CAPSULE, self.path, size=self.radius, start=self.start),)
+        return (self.body.add_sizes(Kernel(CAPSULE, self.path, size=self.radius, start=self.start)),)
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class OffCapsuleAlong:
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (Kernel(ALONG, (self.length, 0.0, 0.0), size=self.radius),)
+        return (self.body.add_sizes(Kernel(ALONG, (self.length, 0.0, 0.0), size=self.radius)),)
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class OffHull:
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (Kernel(HULL, hull=hull_of(self.corners)),)
+        return (self.body.add_sizes(Kernel(HULL, hull=hull_of(self.corners))),)
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class InCone:
     def kernels(self) -> tuple[Kernel, ...]:
         """Return a row for each end ball."""
         kind = CONE_COM if self.cone.axis is None else CONE
-        return tuple(self.cone.kernel(kind, eta) for eta in (0.0, 1.0))
+        return tuple(self.body.add_sizes(self.cone.kernel(kind, eta)) for eta in (0.0, 1.0))
 
 
 def to_formula(shape: Shape, body: Air | Rod, unit: float, segment: int | None) -> Formula:

@@ -108,7 +108,7 @@ class RodBeside:
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return the region's rows."""
-        return tuple(kernel._replace(radius=self.rod.radius, tip=self.rod.tip) for kernel in self.region.kernels())
+        return self.region.kernels()
 
 
 @dataclass(frozen=True)

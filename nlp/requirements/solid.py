@@ -16,12 +16,12 @@ import numpy as np
 from nlp.numbers.geometry import Swept
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.requirements.kinds import PARTS_ALONG, PARTS_CAPSULE, PARTS_CONE, PARTS_CONE_COM, PARTS_HULL, Kernel
-from nlp.requirements.regions import InfiniteCone, hull_of
+from nlp.requirements.regions import InfiniteCone, divide, hull_of
 from nlp.requirements.statement import FROM_COM, FROM_TIP, X_I, Y_I, Z_I, LocalVector
 from nlp.symbols.envelope import Ball, ConeSphere, clearance_of_all
-from topo_search.model import Module
+from nlp.units import Units
+from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.room import part_cover
 from topo_search.model.value import Vector
 
 PARTS = (FROM_TIP, X_I, Y_I, Z_I)
@@ -29,27 +29,28 @@ PARTS = (FROM_TIP, X_I, Y_I, Z_I)
 
 @dataclass(frozen=True)
 class PartBalls:
-    """The balls around a module's parts, seen from the end-effector."""
+    """The balls around a module's parts, seen from the end-effector or another module."""
 
-    module: Module
+    balls: tuple[tuple[Vector, float], ...]
+    """Centres in the module's frame, and radii [l_arm]."""
 
-    @property
-    def _own(self) -> list[tuple[Array, float]]:
-        """Centres in the module's frame, (3,), and radii [l_arm]."""
-        cover, unit = part_cover(self.module), self.module.arm_length
-        return list(zip(cover.centres / unit, (cover.radii / unit).tolist(), strict=True))
+    @classmethod
+    def of(cls, task: ResolvedTask) -> PartBalls:
+        """Return those of a task's module."""
+        cover, unit = task.part_cover, Units.of(task).length
+        return cls(tuple((divide(o, unit), r / unit) for o, r in zip(cover.centres, cover.radii, strict=True)))
 
     def symbols(self, y: Sequence[ca.SX]) -> list[Ball]:
         """Return them as symbols."""
         q, *axes = y
         R = ca.horzcat(*axes)
-        return [Ball(q + R @ ca.DM(place), radius) for place, radius in self._own]
+        return [Ball(q + R @ ca.DM(place), radius) for place, radius in self.balls]
 
     def numbers(self, y: Sequence[Array]) -> list[Swept]:
         """Return them as numbers, of m modules each."""
         q, *axes = y
         R = np.stack(axes, axis=-1)
-        return [Swept(q + R @ place, np.zeros(3), radius) for place, radius in self._own]
+        return [Swept(q + R @ np.array(place), np.zeros(3), radius) for place, radius in self.balls]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlp.numbers.geometry import cone_reach, poses, root_angles, rotation
+from nlp.numbers.geometry import cone_reach, envelopes, poses, root_angles, rotation
 from nlp.numbers.hinges import largest_turn, nearest_angles, signs
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
@@ -128,7 +128,8 @@ def _apex(start: Point, cone: Cone) -> Array:
     """Return p'_E: upstream of the rotors, just so far that the cone from there holds all airflow."""
     task, p, half_angle = start.task, start.poses[1], math.radians(cone.half_angle_deg)
     centroid, upstream, margin = p.mean(axis=0), _upstream(task, cone), task.search.margin
-    reach = cone_reach(start.envelopes, centroid, upstream, half_angle) + margin / math.sin(half_angle)
+    blown = envelopes(task.module.region_envelope, *start.poses)
+    reach = cone_reach(blown, centroid, upstream, half_angle) + margin / math.sin(half_angle)
     reach -= float(np.array(cone.apex) @ upstream)
     off = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin
     result: Array = centroid + max(reach, off) * upstream

@@ -1,4 +1,4 @@
-r"""Tabu search on exact clearances: hinges are turned until no two envelopes overlap.
+r"""Tabu search on exact clearances: hinges are turned until no two modules are in each other's way.
 
 Min-conflicts with a tabu list: take a pair that overlaps, turn a hinge on the path between its modules to the
 best of some random angles, even if that is worse than before, and do not turn the same hinge again at once. It gets
@@ -13,7 +13,7 @@ is cached with its file's date and would not notice a change in another one.
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | p, z | positions and axes of the modules; the airflow blows along -z | (n, 3) | l_arm, - |
-| c, omega | a point on the axis of every hinge, and its direction | (n, 3) | l_arm, - |
+| c, omega | a point on the axis of every hinge, and its direction; of the root's, its x axis | (n, 3) | l_arm, - |
 | alpha | hinge angles; alpha[0] is none | (n,) | rad |
 | deficit[i, j] | by how much the pair's clearance falls short of enough | (n, n) | l_arm |
 | weight[i, j] | what the pair counts | (n, n) | |
@@ -79,12 +79,18 @@ class Rules(NamedTuple):
     enough: float
     """Clearance to reach."""
     airflow: bool
-    """Envelopes must be clear; else only centres are, of all pairs."""
+    """Envelopes must be clear of each other."""
+    balls: Array
+    """Balls of a module that must be clear of another one's envelope: x, y, z, radius; shape (b, 4).
+
+    They stand up to quarter turns about the module's axis, which exchange rotors."""
     length: float
     start_radius: float
     growth: float
     apart: float
-    """Least distance of centres, with airflow only of modules that do not share a joint; -inf if there is none."""
+    """Least distance of centres; -inf if there is none."""
+    of_all: bool
+    """That is asked of modules that share a joint, too."""
     turn: float
     """Largest hinge angle [rad]."""
     folds: Array
@@ -140,7 +146,7 @@ def _deficits(tree: Tree, at: Poses, rules: Rules) -> Array:
     deficit = np.zeros((n, n))
     for i in range(n):
         for j in range(i):
-            deficit[i, j] = deficit[j, i] = deficit_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
+            deficit[i, j] = deficit[j, i] = deficit_of(rules, tree, at, i, at, j)
     return deficit
 
 
@@ -212,7 +218,7 @@ def _best_turn(
     for i, j in pairs:
         if deficit[i, j] > 0.0:
             before += weight[i, j] * (OVERLAP + deficit[i, j])
-    p, z = np.empty_like(at.p), np.empty_like(at.z)
+    turned = Poses(np.empty_like(at.p), np.empty_like(at.p), np.empty_like(at.p), np.empty_like(at.p))
     least, best = to_beat, alpha
     for trial in range(ANGLES):
         angle = rng.uniform(-rules.turn, rules.turn) if 2 * trial < ANGLES else rng.normal(alpha, SPREAD)
@@ -220,9 +226,9 @@ def _best_turn(
         change = STRAIGHT * abs(angle) - before
         if change >= least:
             continue
-        _rotate(at, hinge, end, angle - alpha, at.p, at.z, p, z)
+        _rotate(at, hinge, end, angle - alpha, turned)
         for i, j in pairs:
-            short = deficit_of(rules, tree, p, z, i, at.p, at.z, j)
+            short = deficit_of(rules, tree, turned, i, at, j)
             if short > 0.0:
                 change += weight[i, j] * (OVERLAP + short)
                 if change >= least:
@@ -251,23 +257,27 @@ def _pairs_met(at: Poses, rules: Rules, deficit: Array, hinge: int, end: int) ->
     Pairs that fall short now come first, so that bad trials end early.
     """
     n = len(at.p)
-    half = rules.length / 2 if rules.airflow else 0.0
+    farthest = 0.0
+    for x, y, z, radius in rules.balls:
+        farthest = max(farthest, math.sqrt(x * x + y * y + z * z) + radius)
+    half = rules.length / 2 if rules.airflow or farthest > 0.0 else 0.0
     reach = rules.enough + max(rules.apart, 0.0) + 2 * half
-    if rules.airflow:
-        reach = max(reach, rules.enough + rules.length + 2 * (rules.start_radius + rules.growth))
-    height, radius = np.empty(n), np.empty(n)
+    if half > 0.0:
+        end_radius = rules.start_radius + rules.growth
+        reach = max(reach, rules.enough + rules.length + end_radius + max(end_radius, farthest))
+    height, distance = np.empty(n), np.empty(n)
     u, v, w = at.omega[hinge]
     for i in range(n):
         x = at.p[i, 0] - half * at.z[i, 0] - at.c[hinge, 0]
         y = at.p[i, 1] - half * at.z[i, 1] - at.c[hinge, 1]
         z = at.p[i, 2] - half * at.z[i, 2] - at.c[hinge, 2]
         height[i] = u * x + v * y + w * z
-        radius[i] = math.sqrt(max(0.0, x * x + y * y + z * z - height[i] ** 2))
+        distance[i] = math.sqrt(max(0.0, x * x + y * y + z * z - height[i] ** 2))
     pairs = np.empty(((end - hinge) * (n - end + hinge), 2), np.int64)
     m = short = 0
     for i in range(hinge, end):
         for j in range(n):
-            if hinge <= j < end or (height[i] - height[j]) ** 2 + (radius[i] - radius[j]) ** 2 >= reach**2:
+            if hinge <= j < end or (height[i] - height[j]) ** 2 + (distance[i] - distance[j]) ** 2 >= reach**2:
                 continue
             pairs[m] = i, j
             if deficit[i, j] > 0.0:
@@ -281,54 +291,74 @@ def _pairs_met(at: Poses, rules: Rules, deficit: Array, hinge: int, end: int) ->
 def _turn(tree: Tree, at: Poses, alpha: Array, rules: Rules, deficit: Array, hinge: int, angle: float) -> None:
     """Turn a hinge to an angle; `at`, `alpha` and the deficits follow."""
     n, end, by = len(alpha), tree.end[hinge], angle - alpha[hinge]
-    _rotate(at, hinge, end, by, at.p, at.z, at.p, at.z)
-    _rotate(at, hinge, end, by, at.c, at.omega, at.c, at.omega)
+    _rotate(at, hinge, end, by, at)
     alpha[hinge] = angle
     for i in range(hinge, end):
         for j in range(n):
             if not hinge <= j < end:
-                deficit[i, j] = deficit[j, i] = deficit_of(rules, tree, at.p, at.z, i, at.p, at.z, j)
+                deficit[i, j] = deficit[j, i] = deficit_of(rules, tree, at, i, at, j)
 
 
 @njit(cache=True)
-def _rotate(
-    at: Poses,
-    first: int,
-    end: int,
-    angle: float,
-    points: Array,
-    vectors: Array,
-    turned_points: Array,
-    turned_vectors: Array,
-) -> None:
-    """Rotate points and vectors first..end-1 about the hinge `first` (Rodrigues' formula), in place if need be."""
+def _rotate(at: Poses, first: int, end: int, angle: float, turned: Poses) -> None:
+    """Rotate modules and hinges first..end-1 about the hinge `first` (Rodrigues' formula), in place if need be."""
     x, y, z = at.omega[first]
     a, b, c = at.c[first]
     s, v = math.sin(angle), 1 - math.cos(angle)
     xx, xy, xz = 1 - v * (y * y + z * z), v * x * y - s * z, v * x * z + s * y
     yx, yy, yz = v * x * y + s * z, 1 - v * (x * x + z * z), v * y * z - s * x
     zx, zy, zz = v * x * z - s * y, v * y * z + s * x, 1 - v * (x * x + y * y)
-    for i in range(first, end):
-        x, y, z = points[i, 0] - a, points[i, 1] - b, points[i, 2] - c
-        turned_points[i, 0] = a + xx * x + xy * y + xz * z
-        turned_points[i, 1] = b + yx * x + yy * y + yz * z
-        turned_points[i, 2] = c + zx * x + zy * y + zz * z
-        x, y, z = vectors[i]
-        turned_vectors[i, 0] = xx * x + xy * y + xz * z
-        turned_vectors[i, 1] = yx * x + yy * y + yz * z
-        turned_vectors[i, 2] = zx * x + zy * y + zz * z
+    for points, turned_points in ((at.p, turned.p), (at.c, turned.c)):
+        for i in range(first, end):
+            x, y, z = points[i, 0] - a, points[i, 1] - b, points[i, 2] - c
+            turned_points[i, 0] = a + xx * x + xy * y + xz * z
+            turned_points[i, 1] = b + yx * x + yy * y + yz * z
+            turned_points[i, 2] = c + zx * x + zy * y + zz * z
+    for vectors, turned_vectors in ((at.z, turned.z), (at.omega, turned.omega)):
+        for i in range(first, end):
+            x, y, z = vectors[i]
+            turned_vectors[i, 0] = xx * x + xy * y + xz * z
+            turned_vectors[i, 1] = yx * x + yy * y + yz * z
+            turned_vectors[i, 2] = zx * x + zy * y + zz * z
 
 
 @njit(cache=True)
-def deficit_of(rules: Rules, tree: Tree, p_i: Array, z_i: Array, i: int, p_j: Array, z_j: Array, j: int) -> float:
-    """Return by how much the clearance of a pair falls short of enough; module i of p_i, z_i, j of p_j, z_j."""
-    x, y, z = p_i[i, 0] - p_j[j, 0], p_i[i, 1] - p_j[j, 1], p_i[i, 2] - p_j[j, 2]
-    least = rules.enough
-    if not rules.airflow or (tree.parent[i] != j and tree.parent[j] != i):
+def deficit_of(rules: Rules, tree: Tree, of_i: Poses, i: int, of_j: Poses, j: int) -> float:
+    """Return by how much the clearance of a pair falls short of enough; module i of some poses, j of others."""
+    p_i, p_j = of_i.p[i], of_j.p[j]
+    x, y, z = p_i[0] - p_j[0], p_i[1] - p_j[1], p_i[2] - p_j[2]
+    least, bolted = rules.enough, tree.parent[i] == j or tree.parent[j] == i
+    if rules.of_all or not bolted:
         least = min(least, math.sqrt(x * x + y * y + z * z) - rules.apart)
     if rules.airflow:
-        least = min(least, clearance(rules, (x, y, z), z_i[i], z_j[j]))
+        least = min(least, clearance(rules, (x, y, z), of_i.z[i], of_j.z[j]))
+    if len(rules.balls) and not bolted:
+        least = min(least, _balls_beside(rules, of_i, i, of_j, j), _balls_beside(rules, of_j, j, of_i, i))
     return rules.enough - least
+
+
+@njit(cache=True)
+def _balls_beside(rules: Rules, of_i: Poses, i: int, of_j: Poses, j: int) -> float:
+    """Return the least clearance of the balls of module i from the envelope of module j, or more than enough.
+
+    With s along the envelope's axis and rho across it, a point of the axis is nearest where
+    (s - eta l) / rho = -dr / sqrt(l^2 - dr^2), up to its ends.
+    """
+    l, r, dr = rules.length, rules.start_radius, rules.growth
+    x0, x1, x2 = of_i.omega[i]
+    z0, z1, z2 = of_i.z[i]
+    y0, y1, y2 = z1 * x2 - z2 * x1, z2 * x0 - z0 * x2, z0 * x1 - z1 * x0
+    w0, w1, w2 = of_i.p[i, 0] - of_j.p[j, 0], of_i.p[i, 1] - of_j.p[j, 1], of_i.p[i, 2] - of_j.p[j, 2]
+    a0, a1, a2 = of_j.z[j]
+    lean = dr / math.sqrt(l * l - dr * dr) if dr < l else math.inf
+    least = math.inf
+    for x, y, z, radius in rules.balls:
+        q0, q1, q2 = w0 + x * x0 + y * y0 + z * z0, w1 + x * x1 + y * y1 + z * z1, w2 + x * x2 + y * y2 + z * z2
+        s = -(q0 * a0 + q1 * a1 + q2 * a2)
+        rho = math.sqrt(max(0.0, q0 * q0 + q1 * q1 + q2 * q2 - s * s))
+        eta = min(max((s + lean * rho) / l, 0.0), 1.0)
+        least = min(least, math.hypot(rho, s - eta * l) - r - eta * dr - radius)
+    return least
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-r"""Geometry first: hinge angles at which no two envelopes overlap, before any wrench is considered.
+r"""Geometry first: hinge angles at which modules are clear of each other, before any wrench is considered.
 
 The search itself is compiled (`nlp.starts.tabu_search`); here a task and a topology become its numbers.
 
@@ -25,8 +25,9 @@ from nlp.numbers.geometry import cone_reach, envelopes, poses
 from nlp.numbers.hinges import largest_turn, nearest_angles, signs, turns
 from nlp.requirements.air import Air
 from nlp.requirements.distance import Distance
-from nlp.requirements.modules import EnvelopePair, module_clearances
+from nlp.requirements.modules import module_clearances
 from nlp.starts.tabu_search import Poses, Rules, Tree, straighten, tabu_search
+from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.layout import PORT_DIRECTIONS
@@ -113,7 +114,7 @@ def lever(task: ResolvedTask, topology: Topology, alpha: Array, half_angle: floa
     lift = max(float(np.linalg.norm(thrust)), 1e-9)
     reach = task.module.connector_distance
     if half_angle is not None:
-        reach = cone_reach(envelopes(task.module.envelope, R, p), p.mean(axis=0), thrust / lift, half_angle)
+        reach = cone_reach(envelopes(task.module.region_envelope, R, p), p.mean(axis=0), thrust / lift, half_angle)
     return topology.n * reach / lift
 
 
@@ -151,33 +152,33 @@ def _tree(topology: Topology, order: list[int]) -> Tree:
 def _platform(topology: Topology, alpha: Array, l_c: float, order: list[int]) -> Poses:
     """Return where modules and hinges are, in preorder; lengths in the unit of l_c."""
     R, p = poses(topology, np.eye(3), alpha, l_c)
-    c, omega = np.zeros_like(p), np.zeros_like(p)
+    c, omega = np.zeros_like(p), R[:, :, 0].copy()
     for h, i, a, _ in topology.edges():
         c[i] = p[h] + l_c * R[h] @ PORT_DIRECTIONS[a]
         omega[i] = R[h][:, 1 - a % 2]
-    return Poses(p[order], R[order, :, 2], c[order], omega[order])
+    return Poses(*(np.ascontiguousarray(each[order]) for each in (p, R[:, :, 2], c, omega)))
 
 
 def _rules(task: ResolvedTask, topology: Topology, enough: float) -> Rules:
     """Return what modules must be clear of, and by how much, of what the problem states between them [l_arm].
 
-    Parts beside airflow are left to Ipopt: few platforms that are clear of all else have any in there.
+    Where envelopes keep apart, parts beside airflow are left to Ipopt: few platforms that are clear of all else
+    have any in there.
     """
-    stated = [formula for asked in module_clearances(task, topology) for formula in asked.formulas]
-    air, apart = None, -math.inf
-    for formula in stated:
-        if isinstance(formula, EnvelopePair):
-            air = formula.air
-        elif isinstance(formula, Distance):
-            apart = formula.least
-    length, start_radius, growth = air or Air.of(task)
+    kind, unit = task.search.interference, Units.of(task).length
+    formulas = (formula for asked in module_clearances(task, topology) for formula in asked.formulas)
+    apart = max((formula.least for formula in formulas if isinstance(formula, Distance)), default=-math.inf)
+    length, start_radius, growth = Air.of(task)
+    balls = np.column_stack(task.part_cover) / unit
     return Rules(
         enough=enough,
-        airflow=air is not None,
+        airflow=kind == "airflow",
+        balls=balls if kind == "parts" else balls[:0],
         length=length,
         start_radius=start_radius,
         growth=growth,
         apart=apart,
+        of_all=kind == "separation",
         turn=largest_turn(task),
         folds=np.array(turns(task, task.search.margin) or ((0.0, 0.0),)),
     )

@@ -6,15 +6,17 @@ import casadi as ca
 
 from nlp.numbers.masses import masses
 from nlp.symbols.kinematics import Pose
-from topo_search.model import ResolvedTask, Topology
+from topo_search.model import EndEffector, Module, Topology
 
 
-def tip_and_com(task: ResolvedTask, topology: Topology, modules: list[Pose], tip: ca.SX) -> tuple[ca.SX, ca.SX]:
+def tip_and_com(
+    module: Module, end_effector: EndEffector, topology: Topology, modules: list[Pose], tip: ca.SX
+) -> tuple[ca.SX, ca.SX]:
     """Return p'_E and p_COM [l_arm]; `tip` is p'_E where the task leaves it free."""
-    carried, position = masses(task, topology), task.end_effector.fixed_position
+    carried, position = masses(module, end_effector, topology), end_effector.fixed_position
     B = ca.SX.zeros(3)
     for pose, M, d in zip(modules, carried.modules, carried.centres, strict=True):
         B += M * (pose.p + pose.R[:, :2] @ ca.DM(d))
     B /= carried.bodies
-    p_E = tip if position is None else B + carried.lever * (ca.SX(ca.DM(position)) / task.module.arm_length)
+    p_E = tip if position is None else B + carried.lever * (ca.SX(ca.DM(position)) / module.arm_length)
     return p_E, (carried.tip * p_E + carried.bodies * B) / carried.total

@@ -47,7 +47,7 @@ def symbolic_platform(task: ResolvedTask, topology: Topology, x: ca.SX) -> Symbo
     """Return the platform that the unknowns describe."""
     n, K, unit, module = topology.n, len(task.load_cases), Units.of(task), task.module
     modules: list[Pose] = poses(topology, x[:3], x[3 : n + 2], module.connector_distance / unit.length)
-    p_E, p_COM = tip_and_com(task, topology, modules, x[n + 2 : n + 5])
+    p_E, p_COM = tip_and_com(module, task.end_effector, topology, modules, x[n + 2 : n + 5])
     first = x.numel() - 4 * n * K
     return SymbolicPlatform(
         task=task.declared,

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import casadi as ca
-import networkx as nx
 import numpy as np
 
 from nlp.numbers.geometry import poses, root_rotation, rotation
@@ -92,6 +91,8 @@ class _Listing:
 
     def relist(self, root: int, turns: int) -> _Listing:
         """Return the same platform listed from another module, whose axes are turned by so many quarters."""
+        import networkx as nx
+
         graph, order, joints = self.topology.graph(), [root], [(-1, -1, -1)]
         for h, i in nx.bfs_edges(graph, root):
             ports = graph.edges[h, i]["ports"]

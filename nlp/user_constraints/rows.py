@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
@@ -74,7 +74,25 @@ class Assembled(Protocol):
         """Return the entries of the Hessian of the Lagrangian."""
 
 
-class ConstraintRows(Protocol):
+class FurtherRows(Protocol):
+    """Rows that are joined to a program, in numbers."""
+
+    lower: Array
+    upper: Array
+    jacobian_pattern: ca.Sparsity
+    hessian_pattern: ca.Sparsity
+
+    def values(self, variables: Array) -> Array:
+        """Return the rows."""
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the entries of their Jacobian."""
+
+    def hessian(self, variables: Array, multipliers: Array) -> Array:
+        """Return the entries of the Hessian of their sum, times multipliers."""
+
+
+class ConstraintRows(Hashable, Protocol):
     """Rows of a program as expressions of all its unknowns."""
 
     @property
@@ -113,9 +131,8 @@ class UserRows:
     def g(self) -> ca.SX:
         """The rows of all constraints over their scales, as expressions of x."""
         platform = symbolic_platform(self.task, self.topology, self.x)
-        return ca.vertcat(
-            *(rows(one, platform) / scale for one, scale in zip(self.constraints, self._scales, strict=True))
-        )
+        g = [rows(one, platform) / scale for one, scale in zip(self.constraints, self._scales, strict=True)]
+        return ca.cse(ca.vertcat(*g))
 
     @cached_property
     def counts(self) -> list[int]:
@@ -167,7 +184,7 @@ class UserRows:
 
     def append_to(self, program: Assembled) -> Assembled:
         """Return a program with these rows after its own."""
-        return JoinedProgram(program, self) if self else program
+        return JoinedProgram(program, DerivedRows(self)) if self else program
 
 
 def _violation(constraint: OwnConstraint, scale: float, values: Array) -> Violation:
@@ -183,32 +200,60 @@ def _kept_rows(constraints: UserConstraints, task: ResolvedTask, topology: Topol
     return UserRows(constraints, task, topology)
 
 
-class JoinedProgram:
-    """A program in numbers with other rows below its own; their derivatives are CasADi's."""
+@lru_cache(maxsize=8)  # those of the user's constraints, and here of the pseudo-inverse, come again every round
+def _derive(rows: ConstraintRows) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """Return rows, their Jacobian, and the upper triangle of the Hessian of their sum times multipliers."""
+    x, multipliers = rows.x, ca.SX.sym("multipliers", rows.g.numel())
+    hessian = ca.triu(ca.hessian(ca.dot(multipliers, rows.g), x)[0])
+    return (
+        ca.Function("g", [x], [rows.g]),
+        ca.Function("jacobian", [x], [ca.jacobian(rows.g, x)]),
+        ca.Function("hessian", [x, multipliers], [hessian]),
+    )
 
-    def __init__(self, program: Assembled, rows: ConstraintRows) -> None:
-        """Derive the rows, and find where entries go."""
-        self._program = program
-        x, multipliers = rows.x, ca.SX.sym("multipliers", rows.g.numel())
-        jacobian = ca.jacobian(rows.g, x)
-        hessian = ca.triu(ca.hessian(ca.dot(multipliers, rows.g), x)[0])
-        self._g = ca.Function("g", [x], [rows.g])
-        self._jacobian = ca.Function("jacobian", [x], [jacobian])
-        self._hessian = ca.Function("hessian", [x, multipliers], [hessian])
-        lower, upper = rows.bounds
-        self.size, self.rows = program.size, program.rows + len(lower)
-        self.lower = np.concatenate([program.lower, lower])
-        self.upper = np.concatenate([program.upper, upper])
-        above, below = program.jacobian_pattern, jacobian.sparsity()
+
+class DerivedRows:
+    """Expressions as rows whose derivatives are CasADi's."""
+
+    def __init__(self, rows: ConstraintRows) -> None:
+        """Derive them."""
+        self._g, self._jacobian, self._hessian = _derive(rows)
+        self.lower, self.upper = rows.bounds
+        self.jacobian_pattern = self._jacobian.sparsity_out(0)
+        self.hessian_pattern = self._hessian.sparsity_out(0)
+
+    def values(self, variables: Array) -> Array:
+        """Return the rows."""
+        return np.asarray(self._g(variables), dtype=float).ravel()
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the entries of their Jacobian."""
+        return np.array(self._jacobian(variables).nonzeros())
+
+    def hessian(self, variables: Array, multipliers: Array) -> Array:
+        """Return the entries of the Hessian of their sum, times multipliers."""
+        return np.array(self._hessian(variables, multipliers).nonzeros())
+
+
+class JoinedProgram:
+    """A program in numbers with other rows below its own."""
+
+    def __init__(self, program: Assembled, rows: FurtherRows) -> None:
+        """Find where entries go."""
+        self._program, self._further = program, rows
+        self.size, self.rows = program.size, program.rows + len(rows.lower)
+        self.lower = np.concatenate([program.lower, rows.lower])
+        self.upper = np.concatenate([program.upper, rows.upper])
+        above, below = program.jacobian_pattern, rows.jacobian_pattern
         self.jacobian_pattern = ca.vertcat(above, below)
         counted = [
             ca.DM(part, list(range(first, first + part.nnz())))
             for part, first in ((above, 0), (below, above.nnz()))
         ]
         self._order = np.array(ca.vertcat(*counted).nonzeros(), dtype=np.intp)
-        self.hessian_pattern = program.hessian_pattern.unite(hessian.sparsity())
+        self.hessian_pattern = program.hessian_pattern.unite(rows.hessian_pattern)
         self._places = [
-            _places(self.hessian_pattern, part) for part in (program.hessian_pattern, hessian.sparsity())
+            _places(self.hessian_pattern, part) for part in (program.hessian_pattern, rows.hessian_pattern)
         ]
 
     def objective(self, variables: Array) -> float:
@@ -221,13 +266,12 @@ class JoinedProgram:
 
     def constraints(self, variables: Array) -> Array:
         """Return all rows."""
-        further = np.asarray(self._g(variables), dtype=float).ravel()
-        return np.concatenate([self._program.constraints(variables), further])
+        return np.concatenate([self._program.constraints(variables), self._further.values(variables)])
 
     def jacobian(self, variables: Array) -> Array:
         """Return the entries of their Jacobian."""
-        further = np.array(self._jacobian(variables).nonzeros())
-        result: Array = np.concatenate([self._program.jacobian(variables), further])[self._order]
+        both = self._program.jacobian(variables), self._further.jacobian(variables)
+        result: Array = np.concatenate(both)[self._order]
         return result
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
@@ -235,7 +279,7 @@ class JoinedProgram:
         m = self._program.rows
         entries = np.zeros(self.hessian_pattern.nnz())
         entries[self._places[0]] = self._program.hessian(variables, of_objective, multipliers[:m])
-        entries[self._places[1]] += np.array(self._hessian(variables, multipliers[m:]).nonzeros())
+        entries[self._places[1]] += self._further.hessian(variables, multipliers[m:])
         return entries
 
 

@@ -1,8 +1,16 @@
-"""Air over regions: the certified bound against samples, and the time it takes.
+"""Air over regions: the certificate against samples, and what limits and envelopes cost a search.
 
-    python tests/benchmarks/air.py tests/designs/*.json [--points 1000000]
+    python tests/benchmarks/air.py certificate tests/designs/*.json [--points 1000000]
+    python tests/benchmarks/air.py limits [--speeds 8 4 2 1]
+    python tests/benchmarks/air.py speed push-local push-exterior-60 [--limit 1.0] [--modules 4]
+    python tests/benchmarks/air.py slipstreams push-local ... [--modules 4]
 
-For each load case and region: largest of the sampled speeds, of the speeds the certificate found, and the bound.
+`certificate`: for each load case and region the largest of the sampled speeds, of the speeds the certificate found,
+and the bound. The others solve every tree once, in this process, with the default starts; effort is that of the
+best tree over the lower bound, the CPU that of all trees over those of the first row. `limits`: four modules hover,
+their tip fixed 0.6 m below the centre of mass, with a limit in a ball of 0.1 m, without geometry. `speed`: a task
+with its envelopes, with a limit beside them, and with the limit alone. `slipstreams`: a task whose envelopes
+against regions start at l_arm as between modules, and at l_arm + R.
 """
 
 import argparse
@@ -11,8 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from topo_search.model import Design
-from topo_search.model.files import read_json
+from nlp import default_starts, prepare, solve
+from topo_search.model import Design, Task
+from topo_search.model.files import read_json, read_task
+from topo_search.topologies import candidates
+from verify import audit
 from verify.air import case_jets
 from verify.air.bound import _points_in, bound_speed
 from verify.air.jets import speeds
@@ -22,9 +33,87 @@ from verify.requirements import Scene
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("designs", nargs="+", type=Path)
-    parser.add_argument("--points", type=int, default=1_000_000)
+    parts = parser.add_subparsers(dest="part", required=True)
+    certified = parts.add_parser("certificate")
+    certified.add_argument("designs", nargs="+", type=Path)
+    certified.add_argument("--points", type=int, default=1_000_000)
+    parts.add_parser("limits").add_argument("--speeds", nargs="+", type=float, default=[8.0, 4.0, 2.0, 1.0])
+    for name in ("speed", "slipstreams"):
+        searched = parts.add_parser(name)
+        searched.add_argument("tasks", nargs="+")
+        searched.add_argument("--modules", type=int, default=4)
+        searched.add_argument("--limit", type=float, default=1.0)
     options = parser.parse_args()
+    if options.part == "certificate":
+        certificate(options)
+    elif options.part == "limits":
+        variants = {f"{speed:g} m/s": _below(speed=speed, geometry=False) for speed in options.speeds}
+        compare({"envelopes": _below(), **variants}, 4)
+    else:
+        for name in options.tasks:
+            compare(speed_variants(name, options) if options.part == "speed" else radii(name), options.modules)
+
+
+def _below(**fields: object) -> Task:
+    return Task.model_validate(
+        {
+            "name": "below",
+            "modules": 4,
+            "end_effector": {"position": [0.0, 0.0, -0.6], "rod": "none", "largest_reach": False},
+            "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}],
+            "exposure": [{"kind": "local", "radius": 0.1, **fields}],
+        }
+    )
+
+
+def speed_variants(name: str, options: argparse.Namespace) -> dict[str, Task]:
+    task, variants = read_task(name), {}
+    for words, fields in (
+        ("envelopes", {}),
+        ("both", {"speed": options.limit}),
+        (f"{options.limit:g} m/s", {"speed": options.limit, "geometry": False}),
+    ):
+        exposure = tuple(asked.model_copy(update=fields) for asked in task.exposure)
+        variants[f"{name}, {words}"] = task.model_copy(update={"exposure": exposure})
+    return variants
+
+
+def radii(name: str) -> dict[str, Task]:
+    return {
+        f"{name}, l_arm": read_task(name, ("module.airflow.regions=false",)),
+        f"{name}, l_arm + R": read_task(name, ("module.airflow.regions.spread_angle_deg=10.0",)),
+    }
+
+
+def compare(variants: dict[str, Task], n: int) -> None:
+    """Print a row for each task, of all trees of n modules."""
+    print("task: effort over the bound, tree, trees with a design, audit, air over regions [m/s], CPU of the first")
+    first = None
+    for words, task in variants.items():
+        resolved, starts = task.resolve(n), range(default_starts(task))
+        prepare(task, print)
+        trees = [candidate.topology for candidate in candidates(n)]
+        solve(resolved, trees[0], starts=range(1), seed=0)  # loads compiled code
+        started = time.process_time()
+        found = [solve(resolved, tree, starts=starts, seed=0) for tree in trees]
+        seconds = time.process_time() - started
+        first = first or seconds
+        designs = [design for design in found if isinstance(design, Design)]
+        if not designs:
+            print(f"{words}: no design of {len(found)} trees; {seconds / first:.2f}", flush=True)
+            continue
+        best = min(designs, key=lambda design: design.objective)
+        judged = audit(best)
+        blown = judged.air.region_m_s if judged.air else None
+        print(
+            f"{words}: {best.objective / best.lower_bound:.4f}, {best.topology_key}, "
+            f"{len(designs)} of {len(found)}, "
+            f"{judged.verdict.value}, {blown if blown is None else format(blown, '.3f')}; {seconds / first:.2f}",
+            flush=True,
+        )
+
+
+def certificate(options: argparse.Namespace) -> None:
     rng = np.random.default_rng(0)
     print("design, load case, region: sampled, found, at most [m/s], bound over sample, seconds")
     for path in options.designs:

@@ -16,7 +16,11 @@ PART, SIZES = "share", (10, 20, 40)
 EXAMPLES = ("ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional", "ten-wrenches-exterior-60")
 DISTANCE, DISTANCES = 0.22, (0.15, 0.18, 0.22, 0.26, 0.30)
 """Connector distance of the examples, and those of the curve [m]."""
-PROBLEMS = {"airflow only": (AIRFLOW_ALONE,), "with body clearance": ()}
+PROBLEMS = {
+    "airflow only": (AIRFLOW_ALONE,),
+    "with body clearance": (),
+    "merging airflow": ("search.interference=parts",),
+}
 
 
 def measure(rows: Rows, options: Options) -> None:

@@ -1,7 +1,7 @@
 """How many trees can be placed free of overlaps: share of trees and starts, and CPU time a start.
 
     python tests/benchmarks/untangling.py [--sizes 20 40 100] [--connector-distances 0.22 0.30] [--trees N]
-        [--starts N] [--body-clearance]
+        [--starts N] [--body-clearance] [--interference parts]
 
 Uniformly drawn trees; a start asks for the geometry of `nlp.starts.untangling` alone, not for a wrench. The first
 row bears the time of compiling, unless the compiled code is cached already.
@@ -14,7 +14,8 @@ import time
 
 import numpy as np
 
-from nlp.numbers.geometry import Swept, clearance, poses
+from nlp.numbers.point import Point
+from nlp.requirements.modules import PartsBeside, module_clearances
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import ResolvedTask, Task, Topology
 from topo_search.model.arrays import Array
@@ -22,17 +23,15 @@ from topo_search.topologies import sample
 
 
 def overlaps(task: ResolvedTask, topology: Topology, alpha: Array) -> list[tuple[int, int]]:
-    """Return the pairs that overlap, or are nearer than the body clearance."""
-    R, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
-    i, j = np.triu_indices(topology.n, 1)
-    air, z = task.module.envelope, R[:, :, 2]
-    one, other = (Swept(p[k], -air.length * z[k], air.start_radius, air.growth) for k in (i, j))
-    near = np.zeros(len(i), dtype=bool)
-    if task.centre_distance is not None:
-        bolted = np.array([pair in topology.bolted for pair in zip(i.tolist(), j.tolist(), strict=True)])
-        near = ~bolted & (np.linalg.norm(p[i] - p[j], axis=1) < task.centre_distance)
-    short = near | (clearance(one, other) < 0.0)
-    return list(zip(i[short].tolist(), j[short].tolist(), strict=True))
+    """Return the pairs that are in each other's way: what untangling is to undo."""
+    nowhere, still = np.zeros(3), np.zeros((0, topology.n, 4))
+    vectors = Point(task, topology, nowhere, alpha, nowhere, still).vectors
+    found = set[tuple[int, int]]()
+    for asked in module_clearances(task, topology):
+        if not (isinstance(asked.formulas[0], PartsBeside) and task.search.interference == "airflow"):
+            short = (asked.gaps(vectors) < 0.0).any(axis=1)
+            found |= {(min(i, j), max(i, j)) for i, j in asked.subjects[short].tolist()}
+    return sorted(found)
 
 
 def main() -> None:
@@ -43,6 +42,7 @@ def main() -> None:
     parser.add_argument("--trees", type=int, default=20)
     parser.add_argument("--starts", type=int, default=5, help="at most, of each tree")
     parser.add_argument("--body-clearance", action="store_true")
+    parser.add_argument("--interference", choices=("airflow", "parts"), default="airflow")
     arguments = parser.parse_args()
     print(f"{'n':>4}{'l_c [m]':>9}{'untangled':>14}{'by first start':>16}{'left over':>11}{'CPU s a start':>15}")
     for n in arguments.sizes:
@@ -52,8 +52,10 @@ def main() -> None:
                 "modules": n,
                 "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}],
                 "module": {"connector_distance": l_c},
-                "search": {} if arguments.body_clearance else {"body_clearance": False},
+                "search": {"interference": arguments.interference},
             }
+            if not arguments.body_clearance:
+                stated["search"]["body_clearance"] = False
             task = Task.model_validate(stated).resolve(n)
             fewest, first, seconds = [], 0, []
             for topology in sample(n, arguments.trees, seed=0):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 import click
 
 from topo_search.cli.airflow import airflow
 from topo_search.cli.audit import audit
 from topo_search.cli.capability import capability
 from topo_search.cli.check import check
+from topo_search.cli.compare import compare
 from topo_search.cli.examples import examples
 from topo_search.cli.experiment import experiment
 from topo_search.cli.export import export
@@ -17,11 +20,33 @@ from topo_search.cli.kit import kit
 from topo_search.cli.prove import prove
 from topo_search.cli.report import report
 from topo_search.cli.run import run
+from topo_search.cli.runs import list_runs, open_page, show
 from topo_search.cli.solve import solve
 from topo_search.cli.topologies import topologies
 
+GROUPS = {
+    "Task": (init, examples, check, topologies),
+    "Search": (run, solve, prove, experiment),
+    "Result": (audit, report, list_runs, show, open_page, compare),
+    "Hardware": (kit, export, fly, airflow, capability),
+}
+"""Commands in the order of work."""
+
+
+class Grouped(click.Group):
+    """A group whose help lists its commands in the order of work, with whole summaries."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write a section for each group."""
+        for title, commands in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl(
+                    [(one.name or "", (one.help or "").partition("\n\n")[0]) for one in commands], col_max=12
+                )
+
 
 @click.group(
+    cls=Grouped,
     epilog="Example: topo-search run push",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
@@ -30,21 +55,5 @@ def main() -> None:
     """Find the best topology of a modular aerial manipulator for a task, and audit it exactly."""
 
 
-for command in (
-    run,
-    solve,
-    audit,
-    prove,
-    topologies,
-    export,
-    kit,
-    fly,
-    capability,
-    airflow,
-    report,
-    experiment,
-    examples,
-    init,
-    check,
-):
+for command in itertools.chain(*GROUPS.values()):
     main.add_command(command)

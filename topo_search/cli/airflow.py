@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors
+
+if TYPE_CHECKING:
+    from topo_search.model.air import EnvelopeAir
 
 
 @click.command(epilog="Example: topo-search airflow push-local --speed 2 --at full")
@@ -40,30 +45,22 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
     Exit status: 0; 2 bad input, or no air is as fast.
     """
     with explain_errors():
-        from topo_search.model import BadInput, Fault, Module
+        from topo_search.compose.envelopes import enclose_speed, envelope_of_speed
+        from topo_search.model import Module
         from topo_search.model.files import read_task
         from topo_search.model.module import AIR_DENSITY
         from topo_search.model.proven import lower_text, upper_text
         from topo_search.model.task import Task
-        from verify.air import Unreached, enclose, envelope_air
+        from verify.air import envelope_air
 
         module, density, gravity = Module(), AIR_DENSITY, Task.model_fields["gravity"].default
         if task is not None:
-            read = read_task(task)
+            read = enclose_speed(read_task(task))
             module, density, gravity = read.module, read.air_density, read.gravity
         ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
         thrust = ratio * module.mass * gravity
         where = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
-        try:
-            least = enclose(module, density, thrust, speed)
-        except Unreached as error:
-            reached = (
-                f"{lower_text(error.bound.found, 4)} m/s (proven: at most {upper_text(error.bound.at_most, 4)})"
-            )
-            rule = f"must be a speed that is reached; at {where}, that is up to {reached}, but got {speed:g}"
-            raise BadInput("--speed", [Fault("", rule)]) from None
-        except ArithmeticError as error:
-            raise BadInput("--speed", [Fault("", str(error))]) from None
+        least = envelope_of_speed(module, density, gravity, speed, ratio, source="--speed")
         present = envelope_air(module, density, thrust)
         if as_json:
             stated = {"speed_m_s": speed, "thrust_to_weight": ratio, "thrust_N": thrust}
@@ -76,11 +73,19 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
         volume, bound = upper_text(least.volume_m3, 4), lower_text(least.least_volume_m3, 4)
         click.echo(f"a volume of {volume} m³; none is below {bound} m³")
         click.echo("largest speeds on the present envelope")
-        click.echo(f"  side           {upper_text(present.side_m_s, 3)} m/s")
-        if present.side_merged_m_s is not None:
-            click.echo(f"  side, merged   {upper_text(present.side_merged_m_s, 3)} m/s")
-        click.echo(f"  far end        {upper_text(present.end_m_s, 3)} m/s")
-        click.echo(f"  rotor plane    {upper_text(present.rotor_plane_m_s, 3)} m/s, outside it")
+        for name, words in speeds_on(present):
+            click.echo(f"  {name:14} {words}")
+
+
+def speeds_on(envelope: EnvelopeAir) -> Iterator[tuple[str, str]]:
+    """Yield the largest speeds on a module's own envelope, each with where it is."""
+    from topo_search.model.proven import upper_text
+
+    yield "side", f"{upper_text(envelope.side_m_s, 3)} m/s"
+    if envelope.side_merged_m_s is not None:
+        yield "side, merged", f"{upper_text(envelope.side_merged_m_s, 3)} m/s"
+    yield "far end", f"{upper_text(envelope.end_m_s, 3)} m/s"
+    yield "rotor plane", f"{upper_text(envelope.rotor_plane_m_s, 3)} m/s, outside it"
 
 
 def _thrust_to_weight(at: str, most: float) -> float:

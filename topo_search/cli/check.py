@@ -73,6 +73,13 @@ def _explain(task: Task) -> None:
     platform, *groups = facts(first)
     for group in (platform, *(facts(other)[0] for other in others), *groups):
         _group(*group)
+    if any(asked.geometry for asked in first.exposure):
+        from topo_search.cli.airflow import speeds_on
+        from verify.air import envelope_air
+
+        hover = first.module.mass * first.gravity
+        speeds = speeds_on(envelope_air(first.module, first.air_density, hover))
+        _group("air of one module in hover, on the envelope that keeps out of regions: at most", speeds)
     if task.goals.names:
         _group(*goals(task))
     of = f" of {quantity(first.n, 'module')}" if others else ""

@@ -48,6 +48,28 @@ if TYPE_CHECKING:
     help="Require that a rotor failure is survived, as with `flight.rotor_out`; otherwise it is only reported.",
 )
 @click.option(
+    "--detection-time",
+    type=click.FloatRange(0, 10),
+    callback=options.number,
+    default=0.1,
+    show_default=True,
+    metavar="SECONDS",
+    help="Time until the controller knows that a rotor has failed.",
+)
+@click.option(
+    "--allocator",
+    type=click.Choice(["bounded", "pseudo-inverse"]),
+    default="bounded",
+    show_default=True,
+    help="Thrusts by least squares within limits, or by PX4's rule: the pseudo-inverse, cut off at the limits.",
+)
+@click.option(
+    "--wake/--no-wake",
+    default=True,
+    show_default=True,
+    help="Rotors lose the thrust that wakes of other modules cost them by the audit's air model.",
+)
+@click.option(
     "--only", multiple=True, metavar="NAME", help="Fly only scenarios whose name starts with NAME (repeatable)."
 )
 @options.as_json
@@ -59,16 +81,19 @@ def fly(
     noise: float,
     model_error: float,
     rotor_out: bool,
+    detection_time: float,
+    allocator: str,
+    wake: bool,
     only: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Fly a design in closed-loop simulation with rotor limits, motor lag and noise.
 
-    Scenarios: hover; recovery from an offset of 10 cm and 10 degrees on four sides; a gust; every load case that
-    carries the weight, with its load at the end-effector and, if it pushes, against a wall; the weakest corners of
-    its cone and vertices, with their load at the end-effector; a rotor failure. Load cases that are not a steady
-    flight are reported as such. The simulation has no downwash and does not change the audit; `report DESIGN.json
-    --flight DIR` shows its result on a page. Needs the extra `sim`.
+    Scenarios: hover; recovery from an offset of 10 cm and 10 degrees on four sides; a tilt held about four axes; a
+    gust; every load case that carries the weight, with its load at the end-effector and, if it pushes, against a
+    wall that all parts feel; the weakest corners of its cone and vertices, with their load at the end-effector; a
+    rotor failure. Load cases that are not a steady flight are reported as such. The simulation does not change the
+    audit; `report DESIGN.json --flight DIR` shows its result on a page. Needs the extra `sim`.
 
     Exit status: 0 all scenarios held; 1 some did not; 2 bad input, or the extra is missing.
     """
@@ -83,7 +108,8 @@ def fly(
         if video is not None:
             os.environ.setdefault("MUJOCO_GL", "egl")
         with needs_extras("fly"):
-            result = _fly(read, out, video, (seed, noise, model_error), rotor_out, only)
+            conditions = (seed, noise, model_error, detection_time, allocator, wake)
+            result = _fly(read, out, video, conditions, rotor_out, only)
         if as_json:
             options.echo_json(result.model_dump(mode="json"))
         else:
@@ -96,7 +122,7 @@ def _fly(
     design: Design,
     out: Path | None,
     video: Path | None,
-    conditions: tuple[int, float, float],
+    conditions: tuple[int, float, float, float, str, bool],
     rotor_out: bool,
     only: tuple[str, ...],
 ) -> FlightResult:
@@ -104,14 +130,16 @@ def _fly(
     from topo_search.model.files import write_atomically
     from topo_search.simulation import files
     from topo_search.simulation.campaign import fly_all
+    from topo_search.simulation.controller import Allocator, PseudoInverse
     from topo_search.simulation.fly import Options
     from topo_search.simulation.plant import Errors
 
-    seed, noise, model_error = conditions
+    seed, noise, model_error, detection, allocator, wake = conditions
+    rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[allocator]
     film = None if video is None else files.film(video, files.radius(design))
     campaign = fly_all(
         design,
-        Options(Errors(model_error, noise, seed)),
+        Options(Errors(model_error, noise, seed), detection=detection, allocator=rule, wake=wake),
         rotor_out=rotor_out,
         only=only,
         tell=lambda one: note(f"{one.name}: {one.verdict}"),
@@ -138,7 +166,8 @@ def _print(result: FlightResult) -> None:
     click.echo(
         f"side force in hover: {result.weakest_force_N:.3g} N in the weakest direction [{x:.2f}, {y:.2f}], "
         f"{100 * result.weakest_force_share:.3g} % of the weight; "
-        f"survives {result.rotors_out} of {result.rotors} single rotor failures"
+        f"survives {result.rotors_out} of {result.rotors} single rotor failures, known after "
+        f"{result.options.get('detection_time_s', 0.1):g} s"
     )
     if result.rod_mass_kg > 0:
         click.echo(

@@ -8,38 +8,79 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, note
+from topo_search.limits import PERCENT
 
 
-@click.command(epilog="Example: topo-search kit runs/push-*/ runs/wall-push-*/ --out kit")
-@click.argument("runs", metavar="RUN...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.command(epilog="Example: topo-search kit push wall-push --out kit")
+@click.argument("tasks", metavar="TASK|RUN...", nargs=-1, required=True)
+@options.modules
+@options.set_field
 @click.option(
     "--within",
-    type=click.FloatRange(0, 1000),
+    type=click.FloatRange(0, PERCENT),
     callback=options.number,
     default=2.0,
     show_default=True,
     metavar="PERCENT",
     help="Choose from designs with at most so much more effort than the best of their task.",
 )
+@click.option(
+    "--bracket-tolerance",
+    "tolerance_deg",
+    type=click.FloatRange(0, 10),
+    callback=options.number,
+    default=0.0,
+    show_default=True,
+    metavar="DEG",
+    help="Range of hinge angles that one bracket may serve, where designs with its middle are clear.",
+)
+@options.workers
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="A new or empty folder.")
 @options.as_json
-def kit(runs: tuple[Path, ...], within: float, out: Path, as_json: bool) -> None:
+def kit(
+    tasks: tuple[str, ...],
+    modules: str | None,
+    settings: tuple[str, ...],
+    within: float,
+    tolerance_deg: float,
+    workers: int | None,
+    out: Path,
+    as_json: bool,
+) -> None:
     """Choose a design for each of several tasks such that the same few brackets build them all.
 
-    RUN is the folder of a finished run. Its clear designs that are as large as its best one, and within --within of
-    it, can be chosen: such that the drawer has the fewest brackets, then that the fewest joints are undone and
+    TASK is a file or the name of a shipped example: `run TASK --keep-within` is done first, or goes on. RUN is the
+    folder of a finished run. Clear designs that are as large as the best one, and within --within of it, can be
+    chosen: such that the drawer has the fewest brackets, then that the fewest joints are undone and
     bolted from task to task in the order given, then with the least effort. A kind is the size of a hinge angle,
     rounded to a thousandth of a degree; the drawer has as many as the task that needs most of them. DIR gets
-    `kit.json` and a folder with the kit of each task, as of `export --format kit`.
+    `kit.json`, the page `index.html`, a sheet for each change and a folder with the kit of each task, as of
+    `export --format kit`.
 
     Exit status: 0; 2 bad input; 3 no common kit, because a run has no clear design.
     """
-    with explain_errors():
+    folders = [task for task in tasks if Path(task).is_dir()]
+    if folders and (modules or settings):
+        raise click.UsageError(f"--modules and --set are for tasks, but {folders[0]} is the folder of a run")
+    with explain_errors(resumes=True):
+        from topo_search.cli.progress import shown_progress
         from topo_search.compose.drawer import NoCommonKit
         from topo_search.compose.drawer import kit as make_kit
 
         try:
-            shared = make_kit(runs, out=out, within=within, note=note)
+            with shown_progress() as observer:
+                shared = make_kit(
+                    [
+                        task if task in folders else options.task_of(task, settings, modules=modules)
+                        for task in tasks
+                    ],
+                    out=out,
+                    within=within,
+                    tolerance_deg=tolerance_deg,
+                    workers=workers,
+                    observer=observer,
+                    note=note,
+                )
         except NoCommonKit as error:
             note(str(error))
             raise SystemExit(3) from None

@@ -155,6 +155,7 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     Raises:
         BadInput: the task is wrong, or something else sets what `--paper` sets.
     """
+    from topo_search.compose.envelopes import enclose_speed
     from topo_search.model import BadInput, Fault
     from topo_search.model.files import read_task
     from topo_search.model.parsing import PAPER
@@ -162,10 +163,10 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     given = {name.replace("__", "."): value for name, value in fields.items() if value is not None}
     changes = (*settings, *(f"{name}={value}" for name, value in given.items()))
     if not paper:
-        return read_task(task, changes)
+        return enclose_speed(read_task(task, changes))
     if twice := [setting for setting in changes if _meets(setting, PAPER)]:
         raise BadInput("--paper", [Fault("", f"sets this field itself, but got {setting}") for setting in twice])
-    posed = read_task(task, (*changes, *PAPER))
+    posed = enclose_speed(read_task(task, (*changes, *PAPER)))
     if posed.goals.clearance:
         rule = f"must be left out with --paper, whose margin is 0, but got {list(posed.goals.clearance)}"
         raise BadInput(task, [Fault("goals.clearance", rule)])

@@ -13,7 +13,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import INPUT_OUTPUT, OPEN, explain_errors, needs_extras
-from topo_search.limits import GAPS, ROUND, TRIALS
+from topo_search.limits import GAPS, PERCENT, ROUND, TRIALS
 
 if TYPE_CHECKING:
     from topo_search.model.task_warnings import TaskWarning
@@ -66,6 +66,13 @@ if TYPE_CHECKING:
     metavar="GAP",
     help="Then prove by branch and bound that no design is better by more than this share; see `prove`.",
 )
+@click.option(
+    "--keep-within",
+    type=click.FloatRange(0, PERCENT),
+    callback=options.number,
+    metavar="PERCENT",
+    help="Keep every clear local optimum with at most so much more effort than the best in the folder `optima`.",
+)
 @options.starts("Starts per topology (default: by the number of modules).")
 @options.seed
 @options.workers
@@ -89,6 +96,7 @@ def run(
     round_size: int | None,
     prune: bool,
     prove: float | None,
+    keep_within: float | None,
     starts: int | None,
     seed: int,
     workers: int | None,
@@ -119,6 +127,8 @@ def run(
     tls = options.certificates(dask, dask_ca, dask_cert, dask_key)
     if strategy == "optuna" and prune:
         raise click.UsageError("--prune requires --strategy exhaustive")
+    if prune and keep_within is not None:
+        raise click.UsageError("--keep-within solves all candidates, so that it cannot go with --prune")
     if strategy == "optuna" and topologies:
         raise click.UsageError("--topologies requires --strategy exhaustive: all listed trees are solved")
     with explain_errors(resumes=True):
@@ -145,6 +155,7 @@ def run(
                 round_size=round_size or DEFAULT_ROUND,
                 prune=prune,
                 prove=prove,
+                keep_within=keep_within,
                 starts=starts,
                 seed=seed,
                 workers=workers,

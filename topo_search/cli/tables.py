@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -17,6 +17,7 @@ from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
 from topo_search.report.wording import length, modules, near_tie_cells, near_tie_columns, quantity
 from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
+from topo_search.study.row import proven_cell
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
 """End of the line about a design whose end-effector no such rod carries."""
@@ -122,16 +123,23 @@ def _print_front(answer: Answer) -> None:
 def _print_rows(rows: tuple[Row, ...]) -> None:
     table = _table("key", "J [rad^4/s^4]", "J over bound", "gap", "hits", "symmetric copies", "audit")
     for row in rows:
+        key, objective, gap, audit = _in_short(row)
         table.add_row(
-            row.key,
-            f"{row.objective:.6g}",
+            key,
+            objective,
             f"{at_most(row.objective / row.lower_bound, 5):.4f}" if row.objective and row.lower_bound else "",
-            "" if row.gap is None else gap_percent(row.gap),
+            gap,
             f"{row.starts_at_best} of {row.starts}",
             str(row.orbit),
-            row.audit or ("failed" if row.audit_failure else ""),
+            audit,
         )
     _print(table)
+
+
+def _in_short(row: Row) -> tuple[str, str, str, str]:
+    """Return key, control effort, gap and verdict of a design."""
+    gap = "" if row.gap is None else gap_percent(row.gap)
+    return row.key, f"{row.objective:.6g}", gap, row.audit or ("failed" if row.audit_failure else "")
 
 
 def _print_near_ties(size: SizeAnswer) -> None:
@@ -147,10 +155,34 @@ def _print_near_ties(size: SizeAnswer) -> None:
         click.echo(f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}")
 
 
+def print_figures(designs: Mapping[str, Mapping[str, object]]) -> None:
+    """Print a column for each design, and a row for each figure that one of them has."""
+    table = _table("", *designs)
+    for name in next(iter(designs.values())):
+        cells = [proven_cell(name, figures.get(name)) for figures in designs.values()]
+        if any(cell is not None for cell in cells):
+            table.add_row(name, *("" if cell is None else str(cell) for cell in cells))
+    _print(table)
+
+
+def print_runs(runs: Sequence[tuple[Path, Answer]]) -> None:
+    """Print a row for each run."""
+    table = _table("run", "modules", "candidates solved", "best", "J [rad^4/s^4]", "gap", "audit")
+    for path, answer in runs:
+        best = answer.best
+        table.add_row(
+            str(path),
+            ", ".join(str(size.modules) for size in answer.sizes),
+            f"{sum(size.settled for size in answer.sizes)} of {sum(size.candidates for size in answer.sizes)}",
+            *(("none", "", "", "") if best is None else _in_short(best)),
+        )
+    _print(table)
+
+
 def _table(*columns: str) -> Table:
     table = Table(box=None, pad_edge=False)
     for name in columns:
-        table.add_column(name, justify="left" if name in ("key", "audit") else "right")
+        table.add_column(name, justify="left" if name in ("", "key", "audit", "run") else "right")
     return table
 
 

@@ -5,6 +5,7 @@ of your own: then the calls belong under `if __name__ == "__main__":`.
 """
 
 from topo_search.compose.binding import BACKENDS
+from topo_search.compose.comparing import compare
 from topo_search.compose.designs import Rounded, audit, audits, brackets_note, read_design, round_angles, solve
 from topo_search.compose.pages import figure, write_report
 from topo_search.compose.places import available_cores
@@ -20,6 +21,7 @@ __all__ = [
     "available_cores",
     "brackets_note",
     "check_proofs",
+    "compare",
     "figure",
     "prove",
     "read_design",

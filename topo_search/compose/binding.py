@@ -36,6 +36,23 @@ def solve_mounted(
     return outcome.model_copy(update={"task": task.with_rod(outcome.task.end_effector.counted_rod)})
 
 
+def local_optima_mounted(
+    task: ResolvedTask,
+    topology: Topology,
+    *,
+    starts: range,
+    seed: int,
+    near: Sequence[Design] = (),
+    most_effort: float,
+    constraints: Sequence[OwnConstraint] = (),
+) -> list[Design]:
+    """Find the local optima of one topology, and choose where the rod of each is bolted."""
+    found = nlp.local_optima(
+        task, topology, starts=starts, seed=seed, near=near, constraints=constraints, most_effort=most_effort
+    )
+    return [design.model_copy(update={"mount": verify.choose_mount(design)}) for design in found]
+
+
 def audit_exactly(design: Design) -> Audit:
     """Audit a design; the audit and its libraries load with the first one."""
     return verify.audit(design)
@@ -63,10 +80,17 @@ def backends(constraints: Sequence[OwnConstraint]) -> Backends:
         return BACKENDS
     given = tuple(constraints)
     return replace(
-        BACKENDS, solve=partial(solve_mounted, constraints=given), audit=partial(audit_stated, constraints=given)
+        BACKENDS,
+        solve=partial(solve_mounted, constraints=given),
+        audit=partial(audit_stated, constraints=given),
+        local_optima=partial(local_optima_mounted, constraints=given),
     )
 
 
 BACKENDS = Backends(
-    solve=solve_mounted, audit=audit_exactly, lower_bound=nlp.proven_bound, prove_impossible=nlp.prove_impossible
+    solve=solve_mounted,
+    audit=audit_exactly,
+    lower_bound=nlp.proven_bound,
+    prove_impossible=nlp.prove_impossible,
+    local_optima=local_optima_mounted,
 )

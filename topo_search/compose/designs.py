@@ -10,6 +10,7 @@ from pathlib import Path
 
 import nlp
 from topo_search.compose.binding import backends
+from topo_search.compose.envelopes import enclose_speed
 from topo_search.compose.places import processes
 from topo_search.engine import AuditDesign, Failed, Outcome, audit_deadline
 from topo_search.limits import MODULES, STARTS
@@ -64,7 +65,7 @@ def solve(
         raise BadInput("topology", [Fault("", str(error))]) from None
     if tree.n > MODULES:
         raise BadInput("topology", [Fault("", f"must have at most {MODULES} modules, but got {tree.n:,}")])
-    asked = task if isinstance(task, Task) else read_task(task)
+    asked = enclose_speed(task if isinstance(task, Task) else read_task(task))
     resolved = asked.resolve(tree.n)
     if resolved.search.connectors == "aligned" and not tree.aligned:
         rule = f'{tree.key} needs search.connectors = "any", but the task has "aligned"'

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
@@ -28,16 +28,20 @@ from typing import Literal
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from topo_search.compose.designs import brackets_note
+from topo_search.compose.designs import audits, brackets_note
+from topo_search.compose.drawer_page import change_page, drawer_page
+from topo_search.compose.searching import search
 from topo_search.export.brackets import DIGITS, TURNS
 from topo_search.export.kit import write_kit
-from topo_search.model import BadInput, Design, Fault
+from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.proven import upper_text
+from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Index, Number, Value
-from topo_search.study import RunFolder, answer_of
+from topo_search.study import Observer, RunFolder, answer_of
+from topo_search.study.optima import clear_designs
 
-FILE = "kit.json"
+FILE, PAGE = "kit.json", "index.html"
 
 
 class NoCommonKit(Exception):
@@ -66,6 +70,27 @@ class Brackets(Value):
     """As many as the task that needs most of them."""
 
 
+class Step(Value):
+    """One joint to undo or to bolt: a module that comes off the piece that the others form, or is added to it."""
+
+    module: Index
+    """The module that moves."""
+    port: Index
+    to: Index
+    """The module of the piece."""
+    to_port: Index
+    bracket_deg: Number
+    """Kind of the bracket: the size of the hinge angle [deg]."""
+
+    @property
+    def words(self) -> str:
+        """The joint."""
+        return (
+            f"port {PORT_NAMES[self.port]} of module {self.module}, port {PORT_NAMES[self.to_port]} of module "
+            f"{self.to}, bracket of {self.bracket_deg:.{DIGITS}f} deg"
+        )
+
+
 class Change(Value):
     """Joints to undo and to bolt from one task to the next; the part that stays is in one piece."""
 
@@ -79,6 +104,10 @@ class Change(Value):
     """Number of joints."""
     bolt: Index
     """Number of joints."""
+    undo_steps: tuple[Step, ...]
+    """In order, numbered as in the design before; what is left stays in one piece."""
+    bolt_steps: tuple[Step, ...]
+    """In order, numbered as in the design after; what is there is in one piece."""
     stay: tuple[tuple[Index, Index], ...]
     """Modules that stay bolted together: number in the design before, and in that after."""
 
@@ -90,6 +119,12 @@ class Change(Value):
             return f"{todo}; no two modules stay together"
         stay = ", ".join(f"{i} as {j}" for i, j in self.stay)
         return f"{todo}; these modules stay bolted together in one piece: {stay}"
+
+    @property
+    def instructions(self) -> list[str]:
+        """The steps, one sentence each, in order."""
+        steps = [("Undo", step) for step in self.undo_steps] + [("Bolt", step) for step in self.bolt_steps]
+        return [f"{number}. {what} {step.words}." for number, (what, step) in enumerate(steps, start=1)]
 
 
 class SharedKit(Value):
@@ -128,6 +163,14 @@ class SharedKit(Value):
             *(change.words for change in self.changes),
         ]
 
+    @property
+    def pages(self) -> list[str]:
+        """Names of the sheets of the changes."""
+        return [
+            f"change-{number}-{change.before}-{change.after}.html"
+            for number, change in enumerate(self.changes, start=1)
+        ]
+
 
 @dataclass(frozen=True)
 class Choices:
@@ -139,18 +182,28 @@ class Choices:
 
 
 def kit(
-    runs: Sequence[str | Path],
+    tasks: Sequence[Task | str | Path],
     *,
     out: str | Path,
     within: float = 2.0,
+    tolerance_deg: float = 0.0,
+    workers: int | None = None,
+    observer: Observer | None = None,
     note: Callable[[str], None] = lambda _: None,
 ) -> SharedKit:
     """Choose a design for each of several tasks such that few brackets serve them all, and write their kits.
 
     Args:
-        runs: folders of finished runs in the order of the tasks; each gives its clear designs as large as its best.
-        out: a new or empty folder, which gets `kit.json` and a folder with the kit of each task.
+        tasks: tasks, files, names of examples, or folders of finished runs. What is no folder is searched first,
+            in its default folder of `search`, with every local optimum kept; each gives its clear designs as large
+            as its best.
+        out: a new or empty folder, which gets `kit.json`, a page, a sheet a change and a folder with the kit of
+            each task.
         within: largest effort of a design over the least of its task [%].
+        tolerance_deg: range of angles that one bracket may serve: designs with such angles replaced by the middle
+            of the range are choices as well, if they are clear [deg].
+        workers: worker processes of a search; default: the cores available.
+        observer: receives the progress of searches.
         note: receives what is to be known beside it.
 
     Raises:
@@ -160,8 +213,10 @@ def kit(
     out = Path(out)
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise BadInput("--out", [Fault("", f"must be a new or empty folder, but got {out}")])
-    choices = [_read_choices(Path(run), within) for run in runs]
+    choices = [_read_choices(_run_of(task, within, workers, observer), within) for task in tasks]
     _require_same_module(choices)
+    if tolerance_deg:
+        choices = share_brackets(choices, tolerance_deg, within)
     chosen = [each.designs[d] for each, d in zip(choices, choose([each.designs for each in choices]), strict=True)]
     shared = _describe(choices, chosen, within)
     for number, (design, told) in enumerate(zip(chosen, shared.tasks, strict=True)):
@@ -171,8 +226,58 @@ def kit(
         written = write_kit(design, (out / told.design).parent, (*before, beside))
         for text in written.notes:
             note(f"{told.task}: {text}")
+    for name, change, (one, other) in zip(shared.pages, shared.changes, pairwise(chosen), strict=True):
+        write_atomically(out / name, change_page(change, one, other))
+    write_atomically(out / PAGE, drawer_page(shared, chosen))
     write_atomically(out / FILE, to_json(shared))
     return shared
+
+
+def share_brackets(choices: Sequence[Choices], tolerance_deg: float, within: float) -> list[Choices]:
+    """Return choices with designs added whose hinge angles are those of shared brackets, if they are clear.
+
+    Sizes of angles are shared in groups no wider than the tolerance, from the least on; the root's orientation and
+    the end-effector stay, the inputs are found again.
+    """
+    from nlp.evaluation.refit import NotPossible, refit  # loads CasADi
+
+    sizes = sorted({size for each in choices for design in each.designs for size in count_kinds(design)})
+    shared, group = dict[float, float](), list[float]()
+    for size, after in zip(sizes, [*sizes[1:], math.inf], strict=True):
+        group.append(size)
+        if after - group[0] > tolerance_deg:
+            shared |= dict.fromkeys(group, round((group[0] + group[-1]) / 2, DIGITS))
+            group = []
+    result = []
+    for each in choices:
+        moved = list[Design]()
+        for design in each.designs:
+            angles = [
+                math.copysign(math.radians(shared[abs(phi)]), alpha)
+                for alpha, (*_, phi) in zip(design.hinge_angles_rad, _joints(design), strict=True)
+            ]
+            if all(shared[size] == size for size in count_kinds(design)):
+                continue
+            try:
+                moved.append(refit(design, angles))
+            except NotPossible:
+                continue
+        most = (1 + within / 100) * each.designs[0].objective
+        clear = [
+            design
+            for design, verdict in zip(moved, audits(moved), strict=True)
+            if isinstance(verdict, Audit) and verdict.verdict is Status.CLEAR and design.objective <= most
+        ]
+        designs = sorted((*each.designs, *clear), key=lambda design: design.objective)
+        result.append(Choices(each.run, tuple(designs)))
+    return result
+
+
+def _run_of(task: Task | str | Path, within: float, workers: int | None, observer: Observer | None) -> Path:
+    """Return the folder of a task's run, which is searched first, or goes on, unless it is a folder itself."""
+    if not isinstance(task, Task) and Path(task).is_dir():
+        return Path(task)
+    return search(task, keep_within=within, workers=workers, observer=observer).folder
 
 
 def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
@@ -262,6 +367,19 @@ def _ports(design: Design) -> dict[int, dict[int, tuple[int, int, float]]]:
     return ports
 
 
+def growing_steps(design: Design, piece: Iterable[int]) -> tuple[Step, ...]:
+    """Return the joints by which a platform grows from a piece of it, module by module."""
+    ports, grown = _ports(design), list(piece)
+    steps, known = list[Step](), set(grown)
+    for i in grown:
+        for port, (j, port_of_j, phi) in ports[i].items():
+            if j not in known:
+                known.add(j)
+                grown.append(j)
+                steps.append(Step(module=j, port=port_of_j, to=i, to_port=port, bracket_deg=abs(phi)))
+    return tuple(steps)
+
+
 def _moves(one: Design, other: Design, stay: int) -> tuple[int, int]:
     """Return the number of joints to undo and to bolt, given the size of the shared part."""
     return one.topology.n - stay, other.topology.n - stay
@@ -275,9 +393,6 @@ def _excess(design: Design, choices: Sequence[Design]) -> float:
 
 def _read_choices(run: Path, within: float) -> Choices:
     """Return the designs of a run with a clear audit, of the best one's size and so much effort at most."""
-    if not run.is_dir():
-        rule = "must be the folder of a finished run (`topo-search run TASK --out RUN`), but is no folder"
-        raise BadInput(str(run), [Fault("", rule)])
     with RunFolder.load(run) as folder:
         answer = answer_of(folder)
         if not answer.complete:
@@ -287,13 +402,15 @@ def _read_choices(run: Path, within: float) -> Choices:
         if best is None or best.objective is None:
             raise NoCommonKit(f"no common kit: {run} has no design with a clear audit")
         level = folder.levels[answer.points[0].number if answer.points else 0]
-        contexts, most = level.request.contexts(best.modules), (1 + within / 100) * best.objective
+        most = (1 + within / 100) * best.objective
         designs = [
-            level.ledger.result(contexts[row.step], row.key)
+            design
             for row in level.ledger.ranking(best.modules)
-            if row.clear and row.objective is not None and row.objective <= most
+            if row.objective is not None and row.objective <= most
+            for design in clear_designs(level, row)
+            if design.objective <= most
         ]
-        return Choices(run, tuple(design for design in designs if isinstance(design, Design)))
+        return Choices(run, tuple(sorted(designs, key=lambda design: (design.objective, design.topology.key))))
 
 
 def _require_same_module(choices: Sequence[Choices]) -> None:
@@ -318,8 +435,17 @@ def _describe(choices: Sequence[Choices], chosen: Sequence[Design], within: floa
     for one, other in pairwise(chosen):
         part = shared_part(one, other)
         undo, bolt = _moves(one, other, len(part))
-        stay = tuple(sorted(part.items()))
-        changes.append(Change(before=one.task.name, after=other.task.name, undo=undo, bolt=bolt, stay=stay))
+        changes.append(
+            Change(
+                before=one.task.name,
+                after=other.task.name,
+                undo=undo,
+                bolt=bolt,
+                undo_steps=growing_steps(one, part)[::-1],
+                bolt_steps=growing_steps(other, part.values()),
+                stay=tuple(sorted(part.items())),
+            )
+        )
     return SharedKit(
         within_percent=within,
         modules=max(design.topology.n for design in chosen),

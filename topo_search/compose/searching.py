@@ -13,10 +13,11 @@ from typing import TypeVar
 import nlp
 import verify
 from topo_search.compose.binding import backends
+from topo_search.compose.envelopes import enclose_speed
 from topo_search.compose.pages import write_page
 from topo_search.compose.places import open_engine
 from topo_search.engine import Certificates, DaskWorkers, Workers
-from topo_search.limits import CANDIDATES, GAPS
+from topo_search.limits import CANDIDATES, GAPS, PERCENT
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
 from topo_search.model.files import read_task
 from topo_search.model.proof import Problem
@@ -70,6 +71,7 @@ def search(
     constraints: Iterable[OwnConstraint] = (),
     topologies: Iterable[OwnTopology] | None = None,
     prove: float | None = None,
+    keep_within: float | None = None,
     observer: Observer | None = None,
 ) -> Answer:
     """Search the topologies for the best design of a task, audit the best ones and write a run folder.
@@ -98,6 +100,7 @@ def search(
             `invariant`, every rooted tree is a candidate.
         topologies: the only candidates: trees, keys, or graphs as of `Topology.graph`. Each is solved as given.
         prove: relative gap to which branch and bound then proves that no tree is better, as `prove` does.
+        keep_within: keep every local optimum with a clear audit and at most so much more effort than the best [%].
         observer: receives progress.
 
     Raises:
@@ -107,7 +110,7 @@ def search(
             unknown.
         WorkersLost: workers do not start or return, or the Dask scheduler does not answer; results are kept.
     """
-    asked = task if isinstance(task, Task) else read_task(task)
+    asked = enclose_speed(task if isinstance(task, Task) else read_task(task))
     handed = collect_own(
         asked,
         near=near,
@@ -131,6 +134,8 @@ def search(
         propose=handed.propose,
     )
     _refuse_endless(request)
+    if keep_within is not None and (prune or not 0 <= keep_within <= PERCENT):
+        raise ValueError(f"`0 <= keep_within <= {PERCENT}` must hold without `prune`, but got {keep_within}")
     if prove is not None:
         refuse_unprovable(request, asked.name)
         _refuse_gap("prove", prove)
@@ -176,6 +181,7 @@ def search(
             prepare=prepare,
             report=write_page,
             prove=None if prove is None else lambda: prove_best(prove),
+            keep_within=keep_within,
         )
 
 

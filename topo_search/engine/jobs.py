@@ -42,6 +42,27 @@ class Solve(Protocol):
         ...
 
 
+class LocalOptima(Protocol):
+    """Finds all local optima of one topology that cost little enough: likewise a pure function."""
+
+    def __call__(
+        self,
+        task: ResolvedTask,
+        topology: Topology,
+        *,
+        starts: range,
+        seed: int,
+        near: Sequence[Design] = (),
+        most_effort: float,
+    ) -> list[Design]:
+        """Return them, least effort first.
+
+        Args: as of `Solve`, and
+            most_effort: largest effort of a design [rad^4/s^4].
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class Backends:
     """The functions that know the physics."""
@@ -52,6 +73,7 @@ class Backends:
     """Lower bound on the effort of designs of this task's size with a clear audit [rad^4/s^4]."""
     prove_impossible: Callable[[ResolvedTask], Infeasible | None]
     """A proof that no topology of this task's size can do it, if there is a simple one."""
+    local_optima: LocalOptima
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
@@ -113,8 +114,14 @@ def _note(axes: Axes, at: Array, text: str, size: float, color: str = "black") -
     axes.text(at[0], at[1], text, fontsize=size, color=color, ha="center", va="center", bbox=box, zorder=2)
 
 
-def tree_svg(design: Design, assembly: Assembly | None = None) -> str:
-    """Return the drawing as the text of an `svg` element; an assembly sheet adds mount and blocked connectors."""
+def tree_svg(design: Design, assembly: Assembly | None = None, marked: Collection[int] = ()) -> str:
+    """Return the drawing as the text of an `svg` element.
+
+    Args:
+        design: the design.
+        assembly: adds mount and blocked connectors.
+        marked: modules whose joints with each other have another colour.
+    """
     topology = design.topology
     cells, turns = layout(topology)
     place = cells * np.array([1, -1])  # y points down on a page
@@ -133,7 +140,8 @@ def tree_svg(design: Design, assembly: Assembly | None = None) -> str:
     for (h, i, a, b), alpha in zip(topology.edges(), design.hinge_angles_rad, strict=True):
         ends = place[[h, i]]
         (x1, y1), (x2, y2) = ends
-        _add(svg, "line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=palette.CONNECTOR, stroke_width=0.05)
+        stroke, wide = (palette.END_EFFECTOR, 0.1) if {h, i} <= {*marked} else (palette.CONNECTOR, 0.05)
+        _add(svg, "line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=stroke, stroke_width=wide)
         aside = np.array([0.0, -0.12]) if turns is not None and y1 == y2 else np.array([0.19, 0.0])
         _text(svg, ends.mean(axis=0) + aside, f"{math.degrees(alpha):.0f}°".replace("-", "−"), 0.15)
         if turns is None:

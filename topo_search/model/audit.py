@@ -337,9 +337,9 @@ class Audit(Value):
     pairs: tuple[Clearance, ...]
     residuals: tuple[Residual, ...]
     interference: Interference | None = None
-    """None in files of programs that do not compute it."""
+    """None where envelopes may merge, and in files of programs that do not compute it."""
     sensitivity: Sensitivity | None = None
-    """None if there is no clearance to lose."""
+    """None if there is no clearance to lose, and where airflow envelopes may merge."""
     flight: Flight | None = None
     """Capabilities of the design beyond its task; None if its numbers are too large to compute with, and in files
     of programs that do not compute it."""

@@ -13,6 +13,7 @@ from functools import lru_cache
 from topo_search.model.load_case import LoadCase
 from topo_search.model.reserves import AskedFlight, Corner, failure_corners, reserve_corners
 from topo_search.model.task import ResolvedTask
+from topo_search.model.value import Vector
 
 
 class CorneredTask(ResolvedTask):
@@ -34,6 +35,11 @@ class CorneredTask(ResolvedTask):
     def dead_rotors(self) -> tuple[int | None, ...]:
         """The rotor that does not run in each load case and corner."""
         return (*self.stated.dead_rotors, *(corner.dead for corner in self.corners))
+
+    @property
+    def accelerations(self) -> tuple[Vector, ...]:
+        """Angular acceleration of the platform in each load case and corner [rad/s^2]."""
+        return (*self.stated.accelerations, *(corner.acceleration for corner in self.corners))
 
     @property
     def declared(self) -> ResolvedTask:

@@ -65,9 +65,9 @@ The tip of such a cantilever is deflected by
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import ConfigDict, Field, Tag, ValidationInfo, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, Tag, ValidationInfo, model_validator
 
 from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.mesh_file import ConvexPiece, frame_of, mesh_schema, take_mesh
@@ -252,6 +252,27 @@ class Jet(Value):
     """Growth of the radius of half the speed."""
 
 
+class RegionAirflow(Value):
+    """The airflow envelope of a module against target regions; lengths left out scale with the module."""
+
+    start_radius: Positive | None = None
+    """Radius at the module's centre [m]; default: arm_length + rotor_radius, which encloses all slipstreams."""
+    spread_angle_deg: Annotated[float, Field(strict=True, ge=0, le=90)] = 10.0
+    """Full spreading angle [deg]."""
+    reach: Positive | None = None
+    """From the module's centre to the far end [m]; default: that between modules."""
+
+
+def _none_if_false(given: object) -> object:
+    return None if given is False else given
+
+
+Thrust = Annotated[
+    Annotated[Literal["hover", "full"], Tag("<hover>")] | Annotated[Positive, Tag("<number>")],
+    one_of('must be "hover", "full" or a thrust over the weight'),
+]
+
+
 class Airflow(Value):
     """The airflow envelope of a module as a user states it; lengths left out scale with the arm."""
 
@@ -263,6 +284,20 @@ class Airflow(Value):
     """From the module's centre to the far end of the envelope [m]; default: 20 arm_length / sqrt(2)."""
     jet: Annotated[Jet, Field(exclude_if=lambda given: given == Jet())] = Jet()
     """The jet of which audits tell the air speed; omitted from files where it has its defaults."""
+    regions: Annotated[
+        RegionAirflow | None, BeforeValidator(_none_if_false), Field(exclude_if=lambda given: given is None)
+    ] = None
+    """The envelope against target regions; that between modules where the table is left out, or false."""
+    speed: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    """Instead of `regions`: the smallest cone-sphere around all air of one module so fast or faster [m/s]."""
+    at: Annotated[Thrust, Field(exclude_if=lambda given: given == "hover")] = "hover"
+    """Thrust at which the air has that speed: `hover`, `full`, or a thrust over the module's weight."""
+
+    @model_validator(mode="after")
+    def _one_envelope_of_regions(self) -> Self:
+        if self.speed is not None and self.regions is not None:
+            refuse("Airflow", (("speed",), "must be left out where `regions` is given"))
+        return self
 
 
 class Body(Value):
@@ -334,10 +369,25 @@ class AirflowEnvelope(Value):
     growth: Number
     """dr_air: growth of the radius along the axis [m]."""
 
+    @classmethod
+    def of(cls, start_radius: float, spread_angle_deg: float, reach: float) -> AirflowEnvelope:
+        """Return that whose volume ends at a distance below the module, its lengths in metres."""
+        growth_rate = math.tan(math.radians(spread_angle_deg) / 2)
+        length = (reach - start_radius) / (1 + growth_rate)
+        return cls(length=length, start_radius=start_radius, growth=length * growth_rate)
+
     @property
     def end_radius(self) -> float:
         """Radius of the far ball [m]."""
         return self.start_radius + self.growth
+
+
+class FilledAirflow(NamedTuple):
+    """An envelope as files state it, with its lengths [m]."""
+
+    start_radius: float
+    spread_angle_deg: float
+    reach: float
 
 
 class Module(Value):
@@ -402,6 +452,10 @@ class Module(Value):
         if self.reach <= self.start_radius:
             given = f"reach = {self.reach}, start_radius = {self.start_radius}"
             refuse("Module", (("airflow",), f"`reach > start_radius` must hold, but got {given}"))
+        regions = self.region_airflow
+        if regions is not None and regions.reach <= regions.start_radius:
+            given = f"reach = {regions.reach}, start_radius = {regions.start_radius}"
+            refuse("Module", (("airflow", "regions"), f"`reach > start_radius` must hold, but got {given}"))
         return self
 
     @model_validator(mode="after")
@@ -438,13 +492,37 @@ class Module(Value):
     @property
     def envelope(self) -> AirflowEnvelope:
         """The cone-sphere whose volume ends at `reach`: l_air + r_air + dr_air = reach."""
-        growth_rate = math.tan(math.radians(self.airflow.spread_angle_deg) / 2)
-        length = (self.reach - self.start_radius) / (1 + growth_rate)
-        return AirflowEnvelope(length=length, start_radius=self.start_radius, growth=length * growth_rate)
+        return AirflowEnvelope.of(self.start_radius, self.airflow.spread_angle_deg, self.reach)
+
+    @property
+    def region_airflow(self) -> FilledAirflow | None:
+        """`airflow.regions` with its lengths."""
+        regions = self.airflow.regions
+        if regions is None:
+            return None
+        start, reach = regions.start_radius, self.reach if regions.reach is None else regions.reach
+        start = self.arm_length + self.body.rotor_radius if start is None else start
+        return FilledAirflow(start, regions.spread_angle_deg, reach)
+
+    @property
+    def region_envelope(self) -> AirflowEnvelope:
+        """The cone-sphere that keeps out of target regions.
+
+        Raises:
+            ValueError: `airflow.speed` is not replaced by its cone-sphere yet (`topo_search.compose`).
+        """
+        if self.airflow.speed is not None:
+            raise ValueError("`airflow.speed` must have been replaced by its cone-sphere")
+        regions = self.region_airflow
+        return self.envelope if regions is None else AirflowEnvelope.of(*regions)
 
     def hover_input(self, gravity: float) -> float:
         """Return the squared rotor speed at which the module carries its own weight [rad^2/s^2]."""
         return self.mass * gravity / (4 * self.thrust_coefficient)
+
+    def thrust_over_weight(self, at: Thrust) -> float:
+        """Return the thrust over the module's weight that `hover`, `full` or a number names."""
+        return {"hover": 1.0, "full": self.max_thrust_to_weight}[at] if isinstance(at, str) else at
 
     def max_input(self, gravity: float) -> float:
         """u_max: the largest squared rotor speed [rad^2/s^2]."""
@@ -511,11 +589,14 @@ class Module(Value):
 
     def resolve(self) -> Module:
         """Return the same module with every default written out, in one form each."""
+        lengths: dict[str, Any] = {"start_radius": self.start_radius, "reach": self.reach}
+        if (filled := self.region_airflow) is not None:
+            lengths["regions"] = RegionAirflow(**filled._asdict())
         return self.model_copy(
             update={
                 "max_thrust": None,
                 "torque_to_thrust": None,
-                "airflow": self.airflow.model_copy(update={"start_radius": self.start_radius, "reach": self.reach}),
+                "airflow": self.airflow.model_copy(update=lengths),
                 "body": self.body.model_copy(update={"inertia": self.inertia}),
             }
         )

@@ -148,8 +148,10 @@ PAPER = (
     "search.body_clearance=false",
     "end_effector.rod=none",
     "end_effector.largest_reach=false",
+    "module.airflow.regions=false",
 )
-"""The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames, no rod."""
+"""The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames, no rod, one
+envelope of airflow."""
 NAME = 64
 """Largest number of characters of a name in a field."""
 

@@ -64,6 +64,11 @@ def gap_percent(gap: float, decimals: int = 2) -> str:
     return f"{_percent(gap, decimals)} %"
 
 
+def improvement(gap: float) -> str:
+    """Return in words how much better another design can be at most; `better` if by no more than rounding."""
+    return f"more than {gap_percent(gap)} better" if gap > SOLVER_PRECISION else "better"
+
+
 def _percent(gap: float, decimals: int) -> Decimal:
     percent = Decimal(f"{100 * gap if gap > SOLVER_PRECISION else 0.0:.{CERTAIN}f}")
     return percent.quantize(Decimal(1).scaleb(-decimals), ROUND_CEILING)

@@ -125,7 +125,7 @@ def _exposure(task: Task) -> Iterator[Relaxable]:
     for number, requirement in enumerate(task.exposure):
 
         def reduce(x: float, number: int = number, requirement: Any = requirement) -> Task:
-            changed = requirement.model_copy(update=_shrink(requirement, x, task.module.envelope.length))
+            changed = requirement.model_copy(update=_shrink(requirement, x, task.module.region_envelope.length))
             return task.model_copy(
                 update={"exposure": (*task.exposure[:number], changed, *task.exposure[number + 1 :])}
             )

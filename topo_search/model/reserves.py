@@ -14,6 +14,7 @@ measures ball and cap themselves.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import product
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
@@ -24,7 +25,7 @@ from topo_search.limits import FAILURES, LOAD_CASES
 from topo_search.model.arrays import Array
 from topo_search.model.load_case import MOST, Broken, LoadCase, Wrench
 from topo_search.model.tolerances import TOLERANCE
-from topo_search.model.value import Flag, NonNegative, Positive, Value, one_of
+from topo_search.model.value import Flag, NonNegative, Positive, Value, Vector, one_of
 
 if TYPE_CHECKING:
     from topo_search.model.search import Level
@@ -65,6 +66,8 @@ class Corner(NamedTuple):
     case: LoadCase
     dead: int | None = None
     """Rotor that does not run, counted module by module."""
+    acceleration: Vector = (0.0, 0.0, 0.0)
+    """Angular acceleration of the platform: its inertia times this is added to the torque [rad/s^2]."""
 
 
 class AskedFlight(Value):
@@ -185,6 +188,7 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
     around = len(_circumscribe(disc=flight.directions == "horizontal")) * (flight.force_reserve > 0)
     around *= len(PLACES[flight.at])
     around += len(_circumscribe(disc=False)) * (flight.torque_reserve > 0)
+    around += 2 * sum(map(bool, flight.angular_acceleration))
     around *= 1 + cases * (flight.around == "all")
     around += len(_cover_cap(flight.tilt_deg)) * (flight.tilt_deg > 0)
     if around and (number := cases + around) > LOAD_CASES:
@@ -197,8 +201,12 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
 
 
 def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
-    """Return the corners around each reserve, or points of the balls themselves; of a tilt corners alone."""
+    """Return the corners around each reserve, or points of the balls themselves, as where rows have the balls.
+
+    `inner`: points of balls alone, and nothing of tilts and accelerations.
+    """
     flight, groups = task.flight, list[list[Corner]]()
+    on_balls = inner or flight.allocator == "pseudo-inverse"
     level = flight.directions == "horizontal"
     for _, label, case in centres(task):
         for field, place, r, unit, disc in (
@@ -206,11 +214,13 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
             ("torque", "", flight.torque_reserve, task.torque_unit(task.n), False),
         ):
             around = _circumscribe(disc=disc)
-            if inner:
+            if on_balls:
                 r, around = max(0.0, r - UNSEEN * unit), around / np.linalg.norm(around, axis=1, keepdims=True)
             if r > 0:
                 groups.append(_corners(f"{label}, {field} reserve{AT[place]}", case, field, r * around, place))
-    if flight.tilt_deg and not inner:
+        if not inner:
+            groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
+    if flight.tilt_deg and not on_balls:
         (_, label, case), weight = centres_of(task, "hover")[0], task.force_unit(task.n)
         around = weight * (_cover_cap(flight.tilt_deg) - np.array([0.0, 0.0, 1.0]))
         groups.append(_corners(f"{label}, tilt", case, "force", around, "_com"))
@@ -247,6 +257,15 @@ def _corners(words: str, case: LoadCase, field: str, around: Array, place: Place
         wrench = given.model_copy(update={field: (x, y, z)})
         corners.append(Corner(f"{words} {number}", case.model_copy(update={side: wrench})))
     return corners
+
+
+def _acceleration_corners(label: str, case: LoadCase, sizes: Vector) -> Iterator[Corner]:
+    """Yield the corners of accelerations about x, y and z, either way [rad/s^2]."""
+    for axis, size, unit in zip("xyz", sizes, np.eye(3), strict=True):
+        for way, a in (("+", size * unit), ("-", -size * unit)):
+            if size:
+                x, y, z = a.tolist()
+                yield Corner(f"{label}, angular acceleration about {way}{axis}", case, acceleration=(x, y, z))
 
 
 def _circumscribe(*, disc: bool) -> Array:

@@ -74,7 +74,7 @@ import numpy as np
 
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
-from topo_search.model.module import Module
+from topo_search.model.module import AirflowEnvelope, Module
 from topo_search.model.proven import excess_texts
 
 ROUNDING = 1e-9
@@ -88,6 +88,10 @@ A frame that is as high as the default hub at its connector needs 20 mm when it 
 """
 OUTWARDS = 0.05
 """The same outside that plane [l_c]: room for a fitting, 7.5 mm of the default module."""
+FINEST = 0.25
+"""Radius of the balls around parts, unless that makes many of them [l_arm],"""
+MOST_BOXES = 24
+"""which is more than this."""
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of a box with edges of 1."""
 
@@ -401,34 +405,67 @@ def part_cover(module: Module) -> Balls:
 
     The union of the balls and of the module's own envelope holds all rigid parts.
     """
-    radius, rotors = (
-        math.hypot(module.body.rotor_radius, module.body.rotor_height / 2),
-        module.arm_length * ROTOR_DIRECTIONS,
-    )
-    pieces, finest = _pieces(module), 0.25 * module.arm_length  # radius of the balls, unless that makes many
-    most = max(24, len(pieces))
-    while len(cells := list(islice(_uncovered_boxes(module, pieces, rotors, radius, finest), most + 1))) > most:
+    balls, pieces, finest = _rotor_balls(module), _pieces(module), FINEST * module.arm_length
+    most = max(MOST_BOXES, len(pieces))
+    while len(cells := list(islice(_uncovered_boxes(pieces, balls, finest, module.envelope), most + 1))) > most:
         finest *= math.sqrt(2)
-    centres = np.concatenate([rotors, *(cell.centre[None] for cell in cells)])
-    radii = np.array([radius] * 4 + [float(np.linalg.norm(cell.half)) for cell in cells])
+    return _join_balls(balls, cells)
+
+
+@functools.cache
+def whole_cover(module: Module) -> Balls:
+    """Return balls around all rigid parts; rotors come first.
+
+    Hub and arms, or the pieces of an own frame, get theirs one after the other, the largest first: what earlier
+    balls hold needs none.
+    """
+    pieces = sorted(_pieces(module), key=lambda piece: -float(np.linalg.norm(piece.half)))
+    coarse = FINEST * module.arm_length
+    fine = coarse / 4
+    while True:
+        coarse, balls = 4 * coarse, _rotor_balls(module)
+        for piece in pieces:
+            boxes = islice(_uncovered_boxes([piece], balls, coarse), MOST_BOXES + 1)
+            balls = _join_balls(balls, [box for box in boxes if any(_uncovered_boxes([box], balls, fine))])
+        if len(balls.radii) <= len(ROTOR_DIRECTIONS) + max(MOST_BOXES, len(pieces)):
+            return balls
+
+
+def _rotor_balls(module: Module) -> Balls:
+    rotors = module.arm_length * ROTOR_DIRECTIONS
+    return Balls(rotors, np.full(len(rotors), math.hypot(module.body.rotor_radius, module.body.rotor_height / 2)))
+
+
+def _join_balls(balls: Balls, boxes: list[_Box]) -> Balls:
+    """Return the balls and one around each box."""
+    centres = np.concatenate([balls.centres, *(box.centre[None] for box in boxes)])
+    radii = np.concatenate([balls.radii, [float(np.linalg.norm(box.half)) for box in boxes]])
     return Balls(read_only(centres), read_only(radii))
 
 
 def _uncovered_boxes(
-    module: Module, pieces: list[_Box], rotors: Array, radius: float, finest: float
+    pieces: list[_Box], balls: Balls, finest: float, air: AirflowEnvelope | None = None
 ) -> Iterator[_Box]:
-    """Yield boxes around all of some pieces that is neither in the own envelope nor in a rotor's ball."""
-    air, left = module.envelope, list(pieces)
+    """Yield boxes around all of some pieces that is neither in an envelope nor in any one of some balls.
+
+    Args:
+        pieces: the pieces.
+        balls: the balls.
+        finest: half diagonal of the largest box that is not halved [m].
+        air: the envelope, if there is one.
+    """
+    left = list(pieces)
     while left:
         box = left.pop()
         corners = box.centre + (CORNERS * box.half) @ box.axes
         if np.any((corners @ box.normals.T).min(axis=0) > box.offsets):
             continue  # beyond a face of the piece
-        depth = -np.clip(corners[:, 2], -air.length, 0.0) / air.length  # a place on the axis near enough
-        in_air = np.linalg.norm(corners + (depth * air.length)[:, None] * UP, axis=1)
-        if np.all(in_air <= air.start_radius + depth * air.growth):
-            continue  # an envelope is convex, and so is a ball
-        if np.any(np.all(np.linalg.norm(corners - rotors[:, None], axis=2) <= radius, axis=1)):
+        if air is not None:
+            depth = -np.clip(corners[:, 2], -air.length, 0.0) / air.length  # a place on the axis near enough
+            in_air = np.linalg.norm(corners + (depth * air.length)[:, None] * UP, axis=1)
+            if np.all(in_air <= air.start_radius + depth * air.growth):
+                continue  # an envelope is convex, and so is a ball
+        if np.any(np.all(np.linalg.norm(corners - balls.centres[:, None], axis=2) <= balls.radii[:, None], axis=1)):
             continue
         if np.linalg.norm(box.half) <= finest:
             yield box

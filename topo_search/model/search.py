@@ -45,8 +45,9 @@ class Search(Value):
     # effort where that was measured, and leaves room for larger modules and for checks less exact than the audit.
     margin: NonNegative = 1.0e-4
     """Clearance that the solver adds to every geometric requirement [m]."""
-    interference: Literal["airflow", "separation"] = "airflow"
-    """`separation`: the paper's ablation, a minimum distance instead of envelope clearance."""
+    interference: Literal["airflow", "parts", "separation"] = "airflow"
+    """`airflow`: envelopes of two modules must not overlap; `parts`: they may merge, but rotors, hubs and arms keep
+    out of other modules' envelopes; `separation`: the paper's ablation, a minimum distance of module centres."""
     separation: Positive | None = None
     """Minimum distance of module centres in the ablation [m]; default: 2 arm_length."""
     peak_input: Annotated[Positive, Field(le=1, exclude_if=lambda given: given == 1.0)] = 1.0
@@ -107,6 +108,7 @@ FIELDS = (
     "flight.rotor_out",
     "flight.joint_moment",
     "tolerances.hinge_angle_deg",
+    "exposure.speed",
 )
 """Fields that a level sets, in the order of `Level`."""
 
@@ -147,6 +149,8 @@ class Level(NamedTuple):
     """Levels of flight.joint_moment [N m]."""
     hinge_angle_deg: float | None = None
     """Levels of tolerances.hinge_angle_deg, which clearances then survive [deg]."""
+    speed: float | None = None
+    """Levels of the speed of every exposure [m/s]."""
 
     @property
     def words(self) -> str:
@@ -189,6 +193,13 @@ class Goals(Value):
         Field(exclude_if=lambda given: not given),
     ] = ()
     """Levels of tolerances.hinge_angle_deg, which the clearances survive with all of [tolerances] [deg]."""
+    speed: Annotated[
+        tuple[Positive, ...],
+        at_most(LEVELS),
+        AfterValidator(_check_distinct),
+        Field(exclude_if=lambda given: not given),
+    ] = ()
+    """Levels of the air speed in the regions of all exposures, in place of their own `speed` [m/s]."""
     modules: Flag = False
     """True if fewer modules are a goal; needs a range of sizes and wrenches in SI."""
 
@@ -229,5 +240,6 @@ class Goals(Value):
             sorted(self.rotor_out, key=get_args(Failing).index),
             sorted(self.joint_moment, reverse=True),
             sorted(self.hinge_angle_deg),
+            sorted(self.speed, reverse=True),
         )
         return tuple(axis or [None] for axis in axes)

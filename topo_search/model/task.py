@@ -25,6 +25,7 @@ from topo_search.model.module import AGREE, AIR_DENSITY, CountedRod, EndEffector
 from topo_search.model.reserves import AskedFlight, broken_reserves
 from topo_search.model.room import (
     LARGE,
+    Balls,
     Folds,
     airflow_folds,
     body_radius,
@@ -32,6 +33,8 @@ from topo_search.model.room import (
     in_words,
     intersect,
     packed_width,
+    part_cover,
+    whole_cover,
 )
 from topo_search.model.search import Goals, Level, Search
 from topo_search.model.tolerances import FARTHEST, TOLERANCE
@@ -43,6 +46,7 @@ from topo_search.model.value import (
     NonNegative,
     Positive,
     Value,
+    Vector,
     at_most,
     one_of,
     refuse,
@@ -219,6 +223,9 @@ class Task(Value):
         if self.flight.tolerances and self.tolerances == Tolerances() and not any(self.goals.hinge_angle_deg):
             rule = "must be false where all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
             yield ("flight", "tolerances"), f"{rule}, but got true"
+        if self.search.interference == "parts" and (self.flight.tolerances or any(self.goals.hinge_angle_deg)):
+            rule = 'must be "airflow" where clearances must survive [tolerances], which nothing proves of parts'
+            yield ("search", "interference"), f'{rule}, but got "parts"'
         for field in ("force_reserve", "torque_reserve", "rotor_out", "joint_moment"):
             given, default = getattr(self.flight, field), AskedFlight.model_fields[field].default
             if getattr(self.goals, field) and given != default:
@@ -235,6 +242,8 @@ class Task(Value):
 
     def _broken_goals(self) -> Broken:
         """Yield what is wrong with goals over several sizes, or over one."""
+        if self.goals.speed and not self.exposure:
+            yield ("goals", "speed"), f"needs an exposure, but got {show(self.goals.speed)}"
         if self.goals.modules and len(self.sizes) == 1:
             yield ("goals", "modules"), f"needs a range of sizes, [fewest, most], but got modules = {self.modules}"
         if self.goals.names and len(self.sizes) > 1:
@@ -361,17 +370,30 @@ class Task(Value):
         clearance = self.body_clearance
         return None if clearance is None else max(clearance, 2 * body_radius(self.module))
 
-    def folds(self, margin: float = 0.0) -> Folds:
-        """Return what the search folds hinges to: +-pi/2, or with body clearance what parts leave of it [rad].
+    @property
+    def parts_off_airflow(self) -> bool:
+        """True if rotors, hubs and arms must keep out of other modules' airflow."""
+        return self.body_clearance is not None or self.search.interference == "parts"
 
-        Rotors keep off the neighbour's parts, and all parts out of its airflow.
+    @property
+    def part_cover(self) -> Balls:
+        """Balls that the search keeps out of other modules' airflow: around all rigid parts if airflows may merge.
+
+        Where they keep apart, parts within their own module's airflow need no balls.
+        """
+        return part_cover(self.module) if self.search.interference == "airflow" else whole_cover(self.module)
+
+    def folds(self, margin: float = 0.0) -> Folds:
+        """Return what the search folds hinges to: +-pi/2, or what parts leave of it [rad].
+
+        With body clearance rotors keep off the neighbour's parts; all parts keep out of its airflow.
 
         Args:
             margin: what they keep clear by at least [m].
         """
-        if self.body_clearance is None:
-            return ((-math.pi / 2, math.pi / 2),)
-        return intersect(clear_folds(self.module, margin), airflow_folds(self.module, margin))
+        any_fold = ((-math.pi / 2, math.pi / 2),)
+        apart = any_fold if self.body_clearance is None else clear_folds(self.module, margin)
+        return intersect(apart, airflow_folds(self.module, margin)) if self.parts_off_airflow else any_fold
 
     @property
     def joint_limits(self) -> tuple[float | None, float | None]:
@@ -386,8 +408,10 @@ class Task(Value):
         end_effector = {"stand_off": level.stand_off}
         tolerances = self.tolerances.model_copy(update=_without_none({"hinge_angle_deg": level.hinge_angle_deg}))
         survive = True if level.hinge_angle_deg else self.flight.tolerances
+        speed = _without_none({"speed": level.speed})
         return self.model_copy(
             update={
+                "exposure": tuple(asked.model_copy(update=speed) for asked in self.exposure),
                 "search": self.search.model_copy(update=_without_none(search)),
                 "end_effector": self.end_effector.model_copy(update=_without_none(end_effector)),
                 "flight": self.flight.at_level(level).model_copy(
@@ -480,6 +504,11 @@ class ResolvedTask(Task):
     def dead_rotors(self) -> tuple[int | None, ...]:
         """The rotor that does not run in each load case, counted module by module: none where all do."""
         return (None,) * len(self.load_cases)
+
+    @property
+    def accelerations(self) -> tuple[Vector, ...]:
+        """Angular acceleration of the platform in each load case, beside its wrench [rad/s^2]: none."""
+        return ((0.0, 0.0, 0.0),) * len(self.load_cases)
 
 
 def before_requirement(data: Any) -> Any:

@@ -415,6 +415,14 @@ def _search(task: Task) -> Iterator[TaskWarning]:
             "module.body",
             f"hinges turn by {in_words(folds, ' deg')}: rotors reach a bolted neighbour or its airflow",
         )
+        angles = task.search.hinge_set_deg or ()
+        shut = [a for a in angles if not any(low <= math.radians(a) <= high for low, high in folds)]
+        if shut:
+            some = ", ".join(f"{angle:g}" for angle in shut[:4]) + (", ..." if len(shut) > 4 else "")
+            yield TaskWarning(
+                "search.hinge_angles_deg" if task.search.hinge_angles_deg else "search.hinge_step_deg",
+                f"{len(shut)} of {len(angles)} angles, {some} deg, are beyond what hinges turn by, and never used",
+            )
     if margin == 0:
         yield TaskWarning(
             "search.margin", "with 0, clearances may be too close to zero for the audit to prove them"

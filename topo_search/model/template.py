@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from topo_search.model.module import Module
 from topo_search.model.task import Task
 
 COMMENT_AT = 36
@@ -86,8 +87,10 @@ LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "t
 RATINGS = {"joint_moment": 4.0, "joint_force": 60.0, "battery_Wh": 12.0}
 SETS = {"hinge_step_deg": 15.0, "hinge_angles_deg": (0.0, 30.0, 45.0, 60.0, 90.0)}
 """Examples of fields of [flight], of a module and of [search] that have no default."""
+ENVELOPE = {"speed": 2.0}
+"""Examples of fields of [module.airflow] that have no default."""
 ADVISED: dict[str, dict[str, Any]] = {
-    "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.03},
+    "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.03, "airflow": {"regions": {}}},
     "end_effector": {"rod_mass": "included"},
     "flight": {"at": "both"},
 }
@@ -107,7 +110,7 @@ def task_template(name: str) -> str:
         "bracket": module.bracket_sizes,
     }
     changed = {
-        "module": module.model_copy(update={**forms, **RATINGS}),
+        "module": _with_airflow(module.model_copy(update={**forms, **RATINGS}), **ENVELOPE),
         "flight": filled.flight.model_copy(update=LIMITS | ADVISED["flight"]),
         "search": filled.search.model_copy(update=SETS),
     }
@@ -116,6 +119,10 @@ def task_template(name: str) -> str:
     top = "\n".join(_fields(task, filled, explained))
     tables = "\n".join(_tables(task, filled, ""))
     return f"{HEAD.format(name=name)}{top}\n{TASK}{tables}\n"
+
+
+def _with_airflow(module: Module, **fields: Any) -> Module:
+    return module.model_copy(update={"airflow": module.airflow.model_copy(update=fields)})
 
 
 def _tables(task: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:

@@ -22,9 +22,11 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import permutations
 from numbers import Integral
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import networkx as nx
+if TYPE_CHECKING:
+    import networkx as nx
+
 
 Joint = tuple[int, int, int]
 """(parent, parent_port, child_port) of one module; (-1, -1, -1) for the root."""
@@ -40,6 +42,8 @@ class Topology:
 
     joints: tuple[Joint, ...]
     """One (parent, parent_port, child_port) per module, parents before children."""
+
+    __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012 (pydantic wants a dictionary)
 
     def __post_init__(self) -> None:
         """Refuse anything that is not a tree of modules joined at distinct ports."""
@@ -128,11 +132,14 @@ class Topology:
         Raises:
             ValueError: it is no tree, an edge has no such ports, or they are not those of a tree of modules.
 
+        >>> import networkx as nx
         >>> chain = nx.Graph()
         >>> chain.add_edge("root", "arm", ports={"root": 0, "arm": 2})
         >>> Topology.from_graph(chain).key
         'a10'
         """
+        import networkx as nx
+
         tree: nx.Graph[Any] = nx.Graph(graph)
         if not len(tree) or not nx.is_tree(tree):
             nodes, edges = len(tree), tree.number_of_edges()
@@ -177,6 +184,8 @@ class Topology:
         >>> list(Topology.from_key("a300").graph().edges)
         [(0, 1), (0, 2)]
         """
+        import networkx as nx
+
         graph: nx.Graph[int] = nx.Graph()
         graph.add_nodes_from(range(self.n))
         for h, i, a, b in self.edges():

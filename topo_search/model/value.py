@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import ast
+import functools
 import inspect
+import sys
+from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import (
@@ -27,17 +32,25 @@ FIELDS = "\n\nFields:\n"
 class Value(BaseModel):
     """A frozen value: equal by content, picklable, read from and written to TOML and JSON."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
         """Tell `help` the fields, with what is said of each, in place of pydantic's signature."""
+        docstrings = _field_docstrings(sys.modules[cls.__module__].__file__).get(cls.__qualname__, {})
+        for name, text in docstrings.items():
+            cls.model_fields[name].description = text
         lines = [f"    {name}: {_words(field)}" for name, field in cls.model_fields.items()]
         if lines:
             cls.__doc__ = inspect.cleandoc(cls.__doc__ or cls.__name__) + FIELDS + "\n".join(lines)
-            cls.__signature__ = inspect.Signature(
-                [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in cls.model_fields]
-            )
+        cls.__pydantic_on_complete__()
+
+    @classmethod
+    def __pydantic_on_complete__(cls) -> None:
+        """Name the fields in the signature: pydantic writes its own as it builds the class, on its first use."""
+        cls.__signature__ = inspect.Signature(
+            [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in cls.model_fields]
+        )
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
@@ -47,6 +60,26 @@ class Value(BaseModel):
         if "description" in described:
             described["description"] = described["description"].split(FIELDS)[0]
         return schema
+
+
+@functools.cache
+def _field_docstrings(file: str | None) -> dict[str, dict[str, str]]:
+    """Return the docstrings below the fields of every class of a file: pydantic would read it once a class."""
+    if file is None:
+        return {}
+    return {
+        node.name: {
+            field.target.id: inspect.cleandoc(text.value.value)
+            for field, text in pairwise(node.body)
+            if isinstance(field, ast.AnnAssign)
+            and isinstance(field.target, ast.Name)
+            and isinstance(text, ast.Expr)
+            and isinstance(text.value, ast.Constant)
+            and isinstance(text.value.value, str)
+        }
+        for node in ast.parse(Path(file).read_bytes()).body
+        if isinstance(node, ast.ClassDef)
+    }
 
 
 def _words(field: FieldInfo) -> str:

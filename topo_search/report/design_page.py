@@ -141,7 +141,8 @@ def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, 
         f"model error {100 * x.get('model_error', 0.0):g} %, seed {x.get('seed', 0.0):g}.",
         f"Side force in hover: {figures(result.weakest_force_N, 3)} N in the weakest direction "
         f"({direction(result.weakest_direction)}), {figures(100 * result.weakest_force_share, 3)} % of the weight; "
-        f"hover survives {result.rotors_out} of {result.rotors} single rotor failures.",
+        f"hover survives {result.rotors_out} of {result.rotors} single rotor failures, each known after "
+        f"{x.get('detection_time_s', 0.1):g} s.",
         *result.notes,
         *(() if NO_DOWNWASH in result.notes else (NO_DOWNWASH,)),
         "This is evidence from a simulation. It never changes the audit's verdict.",

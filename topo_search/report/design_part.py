@@ -25,7 +25,7 @@ from topo_search.report.task_facts import vector
 from topo_search.report.view import view
 from topo_search.report.wording import EFFORT, clearance, figures, length, modules, quantity
 
-NEAREST = 12
+NEAREST = 8
 """Number of clear pairs in the table of the nearest."""
 WRONG = 200
 """Largest number of pairs in it that are not clear, the deepest first."""

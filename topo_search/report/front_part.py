@@ -22,6 +22,7 @@ AXES = {
     "rotor_out": ("failures", "possible with any one rotor dead", 1.0),
     "joint_moment": ("joint moment", "largest moment in a joint [N m]", 1.0),
     "hinge_angle_deg": ("hinge error", "error of every hinge angle that is survived [deg]", 1.0),
+    "speed": ("air speed", "air over the regions, proven bound [m/s]", 1.0),
     "modules": ("modules", "modules", 1.0),
 }
 

@@ -17,6 +17,7 @@ from topo_search.model.topology import PORT_NAMES
 from topo_search.report.design_part import nearest, reserves
 from topo_search.report.page import Tile, json_in_script
 from topo_search.report.scene import closest
+from topo_search.report.thumbnail import thumbnail
 from topo_search.report.view import view
 from topo_search.report.wording import clearance, figures, length, modules
 from topo_search.study import Answer, Row
@@ -71,14 +72,7 @@ def _lower_bound(pair: Clearance) -> float:
 
 def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str, scoped: bool) -> Iterator[Tile]:
     n = design.topology.n
-    yield Tile("Modules", str(n), compared)
-    throttle = design.inputs / design.task.module.max_input(design.task.gravity)
-    peak = f"{figures(at_most(100 * float(throttle.max()), 3), 3)} %"
-    yield Tile("Peak throttle", peak, f"mean {figures(100 * float(throttle.mean()), 3)} % over all load cases")
     flight = None if audit is None else audit.flight
-    if flight is not None and flight.hover_input is not None and flight.hover_power_excess is not None:
-        power = f"{figures(flight.hover_power_excess, 3)} % more power than with all rotors pointing straight up"
-        yield Tile("Throttle in hover", f"{figures(100 * flight.hover_input, 3)} %", power)
     if gap is not None:
         within = ", in the scope of the proofs" if scoped else ""
         told = f"no platform of {modules(n)} can save more control effort{within}"
@@ -89,22 +83,34 @@ def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str
             "fragile" * (_lower_bound(nearest) < FRAGILE_M) if nearest.status == "clear" else str(nearest.status)
         )
         yield Tile("Least clearance", clearance(nearest), nearest.name, status)
+    if flight is not None:
+        yield from _side_force(flight)
     if audit is not None and (air := audit.air) is not None:
         over = "" if air.region_m_s is None else f"over the regions at most {upper_text(air.region_m_s, 3)} m/s, "
         yield Tile("Air at the tip", f"{upper_text(air.tip_m_s, 3)} m/s", f"{over}by the jet model")
-    if flight is not None:
-        if (hinge := flight.hinge_tolerance_deg) is not None:
-            survived = "error of every hinge angle at which all clearances last"
-            size = f"{figures(at_least(hinge, 3), 3)}°"
-            yield Tile("Hinge tolerance", size, survived, "fragile" * (hinge < FRAGILE_DEG))
-        yield from _reserves(flight)
-        if design.task.end_effector.rod != "none":
-            yield _rod(flight, audit)
+    yield Tile("Modules", str(n), compared)
+    throttle = design.inputs / design.task.module.max_input(design.task.gravity)
+    peak = f"{figures(at_most(100 * float(throttle.max()), 3), 3)} %"
+    yield Tile("Peak throttle", peak, f"mean {figures(100 * float(throttle.mean()), 3)} % over all load cases")
+    if flight is None:
+        return
+    if flight.hover_input is not None and flight.hover_power_excess is not None:
+        power = f"{figures(flight.hover_power_excess, 3)} % more power than with all rotors pointing straight up"
+        yield Tile("Throttle in hover", f"{figures(100 * flight.hover_input, 3)} %", power)
+    if (hinge := flight.hinge_tolerance_deg) is not None:
+        survived = "error of every hinge angle at which all clearances last"
+        size = f"{figures(at_least(hinge, 3), 3)}°"
+        yield Tile("Hinge tolerance", size, survived, "fragile" * (hinge < FRAGILE_DEG))
+    out = flight.rotors_out_hover
+    open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
+    yield Tile("Rotor failures", f"{out.survive} of {out.of}", f"single rotor failures survived in hover{open_}")
+    if design.task.end_effector.rod != "none":
+        yield _rod(flight, audit)
 
 
-def _reserves(flight: Flight) -> Iterator[Tile]:
-    """Yield what is least left in hover, and how many rotors may fail."""
-    hover, out = flight.hover, flight.rotors_out_hover
+def _side_force(flight: Flight) -> Iterator[Tile]:
+    """Yield the least side force that can be added in hover; older files have none."""
+    hover = flight.hover
     if hover.possible is not True:
         why = "cannot hover" if hover.possible is False else "hover is undecided"
         yield Tile("Side force reserve", "none", why)
@@ -113,8 +119,6 @@ def _reserves(flight: Flight) -> Iterator[Tile]:
         towards = "" if weakest is None else f", least towards {direction(weakest)}"
         size = f"{figures(at_least(hover.horizontal_reserve_N, 3), 3)} N"
         yield Tile("Side force reserve", size, f"at the tip in hover{towards}")
-    open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
-    yield Tile("Rotor failures", f"{out.survive} of {out.of}", f"single rotor failures survived in hover{open_}")
 
 
 def _rod(flight: Flight, audit: Audit | None) -> Tile:
@@ -150,29 +154,42 @@ def cards(
     taken = 0
     for row, design, audit in found:
         try:
-            card = _card(row, design, audit, best, scoped=row.modules in scoped)
+            shown = card(row.key, design, audit, _effort(row, best), row.gap, scoped=row.modules in scoped)
         except BadInput:  # its end-effector is too far away to be drawn: the ranking still has its row
             continue
         if row.key != best.key:
-            taken += len(json_in_script(card["view"]["value"])) + len(card["tree"])
+            taken += len(json_in_script(shown["view"]["value"])) + len(shown["tree"])
         if taken > LARGEST:
             return
-        yield card
+        yield shown
 
 
-def _card(row: Row, design: Design, audit: Audit | None, best: Row, *, scoped: bool) -> dict[str, Any]:
+def card(
+    name: str, design: Design, audit: Audit | None, effort: Tile, gap: float | None, *, scoped: bool = False
+) -> dict[str, Any]:
+    """Return what a page shows of a design beside another.
+
+    Args:
+        name: of the design, once on the page.
+        design: the design.
+        audit: its audit.
+        effort: its control effort.
+        gap: as for the headline.
+        scoped: as for the headline.
+    """
     at = poses_to_draw(design)
     assembly = None if audit is None else audit.assembly
     verdict = "none" if audit is None else str(audit.verdict)
     return {
-        "key": row.key,
-        "heading": f"{row.key}, {modules(row.modules)}",
-        "view": view(f"view-{row.key}", design, at, audit),
+        "key": name,
+        "heading": f"{name}, {modules(design.topology.n)}",
+        "view": view(f"view-{name}", design, at, audit),
         "tree": Markup(tree_svg(design, assembly)),
+        "thumbnail": thumbnail(design, at),
         "figures": (
             Tile("Audit", verdict, "", "fragile" if fragile(audit) else verdict),
-            _effort(row, best),
-            *headline(design, audit, row.gap, "", scoped=scoped),
+            effort,
+            *headline(design, audit, gap, "", scoped=scoped),
         ),
         "nearest": nearest(audit.pairs) if audit is not None and audit.pairs else None,
         "cases": None if audit is None or audit.flight is None else reserves(audit.flight),

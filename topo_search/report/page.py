@@ -16,8 +16,26 @@ from plotly.offline import get_plotlyjs
 from topo_search.export import palette
 from topo_search.report.charts import style
 
-SCRIPTS = ("figures.js", "labels.js", "view.js", "beside.js", "ranking.js", "page.js")
+SCRIPTS = ("figures.js", "labels.js", "view.js", "beside.js", "choice.js", "ranking.js", "page.js")
 """In the order in which they run."""
+
+
+PARTS = (
+    "key",
+    "verdict",
+    "design",
+    "meshes",
+    "front",
+    "task",
+    "run",
+    "compared",
+    "simulated",
+    "bound",
+    "reproduction",
+)
+"""Parts that a page may lack."""
+FIRST_TILES = 4
+"""Number of tiles beside the view."""
 
 
 class Chart(NamedTuple):
@@ -64,8 +82,9 @@ def render(page: dict[str, Any]) -> str:
     )
     environment.filters |= {"figure_json": figure_json, "json": json_in_script, "code": mark_code}
     return environment.get_template("page.html.j2").render(
-        page={"fragile": (), "run": None, "front": None, "simulated": None, **page},
+        page={**dict.fromkeys(PARTS), "fragile": (), "notes": (), **page},
         palette=palette,
+        FIRST_TILES=FIRST_TILES,
         style=_template("page.css"),
         script=Markup("\n").join(map(_template, SCRIPTS)),
         plotly=Markup(get_plotlyjs()),

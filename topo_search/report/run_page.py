@@ -6,42 +6,21 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from topo_search.model import Audit, Design, Infeasible
+from topo_search.model import Infeasible
 from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.files import to_toml
-from topo_search.model.proven import at_least, at_most, gap_percent
+from topo_search.model.proven import at_least, gap_percent
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, task_part, title
 from topo_search.report.design_part import design_part
 from topo_search.report.front_part import front_part
 from topo_search.report.headline import cards, fragile, headline, rows_to_show, tally
 from topo_search.report.page import Chart, Table, Tile, render
+from topo_search.report.ranking import ranking
 from topo_search.report.view import shared_meshes
 from topo_search.report.wording import figures, modules, near_tie_cells, near_tie_columns, quantity
 from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
-from topo_search.study.proofs import ProofState
 from topo_search.study.row import kind_of
-
-COLUMNS = (
-    ("tree", "text"),
-    ("modules", "number"),
-    ("J / bound", "number"),
-    ("J [rad⁴/s⁴]", "number"),
-    ("gap [%]", "number"),
-    ("audit", "text"),
-    ("status", "text"),
-    ("symmetric copies", "number"),
-    ("hits", "number"),
-    ("feasible starts", "number"),
-    ("starts", "number"),
-    ("time [s]", "number"),
-    ("missed constraint", "text"),
-    ("by", "number"),
-    ("unit", "text"),
-)
-"""Columns of the ranking and how they sort."""
-PROOF_COLUMNS = (("proof", "text"), ("proven J at least", "number"), ("proven gap [%]", "number"))
-"""Columns of the ranking after branch and bound."""
 
 
 def write_run_page(folder: RunFolder) -> None:
@@ -74,7 +53,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
     shown = answer.best or next((row for size in answer.sizes for row in size.top), None)
     n = shown.modules if shown else request.task.sizes[0]
     size = next(size for size in answer.sizes if size.modules == n)
-    design, audit = (None, None) if shown is None else _read(folder, shown)
+    design, audit = (None, None) if shown is None else folder.result_of(shown)
     tiles: tuple[Tile, ...] = ()
     if design is not None and shown is not None:
         compared = f"{quantity(sum(size.settled for size in answer.sizes), 'candidate')} solved"
@@ -95,16 +74,6 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         "run": _run_part(folder, answer, shown),
         "reproduction": _reproduction(folder),
     }
-
-
-def _read(folder: RunFolder, row: Row) -> tuple[Design | None, Audit | None]:
-    """Return the design of a row, and its audit if it has one."""
-    context = folder.request.contexts(row.modules)[row.step]
-    design, audit = folder.ledger.design(context, row.key), folder.ledger.audit(context, row.key)
-    return (
-        None if design is None else Design.model_validate_json(design),
-        None if audit is None else Audit.model_validate_json(audit),
-    )
 
 
 def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> str:
@@ -160,7 +129,7 @@ def _own(own: Own) -> Iterator[str]:
 def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[dict[str, Any]]:
     """Yield what is shown of the best designs beside the one that the page is about."""
     if shown is not None:
-        read = ((row, *_read(folder, row)) for row in rows_to_show(answer, shown))
+        read = ((row, *folder.result_of(row)) for row in rows_to_show(answer, shown))
         of_size = {size.modules: size for size in answer.sizes}
         told = (
             (replace(row, gap=of_size[row.modules].gap_of(row)), design, audit)
@@ -172,11 +141,8 @@ def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[dic
 
 
 def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str, Any]:
-    proof_states = [each for size in answer.sizes for each in folder.proof_states(size.modules)]
-    rows = [row for row, _ in proof_states]
-    asked = any(size.proven is not None for size in answer.sizes)
-    columns = (*COLUMNS, *PROOF_COLUMNS) if asked else COLUMNS
-    cells = [[*_cells(row), *(_proof_cells(stands) if asked else ())] for row, stands in proof_states]
+    candidates = [each for size in answer.sizes for each in folder.candidates(size.modules)]
+    rows = [row for row, *_ in candidates]
     charts = []
     for size in answer.sizes:
         solves = list(folder.ledger.solves(size.modules))
@@ -186,7 +152,7 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str,
     return {
         "sizes": _sizes(answer),
         "near_ties": tuple(_near_ties(size) for size in answer.sizes if len(size.near_ties) > 1),
-        "candidates": {"columns": columns, "rows": cells},
+        **ranking(candidates, proofs=any(size.proven is not None for size in answer.sizes)),
         "cards": tuple(_cards(folder, answer, shown)),
         "progress": tuple(charts),
         "reasons": _reasons(folder, rows),
@@ -222,39 +188,6 @@ def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
     columns = near_tie_columns()
     rows = [near_tie_cells(row, best) for row in size.near_ties]
     return told, Table(columns, rows, range(1, len(columns)))
-
-
-def _cells(row: Row) -> list[Any]:
-    """Return one candidate's cells in the order of COLUMNS; numbers rounded to what a table shows."""
-    J, least = row.objective, row.lower_bound
-    return [
-        row.key,
-        row.modules,
-        at_most(J / least, 5) if J is not None and least else None,
-        _round(J, 6),
-        None if row.gap is None else float(gap_percent(row.gap).removesuffix(" %")),
-        row.audit or ("failed" if row.audit_failure else None),
-        row.status,
-        row.orbit,
-        row.starts_at_best,
-        row.starts_feasible,
-        row.starts,
-        _round(row.seconds, 3),
-        row.worst_constraint,
-        _round(row.violation, 3),
-        row.unit,
-    ]
-
-
-def _proof_cells(stands: ProofState) -> list[Any]:
-    """Return what is proven of one candidate in the order of PROOF_COLUMNS."""
-    gap = None if stands.proven_gap is None else float(gap_percent(stands.proven_gap).removesuffix(" %"))
-    least = None if stands.proven_bound is None else at_least(stands.proven_bound, 6)
-    return [stands.proof, least, gap]
-
-
-def _round(value: float | None, digits: int) -> float | None:
-    return None if value is None else float(f"{value:.{digits}g}")
 
 
 def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:

@@ -81,6 +81,9 @@ def _envelope(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "radius at the far end", f"{figures(envelope.end_radius)} m"
     yield "length of its axis", f"{figures(envelope.length)} m"
     yield "full spreading angle", f"{figures(task.module.airflow.spread_angle_deg)}°"
+    if task.exposure and (regions := task.module.region_airflow) is not None:
+        sizes = f"{length(regions.start_radius)} at the module, {figures(regions.spread_angle_deg)}°"
+        yield "against regions", f"{sizes}, ending {length(regions.reach)} below"
 
 
 def _end_effector(task: ResolvedTask) -> Iterator[tuple[str, str]]:
@@ -110,6 +113,7 @@ def goals(task: Task) -> Facts:
         ("possible with any one rotor dead", list(asked.rotor_out)),
         ("largest moment in a joint", [f"{x:g} N m" for x in asked.joint_moment]),
         ("error of every hinge angle that is survived", [f"{x:g}°" for x in asked.hinge_angle_deg]),
+        ("air speed in all regions", [f"{x:g} m/s" for x in asked.speed]),
         ("modules", [str(n) for n in task.sizes] if asked.modules else []),
     )
     rows = [(name, ", ".join(texts)) for name, texts in levels if texts]
@@ -210,9 +214,11 @@ def vector(values: Vector | tuple[float, ...]) -> str:
 
 def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
     search = task.search
-    apart = "airflow envelopes must not overlap"
-    if search.interference == "separation":
-        apart = f"centres of modules at least {figures(task.separation)} m apart, in place of airflow (ablation)"
+    apart = {
+        "airflow": "airflow envelopes must not overlap",
+        "parts": "airflow envelopes may merge; rotors, hubs and arms keep out of other modules' envelopes",
+        "separation": f"centres at least {figures(task.separation)} m apart, in place of airflow (ablation)",
+    }[search.interference]
     body, kept, folds = task.body_clearance, task.centre_distance, task.folds(search.margin)
     turns = in_words(folds, "°") if folds else "none: at any angle rotors would touch a neighbour or its airflow"
     if search.hinge_step_deg is not None:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import linprog
 
 from topo_search.model.arrays import Array
+from topo_search.model.design import Design
 from topo_search.simulation.controller import Allocator
 from topo_search.simulation.plant import Nominal
+from verify.air import air
+from verify.kinematics import platform
+from verify.requirements import Scene
 
 DIRECTIONS = 24
 """Horizontal directions that are tried."""
@@ -62,3 +67,26 @@ def hardest_rotor(nominal: Nominal) -> tuple[int, int]:
     survived = sum(short <= MET for short, _ in found)
     worst = max(range(len(found)), key=lambda rotor: (max(found[rotor][0], MET), found[rotor][1]))
     return worst, survived
+
+
+def wake_losses(design: Design) -> tuple[float, ...]:
+    """Return the share of its thrust that each rotor loses to wakes, in the load case in which it loses most."""
+    found = platform(design)
+    blown = air(design, found, Scene(design, found))
+    if blown is None:
+        return ()
+    return tuple(
+        map(max, zip(*([rotor.thrust_loss for rotor in case.rotors] for case in blown.cases), strict=True))
+    )
+
+
+def tell_losses(nominal: Nominal, losses: tuple[float, ...]) -> str:
+    """Return words for what wakes take, and whether that is more than the rotors have left in hover."""
+    T, _ = Allocator(nominal).thrusts(np.array([0.0, 0.0, nominal.weight, 0.0, 0.0, 0.0]))
+    lost = nominal.B @ (np.array(losses) * T)
+    force, torque = np.linalg.norm(lost[:3]), np.linalg.norm(lost[3:])
+    short, _ = hover_residual(replace(nominal, B=nominal.B * (1 - np.array(losses))))
+    return (
+        f"Wakes of other modules take up to {100 * max(losses):.2g} % of a rotor's thrust. In hover that is "
+        f"{force:.2g} N and {torque:.2g} N m, {'more' if short > MET else 'less'} than the rotors can add."
+    )

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.load_case import labels
-from topo_search.simulation.authority import MET, hardest_rotor, hover_residual, load_factor, weakest_force
+from topo_search.simulation.authority import (
+    MET,
+    hardest_rotor,
+    hover_residual,
+    load_factor,
+    tell_losses,
+    wake_losses,
+    weakest_force,
+)
 from topo_search.simulation.fly import Options, Track, Watch, fly, judge
 from topo_search.simulation.plant import Nominal, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
 from topo_search.simulation.scenarios import (
+    TILT,
     Scenario,
     dead_rotor,
     exertion,
@@ -22,6 +31,7 @@ from topo_search.simulation.scenarios import (
     hold_at_tip,
     hover_scenarios,
     imbalance,
+    tilts,
 )
 
 CORNERS = 12
@@ -62,6 +72,8 @@ def fly_all(
     """
     known = nominal(design)
     _require_hover(design, known)
+    losses = wake_losses(design) if options.wake else ()
+    options = replace(options, errors=replace(options.errors, losses=losses))
     force, d = weakest_force(known)
     rotor, survived = hardest_rotor(known)
     results: list[ScenarioResult] = []
@@ -99,11 +111,13 @@ def fly_all(
                 "noise": options.errors.noise,
                 "model_error": options.errors.model,
                 "motor_lag_s": options.lag,
+                "detection_time_s": options.detection,
+                "wake_loss_share": max(losses, default=0.0),
                 "position_bandwidth_rad_s": options.bandwidths.position,
                 "attitude_bandwidth_rad_s": options.bandwidths.attitude,
             },
             versions={name: version(name) for name in ("mujoco", "casadi", "numpy")},
-            notes=(NO_DOWNWASH,),
+            notes=(NO_DOWNWASH, *([tell_losses(known, losses)] if any(losses) else [])),
         ),
         tuple(flown),
     )
@@ -117,7 +131,12 @@ def plan(design: Design, rotor: int, rotor_out: bool) -> list[Scenario | Scenari
         rotor: the one that dies.
         rotor_out: whether its death has to be survived even if the task does not ask for it.
     """
-    planned: list[Scenario | ScenarioResult] = [*hover_scenarios(), gust()]
+    tilt = design.task.flight.tilt_deg
+    planned: list[Scenario | ScenarioResult] = [
+        *hover_scenarios(),
+        *tilts(tilt or TILT, counts=tilt > 0),
+        gust(nominal(design)),
+    ]
     solid = any(region.solid for region in design.task.exposure)
     weakest = _weakest_corners(design)
     for k, (name, case) in enumerate(zip(labels(design.task.load_cases), design.task.load_cases, strict=True)):

@@ -35,11 +35,17 @@ from topo_search.simulation.plant import Nominal, cross
 INTEGRAL = 8.0
 EFFORT = 1e-6
 """epsilon."""
+RANK = 1e-9
+"""Share of the largest singular value below which others are zero."""
 FARTHEST, LARGEST = 0.25, 0.35
 """Errors of position [m] and attitude [rad] are cut off there, so that a far platform comes back at a set pace."""
 
 NEAR, NEARLY_LEVEL = 0.02, 0.035
-"""Errors up to which the integrals learn [m], [rad]: what they are for is a steady load, not the way back."""
+"""Errors up to which the integrals learn [m], [rad]: what they are for is a steady load, not the way back.
+
+They take seconds, and a mass that is 5 % off takes the platform farther off than NEAR: so flights begin trimmed, as
+after a hover in which they have learnt.
+"""
 
 
 @dataclass(frozen=True)
@@ -55,11 +61,20 @@ class Reference:
     """Pose of the platform to hold at rest, and the wrench to exert there."""
 
     position: Array
-    """Position of the COM, (3,) [m]; the attitude is that of the task's axes."""
+    """Position of the COM, (3,) [m]."""
     wrench: Array
     """Exerted on the environment, about the COM, world axes, (6,)."""
     free: Array
     """Direction along which position is left to the contact, (3,); zero: none."""
+    attitude: Array = field(default_factory=lambda: np.eye(3))
+    """R_d, (3, 3); by default that of the task's axes."""
+
+    def errors(self, p: Array, R: Array) -> tuple[Array, Array]:
+        """Return e_p of what counts of it, and e_R, (3,) each."""
+        turned = self.attitude.T @ R
+        off = (turned - turned.T) / 2
+        away = p - self.position
+        return away - self.free * (self.free @ away), np.array([off[2, 1], off[0, 2], off[1, 0]])
 
 
 @dataclass(eq=False)
@@ -78,10 +93,8 @@ class Controller:
         p, v, R, omega = state
         m, J, wp, wa = self.nominal.mass, self.nominal.J, self.bandwidths.position, self.bandwidths.attitude
         kept = np.eye(3) - np.outer(reference.free, reference.free)
-        e_p = kept @ (p - reference.position)
+        e_p, e_R = reference.errors(p, R)
         e_p *= min(1.0, FARTHEST / max(float(np.linalg.norm(e_p)), 1e-12))
-        off = (R - R.T) / 2
-        e_R = np.array([off[2, 1], off[0, 2], off[1, 0]])
         e_R *= min(1.0, LARGEST / max(float(np.linalg.norm(e_R)), 1e-12))
         a = -(wp**2) * e_p - 2 * wp * v - wp**3 / INTEGRAL * (kept @ self.integral_p)
         F = m * (a + np.array([0.0, 0.0, self.nominal.gravity])) + reference.wrench[:3]
@@ -92,11 +105,16 @@ class Controller:
     def learn(self, state: tuple[Array, Array, Array, Array], reference: Reference, met: bool) -> None:
         """Integrate small errors, unless the rotors did not do what was asked."""
         p, _, R, _ = state
-        e_p, off = p - reference.position, (R - R.T) / 2
-        e_R = np.array([off[2, 1], off[0, 2], off[1, 0]])
+        e_p, e_R = reference.errors(p, R)
         if met and np.linalg.norm(e_p) < NEAR and np.linalg.norm(e_R) < NEARLY_LEVEL:
             self.integral_p += self.period * e_p
             self.integral_R += self.period * e_R
+
+    def trim(self, lacking: Array) -> None:
+        """Let the integrals ask for so much more in hover, level, (6,)."""
+        m, J, wp, wa = self.nominal.mass, self.nominal.J, self.bandwidths.position, self.bandwidths.attitude
+        self.integral_p -= INTEGRAL / wp**3 / m * lacking[:3]
+        self.integral_R -= INTEGRAL / wa**3 * np.linalg.solve(J, lacking[3:])
 
 
 class Allocator:
@@ -123,4 +141,15 @@ class Allocator:
         g = -self._scaled.T @ (self._scale * wrench)
         solution = self._solve(h=self._hessian, g=g, lbx=self.least, ubx=self.largest)
         T = self.nominal.largest_thrust * np.clip(np.asarray(solution["x"]).ravel(), self.least, self.largest)
+        return T, wrench - self.nominal.B @ T
+
+
+class PseudoInverse(Allocator):
+    """Thrusts by the pseudo-inverse of what runs, each cut off at its limits: PX4's with CA_METHOD 0."""
+
+    def thrusts(self, wrench: Array) -> tuple[Array, Array]:
+        """Return the thrusts (N,) [N], and what is missing of the wrench (6,)."""
+        full = self.nominal.largest_thrust
+        shares = np.linalg.pinv(self._scaled * (self.largest > 0), rcond=RANK) @ (self._scale * wrench)
+        T = full * np.clip(shares, self.least, self.largest)
         return T, wrench - self.nominal.B @ T

@@ -3,7 +3,7 @@
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | e | distance of the COM from its reference; in a wall's direction contact holds it | | m |
-| tilt | angle between the platform's attitude and the task's axes | | deg |
+| tilt | angle between the platform's attitude and its reference, the task's axes but where a tilt is held | | deg |
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from topo_search.model.design import Design
 from topo_search.simulation.controller import Allocator, Bandwidths, Controller, Reference
 from topo_search.simulation.plant import LAG, STEP, Errors, Nominal, Plant
 from topo_search.simulation.result import ScenarioResult
-from topo_search.simulation.scenarios import APPROACH, RAMP, TILT, Scenario, gust_wrench
+from topo_search.simulation.scenarios import APPROACH, RAMP, TILT, Scenario
 
 EVERY = 5
 """Steps of the simulation a step of the controller: 200 Hz."""
-TOLD = 0.1
-"""After which the controller knows that a rotor is dead [s]."""
+DETECTION = 0.1
+"""Time after which the controller knows that a rotor is dead, if nobody says otherwise [s]."""
+TRIMS = 10
+"""Corrections of the integrals before a flight; each leaves the model's error of what it corrects."""
 NOISE = (1e-3, 5e-3, math.radians(0.1), math.radians(0.5))
 """Standard deviation of position [m], velocity [m/s], attitude [rad] and rate [rad/s]."""
 AT_LIMIT = 0.999
@@ -65,6 +67,12 @@ class Options:
     errors: Errors = field(default_factory=Errors)
     bandwidths: Bandwidths = field(default_factory=Bandwidths)
     lag: float = LAG
+    detection: float = DETECTION
+    """Time from a rotor's death until the controller knows of it [s]."""
+    allocator: type[Allocator] = Allocator
+    """Turns wrenches into thrusts: by least squares within limits, or by a `PseudoInverse`."""
+    wake: bool = True
+    """True if rotors lose thrust to the wakes of other modules, as the audit's air model says."""
 
 
 def fly(
@@ -73,20 +81,21 @@ def fly(
     """Fly a scenario and return its track, and when it ended before its time, why."""
     plant = Plant(design, options.errors, scenario.wall, options.lag)
     rng = np.random.default_rng([options.errors.seed, 1])
-    nominal, allocator = plant.nominal, Allocator(plant.nominal)
+    nominal, allocator = plant.nominal, options.allocator(plant.nominal)
     controller = Controller(nominal, options.bandwidths, EVERY * STEP)
     home = nominal.com.copy()  # the design's COM is the origin
     quaternion = np.array([1.0, 0.0, 0.0, 0.0])
-    if scenario.axis.any():
+    plant.place(home, quaternion)
+    plant.run_at(_trim(plant, controller, allocator, home))
+    if scenario.axis.any() and not scenario.tilt:
         mujoco.mju_axisAngle2Quat(quaternion, scenario.axis, math.radians(TILT))
     plant.place(home + scenario.start, quaternion)
-    plant.run_at(allocator.thrusts(np.array([0, 0, nominal.weight, 0, 0, 0.0]))[0])
     track = Track()
     for k in range(round(scenario.seconds / (EVERY * STEP))):
         t = k * EVERY * STEP
         reference = _reference(scenario, home, t, nominal)
         dead = scenario.dead if scenario.dead is not None and t >= scenario.dead_at else None
-        if dead is not None and t >= scenario.dead_at + TOLD:
+        if dead is not None and t >= scenario.dead_at + options.detection:
             allocator.stop_rotor(dead)
         seen = _add_noise(plant.state, options.errors.noise, rng)
         asked = controller.wrench(seen, reference)
@@ -99,7 +108,7 @@ def fly(
             T[dead] = 0.0
         load, wind = _environment(scenario, t), np.zeros(6)
         if scenario.gust is not None and scenario.gust[0] <= t < scenario.gust[1]:
-            wind = gust_wrench(nominal)
+            wind = scenario.wind
         for _ in range(EVERY):
             plant.step(T, load, wind)
         _record(track, scenario, plant, reference, t, share, scaled)
@@ -108,8 +117,18 @@ def fly(
         if np.linalg.norm(track.error[-1]) > GONE or track.tilt[-1] > OVER:
             return track, f"lost after {t:.1f} s"
         if (struck := plant.struck) is not None:
-            return track, f"{struck} struck the wall after {t:.1f} s"
+            why = "" if scenario.counts else ": the task has no solid region that keeps parts out of it"
+            return track, f"{struck} struck the wall after {t:.1f} s{why}"
     return track, None
+
+
+def _trim(plant: Plant, controller: Controller, allocator: Allocator, home: Array) -> Array:
+    """Let the integrals know what hover lacks by errors of the model, and return the thrusts of hover, (N,) [N]."""
+    level = (home, np.zeros(3), np.eye(3), np.zeros(3))
+    for _ in range(TRIMS):
+        T, _ = allocator.thrusts(controller.wrench(level, Reference(home, np.zeros(6), np.zeros(3))))
+        controller.trim(plant.missing_wrench(T))
+    return T
 
 
 def judge(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
@@ -176,7 +195,10 @@ def _reference(scenario: Scenario, home: Array, t: float, nominal: Nominal) -> R
     share = float(np.clip((t - scenario.ramp_at) / RAMP, 0.0, 1.0))
     wrench = nominal.about_com(share * scenario.exerted)
     if scenario.wall is None:
-        return Reference(home, wrench, np.zeros(3))
+        turn, R = np.zeros(4), np.zeros(9)
+        mujoco.mju_axisAngle2Quat(turn, scenario.axis, share * math.radians(scenario.tilt))
+        mujoco.mju_quat2Mat(R, turn)
+        return Reference(home, wrench, np.zeros(3), R.reshape(3, 3))
     ahead = min(SPEED * t, APPROACH)
     free = scenario.wall.towards if t >= scenario.ramp_at else np.zeros(3)
     return Reference(home + ahead * scenario.wall.towards, wrench, free)
@@ -192,10 +214,10 @@ def _record(
     track: Track, scenario: Scenario, plant: Plant, reference: Reference, t: float, share: Array, missing: Array
 ) -> None:
     p, _, R, _ = plant.state
-    kept = np.eye(3) - np.outer(reference.free, reference.free)
+    cosine = (np.trace(reference.attitude.T @ R) - 1) / 2
     track.time.append(t)
-    track.error.append(kept @ (p - reference.position))
-    track.tilt.append(math.degrees(math.acos(float(np.clip((np.trace(R) - 1) / 2, -1.0, 1.0)))))
+    track.error.append(reference.errors(p, R)[0])
+    track.tilt.append(math.degrees(math.acos(float(np.clip(cosine, -1.0, 1.0)))))
     exerted = plant.contact_force if scenario.wall is not None else _net_force(plant)
     track.force.append(exerted)
     track.shares.append(share)

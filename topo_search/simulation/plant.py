@@ -27,8 +27,6 @@ from topo_search.model.design import Design
 
 STEP = 0.001
 """Time step of the simulation [s]."""
-TIP_ALONE, ALL_PARTS = 2, 3
-"""Bits of what a wall touches; all geometries have the first bit, the tip has both."""
 LAG = 0.05
 """Time constant of a rotor's thrust [s]."""
 WALL = 0.25
@@ -44,6 +42,8 @@ class Errors:
     noise: float = 1.0
     """Factor on the noise of position, velocity, attitude and rate."""
     seed: int = 0
+    losses: tuple[float, ...] = ()
+    """Share of its thrust that each rotor loses to the wakes of other modules; empty: none does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +82,6 @@ class Wall:
     """Unit vector into the wall, (3,)."""
     gap: float
     """From the tip in the initial pose to where it touches [m]."""
-    solid: bool = False
-    """True if all parts feel it; else the tip alone."""
 
 
 class Plant:
@@ -95,6 +93,8 @@ class Plant:
         self.model = mujoco.MjModel.from_xml_string(_world(design, wall, lag))
         rng = np.random.default_rng(errors.seed)
         self.gain = 1.0 + errors.model * rng.standard_normal(self.model.nu)
+        if errors.losses:
+            self.gain *= 1.0 - np.array(errors.losses)
         scale = np.maximum(1.0 + errors.model * rng.standard_normal(self.model.nbody), 0.1)
         self.model.body_mass *= scale
         self.model.body_inertia *= scale[:, None]
@@ -123,6 +123,13 @@ class Plant:
         """Position and velocity of the nominal COM in the world, orientation, rates in body axes."""
         R, c, omega = self.R, self.nominal.com, self.data.qvel[3:6].copy()
         return self.data.qpos[:3] + R @ c, self.data.qvel[:3] + R @ cross(omega, c), R, omega
+
+    def missing_wrench(self, thrusts: Array) -> Array:
+        """Return the wrench about the nominal COM that thrusts (N,) [N] lack to hover where the plant is, (6,)."""
+        at = self.data.subtree_com[self.platform_body] - self.state[0]
+        weight = -self.model.body_mass.sum() * self.model.opt.gravity
+        lacking = np.concatenate([self.R.T @ weight, self.R.T @ cross(at, weight)])
+        return np.asarray(lacking - self.nominal.B @ (self.gain * thrusts))
 
     @property
     def thrusts(self) -> Array:
@@ -229,11 +236,7 @@ def _world(design: Design, wall: Wall | None, lag: float) -> str:
         mujoco.mju_mat2Quat(quaternion, rotation_to(wall.towards).ravel())
         shape = {"type": "box", "size": numbers(WALL, WALL, 0.01), "rgba": "0.7 0.75 0.8 0.25"}
         place = {"pos": numbers(*centre), "quat": numbers(*quaternion)}
-        felt_by = str(ALL_PARTS if wall.solid else TIP_ALONE)
         touch = {"solref": "0.01 1", "friction": "0.3 0.005 0.0001", "priority": "1"}
-        touch |= {"contype": felt_by, "conaffinity": felt_by}
-        tip = _find(root, "worldbody/body[@name='platform']/body[@name='end_effector']/geom[@name='tip']")
-        tip.attrib.update(contype=str(ALL_PARTS), conaffinity=str(ALL_PARTS))
         SubElement(_find(root, "worldbody"), "geom", {"name": "wall", **shape, **place, **touch})
     SubElement(SubElement(root, "visual"), "global", offwidth="960", offheight="720")
     return ElementTree.tostring(root, encoding="unicode")

@@ -80,4 +80,7 @@ def digest_of(design: Design) -> str:
     return digest(design.model_dump(mode="json", exclude={"solver"}))
 
 
-NO_DOWNWASH = "The simulator has no downwash: that is what the airflow envelopes of the audit stand for."
+NO_DOWNWASH = (
+    "The simulator has no downwash beyond the thrust that rotors lose to wakes by the audit's air model: what else "
+    "wakes do, the airflow envelopes of the audit stand for."
+)

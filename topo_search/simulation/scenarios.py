@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,12 +34,16 @@ class Scenario:
     start: Array = field(default_factory=lambda: np.zeros(3))
     """Initial position of the COM [m]."""
     axis: Array = field(default_factory=lambda: np.zeros(3))
-    """Unit vector about which the platform is tilted at first; zero: it is not."""
+    """Unit vector about which the platform is tilted, at first or in its reference; zero: it is not."""
+    tilt: float = 0.0
+    """Tilt of the reference, ramped over RAMP from `ramp_at` on [deg]; 0: the platform begins tilted by TILT."""
     exerted: Array = field(default_factory=lambda: np.zeros(6))
     """Wrench on the environment at the end-effector, world axes, (6,), ramped over RAMP from `ramp_at` on."""
     ramp_at: float = 1.0
     gust: tuple[float, float] | None = None
     """From when to when [s]."""
+    wind: Array = field(default_factory=lambda: np.zeros(6))
+    """Wrench of the gust at the COM, world axes, (6,)."""
     wall: Wall | None = None
     dead: int | None = None
     """Rotor that dies at `dead_at`."""
@@ -57,26 +60,31 @@ class Scenario:
         return float(np.linalg.norm(self.exerted[:3]))
 
 
+SIDES = {"+x": (1.0, 0.0), "+y": (0.0, 1.0), "-x": (-1.0, 0.0), "-y": (0.0, -1.0)}
+
+
 def hover_scenarios() -> list[Scenario]:
     """Return hover, and returns from four sides, tilted about four axes."""
     found = [Scenario("hover", 5.0, 1.0)]
-    for number, name in enumerate(("+x", "+y", "-x", "-y")):
-        angle = number * math.pi / 2
-        start = AWAY * np.array([math.cos(angle), math.sin(angle), 0.0])
-        axis = np.array([-math.sin(angle), math.cos(angle), 0.0])
+    for name, (x, y) in SIDES.items():
+        start, axis = AWAY * np.array([x, y, 0.0]), np.array([-y, x, 0.0])
         found.append(Scenario(f"return from {name}", 5.0, 3.0, start=start, axis=axis))
     return found
 
 
-def gust() -> Scenario:
+def tilts(size: float, *, counts: bool) -> list[Scenario]:
+    """Return tilts of some size [deg] held about four axes."""
+    return [
+        Scenario(f"tilt about {name}", 5.0, 3.5, axis=np.array([x, y, 0.0]), tilt=size, ramp_at=0.5, counts=counts)
+        for name, (x, y) in SIDES.items()
+    ]
+
+
+def gust(nominal: Nominal) -> Scenario:
     """Return a step of force and torque that lasts a second."""
-    return Scenario("gust", 6.0, 5.0, gust=(1.0, 2.0))
-
-
-def gust_wrench(nominal: Nominal) -> Array:
-    """Return the wrench of a gust about the COM, (6,)."""
     W = nominal.weight
-    return np.array([GUST_FORCE * W, 0.0, 0.0, 0.0, 0.0, GUST_TORQUE * nominal.arm * W])
+    wind = np.array([GUST_FORCE * W, 0.0, 0.0, 0.0, 0.0, GUST_TORQUE * nominal.arm * W])
+    return Scenario("gust", 6.0, 5.0, gust=(1.0, 2.0), wind=wind)
 
 
 def dead_rotor(rotor: int, *, counts: bool) -> Scenario:
@@ -116,10 +124,12 @@ def hold_at_tip(name: str, case: LoadCase) -> Scenario | None:
 def hold(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
     """Return a load case held against a load on the end-effector, and if it is a push, against a wall as well.
 
+    All parts feel the wall. Parts are kept out of it where a region is solid: else it does not count.
+
     Args:
         name: of the load case.
         case: the load case.
-        solid: whether all parts feel the wall; else the tip alone.
+        solid: whether the task has a solid region.
     """
     loaded = hold_at_tip(f"{name}, load at the tip", case)
     if loaded is None:
@@ -127,8 +137,6 @@ def hold(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
     found, wrench = [loaded], loaded.exerted
     force = np.linalg.norm(wrench[:3])
     if force > 0 and not wrench[3:].any():
-        wall = Wall(wrench[:3] / force, APPROACH, solid)
-        found.append(
-            Scenario(f"{name}, wall", 8.0, 5.5, exerted=wrench, wall=wall, ramp_at=3.0, largest_drift=0.02)
-        )
+        touched = replace(loaded, name=f"{name}, wall", seconds=8.0, judged_from=5.5, ramp_at=3.0, counts=solid)
+        found.append(replace(touched, wall=Wall(wrench[:3] / force, APPROACH), largest_drift=0.02))
     return found

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from topo_search.model import Audit, Design, Infeasible, Relaxed
-from topo_search.model.proven import SOLVER_PRECISION, gap_percent
+from topo_search.model.proven import gap_percent, improvement
 from topo_search.model.search import Level
 from topo_search.model.tables import heading, paragraph, table
 from topo_search.study.front import FrontPoint, idle_goals
@@ -29,8 +29,7 @@ def statement(best: Row, solved: int, candidates: int) -> str:
     words = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
     if best.gap is None:
         return words
-    limit = f"more than {gap_percent(best.gap)} " if best.gap > SOLVER_PRECISION else ""
-    return f"{words}; proven: no {best.modules}-module topology is {limit}better"
+    return f"{words}; proven: no {best.modules}-module topology is {improvement(best.gap)}"
 
 
 def proven_statement(candidates: int, gap: float) -> str:

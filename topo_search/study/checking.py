@@ -14,7 +14,7 @@ from topo_search.engine import AuditDesign, Engine, Failed, Space, audit_deadlin
 from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
 from topo_search.model.bad_input import faults_of
 from topo_search.model.proof import Problem, chunk_count
-from topo_search.model.proven import gap_percent
+from topo_search.model.proven import improvement
 from topo_search.study.directory import CHANGED
 from topo_search.study.folder import PROOFS, RunFolder
 from topo_search.study.progress import Observer
@@ -272,8 +272,7 @@ def _sentence(
         return ", ".join([f"{len(done)} of {candidates} trees checked", *left]) + beside
     least = min([tree.bound for tree in done if tree.bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
-    limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
     return (
-        f"checked: {subject} is {limit}better than {best.key} ({len(done)} of {candidates} trees"
+        f"checked: {subject} is {improvement(gap)} than {best.key} ({len(done)} of {candidates} trees"
         f"{beside}); {problem(task, weakest_problem([tree.problem for tree in done]))}"
     )

@@ -18,7 +18,7 @@ from typing import Any, Self, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import STARTS, TASK_BYTES, TRIALS
-from topo_search.model import Audit, BadInput, Fault, Proof, ResolvedTask, Task
+from topo_search.model import Audit, BadInput, Design, Fault, Proof, ResolvedTask, Task
 from topo_search.model.bad_input import faults_of
 from topo_search.model.files import to_json, to_toml, validate
 from topo_search.model.parsing import NotParsed, toml_data
@@ -310,17 +310,26 @@ class RunFolder:
         for part in PARTS:
             self._files.remove(name for name in self._files.names_in(self._level + part) if name not in valid)
 
-    def proof_states(self, n: int) -> Iterator[tuple[Row, ProofState]]:
-        """Yield every ranked candidate of n modules with what is proven of it."""
+    def candidates(self, n: int) -> Iterator[tuple[Row, ProofState, Audit | None]]:
+        """Yield every candidate of n modules, least control effort first, with its proof and its audit."""
         proofs, best = self.proofs(n), self.ledger.best_clear(n)
+        audits = {key: Audit.model_validate_json(text) for key, text in self.ledger.audits(n)}
         for row in self.ledger.ranking(n):
-            yield row, proof_state(row, proofs.get(row.key), None if best is None else best.objective)
+            state = proof_state(row, proofs.get(row.key), None if best is None else best.objective)
+            yield row, state, audits.get(row.key)
+
+    def result_of(self, row: Row) -> tuple[Design | None, Audit | None]:
+        """Return the design and the audit of a candidate, as far as it has them."""
+        context = self.request.contexts(row.modules)[row.step]
+        design, audit = self.ledger.design(context, row.key), self.ledger.audit(context, row.key)
+        return (
+            None if design is None else Design.model_validate_json(design),
+            None if audit is None else Audit.model_validate_json(audit),
+        )
 
     def cells(self, n: int) -> Iterator[list[object]]:
         """Yield the row of every ranked candidate of n modules in `candidates.csv`."""
-        audits = {key: Audit.model_validate_json(text) for key, text in self.ledger.audits(n)}
-        for row, state in self.proof_states(n):
-            yield cells(row, state, audits.get(row.key))
+        return (cells(*candidate) for candidate in self.candidates(n))
 
     def keep_proof(self, proof: Proof) -> None:
         """Write the proof of one tree, or as much of it as there is."""
@@ -382,15 +391,23 @@ class RunFolder:
         Raises:
             BadInput: one of them is damaged.
         """
-        values = dict[str, Model]()
-        for path in self._files.names_in(f"{self._level}{part}"):
-            if (content := self._files.read(path)) is None:
-                continue
-            try:
-                values[path.rsplit("/", 1)[1]] = model.model_validate_json(content)
-            except ValidationError as error:
-                raise BadInput(str(self._directory.path / path), faults_of(error, model)) from None
-        return values
+        names = (path.rsplit("/", 1)[1] for path in self._files.names_in(f"{self._level}{part}"))
+        values = ((name, self.read_own(f"{part}/{name}", model)) for name in names)
+        return {name: value for name, value in values if value is not None}
+
+    def read_own(self, name: str, model: type[Model]) -> Model | None:
+        """Return the value that the run wrote into one of its files; None if the file is not there.
+
+        Raises:
+            BadInput: it is damaged.
+        """
+        path = f"{self._level}{name}"
+        if (content := self._files.read(path)) is None:
+            return None
+        try:
+            return model.model_validate_json(content)
+        except ValidationError as error:
+            raise BadInput(str(self._directory.path / path), faults_of(error, model)) from None
 
     def drop_within(self, part: str) -> None:
         """Remove what the run wrote into one of its folders."""

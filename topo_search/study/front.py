@@ -42,10 +42,11 @@ STEPS = {
     "rotor_out": 0.5,  # counts what is possible
     "joint_moment": 1.0e-5,
     "hinge_angle_deg": 1.0e-3,
+    "speed": 1.0e-3,
     "modules": 0.5,
 }
 """Differences of what a design reaches that make no difference, in the units of `FrontPoint`."""
-SMALLER_IS_BETTER = ("peak_input", "joint_moment", "modules")
+SMALLER_IS_BETTER = ("peak_input", "joint_moment", "speed", "modules")
 SAME_EFFORT = 1.0e-4
 """Relative difference of efforts that starts of their own may make, and no level."""
 UNITS = {
@@ -57,6 +58,7 @@ UNITS = {
     "rotor_out": "any one rotor dead",
     "joint_moment": "N m",
     "hinge_angle_deg": "deg",
+    "speed": "m/s",
 }
 """Units of what a design reaches."""
 FRONT_COLUMNS = (
@@ -93,6 +95,8 @@ class FrontPoint:
     """[N m]; None without joints."""
     hinge_angle_deg: float | None = None
     """[deg]; None where nothing is proven."""
+    speed: float | None = None
+    """Proven bound of the air speed over all regions [m/s]; None without regions."""
 
     @property
     def cells(self) -> dict[str, Any]:
@@ -207,7 +211,7 @@ def _measure(row: Row, design: Design, audit: Audit, number: int, level: Level) 
     """Return what a design reaches."""
     task = design.task
     left_out = {"exclusion", "body", "rod", "rod-airflow", "bracket-airflow", "bracket-rotor", "rod-region"}
-    if task.body_clearance is None:
+    if not task.parts_off_airflow:
         left_out.add("rotor-airflow")
     if task.search.interference == "separation":
         left_out.add("airflow")
@@ -220,6 +224,7 @@ def _measure(row: Row, design: Design, audit: Audit, number: int, level: Level) 
         peak_input=float(design.inputs.max()) / task.module.max_input(task.gravity),
         number=number,
         level=level,
+        speed=None if audit.air is None else audit.air.region_m_s,
         **_of_flight(task, audit.flight),
     )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from topo_search.model import Audit, Proof, ResolvedTask
 from topo_search.model.proof import Problem
-from topo_search.model.proven import gap_percent, upper_text
+from topo_search.model.proven import improvement, upper_text
 from topo_search.study.request import Request
 from topo_search.study.row import AUDITED, COLUMNS, Row, figures_of
 
@@ -135,12 +135,9 @@ def summarize(
         return ProofSummary(sentence, None, tuple(key for key in due if key not in stuck))
     least = min([one.proven_bound for one in states if one.proven_bound is not None], default=best.objective)
     gap = max(0.0, 1 - least / best.objective)
-    limit = f"more than {gap_percent(gap)} " if gap > 0 else ""
     about = weakest_problem([proof.problem for row in rows if (proof := proofs.get(row.key)) is not None])
-    sentence = (
-        f"proven by branch and bound: {subject} is {limit}better ({number}: {verdicts}); {problem(task, about)}"
-    )
-    return ProofSummary(sentence, gap)
+    limit = f"{subject} is {improvement(gap)} ({number}: {verdicts})"
+    return ProofSummary(f"proven by branch and bound: {limit}; {problem(task, about)}", gap)
 
 
 def sizes_with_best(folder: RunFolder, key: str | None) -> tuple[list[tuple[int, Row, list[Row]]], bool]:
@@ -172,22 +169,23 @@ def weakest_problem(problems: Sequence[Problem]) -> Problem:
 def problem(task: ResolvedTask, about: Problem) -> str:
     """Say precisely which designs a proof is about."""
     margin = f" and {upper_text(task.search.margin)} m" if about == "solver" else ""
-    if task.search.interference == "airflow":
-        kept = (
-            f"airflow envelopes may be{margin.removeprefix(' and')} apart"
-            if margin
-            else "airflow envelopes may touch"
-        )
+    if task.search.interference == "separation":
+        kept = f"centres of modules may be {upper_text(task.separation)} m{margin} apart"
+    else:
+        what = "airflow envelopes"
+        if task.search.interference == "parts":
+            what = "rotors, hubs and arms and other modules' airflow envelopes"
+        kept = f"{what} may be{margin.removeprefix(' and')} apart" if margin else f"{what} may touch"
         apart = task.centre_distance if about == "solver" else task.body_clearance
         if apart is not None:
             kept += f" and centres of modules not bolted together be {upper_text(apart)} m{margin} apart"
-    else:
-        kept = f"centres of modules may be {upper_text(task.separation)} m{margin} apart"
     kept = f"the solver's own distances, {kept}" if about == "solver" else kept
     # a proof holds for the trees and the orientations that the task allows
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
+    of_set = task.search.hinge_set_deg is not None
+    hinges = "hinge angles of the task's set" if of_set else "hinge angles within 90 deg either way"
     return (
-        f"scope: {connectors}{root}, hinge angles within 90 deg either way, every wrench and input within the "
+        f"scope: {connectors}{root}, {hinges}, every wrench and input within the "
         f"audit's tolerance; {kept}; all other requirements can only raise the control effort"
     )

@@ -22,6 +22,7 @@ from topo_search.study.directory import ReadOnlyFolder
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import write_front
 from topo_search.study.ledger_file import KEPT
+from topo_search.study.optima import keep_optima
 from topo_search.study.progress import WRITING, Observer, proof_phase, remaining_plan
 from topo_search.study.relaxing import find_causes
 from topo_search.study.request import Request
@@ -41,6 +42,7 @@ def run(
     prepare: Callable[[], None] = lambda: None,
     report: Callable[[RunFolder], None] = lambda _: None,
     prove: Callable[[], Answer] | None = None,
+    keep_within: float | None = None,
 ) -> Answer:
     """Do what is still to be done of a run, and return its answer.
 
@@ -56,6 +58,7 @@ def run(
         prepare: is called before the first candidate is solved, if any is.
         report: writes the page of the folder once all its files are written.
         prove: then proves what can be proven of a complete answer.
+        keep_within: keeps every local optimum whose effort is at most so much over the best [%].
 
     Raises:
         BadInput: the folder cannot be used: it may be read-only if the run in it has ended.
@@ -67,7 +70,7 @@ def run(
         with RunFolder.open(path, request) as folder, refuse_lost(folder):
             try:
                 plan = remaining_plan(folder, workers, time_limit)
-                if plan.solves:
+                if plan.solves or keep_within is not None:
                     prepare()
                 until = time.monotonic() + time_limit
                 observer.plan(plan)
@@ -78,6 +81,8 @@ def run(
                     for index, n in enumerate(sizes):
                         size_until = share_time(level_until, len(sizes) - index)
                         search_size(level, n, backends, engine, observer, size_until)
+                        if keep_within is not None:
+                            keep_optima(level, n, keep_within, backends, engine, observer, size_until)
                 find_causes(folder.levels[0], backends, engine, observer, until)
             except (KeyboardInterrupt, WorkersLost) as stop:
                 write_files(folder)

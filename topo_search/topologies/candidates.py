@@ -10,9 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice, repeat
 from random import Random
-from typing import Any, TypeAlias
-
-import networkx as nx
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from topo_search.limits import MODULES, OWN_TOPOLOGIES
 from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
@@ -22,6 +20,9 @@ from topo_search.topologies.rooted import Rooted, key_of, rooted_at, rooted_of, 
 from topo_search.topologies.sampling import classes, draw_tree
 from topo_search.topologies.symmetry import Connectors, Group, Root, Symmetry, group_of
 from topo_search.topologies.task_symmetry import improper_isometry
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 
 @dataclass(frozen=True)
@@ -215,6 +216,8 @@ def own_candidates(
         BadInput: one fault for each that is no tree, of another size, not allowed by the task, or listed before; or
             for a size without any. None, or too many, are a fault as well.
     """
+    import networkx as nx
+
     if isinstance(topologies, str | nx.Graph | Topology) or not isinstance(topologies, Iterable):
         got = show(topologies) if isinstance(topologies, str) else type(topologies).__name__
         raise BadInput(source, [Fault("", f"must be a list of topologies, but got {got}")])
@@ -256,6 +259,8 @@ def own_topology(given: OwnTopology) -> Topology:
                 f"must be a key of at most {MODULES} modules, but got a text of {len(given):,} characters"
             )
         return Topology.from_key(given)
+    import networkx as nx
+
     if isinstance(given, nx.Graph):
         return Topology.from_graph(given)
     raise ValueError(f"must be a Topology, a key or a networkx graph, but got {type(given).__name__}")

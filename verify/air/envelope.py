@@ -62,8 +62,8 @@ class Shape(NamedTuple):
 
     @classmethod
     def of(cls, module: Module) -> Shape:
-        """Return that of a module."""
-        given = module.envelope
+        """Return that of a module against target regions."""
+        given = module.region_envelope
         return cls(
             given.start_radius / module.arm_length, given.growth / given.length, given.length / module.arm_length
         )

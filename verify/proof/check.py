@@ -14,7 +14,7 @@ from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
 from topo_search.model.topology import straight_chain
 from verify.bodies import Array
 from verify.proof import replay as ends
-from verify.proof.platform import all_angles, effort_unit, hang, numbers
+from verify.proof.platform import all_angles, angles_around, angles_of_hinges, effort_unit, hang, numbers
 
 refresh(ends.replay, Path(__file__).parent, Path(tolerances.__file__))
 
@@ -23,7 +23,7 @@ MOST_MODULES = 12
 REASONS = {
     ends.ENDS_EARLY: "the record ends before it",
     ends.GOES_ON: "the record goes on after the last box",
-    ends.NO_SUCH_ANGLE: "the record halves an unknown angle",
+    ends.NO_SUCH_ANGLE: "the record halves an unknown angle, or one without width",
     ends.TOO_DEEP: "the record halves it more often than a number can be",
     ends.NOT_BOUNDED: "no bound excludes it",
     ends.NOT_NEAR: "no two modules are too close everywhere in it",
@@ -52,6 +52,8 @@ def check_chunk(
     except ValueError as error:
         return CheckedChunk(number=chunk.number, fault=str(error))
     lower, upper = chunk_box(task, n, chunk.number)
+    if np.any(lower > upper) and not len(record):  # no angles of the task's set are in the chunk
+        return CheckedChunk(number=chunk.number, fault=None)
     stated = numbers(task, hang(topology, root_module), problem)
     # a bound in these units is off from one in SI by a few roundings
     found = ends.replay(stated, lower, upper, cut / effort_unit(task) * (1 + 1e-12), record)
@@ -70,13 +72,18 @@ def prepare_check(task: ResolvedTask, tell: Callable[[str], None]) -> None:
 
 
 def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
-    """Return the box of a chunk, from and to, shape (n + 2,) [rad]: the chunks together are all angles."""
-    lower, upper = all_angles(task, n)
+    """Return the box of a chunk, from and to, shape (n + 2,) [rad]: the chunks together are all angles.
+
+    A chunk without any angle of the task's set has a box that ends before it begins.
+    """
+    (lower, upper), angles = all_angles(task, n), angles_of_hinges(task)
     for split in range(CHUNK_SPLITS if n > 1 else 0):
         a = 3 + split % (n - 1)
-        middle = (lower[a] + upper[a]) / 2
-        side = upper if number >> (CHUNK_SPLITS - 1 - split) & 1 == 0 else lower
-        side[a] = middle
+        below, beyond = angles_around(angles, (lower[a] + upper[a]) / 2)
+        if number >> (CHUNK_SPLITS - 1 - split) & 1 == 0:
+            upper[a] = below
+        else:
+            lower[a] = beyond
     return lower, upper
 
 

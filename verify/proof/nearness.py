@@ -1,7 +1,8 @@
 r"""Boxes of hinges in which two modules are nearer to each other than is allowed, whatever the root.
 
-Take a point on the axis of each module's envelope, or their centres. Seen from the last module that both paths
-share, each is a product of matrices in the pairs (c, s) of its own hinges, and with d a step along an arm
+Take a point on the axis of each module's envelope, or their centres, or the middle of a ball in one module's parts
+and a point on the other one's axis. Seen from the last module that both paths share, each is a product of matrices
+in the pairs (c, s) of its own hinges, and with d a step along an arm
 
 .. math:: |x + d|^2 = |x|^2 + 2 d \cdot x + |d|^2, \qquad |H x|^2 = |x|^2
 
@@ -26,6 +27,8 @@ from verify.bodies import Array
 from verify.proof.arcs import Frames
 from verify.proof.platform import Indices, Numbers
 
+Vector = tuple[float, float, float]
+CENTRE = (0.0, 0.0, 0.0)
 ROUNDING = 1e-11
 """Share of the squared length of the path by which a squared distance may be wrong."""
 
@@ -63,16 +66,38 @@ def _is_pair_too_near(numbers: Numbers, corners: Array, frames: Frames, i: int, 
     if numbers.airflow:
         eta, gamma, gap = deepest(numbers, frames, i, j)
         radii = 2 * numbers.start_radius + (eta + gamma) * numbers.growth
-        down = (eta * numbers.length, gamma * numbers.length)
+        down = ((0.0, 0.0, -eta * numbers.length), (0.0, 0.0, -gamma * numbers.length))
         gap -= numbers.margin
         if gap < 0.0 and farthest(numbers, corners, i, j, down) < radii * (radii + 2 * numbers.margin):
             return True, gap
-    if numbers.apart > 0.0 and not (numbers.airflow and numbers.bolted[i, j]):
+    for b in range(0 if numbers.bolted[i, j] else len(numbers.parts)):
+        for one, other in ((i, j), (j, i)):
+            share, ball = _deepest_in_air(numbers, frames, one, other, b)
+            gap = min(gap, ball)
+            if ball < 0.0:
+                x, y, z, radius = numbers.parts[b]
+                radii = radius + numbers.start_radius + share * numbers.growth
+                down = ((x, y, z), (0.0, 0.0, -share * numbers.length))
+                if farthest(numbers, corners, one, other, down) < radii * (radii + 2 * numbers.margin):
+                    return True, gap
+    if numbers.apart > 0.0 and not (numbers.exempt and numbers.bolted[i, j]):
         centres = math.sqrt(((frames.p[i] - frames.p[j]) ** 2).sum()) - numbers.apart
         gap = min(gap, centres)
-        if centres < 0.0 and farthest(numbers, corners, i, j, (0.0, 0.0)) < numbers.apart**2:
+        if centres < 0.0 and farthest(numbers, corners, i, j, (CENTRE, CENTRE)) < numbers.apart**2:
             return True, gap
     return False, gap
+
+
+@njit(cache=True)
+def _deepest_in_air(numbers: Numbers, frames: Frames, i: int, j: int, b: int) -> tuple[float, float]:
+    """Return the share of the axis of j at which the ball b of module i is deepest in its airflow, and the gap."""
+    x, y, z, radius = numbers.parts[b]
+    R, axis = frames.R[i], frames.R[j, :, 2]
+    w = frames.p[i] + x * R[:, 0] + y * R[:, 1] + z * R[:, 2] - frames.p[j]
+    share = _nearest(-w, axis, numbers.length, numbers.growth)
+    apart = w + share * numbers.length * axis
+    gap = math.sqrt((apart * apart).sum()) - radius - numbers.start_radius - share * numbers.growth
+    return share, gap - numbers.margin
 
 
 @njit(cache=True)
@@ -105,8 +130,8 @@ def _nearest(w: Array, z: Array, L: float, grow: float) -> float:
 
 
 @njit(cache=True)
-def farthest(numbers: Numbers, corners: Array, i: int, j: int, down: tuple[float, float]) -> float:
-    """Return the greatest squared distance in a box of two points so far down the axes of two modules."""
+def farthest(numbers: Numbers, corners: Array, i: int, j: int, points: tuple[Vector, Vector]) -> float:
+    """Return the greatest squared distance in a box of two points, each in the frame of its module."""
     most: float
     shared, other = i, j
     while shared != other:
@@ -114,21 +139,26 @@ def farthest(numbers: Numbers, corners: Array, i: int, j: int, down: tuple[float
             shared = numbers.parent[shared]
         else:
             other = numbers.parent[other]
-    x, w, gamma = _view_from(numbers, corners, i, shared, down[0])
-    x_, w_, gamma_ = _view_from(numbers, corners, j, shared, down[1])
+    x, w, gamma = _view_from(numbers, corners, i, shared, points[0])
+    x_, w_, gamma_ = _view_from(numbers, corners, j, shared, points[1])
     most = -math.inf
     for v in range(len(w)):
         for v_ in range(len(w_)):
             dot = x[v, 0] * x_[v_, 0] + x[v, 1] * x_[v_, 1] + x[v, 2] * x_[v_, 2]
             most = max(most, w[v] + w_[v_] - 2 * dot)
     steps = numbers.depth[i] + numbers.depth[j] - 2 * numbers.depth[shared]
-    S = 2 * numbers.l_c * steps + down[0] + down[1] + 1
+    S = 2 * numbers.l_c * steps + _length(points[0]) + _length(points[1]) + 1
     most += ROUNDING * (S * gamma * gamma_) ** 2
     return most
 
 
 @njit(cache=True)
-def _view_from(numbers: Numbers, corners: Array, i: int, above: int, down: float) -> tuple[Array, Array, float]:
+def _length(point: Vector) -> float:
+    return math.sqrt(point[0] ** 2 + point[1] ** 2 + point[2] ** 2)
+
+
+@njit(cache=True)
+def _view_from(numbers: Numbers, corners: Array, i: int, above: int, point: Vector) -> tuple[Array, Array, float]:
     """Return a point of module i, and its squared size, for each choice of corners, as a module above sees it.
 
     Returns:
@@ -136,7 +166,8 @@ def _view_from(numbers: Numbers, corners: Array, i: int, above: int, down: float
     """
     choices = 3 ** (numbers.depth[i] - numbers.depth[above])
     x, w, gamma, filled = np.zeros((choices, 3)), np.zeros(choices), 1.0, 1
-    x[0, 2], w[0] = -down, down * down
+    x[0, 0], x[0, 1], x[0, 2] = point
+    w[0] = point[0] ** 2 + point[1] ** 2 + point[2] ** 2
     while i != above:
         port = numbers.port[i]
         arm, across = (0, 1) if port % 2 == 0 else (1, 0)

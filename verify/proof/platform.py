@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.compiled_code import njit
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.proof import Problem
 from topo_search.model.tolerances import TOLERANCE
@@ -82,9 +83,15 @@ class Numbers(NamedTuple):
     start_radius: float
     growth: float
     apart: float
-    """Least distance of centres, with airflow of modules that are not bolted together; 0 for none."""
+    """Least distance of centres; 0 for none."""
+    exempt: bool
+    """True if modules that are bolted together may have centres nearer than that."""
     margin: float
-    """Required distance between envelopes, to first order."""
+    """Required distance between envelopes, or of parts from them, to first order."""
+    parts: Array
+    """Balls that must keep out of the airflow of modules that are not bolted to theirs: x, y, z, radius; (b, 4)."""
+    angles: Array
+    """Set that hinge angles are to be of, empty if any will do [rad]."""
 
 
 def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Numbers:
@@ -126,10 +133,9 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
     centroid, e = float(farthest.mean()), TOLERANCE * task.total_mass(n) * task.gravity / F
     weight = np.array([case.weight for case in cases])
     air = module.envelope
-    airflow = task.search.interference == "airflow"
-    margin = task.search.margin if problem == "solver" else 0.0
+    margin, exempt = task.search.margin if problem == "solver" else 0.0, task.search.interference != "separation"
     apart = task.separation
-    if airflow:
+    if exempt:
         apart = (task.centre_distance if problem == "solver" else task.body_clearance) or 0.0
     return Numbers(
         parent=np.array(tree.parents, np.int64),
@@ -149,13 +155,38 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
         torque_off=e * (1 + 2 * kappa + centroid) + off,
         reach=centroid + (1 + kappa) * (task.farthest_end_effector(n) / l_arm + TOLERANCE),
         l_c=l_c,
-        airflow=airflow,
+        airflow=task.search.interference == "airflow",
         length=air.length / l_arm,
         start_radius=air.start_radius / l_arm,
         growth=air.growth / l_arm,
         apart=math.sqrt(apart**2 + 2 * apart * margin) / l_arm,
+        exempt=exempt,
         margin=margin / l_arm,
+        parts=_parts(task, problem),
+        angles=angles_of_hinges(task),
     )
+
+
+def _parts(task: ResolvedTask, problem: Problem) -> Array:
+    """Return balls that must be out of other modules' airflow, where those may merge [l_arm].
+
+    The solver keeps balls around all parts. Of the task's designs the parts themselves are out of it: here eight
+    points of each rim, a ball in each rotor, and one in the hub.
+    """
+    if task.search.interference != "parts":
+        return np.zeros((0, 4))
+    body, l_arm = task.module.body, task.module.arm_length
+    if problem == "solver":
+        cover = task.part_cover
+        return np.concatenate([cover.centres, cover.radii[:, None]], axis=1) / l_arm
+    turns = np.arange(8) * math.pi / 4
+    rim = body.rotor_radius / l_arm * (1 - 1e-12) * np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
+    balls = np.zeros((4 * 9 + 1, 4))
+    balls[:32, :3] = (ROTOR_DIRECTIONS[:, None] + rim).reshape(32, 3)
+    balls[32:36, :3] = ROTOR_DIRECTIONS
+    balls[32:36, 3] = min(body.rotor_radius, body.rotor_height / 2) / l_arm
+    balls[36, 3] = min(body.hub) / 2 / l_arm
+    return balls if body.frame is None else balls[:36]
 
 
 def effort_unit(task: ResolvedTask) -> float:
@@ -190,7 +221,37 @@ def all_angles(task: ResolvedTask, n: int) -> tuple[Array, Array]:
     if task.search.root == "paper":
         root = [2 * TOLERANCE, quarter, quarter]
     most = np.array([*root, *(quarter for _ in range(n - 1))])
-    return -most, most
+    lower, upper, angles = -most, most, angles_of_hinges(task)
+    if len(angles):
+        lower, upper = (
+            np.append(lower[:3], [angles.min()] * (n - 1)),
+            np.append(upper[:3], [angles.max()] * (n - 1)),
+        )
+    return lower, upper
+
+
+def angles_of_hinges(task: ResolvedTask) -> Array:
+    """Return the set that hinge angles are to be of, shape (angles,) [rad]; empty where the task has none.
+
+    An audit lets no other angle pass, not by a bit. The set has both signs of every angle, so that it is the same
+    from either end of a hinge.
+    """
+    degrees = task.search.hinge_set_deg
+    return np.zeros(0) if degrees is None else np.array([math.radians(angle) for angle in degrees])
+
+
+@njit(cache=True)
+def angles_around(angles: Array, middle: float) -> tuple[float, float]:
+    """Return the greatest hinge angle up to `middle` and the least one beyond; without a set, `middle` twice."""
+    if len(angles) == 0:
+        return middle, middle
+    below, beyond = -math.inf, math.inf
+    for angle in angles:
+        if angle <= middle:
+            below = max(below, angle)
+        else:
+            beyond = min(beyond, angle)
+    return below, beyond
 
 
 def _bodies(task: ResolvedTask, tree: Topology) -> Array:

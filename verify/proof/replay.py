@@ -17,7 +17,7 @@ from verify.bodies import Array
 from verify.proof import arcs, ascent, dual
 from verify.proof.arcs import Frames
 from verify.proof.nearness import are_too_near
-from verify.proof.platform import Numbers
+from verify.proof.platform import Numbers, angles_around
 
 BOUND, NEAR, HALVED = 0, 1, 2
 """Meaning of a byte for a box (`topo_search.model.proof`); HALVED + a: along angle a."""
@@ -87,11 +87,11 @@ def replay(numbers: Numbers, lower: Array, upper: Array, cut: float, record: NDA
         what = record[position]
         if what >= HALVED:
             a = what - HALVED
-            if a >= A:
+            if a >= A or not lo[waiting, a] < hi[waiting, a]:
                 return Replayed(NO_SUCH_ANGLE, position, extra, lo[waiting].copy(), hi[waiting].copy())
             if waiting + 2 > DEEPEST * A:
                 return Replayed(TOO_DEEP, position, extra, lo[waiting].copy(), hi[waiting].copy())
-            _halve(lo, hi, waiting, a)
+            _halve(numbers, lo, hi, waiting, a)
             waiting += 2
             continue
         base, used = waiting, 0
@@ -106,7 +106,7 @@ def replay(numbers: Numbers, lower: Array, upper: Array, cut: float, record: NDA
             if used > EXTRA or waiting + 2 > DEEPEST * A or rho[a] < 1e-9:
                 how = NOT_NEAR if what == NEAR else NOT_BOUNDED
                 return Replayed(how, position, extra + used, lo[waiting].copy(), hi[waiting].copy())
-            _halve(lo, hi, waiting, a)
+            _halve(numbers, lo, hi, waiting, a)
             waiting += 2
         extra += used
     if waiting > 0:
@@ -138,11 +138,13 @@ def _workspace(numbers: Numbers) -> Workspace:
 
 
 @njit(cache=True)
-def _halve(lo: Array, hi: Array, at: int, a: int) -> None:
-    """Put the two halves of a box in its place, the lower one on top."""
-    middle = (lo[at, a] + hi[at, a]) / 2
+def _halve(numbers: Numbers, lo: Array, hi: Array, at: int, a: int) -> None:
+    """Put the two halves of a box in its place, the lower one on top; with a set they begin and end in it."""
+    below = beyond = (lo[at, a] + hi[at, a]) / 2
+    if a >= 3:
+        below, beyond = angles_around(numbers.angles, below)
     lo[at + 1], hi[at + 1] = lo[at], hi[at]
-    lo[at, a], hi[at + 1, a] = middle, middle
+    lo[at, a], hi[at + 1, a] = beyond, below
 
 
 @njit(cache=True)

@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +25,8 @@ from nlp.numbers.rotors import torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
+from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import Problem
 from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.topology import ROOT, Joint
@@ -97,9 +98,13 @@ class Separation(NamedTuple):
     start_radius: float
     growth: float
     apart: float
-    """Least distance of centres: with airflow of modules that share no joint, else of all; 0 if there is none."""
+    """Least distance of centres; 0 if there is none."""
+    of_all: bool
+    """True if that is asked of modules that share a joint, too."""
     margin: float
-    """By which, to first order, envelopes are to clear each other."""
+    """By which, to first order, envelopes are to clear each other, or parts."""
+    parts: Array
+    """Balls that keep out of the airflow of modules that share no joint: x, y, z, radius; shape (b, 4)."""
 
 
 class BranchProblem(NamedTuple):
@@ -117,6 +122,8 @@ class BranchProblem(NamedTuple):
     l_c: float
     u_max: float
     """With the audit's tolerance."""
+    angles: Array
+    """Angles that hinges may have, in order; empty if any will do [rad]."""
 
 
 def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task") -> BranchProblem:
@@ -130,29 +137,59 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
     n, unit, module = topology.n, Units.of(task), task.module
     l_c = module.connector_distance / unit.length
     drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
-    tree, carried = _tree(topology), masses(task, topology)
+    tree, carried = _tree(topology), masses(module, task.end_effector, topology)
     bodies = np.column_stack([carried.modules, carried.modules[:, None] * carried.centres]) * n / carried.bodies
     levers = _levers(tree, l_c, drag, bodies)
     loads = _loads(task, carried, unit)
     U = task.max_thrust_to_weight
-    air, airflow = module.envelope, task.search.interference == "airflow"
+    air, kind = module.envelope, task.search.interference
     margin, body = 0.0, task.body_clearance
     if problem == "solver":
         margin, body = task.search.margin, task.centre_distance
-    apart = (body or 0.0) if airflow else task.separation
+    apart = task.separation if kind == "separation" else body or 0.0
     apart = math.sqrt(apart * (apart + 2 * margin))
-    lengths = (air.length, air.start_radius, air.growth, apart, margin)
+    length, start_radius, growth = (x / unit.length for x in (air.length, air.start_radius, air.growth))
     return BranchProblem(
         tree,
         levers,
         loads,
         _slack(task, tree, levers, loads, carried, U),
-        Separation(airflow, *(x / unit.length for x in lengths)),
+        Separation(
+            airflow=kind == "airflow",
+            length=length,
+            start_radius=start_radius,
+            growth=growth,
+            apart=apart / unit.length,
+            of_all=kind == "separation",
+            margin=margin / unit.length,
+            parts=_parts(task, problem) / unit.length,
+        ),
         bodies,
         4 * torque_map(module).T,
         l_c,
         U * (1 + TOLERANCE),
+        hinge_angles(task),
     )
+
+
+def _parts(task: ResolvedTask, problem: Problem) -> Array:
+    """Return balls that keep out of other modules' airflow: the solver's, or some that the parts hold [m].
+
+    These are points of the rotors' rims, towards the arm and the two ports beside it, balls between the faces of
+    rotors, and one in the hub.
+    """
+    module, body = task.module, task.module.body
+    if task.search.interference != "parts":
+        return np.empty((0, 4))
+    if problem == "solver":
+        return np.column_stack(task.part_cover)
+    rotors, ports = ROTOR_DIRECTIONS, PORT_DIRECTIONS
+    rims = [(a, out) for a in rotors for out in (a, *(e for e in ports if e @ a > 0))]
+    balls = [(*(module.arm_length * a), min(body.rotor_radius, body.rotor_height / 2)) for a in rotors]
+    balls += [(*(module.arm_length * a + body.rotor_radius * out), 0.0) for a, out in rims]
+    if body.frame is None:
+        balls.append((0.0, 0.0, 0.0, min(body.hub) / 2))
+    return np.array(balls)
 
 
 def effort_unit(task: ResolvedTask) -> float:
@@ -160,18 +197,48 @@ def effort_unit(task: ResolvedTask) -> float:
     return Units.of(task).input ** 2 * max(case.weight for case in task.load_cases)
 
 
+def hinge_angles(task: ResolvedTask) -> Array:
+    """Return the angles that hinges may have, in order; empty if any will do [rad].
+
+    Either sign of an angle is there, so that it does not matter from where a hinge is looked at.
+    """
+    return np.array([math.radians(angle) for angle in task.search.hinge_set_deg or ()])
+
+
+@njit(cache=True)
+def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
+    """Return where the lower half of an interval of hinge angles ends, and where the upper one begins [rad].
+
+    Both are at the middle if any angle will do; else at angles that hinges may have, or the upper half is empty and
+    begins at infinity.
+    """
+    middle = (lower + upper) / 2
+    if len(angles) == 0:
+        return middle, middle
+    after = np.searchsorted(angles, middle, side="right")
+    if after == len(angles) or angles[after] > upper:
+        return upper, math.inf
+    return angles[after - 1], angles[after]
+
+
 def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:
     """Return the box of all angles, from and to, shape (A,) each [rad]: a design's, and what an audit lets pass."""
+    angles = hinge_angles(task)
     quarter = np.full(n - 1, math.pi / 2 + TOLERANCE)
     root = [HALF_TURN, math.pi / 2 * (1 + 1e-12), HALF_TURN]
     if task.search.root == "paper":
         root = [TOLERANCE, math.pi / 2 + TOLERANCE, math.pi / 2 + TOLERANCE]
     most = np.concatenate([root, quarter])
-    return -most, most
+    lower, upper = -most, most.copy()
+    if len(angles):
+        lower[3:], upper[3:] = angles[0], angles[-1]
+    return lower, upper
 
 
 def centre(task: ResolvedTask, topology: Topology) -> int:
     """Return the module that a tree hangs from in a proof: its centre, the first if there are two."""
+    import networkx as nx
+
     return 0 if task.search.root == "paper" else min(nx.center(topology.graph()))
 
 

@@ -1,14 +1,15 @@
 r"""Boxes of hinge angles in which two modules are too close to each other everywhere.
 
-Take a point on the airflow axis of each of two modules i and j, at the shares eta and gamma of its length. Their
-squared distance is a first harmonic in every hinge between them: of the two points one is turned about the hinge's
-axis, the other held, and |A|^2 + |B|^2 - 2 A . B from a point of the axis has A . B alone change. So the
+Take a point on the airflow axis of each of two modules i and j, at the shares eta and gamma of its length, or,
+where airflows may merge, the middle of a ball that the parts of one module hold and a point of the other's axis.
+Their squared distance is a first harmonic in every hinge between them: of the two points one is turned about the
+hinge's axis, the other held, and |A|^2 + |B|^2 - 2 A . B from a point of the axis has A . B alone change. So the
 interpolation of `nlp.bounds.branch.box` holds: the squared distance is at most its greatest value at the
 vertices of the hinges between plus sum_a (max(0, alpha_a) (1 - cos rho_a) + |beta_a| rho_a^3 / (9 sqrt 3)),
 where alpha = -2 A_# . B_# and beta = -2 B . (omega x A) at the middle, both more by 2 rho_b |A| |B| for another
 hinge b, the lengths from its axis and from that of a on the far side, and never more than 2 |A| |B|. Where that
-is under the squared sum of the radii at the two points, the envelopes overlap in all of the box; likewise
-centres, against the distance that is asked of them. It does not matter how the two points were chosen.
+is under the squared sum of the radii at the two points, envelopes overlap, or parts are in airflow, in all of the
+box; likewise centres, against the distance that is asked of them. It does not matter how the points were chosen.
 
 What an audit calls clear is clear to the last digit, so that only rounding is left to allow for: coordinates and
 with them squared distances are off by less than 1e-13 of the squared length of the tree stretched out with both
@@ -30,6 +31,7 @@ from topo_search.model.compiled_code import njit
 MARGIN = 1e-11
 """Share of the largest squared length by which two modules must be too close."""
 NOWHERE, AT_MIDDLE, ALL_OVER = 0, 1, 2
+Vector = tuple[float, float, float]
 ROUNDS = 20
 """Rounds of the search for the two points."""
 
@@ -55,9 +57,17 @@ def crowding(stated: BranchProblem, middle: Frames, axes: Axes, vertices: Frames
                 eta, gamma = _nearest(stated, middle, i, j)
                 radii = 2 * separation.start_radius + (eta + gamma) * separation.growth
                 radii = math.sqrt(radii * (radii + 2 * separation.margin))
-                found = max(found, _closeness(stated, middle, axes, vertices, rho, i, j, eta, gamma, radii, gain))
-            if found < ALL_OVER and separation.apart > 0.0 and not (separation.airflow and tree.bolted[i, j]):
-                apart = _closeness(stated, middle, axes, vertices, rho, i, j, 0.0, 0.0, separation.apart, gain)
+                q_i, q_j = (0.0, 0.0, -eta * separation.length), (0.0, 0.0, -gamma * separation.length)
+                found = max(found, _closeness(stated, middle, axes, vertices, rho, i, j, q_i, q_j, radii, gain))
+            if not tree.bolted[i, j]:
+                for b in range(len(separation.parts)):
+                    for one, other in ((i, j), (j, i)):
+                        if found < ALL_OVER:
+                            in_air = _part_in_air(stated, middle, axes, vertices, rho, one, other, b, gain)
+                            found = max(found, in_air)
+            if found < ALL_OVER and separation.apart > 0.0 and (separation.of_all or not tree.bolted[i, j]):
+                o = (0.0, 0.0, 0.0)
+                apart = _closeness(stated, middle, axes, vertices, rho, i, j, o, o, separation.apart, gain)
                 found = max(found, apart)
             if found == ALL_OVER:
                 return ALL_OVER
@@ -92,6 +102,35 @@ def _nearest(stated: BranchProblem, at: Frames, i: int, j: int) -> tuple[float, 
 
 
 @njit(cache=True)
+def _part_in_air(
+    stated: BranchProblem,
+    middle: Frames,
+    axes: Axes,
+    vertices: Frames,
+    rho: Array,
+    i: int,
+    j: int,
+    b: int,
+    gain: Array,
+) -> int:
+    """Return where in the box a part of module i, the ball b, is in the airflow of module j."""
+    separation = stated.separation
+    L, grow = separation.length, separation.growth
+    x, y, z, radius = separation.parts[b]
+    w, a = np.empty(3), middle.z[j]
+    _point(middle, i, (x, y, z), w)
+    for k in range(3):
+        w[k] -= middle.p[j, k]
+    r, gamma = separation.start_radius + radius, 1.0
+    if grow < L:  # where (w + gamma L a)^2 - (r + gamma grow)^2 is least
+        along = w[0] * a[0] + w[1] * a[1] + w[2] * a[2]
+        gamma = min(1.0, max(0.0, (r * grow - L * along) / (L * L - grow * grow)))
+    r += gamma * grow
+    r = math.sqrt(r * (r + 2 * separation.margin))
+    return _closeness(stated, middle, axes, vertices, rho, i, j, (x, y, z), (0.0, 0.0, -gamma * L), r, gain)
+
+
+@njit(cache=True)
 def _closeness(
     stated: BranchProblem,
     middle: Frames,
@@ -100,18 +139,17 @@ def _closeness(
     rho: Array,
     i: int,
     j: int,
-    eta: float,
-    gamma: float,
+    q_i: Vector,
+    q_j: Vector,
     radii: float,
     gain: Array,
 ) -> int:
-    """Return where in the box two points are nearer than so much."""
-    tree, L = stated.tree, stated.separation.length
-    down_i, down_j = eta * L, gamma * L
+    """Return where in the box two points, q_i and q_j in the frames of their modules, are nearer than so much."""
+    tree = stated.tree
     A, B = np.empty(3), np.empty(3)
-    _point(middle, i, down_i, A)
-    _point(middle, j, down_j, B)
-    stretched = 2 * stated.l_c * (tree.depth[i] + tree.depth[j]) + down_i + down_j
+    _point(middle, i, q_i, A)
+    _point(middle, j, q_j, B)
+    stretched = 2 * stated.l_c * (tree.depth[i] + tree.depth[j]) + _length(q_i) + _length(q_j)
     limit = radii * radii - MARGIN * (1 + stretched * stretched)
     if _squared_norm(A, B) >= limit:
         return NOWHERE
@@ -120,17 +158,17 @@ def _closeness(
         shared += 1
     for side in range(2):
         near, far, of_near, of_far = (i, j, A, B) if side == 0 else (j, i, B, A)
-        down_near, down_far = (down_i, down_j) if side == 0 else (down_j, down_i)
+        q_near, q_far = (q_i, q_j) if side == 0 else (q_j, q_i)
         for at in range(shared, tree.depth[near]):
-            part = _remainder(stated, axes, rho, near, far, shared, at, of_near, of_far, down_near, down_far)
+            part = _remainder(stated, axes, rho, near, far, shared, at, of_near, of_far, q_near, q_far)
             gain[tree.path[near, 3 + at]] += part
             limit -= part
     if _squared_norm(A, B) >= limit:
         return AT_MIDDLE
     for v in range(2 ** (tree.depth[i] - shared)):
-        _point(vertices, tree.first[i] + v, down_i, A)
+        _point(vertices, tree.first[i] + v, q_i, A)
         for w in range(2 ** (tree.depth[j] - shared)):
-            _point(vertices, tree.first[j] + w, down_j, B)
+            _point(vertices, tree.first[j] + w, q_j, B)
             if _squared_norm(A, B) >= limit:
                 return AT_MIDDLE
     return ALL_OVER
@@ -147,8 +185,8 @@ def _remainder(
     at: int,
     A: Array,
     B: Array,
-    down_near: float,
-    down_far: float,
+    q_near: Vector,
+    q_far: Vector,
 ) -> float:
     """Return what the hinge at a place of one module's path takes; A is a point of that module, B of the other."""
     tree, l_c = stated.tree, stated.l_c
@@ -160,18 +198,18 @@ def _remainder(
     alpha = -2 * (Ax * Bx + Ay * By + Az * Bz - along_A * along_B)
     beta = -2 * ((wy * Az - wz * Ay) * Bx + (wz * Ax - wx * Az) * By + (wx * Ay - wy * Ax) * Bz)
     # from the hinge before the module at place `at`, l_c from its centre and from its parent's
-    to_near = _reach(l_c, tree.depth[near] - 1 - at, down_near)
-    to_far = _reach(l_c, at - shared + tree.depth[far] - shared, down_far)
+    to_near = _reach(l_c, tree.depth[near] - 1 - at, q_near)
+    to_far = _reach(l_c, at - shared + tree.depth[far] - shared, q_far)
     more = 0.0
     for other in range(shared, tree.depth[near]):
         if other > at:
-            inner = _reach(l_c, tree.depth[near] - 1 - other, down_near)
+            inner = _reach(l_c, tree.depth[near] - 1 - other, q_near)
             more += 2 * rho[tree.path[near, 3 + other]] * inner * to_far
         elif other < at:
-            beyond = _reach(l_c, other - shared + tree.depth[far] - shared, down_far)
+            beyond = _reach(l_c, other - shared + tree.depth[far] - shared, q_far)
             more += 2 * rho[tree.path[near, 3 + other]] * beyond * to_near
     for other in range(shared, tree.depth[far]):
-        inner = _reach(l_c, tree.depth[far] - 1 - other, down_far)
+        inner = _reach(l_c, tree.depth[far] - 1 - other, q_far)
         more += 2 * rho[tree.path[far, 3 + other]] * inner * to_near
     most = 2 * to_near * to_far
     part: float = max(0.0, min(alpha + more, most)) * (1 - math.cos(rho[a]))
@@ -180,17 +218,22 @@ def _remainder(
 
 
 @njit(cache=True)
-def _reach(l_c: float, modules: int, down: float) -> float:
-    """Return how far a point on a module's axis is at most from a hinge, with so many modules between."""
-    if modules == 0:  # at a right angle to the arm
-        return math.hypot(l_c, down)
-    return l_c * (1 + 2 * modules) + down
+def _reach(l_c: float, modules: int, q: Vector) -> float:
+    """Return how far a point q of a module is at most from a hinge, with so many modules between."""
+    if modules == 0:  # the module's axis is at a right angle to the arm
+        return math.hypot(l_c + math.hypot(q[0], q[1]), q[2])
+    return l_c * (1 + 2 * modules) + _length(q)
 
 
 @njit(cache=True)
-def _point(at: Frames, frame: int, down: float, into: Array) -> None:
+def _length(q: Vector) -> float:
+    return math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+
+
+@njit(cache=True)
+def _point(at: Frames, frame: int, q: Vector, into: Array) -> None:
     for k in range(3):
-        into[k] = at.p[frame, k] - down * at.z[frame, k]
+        into[k] = at.p[frame, k] + q[0] * at.x[frame, k] + q[1] * at.y[frame, k] + q[2] * at.z[frame, k]
 
 
 @njit(cache=True)

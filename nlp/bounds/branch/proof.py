@@ -11,7 +11,15 @@ from typing import Literal
 
 import numpy as np
 
-from nlp.bounds.branch.arrays import centre, effort_unit, hang, to_arrays, whole_box
+from nlp.bounds.branch.arrays import (
+    centre,
+    effort_unit,
+    halves,
+    hang,
+    hinge_angles,
+    to_arrays,
+    whole_box,
+)
 from nlp.bounds.branch.search import CLOSED, MANY, search
 from nlp.numbers import cholesky
 from topo_search.model import Chunk, ResolvedTask, Topology
@@ -55,6 +63,8 @@ def prove_chunk(
         raise ValueError(f"`0 <= number < {chunk_count(n)}` must hold, but got {number}")
     tree = hang(topology, centre(task, topology))
     lower, upper = chunk_box(task, n, number)
+    if np.any(lower > upper):  # no combination of a set of hinge angles is in it
+        return Chunk.of(number, "closed", b"")
     found = search(to_arrays(task, tree, problem), lower, upper, cut / effort_unit(task) * (1 + ABOVE), most_boxes)
     outcome: Literal["closed", "many", "stuck"] = "stuck"
     if found.how == CLOSED:
@@ -66,15 +76,15 @@ def prove_chunk(
 
 
 def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
-    """Return the box of a chunk, from and to, shape (n + 2,) each [rad]."""
-    lower, upper = whole_box(task, n)
+    """Return the box of a chunk, from and to, shape (n + 2,) each [rad]; one without angles begins at infinity."""
+    angles, (lower, upper) = hinge_angles(task), whole_box(task, n)
     for split in range(CHUNK_SPLITS if n > 1 else 0):
         axis = 3 + split % (n - 1)
-        middle = (lower[axis] + upper[axis]) / 2
+        end, begin = halves(angles, lower[axis], upper[axis])
         if number >> (CHUNK_SPLITS - 1 - split) & 1:
-            lower[axis] = middle
+            lower[axis] = begin
         else:
-            upper[axis] = middle
+            upper[axis] = end
     return lower, upper
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlp.bounds.branch import box, frames, multipliers, slopes
-from nlp.bounds.branch.arrays import BranchProblem
+from nlp.bounds.branch.arrays import BranchProblem, halves
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -134,8 +134,11 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
         guesses[left + 1] = y
         bounded[left] = bounded[left + 1] = bound_due
         moved[left] = moved[left + 1] = axis >= 3
-        lo[left, axis] = at[axis]  # the upper half waits
-        hi[left + 1, axis] = at[axis]
+        end, begin = at[axis], at[axis]
+        if axis >= 3:
+            end, begin = halves(stated.angles, lo[left, axis], hi[left, axis])
+        lo[left, axis] = begin  # the upper half waits
+        hi[left + 1, axis] = end
         left += 2
     return Found(CLOSED, record[:boxes], lower, upper)
 

@@ -1,4 +1,4 @@
-// A design of the ranking beside the winner: both in 3-D, turned together, with their figures.
+// A design of the ranking beside another, at first the winner: both in 3-D, turned together, with their figures.
 
 class Beside {
   constructor(element) {
@@ -8,7 +8,10 @@ class Beside {
     this.key = null;
     const templates = document.querySelectorAll("template[id^='card-']");
     this.keys = [...templates].map((template) => template.id.slice("card-".length));
-    this.winner = this.keys[0];
+    this.best = element.dataset.best;
+    this.against = element.querySelector("[data-against]");
+    this.against.addEventListener("change", () => this.show(this.key));
+    document.addEventListener("keydown", (event) => event.key === "Escape" && this.key !== null && this.show(null));
     this.chosen = () => {}; // told which key is shown
     for (const button of element.querySelectorAll("[data-move]")) {
       button.addEventListener("click", () => this.move(Number(button.dataset.move)));
@@ -18,6 +21,18 @@ class Beside {
 
   has(key) {
     return this.keys.includes(key);
+  }
+
+  // Opens the design that the address of the page names.
+  follow() {
+    const [key, against] = decodeURIComponent(location.hash).replace("#design=", "").split(",");
+    if (this.has(against)) this.against.value = against;
+    if (this.has(key)) this.show(key);
+    else if (this.element.dataset.open) this.show(this.element.dataset.open);
+  }
+
+  thumbnail(key) {
+    return document.getElementById(`card-${key}`).content.querySelector(".thumbnail").cloneNode(true);
   }
 
   move(by) {
@@ -30,15 +45,33 @@ class Beside {
     this.views = [];
     this.key = key;
     this.element.hidden = key === null;
-    const keys = key === null ? [] : [...new Set([this.winner, key])];
+    const against = this.against.value;
+    const keys = key === null ? [] : [...new Set([against, key])];
     [...this.places].forEach((place, i) => place.replaceChildren(...(keys[i] ? [this.card(keys[i])] : [])));
-    const title = keys.length === 1 ? `${key}, the best` : `${key} beside the best, ${this.winner}`;
+    const named = (one) => (one === this.best ? `the best, ${one}` : one);
+    const title = keys.length === 1 ? `${key}${key === this.best ? ", the best" : ""}` : `${key} beside ${named(against)}`;
+    if (key !== null || location.hash.startsWith("#design=")) {
+      history.replaceState(null, "", key === null ? "#" : `#design=${key}${against === this.keys[0] ? "" : `,${against}`}`);
+    }
+    this.mark();
     this.element.querySelector("h3").textContent = key === null ? "" : title;
     this.views = [...this.element.querySelectorAll(".view")].map((view) => new View(view));
     if (this.views.length === 2) this.views[0].pair(this.views[1]);
     this.chosen(key);
     reachable();
     if (key !== null) this.element.scrollIntoView({ block: "start" });
+  }
+
+  // Marks the figures in which the two designs differ.
+  mark() {
+    const figures = [...this.places].map(
+      (place) => new Map([...place.querySelectorAll("dt")].map((term) => [term.textContent, term.nextElementSibling.querySelector("strong")])),
+    );
+    for (const [name, figure] of figures[0]) {
+      const other = figures[1].get(name);
+      if (!other || other.textContent === figure.textContent) continue;
+      for (const one of [figure, other]) one.classList.add("differs");
+    }
   }
 
   card(key) {

@@ -6,6 +6,7 @@ const views = [...document.querySelectorAll(".view")].map((element) => new View(
 function redraw() {
   drawFigures();
   for (const view of [...views, ...(beside?.views ?? [])]) view.load();
+  choice?.draw(choice.shown);
 }
 
 dusk.addEventListener("change", redraw);
@@ -50,5 +51,15 @@ const seen = new IntersectionObserver(
 document.querySelectorAll("main section").forEach((section) => seen.observe(section));
 
 const table = document.getElementById("ranking");
-if (table) ranking(table, beside);
+const choice = document.getElementById("choice") && new Choice(beside);
+if (table) ranking(table, beside, choice);
 reachable();
+beside?.follow();
+
+// A link to a part that is folded unfolds it, and a chart in it takes its size.
+for (const details of document.querySelectorAll("details")) {
+  details.addEventListener("toggle", () => details.querySelectorAll(".js-plotly-plot").forEach((plot) => Plotly.Plots.resize(plot)));
+}
+for (const link of document.querySelectorAll("nav a")) {
+  link.addEventListener("click", () => document.querySelector(`${link.hash} > details`)?.setAttribute("open", ""));
+}

@@ -13,7 +13,7 @@ function rest(name) {
   return ON_A_PHONE.includes(name) ? "" : " rest";
 }
 
-function ranking(table, beside) {
+function ranking(table, beside, choice) {
   const { columns, rows } = read("ranking-data");
   const place = Object.fromEntries(columns.map(([name], i) => [name, i]));
   const words = document.getElementById("words");
@@ -73,12 +73,13 @@ function ranking(table, beside) {
         if (!used[j]) return;
         const cell = line.insertCell();
         const value = rows[i][j];
-        if (name === "tree" && beside?.has(key)) cell.append(opener(key));
+        if (name === "tree" && beside?.has(key)) cell.append(beside.thumbnail(key), opener(key));
         else cell.textContent = value === null ? "" : written(name, value);
-        cell.className = (name === "audit" && value !== null ? value : kind) + rest(name);
+        cell.className = (name === "audit" && value !== null ? value.split(", ").at(-1) : kind) + rest(name);
       });
     }
     table.tBodies[0].replaceWith(body);
+    choice?.draw(found);
     const hidden = found.length - body.rows.length;
     document.getElementById("shown").textContent = `${body.rows.length} of ${rows.length} candidates shown`;
     more.hidden = hidden === 0;

@@ -80,7 +80,7 @@ class View {
   // Reads what there is to draw, in the colours of the page, and draws it.
   load() {
     this.value = read(this.plot.dataset.view);
-    this.meshes = read("meshes");
+    this.meshes = this.value.meshes ?? read("meshes");
     const traces = [this.value.data, ...Object.values(this.extras())].flatMap((traces) => traces ?? []);
     for (const [number, trace] of traces.entries()) {
       trace.uid = `trace-${number}`;

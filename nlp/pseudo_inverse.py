@@ -1,0 +1,152 @@
+r"""Reserves of an allocator that only multiplies by the pseudo-inverse, as constraints on the geometry alone.
+
+Lengths in l_arm; forces in m g, torques in l_arm m g, about the COM; inputs over the largest of a rotor.
+
+| symbol | meaning | shape |
+|---|---|---|
+| A, A^+ | wrench of every rotor at its largest input; its pseudo-inverse A^T (A A^T)^-1 | (6, 4n), (4n, 6) |
+| b; E | wrench of the case; wrenches that can be added, each as large as is asked for | (6,); (6, d) |
+| v, S | inputs of both, A^+ b and A^+ E | (4n,), (4n, d) |
+| v_min | least input of a rotor | |
+
+A ball of additions moves input i by |S_i| at most. The allocator exerts all of it if
+
+.. math:: v_i + |S_i| \le 1, \qquad v_i - |S_i| \ge v_{min}
+
+Hover at a tilt t to every side e is the force W (sin t e, cos t) in the axes of the body. With (h, c) = W A^+_i for
+forces, horizontal and vertical, input i is at most |h| sin t + c cos t, which grows with t up to tan t = |h| / c,
+and at least c cos t - |h| sin t, which falls.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+
+from nlp.numbers.masses import masses
+from nlp.numbers.rotors import torque_map
+from nlp.requirements.balances import WRENCH_TOLERANCE
+from nlp.symbols.inertia import of_platform
+from nlp.units import Units
+from topo_search.model import LoadCase, ResolvedTask
+from topo_search.model.reserves import AT, PLACES, centres, centres_of
+from topo_search.model.tolerances import TOLERANCE
+from topo_search.protocols import OwnConstraint, SymbolicPlatform
+
+ROUND = 1e-16
+"""Squared share of an input by which a size is rounded off, so that it has a slope at zero."""
+What = Literal["tip", "com", "torque", "acceleration", "tilt"]
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What a requirement leaves of every input to its limits."""
+
+    case: LoadCase
+    what: What
+    size: tuple[float, ...]
+    """Size along each axis that counts [N], [N m], [rad/s^2]; of a tilt [rad]."""
+
+    def rows(self, platform: SymbolicPlatform) -> ca.SX:
+        """Return the rows, each at least zero."""
+        task = platform.task
+        unit = Units.of(task)
+        units = ca.DM([unit.force] * 3 + [unit.torque] * 3)
+        A, tip, com = _rotors(platform), self.case.at_end_effector, self.case.at_com
+        levers = ca.cross(platform.end_effector, ca.DM(tip.force))
+        b = ca.vertcat(ca.DM(tip.force) + ca.DM(com.force), ca.DM(tip.torque) + ca.DM(com.torque) + levers)
+        inputs = A.T @ ca.solve(A @ A.T, ca.horzcat(b / units, self._additions(platform) / units))
+        v, S, v_min = inputs[:, 0], inputs[:, 1:], task.module.min_input
+        if self.what != "tilt":
+            moved = ca.sqrt(ca.sum2(S**2) + ROUND)
+            return ca.vertcat(1 - v - moved, v - moved - v_min)
+        sine, cosine = math.sin(self.size[0]), math.cos(self.size[0])
+        h, c = ca.sqrt(ca.sum2(S[:, :2] ** 2) + ROUND), S[:, 2]
+        largest = ca.if_else(h * cosine < c * sine, ca.sqrt(h**2 + c**2), h * sine + c * cosine)
+        return ca.vertcat(1 - largest, c * cosine - h * sine - v_min)
+
+    def _additions(self, platform: SymbolicPlatform) -> ca.SX:
+        """Return E [N], [N m]."""
+        nothing, each = ca.SX.zeros(3, 3), ca.SX.eye(3)
+        match self.what:
+            case "tilt":
+                return ca.vertcat(platform.task.force_unit(platform.n) * each, nothing)
+            case "tip":
+                added = ca.vertcat(each, ca.skew(platform.end_effector))
+            case "com":
+                added = ca.vertcat(each, nothing)
+            case "torque":
+                added = ca.vertcat(nothing, each)
+            case "acceleration":
+                added = ca.vertcat(nothing, _inertia(platform))
+        return ca.horzcat(*(r * added[:, k] for k, r in enumerate(self.size) if r > 0))
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A requirement by its name, as the rod of the task at hand makes it."""
+
+    name: str
+    light: _Kept
+    """What it is of the task that was given; also of what a heavier rod leaves out."""
+
+    def __call__(self, platform: SymbolicPlatform) -> ca.SX:
+        """Return the rows, each at least zero."""
+        return dict(_requirements(platform.task)).get(self.name, self.light).rows(platform)
+
+
+def pseudo_inverse_constraints(task: ResolvedTask) -> tuple[OwnConstraint, ...]:
+    """Return what a task requires of the pseudo-inverse, named as in the audit; nothing of the best allocator."""
+    if task.flight.allocator == "optimal":
+        return ()
+    return tuple(
+        OwnConstraint(
+            name, _Named(name, kept), lower=0.0, unit="of the largest input", scale=WRENCH_TOLERANCE / TOLERANCE
+        )
+        for name, kept in _requirements(task)
+    )
+
+
+def _requirements(task: ResolvedTask) -> Iterator[tuple[str, _Kept]]:
+    """Yield the requirements with their names."""
+    flight = task.flight
+    level = flight.directions == "horizontal"
+    for _, label, case in centres(task):
+        force = "horizontal force" if level else "force"
+        for place in PLACES[flight.at] if flight.force_reserve else ():
+            size = (flight.force_reserve,) * (2 if level else 3)
+            yield f"{label}, {force} reserve{AT[place]}", _Kept(case, "com" if place else "tip", size)
+        if flight.torque_reserve:
+            yield f"{label}, torque reserve", _Kept(case, "torque", (flight.torque_reserve,) * 3)
+        for k, a in enumerate(flight.angular_acceleration):
+            if a > 0:
+                size = tuple(a * (k == axis) for axis in range(3))
+                yield f"{label}, angular acceleration about {'xyz'[k]}", _Kept(case, "acceleration", size)
+    if flight.tilt_deg:
+        (_, label, case), *_ = centres_of(task, "hover")
+        yield f"{label}, tilt", _Kept(case, "tilt", (math.radians(flight.tilt_deg),))
+
+
+def _rotors(platform: SymbolicPlatform) -> ca.SX:
+    """Return A."""
+    module = platform.task.module
+    torques, columns = ca.DM(torque_map(module)), []
+    for o, R in zip(platform.centres, platform.orientations, strict=True):
+        z = R[:, 2] / 4
+        force = ca.repmat(z, 1, 4)
+        torque = R @ torques + ca.repmat(ca.cross(o / module.arm_length, z), 1, 4)
+        columns.append(ca.vertcat(force, torque))
+    A: ca.SX = module.max_thrust_to_weight * ca.horzcat(*columns)
+    return A
+
+
+def _inertia(platform: SymbolicPlatform) -> ca.SX:
+    """Return the inertia about the COM [kg m^2]."""
+    task, l_arm = platform.task, platform.task.module.arm_length
+    o, q = [o / l_arm for o in platform.centres], platform.end_effector / l_arm
+    carried = masses(task.module, task.end_effector, platform.topology)
+    return task.module.mass * l_arm**2 * of_platform(o, platform.orientations, q, carried)

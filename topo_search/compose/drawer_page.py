@@ -1,0 +1,61 @@
+"""Pages of a drawer: platforms side by side, with the joints that stay in one colour, and a sheet a change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+from topo_search.export.brackets import DIGITS
+from topo_search.export.sheet import STYLE
+from topo_search.export.tree_drawing import tree_svg
+from topo_search.model import Design
+from topo_search.model.tables import paragraph, table
+
+if TYPE_CHECKING:
+    from topo_search.compose.drawer import Change, SharedKit
+
+
+def drawer_page(shared: SharedKit, designs: Sequence[Design]) -> str:
+    """Return the page of a drawer: what is in it, the design of each task, and every change."""
+    lines = [paragraph(text) for text in shared.lines[:2]]
+    brackets = [(f"{kind.angle_deg:.{DIGITS}f}", kind.count) for kind in shared.brackets]
+    lines += ["<h2>Drawer</h2>", table(("hinge angle [deg]", "brackets"), brackets), "<h2>Tasks</h2>"]
+    captions = [
+        f'<a href="{escape(task.design.replace("design.json", "assembly.html"))}">{escape(task.task)}</a>'
+        for task in shared.tasks
+    ]
+    lines.append(
+        _side_by_side((caption, tree_svg(design)) for caption, design in zip(captions, designs, strict=True))
+    )
+    for number, change in enumerate(shared.changes):
+        lines += change_lines(change, designs[number], designs[number + 1])
+    return _page(f"One drawer for {len(designs)} tasks", lines)
+
+
+def change_page(change: Change, before: Design, after: Design) -> str:
+    """Return the sheet of one change."""
+    return _page(f"From {change.before} to {change.after}", change_lines(change, before, after))
+
+
+def change_lines(change: Change, before: Design, after: Design) -> Iterator[str]:
+    """Yield the two platforms with the joints that stay in one colour, and the steps in order."""
+    yield f"<h2>From {escape(change.before)} to {escape(change.after)}</h2>"
+    stays = zip((before, after), zip(*change.stay, strict=True), strict=True)
+    yield _side_by_side((escape(design.task.name), tree_svg(design, marked=stay)) for design, stay in stays)
+    yield paragraph(
+        "Joints that stay are green. Every module comes off the end of a piece, and is added to one piece."
+    )
+    yield from (paragraph(text) for text in change.instructions)
+
+
+def _side_by_side(drawings: Iterable[tuple[str, str]]) -> str:
+    """Return drawings with their captions in a row."""
+    figures = (f"<figure><figcaption>{caption}</figcaption>{svg}</figure>" for caption, svg in drawings)
+    return f"<section>{''.join(figures)}</section>"
+
+
+def _page(title: str, lines: Iterable[str]) -> str:
+    head = f'<html lang="en"><head><meta charset="utf-8"/><title>{escape(title)}</title>'
+    body = [f"<style>{STYLE}</style></head><body>", f"<h1>{escape(title)}</h1>", *lines, "</body></html>"]
+    return "\n".join(["<!doctype html>", head, *body]) + "\n"

@@ -1,0 +1,68 @@
+// The plot to choose a design by: two figures of every audited design that the filters leave, with the front.
+const SIZES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7b828e"];
+
+class Choice {
+  constructor(beside) {
+    const { columns, rows } = read("ranking-data");
+    this.plot = document.getElementById("choice");
+    this.rows = rows;
+    this.index = Object.fromEntries(columns.map(([name], i) => [name, i]));
+    this.better = Object.fromEntries(columns.map(([name, , better]) => [name, better]));
+    this.sizes = [...new Set(rows.map((row) => row[this.index.modules]))].sort((a, b) => a - b);
+    this.shown = rows.map((_, i) => i);
+    const audited = rows.filter((row) => row[this.index.audit] !== null);
+    const names = columns
+      .filter(([, , better], i) => better && new Set(audited.map((row) => row[i]).filter((x) => x !== null)).size > 1)
+      .map(([name]) => name);
+    const first = (wished) => wished.find((name) => names.includes(name)) ?? names[0];
+    const wished = { up: first(["J [rad⁴/s⁴]"]), across: first(["any force [N]", "hinge error [°]", "clearance [mm]"]) };
+    this.selects = Object.entries(wished).map(([id, name]) => {
+      const select = document.getElementById(id);
+      for (const one of names) select.add(new Option(one, one, false, one === name));
+      select.addEventListener("change", () => this.draw(this.shown));
+      return select;
+    });
+    this.beside = beside;
+  }
+
+  // Draws the rows of these numbers.
+  draw(shown) {
+    this.shown = shown;
+    const [y, x] = this.selects.map((select) => select.value);
+    const { index, rows, sizes } = this;
+    const at = (i, name) => rows[i][index[name]];
+    const drawn = shown.filter((i) => at(i, "audit") !== null && at(i, x) !== null && at(i, y) !== null);
+    const verdicts = { clear: "circle", "clear, fragile": "diamond" };
+    const trace = (chosen, more) => ({ x: chosen.map((i) => at(i, x)), y: chosen.map((i) => at(i, y)), ...more });
+    const traces = sizes.map((n, k) => {
+      const chosen = drawn.filter((i) => at(i, "modules") === n);
+      const marker = { color: SIZES[k % SIZES.length], size: 9, symbol: chosen.map((i) => verdicts[at(i, "audit")] ?? "x") };
+      const text = chosen.map((i) => `${at(i, "tree")}, audit ${at(i, "audit")}`);
+      const hovertemplate = `%{text}<br>${x}: %{x}<br>${y}: %{y}<extra></extra>`;
+      return trace(chosen, { name: `${n} modules`, customdata: chosen.map((i) => at(i, "tree")), mode: "markers", marker, text, hovertemplate });
+    });
+    const line = { color: "#bbbbbb", width: 1.5, dash: "dot" };
+    traces.unshift(trace(this.front(drawn, x, y), { name: "front of clear designs", mode: "lines", line, hoverinfo: "skip" }));
+    const { layout } = read("choice-data");
+    for (const [axis, text] of [["xaxis", x], ["yaxis", y]]) {
+      layout[axis] = { ...layout[axis], title: { text }, exponentformat: "power" };
+    }
+    draw(this.plot, traces, layout).then(() => {
+      this.plot.removeAllListeners("plotly_click");
+      this.plot.on("plotly_click", ({ points }) => this.open(points[0].customdata));
+    });
+  }
+
+  open(key) {
+    if (this.beside?.has(key)) this.beside.show(key);
+  }
+
+  // Clear designs that no other beats in both figures.
+  front(drawn, x, y) {
+    const cost = (i, name) => (this.better[name] === "more" ? -1 : 1) * this.rows[i][this.index[name]];
+    const clear = drawn.filter((i) => this.rows[i][this.index.audit].startsWith("clear"));
+    clear.sort((a, b) => cost(a, x) - cost(b, x) || cost(a, y) - cost(b, y));
+    let least = Infinity;
+    return clear.filter((i) => cost(i, y) < least && ((least = cost(i, y)), true));
+  }
+}
