@@ -14,6 +14,7 @@ from nlp.numbers.point import Point, fixed_end_effector
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Task, Topology
+from topo_search.model.module import CountedRod
 
 Array = NDArray[np.float64]
 Table = dict[str, Any]
@@ -204,6 +205,15 @@ def trees(draw: st.DrawFn, most: int = 12) -> Topology:
         joints.append((h, a, b))
         free += [(i, port) for port in range(4) if port != b]
     return Topology(tuple(joints))
+
+
+def with_masses(task: ResolvedTask, topology: Topology) -> ResolvedTask:
+    """Return the task with heavy joints and a thick, heavy rod from a free connector, whatever its length."""
+    module = task.module.model_copy(update={"joint_mass": 0.05})
+    tip = task.end_effector.model_copy(update={"rod_mass": "included", "rod_radius": 0.05})
+    module_of_rod, port = topology.free_connectors[-1]
+    heavy = task.model_copy(update={"module": module, "end_effector": tip})
+    return heavy.with_rod(CountedRod(module=module_of_rod, port=port, mass=0.1))
 
 
 def random_point(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:

@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 from nlp_cases import as_design, push, random_point, random_tree
 
-from nlp import lower_bound
+from nlp import lower_bound, pseudo_inverse
 from nlp.joints import _vectors, limited_loads
 from nlp.numbers.masses import masses
 from nlp.numbers.rod import weigh_rod
 from nlp.reduced.arrays import to_arrays
+from nlp.reduced.inputs import inertia as reduced_inertia
 from nlp.reduced.platform import motion
 from nlp.reduced.platform import platform as reduced_platform
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
+from nlp.requirements.balances import inertia as point_inertia
 from nlp.units import Units
+from nlp.user_constraints.expressions import symbolic_platform
 from topo_search.compose.binding import solve_mounted
 from topo_search.export.allocation import allocation
 from topo_search.export.mjcf import mjcf
@@ -134,6 +137,28 @@ def test_mass_and_inertia_of_exports_are_those_of_the_audit(held: Design) -> Non
     acts = allocation(held)
     assert acts.mass_kg == m_t
     np.testing.assert_allclose(acts.inertia_kg_m2, J, atol=1e-14)
+
+
+@pytest.mark.parametrize("position", ["free", [0.1, 0.1, 0.3]])
+def test_the_inertia_is_that_of_the_audit_wherever_a_torque_is_asked_for(position: Any) -> None:
+    """At a point of the solver, in its rows, in the compiled search and in what a user's constraints get."""
+    rng = np.random.default_rng(3)
+    tip = {**WALL["end_effector"], "position": position}
+    for n in (1, 4, 7):
+        tree = random_tree(n, rng)
+        point = random_point(push(n, **{**WALL, "end_effector": tip}), tree, rng)
+        light = inertia(as_design(point), platform(as_design(point)))
+        point = weigh_rod(point, tree.free_connectors[int(rng.integers(len(tree.free_connectors)))])
+        task, unit = point.task, point.task.module.mass * point.task.module.arm_length**2
+        J = inertia(as_design(point), platform(as_design(point)))
+        assert np.abs(J - light).max() > 1e-3 * np.abs(J).max()
+        np.testing.assert_allclose(point_inertia(point), J, rtol=1e-10, atol=1e-14)
+        stated = to_arrays(task, tree)
+        there = reduced_platform(stated, point.pack()[: len(stated.lower)])
+        np.testing.assert_allclose(reduced_inertia(stated, there) * unit, J, rtol=1e-10, atol=1e-14)
+        x = ca.SX.sym("x", len(point.pack()))
+        symbolic = ca.Function("J", [x], [pseudo_inverse._inertia(symbolic_platform(task, tree, x))])
+        np.testing.assert_allclose(np.array(symbolic(point.pack())), J, rtol=1e-10, atol=1e-14)
 
 
 def test_solver_and_audit_agree_on_a_platform_with_a_rod_that_counts() -> None:

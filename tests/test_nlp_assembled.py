@@ -5,7 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import FEATURES, HOVER, push, random_point, random_tree
+from nlp_cases import FEATURES, HOVER, push, random_point, random_tree, with_masses
 
 from nlp.assembled import AssembledProgram
 from nlp.assembled.problem import AssembledProblem
@@ -44,11 +44,12 @@ def test_values_and_derivatives_are_those_of_the_page(name):
     assert_printed(push(topology.n, **fields), topology)
 
 
+@pytest.mark.parametrize("heavy", [False, True], ids=["", "joints and a rod"])
 @pytest.mark.parametrize("position", ["free", [0.1, -0.2, 0.3]])
-def test_angular_accelerations_take_torque_by_the_inertia(position):
+def test_angular_accelerations_take_torque_by_the_inertia(position, heavy):
     tip, flight = {"mass": 0.1, "position": position}, {"angular_acceleration": [30.0, 0.0, 20.0]}
-    task = to_corners(push(4, load_cases=[HOVER], end_effector=tip, flight=flight))
-    assert_printed(task, Topology.from_key("a1300"))
+    task, topology = push(4, load_cases=[HOVER], end_effector=tip, flight=flight), Topology.from_key("a1300")
+    assert_printed(to_corners(with_masses(task, topology) if heavy else task), topology)
 
 
 def assert_printed(task, topology):

@@ -7,7 +7,7 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import BOX, FEATURES, HOVER, WEDGE, push, random_point, random_tree
+from nlp_cases import BOX, FEATURES, HOVER, WEDGE, push, random_point, random_tree, with_masses
 from scipy.optimize import lsq_linear, minimize_scalar, nnls
 
 from nlp.names import ROD
@@ -146,17 +146,28 @@ def test_clearances_are_those_of_the_printed_problem(name):
 TURNING = {"load_cases": [HOVER], "flight": {"angular_acceleration": [40.0, 30.0, 20.0]}}
 
 
+@pytest.mark.parametrize("position", ["free", [0.1, -0.2, 0.3]])
+def test_derivatives_with_masses_of_joints_and_a_rod_are_those_of_the_values(position):
+    topology = Topology.from_key("a1300")
+    task = with_masses(push(4, **TURNING, end_effector={"position": position}), topology)
+    assert_derivatives(to_corners(task), topology)
+
+
 @pytest.mark.parametrize("fields", [*FEATURES.values(), TURNING], ids=[*FEATURES, "accelerations"])
 def test_derivatives_are_those_of_the_values(fields):
-    rng = np.random.default_rng(2)
-    task, h = to_corners(push(4, **fields)), 1e-6
+    assert_derivatives(to_corners(push(4, **fields)))
+
+
+def assert_derivatives(task, topology=None):
+    """At points of a topology, by default of random ones."""
+    rng, h = np.random.default_rng(2), 1e-6
     for _ in range(3):
-        topology = random_tree(4, rng, aligned=True)
-        x = unknowns(task, topology, random_point(task, topology, rng))
-        here = evaluated(task, topology, x)
+        tree = topology or random_tree(4, rng, aligned=True)
+        x = unknowns(task, tree, random_point(task, tree, rng))
+        here = evaluated(task, tree, x)
         for l in range(len(x)):
             step = h * np.eye(len(x))[l]
-            up, down = evaluated(task, topology, x + step), evaluated(task, topology, x - step)
+            up, down = evaluated(task, tree, x + step), evaluated(task, tree, x - step)
             assert here.dV[l] == pytest.approx((up.V - down.V) / (2 * h), rel=1e-5, abs=1e-5)
             slopes = (up.g[here.near] - down.g[here.near]) / (2 * h)
             np.testing.assert_allclose(here.J[here.near, l], slopes, atol=2e-5)
