@@ -236,7 +236,8 @@ def hold_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] 
     from nlp.shortest_rod import count_rod  # compiled code, which other commands need not load
 
     numbers = design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m, design.inputs
-    point, user_constraints = Point(design.task, design.topology, *map(np.array, numbers)), tuple(constraints)
+    point = Point(design.task, design.topology, *map(np.array, numbers))
+    user_constraints = (*constraints, *pseudo_inverse_constraints(design.task))
     whole = with_all(point, to_corners(design.task), user_constraints)
     kept = StartResult.at(0, whole, IpoptResult(point, "held", 0), constraints=user_constraints)
     held = count_rod(kept, user_constraints, (mount.module, mount.port))

@@ -21,7 +21,7 @@ from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_ma
 from nlp.requirements.balances import inertia as point_inertia
 from nlp.units import Units
 from nlp.user_constraints.expressions import symbolic_platform
-from topo_search.compose.binding import solve_mounted
+from topo_search.compose.binding import local_optima_mounted, solve_mounted
 from topo_search.export.allocation import allocation
 from topo_search.export.mjcf import mjcf
 from topo_search.export.urdf import urdf
@@ -159,6 +159,36 @@ def test_the_inertia_is_that_of_the_audit_wherever_a_torque_is_asked_for(positio
         x = ca.SX.sym("x", len(point.pack()))
         symbolic = ca.Function("J", [x], [pseudo_inverse._inertia(symbolic_platform(task, tree, x))])
         np.testing.assert_allclose(np.array(symbolic(point.pack())), J, rtol=1e-10, atol=1e-14)
+
+
+HEAVY: dict[str, Any] = {
+    "module": {"joint_mass": 0.03},
+    "end_effector": {"rod": "straight", "rod_mass": "included", "largest_reach": None},
+    "load_cases": [{"carries_weight": True}, {"carries_weight": True, "end_effector": {"force": [0.1, 0.0, 0.0]}}],
+}
+
+
+@pytest.mark.parametrize(("allocator", "about_x"), [("optimal", 20.0), ("pseudo-inverse", 14.0)])
+def test_a_heavy_platform_has_the_accelerations_and_reserves_that_are_asked_for(
+    allocator: str, about_x: float
+) -> None:
+    """Its inertia is that of the audit, and reserves in weights grow with the rod's, by either allocator."""
+    flight = {"angular_acceleration": [about_x, 3.0, 2.0], "force_reserve": 0.05, "directions": "horizontal"}
+    task = push(4, **HEAVY, flight={**flight, "allocator": allocator})
+    design = solve_mounted(task, Topology.from_key("a3020"), starts=range(1), seed=0)
+    assert isinstance(design, Design)
+    judged = audit(design)
+    rows = {row.name: row for row in judged.residuals if row.name.startswith("hover, ") and row.stated}
+    assert judged.verdict == Status.CLEAR
+    assert rows["hover, horizontal force reserve"].stated == pytest.approx(0.05 * design.task.force_unit(4))
+    assert min(row.derived / row.stated for row in rows.values()) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_every_local_optimum_counts_its_rod() -> None:
+    tree = Topology.from_key("a3020")
+    found = local_optima_mounted(push(4, **HEAVY), tree, starts=range(2), seed=0, most_effort=1.2e14)
+    assert len({design.task.end_effector.counted_rod.mass for design in found}) > 1
+    assert {audit(design).verdict for design in found} == {Status.CLEAR}
 
 
 def test_solver_and_audit_agree_on_a_platform_with_a_rod_that_counts() -> None:

@@ -24,16 +24,19 @@ def solve_mounted(
 ) -> Design | Infeasible:
     """Solve one topology, and choose where the rod of a design's end-effector is bolted."""
     outcome = nlp.solve(task, topology, starts=starts, seed=seed, near=near, constraints=constraints)
-    if not isinstance(outcome, Design):
-        return outcome
-    mount = verify.choose_mount(outcome)
-    if outcome.task.end_effector.rod_mass == "ignored":
-        return outcome.model_copy(update={"mount": mount})
-    if mount not in (None, outcome.mount):
+    return _mount(task, outcome, constraints) if isinstance(outcome, Design) else outcome
+
+
+def _mount(task: ResolvedTask, design: Design, constraints: Sequence[OwnConstraint]) -> Design:
+    """Return a design of a task with its rod bolted on."""
+    mount = verify.choose_mount(design)
+    if task.end_effector.rod_mass == "ignored":
+        return design.model_copy(update={"mount": mount})
+    if mount not in (None, design.mount):
         # the solver counts the nearest rod within its limits; where parts or airflow block it, another is bolted on
-        outcome = nlp.hold_rod(outcome, mount, constraints)
+        design = nlp.hold_rod(design, mount, constraints)
     # to the last digit the given task with that rod, by whatever rods the solver went
-    return outcome.model_copy(update={"task": task.with_rod(outcome.task.end_effector.counted_rod)})
+    return design.model_copy(update={"task": task.with_rod(design.task.end_effector.counted_rod)})
 
 
 def local_optima_mounted(
@@ -50,7 +53,7 @@ def local_optima_mounted(
     found = nlp.local_optima(
         task, topology, starts=starts, seed=seed, near=near, constraints=constraints, most_effort=most_effort
     )
-    return [design.model_copy(update={"mount": verify.choose_mount(design)}) for design in found]
+    return [_mount(task, design, constraints) for design in found]
 
 
 def audit_exactly(design: Design) -> Audit:
