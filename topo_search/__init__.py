@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from topo_search.model.files import read_json, read_task, to_json, to_toml
     from topo_search.model.load_case import ForceCone
     from topo_search.model.mesh_file import ConvexPiece
-    from topo_search.model.module import Airflow, Body, Bracket, Jet, RegionAirflow
+    from topo_search.model.module import Airflow, Body, Bracket, CountedRod, Jet, RegionAirflow
     from topo_search.model.reserves import AskedFlight
     from topo_search.model.search import Goals
     from topo_search.protocols import (
@@ -71,7 +71,7 @@ _HOMES = {
     "topo_search.model.load_case": ("ForceCone",),
     "topo_search.model.mesh_file": ("ConvexPiece",),
     "topo_search.model.search": ("Goals",),
-    "topo_search.model.module": ("Airflow", "Body", "Bracket", "Jet", "RegionAirflow"),
+    "topo_search.model.module": ("Airflow", "Body", "Bracket", "CountedRod", "Jet", "RegionAirflow"),
     "topo_search.model.reserves": ("AskedFlight",),
     "topo_search.model.design": ("Stated", "StatedCheck"),
     "topo_search.protocols": (
@@ -86,8 +86,8 @@ _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Airflow", "Allowed", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates",
-    "Certificates", "Clearance", "ConvexPiece", "Design", "Directional", "EndEffector", "Exterior", "Fault",
-    "Flight", "ForceCone", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase", "Local",
+    "Certificates", "Clearance", "ConvexPiece", "CountedRod", "Design", "Directional", "EndEffector", "Exterior",
+    "Fault", "Flight", "ForceCone", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase", "Local",
     "Module", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "RegionAirflow",
     "ResolvedTask", "Row",
     "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status", "SymbolicPlatform", "Task",
