@@ -31,7 +31,7 @@ def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
     assert Task.model_validate({**first, **tolerances}).tolerances.position == 0.5e-3
     assert task.goals.names == (
         *("clearance", "stand_off", "peak_input"),
-        *("force_reserve", "rotor_out", "joint_moment", "hinge_angle_deg"),
+        *("force_reserve", "rotor_out", "joint_moment", "hinge_angle_deg", "speed"),
     )
     assert mesh["exposure"][0].keys() == {"kind", "mesh", "scale", "offset"}
     (solid,) = Task.model_validate({**first, **wall}).exposure

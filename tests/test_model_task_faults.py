@@ -47,7 +47,8 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[module.airflow]\nrech = 1.0", "module.airflow.rech: unknown field; did you mean `reach`?"),
         (
             "[module.airflow]\nxyz = 1.0",
-            "module.airflow.xyz: unknown field; valid names are start_radius, spread_angle_deg, reach, jet",
+            "module.airflow.xyz: unknown field; valid names are start_radius, spread_angle_deg, reach, jet, "
+            "regions, speed, at",
         ),
         ("[module.body]\nhubb = 1.0", "module.body.hubb: unknown field; did you mean `hub`?"),
         ("[end_effector]\nmas = 0.1", "end_effector.mas: unknown field; did you mean `mass`?"),

@@ -8,7 +8,7 @@ import pytest
 from nlp_cases import HOVER, push
 
 from nlp import proof_root, prove_chunk, solve
-from nlp.bounds.branch.arrays import halves
+from nlp.bounds.branch.search import halves
 from topo_search.model import Design, Topology
 from topo_search.model.proof import chunk_count
 from topo_search.study.proofs import problem

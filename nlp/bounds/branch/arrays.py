@@ -25,7 +25,6 @@ from nlp.numbers.rotors import torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import Problem
 from topo_search.model.tolerances import TOLERANCE
@@ -203,22 +202,6 @@ def hinge_angles(task: ResolvedTask) -> Array:
     Either sign of an angle is there, so that it does not matter from where a hinge is looked at.
     """
     return np.array([math.radians(angle) for angle in task.search.hinge_set_deg or ()])
-
-
-@njit(cache=True)
-def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
-    """Return where the lower half of an interval of hinge angles ends, and where the upper one begins [rad].
-
-    Both are at the middle if any angle will do; else at angles that hinges may have, or the upper half is empty and
-    begins at infinity.
-    """
-    middle = (lower + upper) / 2
-    if len(angles) == 0:
-        return middle, middle
-    after = np.searchsorted(angles, middle, side="right")
-    if after == len(angles) or angles[after] > upper:
-        return upper, math.inf
-    return angles[after - 1], angles[after]
 
 
 def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:

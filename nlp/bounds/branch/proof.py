@@ -14,13 +14,12 @@ import numpy as np
 from nlp.bounds.branch.arrays import (
     centre,
     effort_unit,
-    halves,
     hang,
     hinge_angles,
     to_arrays,
     whole_box,
 )
-from nlp.bounds.branch.search import CLOSED, MANY, search
+from nlp.bounds.branch.search import CLOSED, MANY, halves, search
 from nlp.numbers import cholesky
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlp.bounds.branch import box, frames, multipliers, slopes
-from nlp.bounds.branch.arrays import BranchProblem, halves
+from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -141,6 +141,22 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
         hi[left + 1, axis] = end
         left += 2
     return Found(CLOSED, record[:boxes], lower, upper)
+
+
+@njit(cache=True)
+def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
+    """Return where the lower half of an interval of hinge angles ends, and where the upper one begins [rad].
+
+    Both are at the middle if any angle will do; else at angles that hinges may have, or the upper half is empty and
+    begins at infinity.
+    """
+    middle = (lower + upper) / 2
+    if len(angles) == 0:
+        return middle, middle
+    after = np.searchsorted(angles, middle, side="right")
+    if after == len(angles) or angles[after] > upper:
+        return upper, math.inf
+    return angles[after - 1], angles[after]
 
 
 @njit(cache=True)
