@@ -132,9 +132,9 @@ FEATURES: dict[str, Table] = {
     },
     "fixed end-effector": {"end_effector": {"position": [0.1, 0.1, 0.3]}},
     "least input": {"module": {"min_input": 0.1}},
-    "joint mass": {"module": {"joint_mass": 0.05}, "exposure": [CONE]},
+    "joint mass": {"module": {"joint_mass": 0.02}, "exposure": [CONE]},
     "joint mass, fixed end-effector": {
-        "module": {"joint_mass": 0.05},
+        "module": {"joint_mass": 0.02},
         "end_effector": {"position": [0.1, 0.1, 0.3]},
     },
     "any port": {"search": {"connectors": "any"}},
