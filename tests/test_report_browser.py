@@ -203,10 +203,10 @@ def test_forces_that_can_be_added_are_shown_at_the_tip(opened: Open) -> None:
 
 def test_labels_do_not_lie_over_each_other(opened: Open, five: str) -> None:
     page = opened(five)
-    labels = page.locator("#platform .labels text")
+    labels = page.locator(".view .labels text")
     assert labels.all_text_contents() == ["0", "1", "2", "3", "4", "tip", "centre of mass"]
     boxes = page.evaluate(
-        "[...document.querySelectorAll('#platform .labels text')].map(t => t.getBoundingClientRect().toJSON())"
+        "[...document.querySelectorAll('.view .labels text')].map(t => t.getBoundingClientRect().toJSON())"
     )
     for one, other in itertools.combinations(boxes, 2):
         across = min(one["right"], other["right"]) - max(one["left"], other["left"])
@@ -220,7 +220,7 @@ def test_the_pointer_on_a_module_shows_its_numbers(opened: Open, five: str) -> N
     view.scroll_into_view_if_needed()
     box = view.bounding_box()
     assert box is not None
-    lines = page.locator("#platform .labels line")
+    lines = page.locator(".view .labels line")
     x, y = (float(lines.nth(1).get_attribute(name) or 0) for name in ("x1", "y1"))
     told = page.locator("#view .hovertext")
     end = time.monotonic() + PATIENCE_MS / 1000
