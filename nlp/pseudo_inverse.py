@@ -44,7 +44,7 @@ What = Literal["tip", "com", "torque", "acceleration", "tilt"]
 
 @dataclass(frozen=True)
 class _Kept:
-    """What a requirement leaves of every input to its limits."""
+    """Margin of every input to its limits under a requirement."""
 
     case: LoadCase
     what: What
@@ -92,7 +92,7 @@ class _Named:
 
     name: str
     light: _Kept
-    """What it is of the task that was given; also of what a heavier rod leaves out."""
+    """The requirement of the given task, for tasks with a heavier rod that leave it out."""
 
     def __call__(self, platform: SymbolicPlatform) -> ca.SX:
         """Return the rows, each at least zero."""

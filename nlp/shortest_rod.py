@@ -53,7 +53,7 @@ def count_rods(
 
 
 def count_rod(design: StartResult, constraints: UserConstraints, connector: Connector | None = None) -> StartResult:
-    """Return where a design leads with the mass of its rod.
+    """Solve again with the mass of the rod until design and mass agree.
 
     Args:
         design: the result of a start.

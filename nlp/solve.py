@@ -232,7 +232,7 @@ def _count_rods(
 
 
 def hold_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] = ()) -> Design:
-    """Return where a design leads whose rod counts from another connector; the design itself if that is none."""
+    """Solve again with the rod at another connector; return the design itself where that fails."""
     from nlp.shortest_rod import count_rod  # compiled code, which other commands need not load
 
     numbers = design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m, design.inputs

@@ -19,7 +19,7 @@ EXPOSURES = 4
 
 
 SLIPSTREAMS = {"airflow": {"regions": {}}}
-"""What `init` states beside load cases and flight: envelopes against regions enclose the slipstreams."""
+"""Lines of `init` beside load cases and flight: envelopes against regions enclose the slipstreams."""
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""What every command prints of its proven figures is on the right side of the value in its `--json`.
+"""Proven figures that commands print lie on the safe side of the values in their `--json`.
 
 Each line is named by its words, and must be there; a figure is the number behind them.
 """

@@ -239,7 +239,7 @@ def test_modules_that_are_too_close_at_a_point_are_found(seed, spread):
 
 
 def clearance_missed(task, tree, theta):
-    """Whether envelopes overlap, parts are in airflow or centres are too close, as the audit measures it."""
+    """Overlap of envelopes, parts in airflow or centres too close, as the audit measures them."""
     air, at = task.module.envelope, poses(tree, theta[:3], theta[3:], task.module.connector_distance)
     pairs = list(itertools.combinations(range(tree.n), 2))
     apart = [np.linalg.norm(at.p[i] - at.p[j]) for i, j in pairs if (i, j) not in tree.bolted]

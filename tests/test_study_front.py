@@ -144,6 +144,14 @@ def test_what_has_nothing_to_keep_clear_of_is_clear_of_everything():
 # ---- runs
 
 
+def test_an_answer_is_read_at_the_level_of_its_best_design(tmp_path):
+    answer = goal_run(tmp_path / "run")
+    assert answer.at_level.sizes == answer.levels[answer.points[0].number].sizes
+    tightest = answer.levels[-1]
+    moved = replace(answer, points=(replace(answer.points[0], number=tightest.number),))
+    assert (moved.level, moved.at_level.sizes) == (tightest.number, tightest.sizes)
+
+
 def test_a_run_with_goals_leaves_a_front_and_a_folder_a_level(tmp_path, log):
     answer = goal_run(tmp_path / "run")
     path = tmp_path / "run"

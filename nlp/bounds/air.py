@@ -68,7 +68,7 @@ def windy(task: ResolvedTask) -> Refutation | None:
 
 
 def _farthest_rotor(task: ResolvedTask) -> float | None:
-    """Return the largest distance of a rotor's centre from the end-effector [m]; None: there is none."""
+    """Return the largest distance of a rotor's centre from the end-effector [m]; None if it is unlimited."""
     n, module, reach = task.n, task.module, task.largest_reach(task.n)
     position, found = task.end_effector.fixed_position, list[float]()
     if reach is not None:

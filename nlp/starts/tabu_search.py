@@ -88,7 +88,7 @@ class Rules(NamedTuple):
     start_radius: float
     growth: float
     apart: float
-    """Least distance of centres; -inf if there is none."""
+    """Least distance of centres; -inf without a limit."""
     of_all: bool
     """That is asked of modules that share a joint, too."""
     turn: float

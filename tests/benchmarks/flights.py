@@ -1,4 +1,4 @@
-"""What flying tasks require, what is certified of their designs, and what two controllers hold.
+"""Requirements of flying tasks, certified reserves of their designs, and flights under two controllers.
 
     python tests/benchmarks/flights.py [NAME ...] [--modules 3 ...] [--seeds 5] [--runs FOLDER]
 

@@ -46,13 +46,12 @@ def _designs(source: Path) -> list[Compared]:
         judged = audit(design)
         return [Compared(source.stem, design, judged, design.gap if judged.verdict == "clear" else None)]
     with RunFolder.load(source) as folder:
-        answer = answer_of(folder)
-        best = answer.best or next((row for size in answer.sizes for row in size.top), None)
-        if best is None:
+        answer = answer_of(folder).at_level
+        if answer.shown is None:
             raise BadInput(str(source), [Fault("", "holds no design yet")])
         gaps = {size.modules: size.gap_of for size in answer.sizes}
-        level = folder.levels[answer.points[0].number] if answer.points else folder
-        read = ((row, *level.result_of(row)) for row in rows_to_show(answer, best))
+        level = folder.levels[answer.level]
+        read = ((row, *level.result_of(row)) for row in rows_to_show(answer, answer.shown))
         name = source.resolve().name
         return [
             Compared(f"{name}/{row.key}", design, audited, gaps[row.modules](row))

@@ -111,8 +111,8 @@ class LoadCase(Value):
     carries_weight: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
     """True if the platform's weight [0, 0, m_t g] is added to f_C, for any number of modules."""
     grows: Annotated[Literal["weight", "all"] | None, Field(exclude_if=lambda given: given is None)] = None
-    """What grows with the weight of the rod that a design counts: `weight`: the part of f_C that carries it; `all`:
-    everything, as stated in weights. Designs have it, tasks do not."""
+    """Part that grows with the weight of a counted rod: `weight`, the share of f_C that carries it, or `all` of a
+    case in units of weight. Set in designs, not in tasks."""
     weight: PositiveOrZero = 1.0
     """lambda_k: weight of this case's effort in the objective; 0: it must be possible but adds no effort."""
 

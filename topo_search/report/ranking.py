@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 import plotly.graph_objects as go
 
+from topo_search.export import palette
 from topo_search.model import Audit
 from topo_search.model.proven import at_least, at_most, gap_percent
 from topo_search.report.headline import fragile
@@ -50,7 +51,7 @@ def ranking(candidates: Sequence[Candidate], *, proofs: bool) -> dict[str, Any]:
 def _choice() -> Chart:
     """Return the plot without its points, which the page draws from the ranking as it is filtered."""
     figure = go.Figure()
-    figure.update_layout(hovermode="closest", legend={"orientation": "h", "y": -0.2})
+    figure.update_layout(hovermode="closest", legend={"orientation": "h", "y": -0.2}, colorway=palette.SERIES)
     return Chart("choice", "Audited designs; click a point to see its design", figure)
 
 

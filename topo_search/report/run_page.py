@@ -33,11 +33,9 @@ def run_page(folder: RunFolder) -> dict[str, Any]:
     answer, goals = answer_of(folder), folder.request.task.goals
     if not answer.levels:
         return _page(folder, answer)
-    number = answer.points[0].number if answer.points else 0
-    level = folder.levels[number]
-    at = answer.levels[number]
-    page = _page(level, replace(answer, sizes=at.sizes))
-    note = f"Everything except the front refers to level {number} of the goals: {at.level.words}."
+    page = _page(folder.levels[answer.level], answer.at_level)
+    words = answer.levels[answer.level].level.words
+    note = f"Everything except the front refers to level {answer.level} of the goals: {words}."
     idle = (f"{text[0].upper()}{text[1:]}." for text in answer.idle_goals)
     return {
         **page,
@@ -50,7 +48,7 @@ def run_page(folder: RunFolder) -> dict[str, Any]:
 def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
     """Return the page of a run without goals, or of one level."""
     request = folder.request
-    shown = answer.best or next((row for size in answer.sizes for row in size.top), None)
+    shown = answer.shown
     n = shown.modules if shown else request.task.sizes[0]
     size = next(size for size in answer.sizes if size.modules == n)
     design, audit = (None, None) if shown is None else folder.result_of(shown)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -226,6 +226,21 @@ class Answer:
         if self.levels:
             return self.points[0].row if self.points else None
         return next((size.best for size in self.sizes if size.best is not None), None)
+
+    @property
+    def shown(self) -> Row | None:
+        """The best design, or where none is clear the one of least effort of the smallest feasible size."""
+        return self.best or next((row for size in self.sizes for row in size.top), None)
+
+    @property
+    def level(self) -> int:
+        """Number of the level at which the best design was found; 0 without goals."""
+        return self.points[0].number if self.points else 0
+
+    @property
+    def at_level(self) -> Answer:
+        """The same with the sizes of that level."""
+        return replace(self, sizes=self.levels[self.level].sizes) if self.levels else self
 
     @property
     def smallest(self) -> str:

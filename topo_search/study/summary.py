@@ -167,8 +167,7 @@ def answer_of(folder: RunFolder) -> Answer:
         answer = replace(answer, levels=levels, points=front_of(folder))
     if answer.best is None:
         return answer
-    number = answer.points[0].number if answer.points else 0
-    request = folder.levels[number].request
+    request = folder.levels[answer.level].request
     context, ledger = request.contexts(answer.best.modules)[answer.best.step], folder.ledger
     design, text = ledger.result(context, answer.best.key), ledger.audit(context, answer.best.key)
     audit = None if text is None else parse(ledger.path, Audit, "texts", text, strict=False)

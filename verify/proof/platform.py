@@ -83,7 +83,7 @@ class Numbers(NamedTuple):
     start_radius: float
     growth: float
     apart: float
-    """Least distance of centres; 0 for none."""
+    """Least distance of centres; 0 without a limit."""
     exempt: bool
     """True if modules that are bolted together may have centres nearer than that."""
     margin: float

@@ -97,7 +97,7 @@ class Separation(NamedTuple):
     start_radius: float
     growth: float
     apart: float
-    """Least distance of centres; 0 if there is none."""
+    """Least distance of centres; 0 without a limit."""
     of_all: bool
     """True if that is asked of modules that share a joint, too."""
     margin: float

@@ -219,7 +219,7 @@ def _remainder(
 
 @njit(cache=True)
 def _reach(l_c: float, modules: int, q: Vector) -> float:
-    """Return how far a point q of a module is at most from a hinge, with so many modules between."""
+    """Return the largest distance of a point q of a module from a hinge, over the modules between them."""
     if modules == 0:  # the module's axis is at a right angle to the arm
         return math.hypot(l_c + math.hypot(q[0], q[1]), q[2])
     return l_c * (1 + 2 * modules) + _length(q)

@@ -1,5 +1,4 @@
 // The plot to choose a design by: two figures of every audited design that the filters leave, with the front.
-const SIZES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7b828e"];
 
 class Choice {
   constructor(beside) {
@@ -30,20 +29,20 @@ class Choice {
     this.shown = shown;
     const [y, x] = this.selects.map((select) => select.value);
     const { index, rows, sizes } = this;
+    const { layout } = read("choice-data");
     const at = (i, name) => rows[i][index[name]];
     const drawn = shown.filter((i) => at(i, "audit") !== null && at(i, x) !== null && at(i, y) !== null);
     const verdicts = { clear: "circle", "clear, fragile": "diamond" };
     const trace = (chosen, more) => ({ x: chosen.map((i) => at(i, x)), y: chosen.map((i) => at(i, y)), ...more });
     const traces = sizes.map((n, k) => {
       const chosen = drawn.filter((i) => at(i, "modules") === n);
-      const marker = { color: SIZES[k % SIZES.length], size: 9, symbol: chosen.map((i) => verdicts[at(i, "audit")] ?? "x") };
+      const marker = { color: layout.colorway[k % layout.colorway.length], size: 9, symbol: chosen.map((i) => verdicts[at(i, "audit")] ?? "x") };
       const text = chosen.map((i) => `${at(i, "tree")}, audit ${at(i, "audit")}`);
       const hovertemplate = `%{text}<br>${x}: %{x}<br>${y}: %{y}<extra></extra>`;
       return trace(chosen, { name: `${n} modules`, customdata: chosen.map((i) => at(i, "tree")), mode: "markers", marker, text, hovertemplate });
     });
     const line = { color: "#bbbbbb", width: 1.5, dash: "dot" };
     traces.unshift(trace(this.front(drawn, x, y), { name: "front of clear designs", mode: "lines", line, hoverinfo: "skip" }));
-    const { layout } = read("choice-data");
     for (const [axis, text] of [["xaxis", x], ["yaxis", y]]) {
       layout[axis] = { ...layout[axis], title: { text }, exponentformat: "power" };
     }
