@@ -169,8 +169,25 @@ class Connection:
         return self._reply(lambda: client.run(function, workers=addresses, on_error="ignore")) if addresses else {}
 
     def submit(self, function: Callable[[Any], T], argument: Any, *, worker: str | None = None) -> Future[T]:
-        """Hand a call to the scheduler, for one Dask worker or whichever is free."""
-        future: Future[T] = self.client().get_executor(pure=False, workers=worker).submit(function, argument)
+        """Hand a call to the scheduler, for one Dask worker or whichever is free.
+
+        Not by Dask's own executor: of a worker that ends once its result has arrived, that one makes a TypeError.
+        """
+        sent = self.client().submit(function, argument, workers=worker, pure=False)
+        future: Future[T] = Future()
+
+        def settle(_: object) -> None:
+            if sent.cancelled():
+                future.cancel()
+            if not future.set_running_or_notify_cancel():
+                return
+            try:
+                future.set_result(sent.result())
+            except BaseException as error:  # noqa: BLE001 (whatever it is, it is raised where the result is taken)
+                future.set_exception(error)
+
+        sent.add_done_callback(settle)
+        future.add_done_callback(lambda done: sent.cancel() if done.cancelled() else None)
         return future
 
     def close(self) -> None:
