@@ -5,6 +5,7 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,12 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
 from report_cases import design, flown, grown, toy_page
+from toy_problem import BACKENDS
 from verify_cases import design as solved
 
 from topo_search.compose import audit
 from topo_search.export.poses import poses
-from topo_search.model import Topology
+from topo_search.model import Audit, Clearance, Design, Status, Topology
 from topo_search.report.design_page import design_page, read_simulated
 from topo_search.report.page import render
 from topo_search.report.scene import scene
@@ -350,7 +352,14 @@ def test_two_designs_of_any_rank_are_compared_and_the_address_links_to_them(open
 
 
 def test_the_plot_shows_the_audited_designs_that_the_filters_leave(opened: Open, tmp_path: Path) -> None:
-    page = opened(toy_page(tmp_path / "run", modules=4, starts=4))
+    def audit_pair(made: Design) -> Audit:
+        mm = sum(map(ord, made.topology.key)) % 7
+        bounds = {"lower_m": mm / 1000, "analytic_m": mm / 1000, "upper_m": mm / 1000}
+        pair = Clearance(kind="airflow", a=0, b=1, status=Status.CLEAR, level=0, **bounds)
+        return BACKENDS.audit(made).model_copy(update={"pairs": (pair,)})
+
+    backends = replace(BACKENDS, audit=audit_pair)
+    page = opened(toy_page(tmp_path / "run", modules=4, starts=4, backends=backends))
     points = "document.getElementById('choice').data.flatMap(trace => trace.customdata ?? [])"
     audited = [key for key, audit in zip(column(page, "tree"), column(page, "audit"), strict=True) if audit]
     assert audited
