@@ -10,7 +10,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from topo_search.compose import audit, figure, prove, search, solve, write_report
+    from topo_search.compose import (
+        audit,
+        compare,
+        figure,
+        plot_platform,
+        prove,
+        read_design,
+        search,
+        solve,
+        write_report,
+    )
     from topo_search.engine import Certificates, WorkersLost
     from topo_search.export.audits import clearances, residuals
     from topo_search.export.formats import export_design, register_format
@@ -54,11 +64,14 @@ if TYPE_CHECKING:
         TopologySampler,
         Tried,
     )
+    from topo_search.report.plots import plot_candidates, plot_front, plot_history
     from topo_search.report.progress import Lines
-    from topo_search.study import Answer, LedgerLost, Observer, Row, SizeAnswer, Solved
+    from topo_search.study import Answer, LedgerLost, Observer, Row, SizeAnswer, Solved, read_answer
 
 _HOMES = {
-    "topo_search.compose": ("audit", "figure", "prove", "search", "solve", "write_report"),
+    "topo_search.compose": (
+        "audit", "compare", "figure", "plot_platform", "prove", "read_design", "search", "solve", "write_report",
+    ),
     "topo_search.engine": ("Certificates", "WorkersLost"),
     "topo_search.export.formats": ("export_design", "register_format"),
     "topo_search.export.audits": ("clearances", "residuals"),
@@ -77,8 +90,9 @@ _HOMES = {
     "topo_search.protocols": (
         "Candidates", "OwnConstraint", "OwnFormat", "OwnSampler", "SymbolicPlatform", "TopologySampler", "Tried",
     ),
+    "topo_search.report.plots": ("plot_candidates", "plot_front", "plot_history"),
     "topo_search.report.progress": ("Lines",),
-    "topo_search.study": ("Answer", "LedgerLost", "Observer", "Row", "SizeAnswer", "Solved"),
+    "topo_search.study": ("Answer", "LedgerLost", "Observer", "Row", "SizeAnswer", "Solved", "read_answer"),
 }  # fmt: skip
 """Module that defines each name."""
 
@@ -91,8 +105,9 @@ __all__ = [
     "Module", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "RegionAirflow",
     "ResolvedTask", "Row",
     "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status", "SymbolicPlatform", "Task",
-    "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench", "audit", "clearances",
-    "export_design", "figure", "prove", "read_json", "read_task", "register_format", "residuals", "search", "solve",
+    "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench", "audit", "clearances", "compare",
+    "export_design", "figure", "plot_candidates", "plot_front", "plot_history", "plot_platform", "prove",
+    "read_answer", "read_design", "read_json", "read_task", "register_format", "residuals", "search", "solve",
     "to_json", "to_toml", "write_report",
 ]  # fmt: skip
 
@@ -105,4 +120,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return list(__all__)

@@ -75,7 +75,7 @@ def write_page(folder: RunFolder) -> None:
     write_run_page(folder)
 
 
-def figure(design: Design, audited: Audit | None = None) -> Any:
+def plot_platform(design: Design, audited: Audit | None = None) -> Any:
     """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod."""
     from topo_search.export.poses import poses_to_draw
     from topo_search.report.scene import closest, scene
@@ -83,3 +83,7 @@ def figure(design: Design, audited: Audit | None = None) -> Any:
     if not isinstance(design, Design):
         raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])
     return scene(design, poses_to_draw(design), closest(audited), None if audited is None else audited.assembly)
+
+
+figure = plot_platform
+"""Its name of old."""

@@ -8,7 +8,7 @@ import inspect
 import sys
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -51,6 +51,21 @@ class Value(BaseModel):
         cls.__signature__ = inspect.Signature(
             [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in cls.model_fields]
         )
+
+    def replace(self, **changes: Any) -> Self:
+        """Return a copy with other values of some fields, checked like a new one.
+
+        Raises:
+            ValidationError: a field is unknown, or breaks a rule.
+
+        Example:
+            >>> from topo_search import read_task
+            >>> task = read_task("push", ("modules=3",))
+            >>> task.replace(search=task.search.replace(margin=0.01)).search.margin
+            0.01
+        """
+        given = {name: getattr(self, name) for name in self.model_fields_set}
+        return type(self).model_validate({**given, **changes})
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:

@@ -35,14 +35,14 @@ def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
         names: the goals.
     """
     charts = [
-        Chart(f"front-{name.replace('_', '-')}", f"J against {AXES[name][0]}", _chart(answer.points, name))
+        Chart(f"front-{name.replace('_', '-')}", f"J against {AXES[name][0]}", front_chart(answer.points, name))
         for name in names
         if any(point.cells[name] is not None for point in answer.points)
     ]
     return {"charts": charts, "designs": _designs(answer.points), "levels": _levels(answer)}
 
 
-def _chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
+def front_chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
     """Return effort over a goal: all points, and what each value of the goal takes, whatever the other goals."""
     least = points[0].row.objective or 1.0
     _, title, scale = AXES[name]

@@ -13,7 +13,7 @@ from topo_search.study.request import DEFAULT_ROUND, NOTHING, Own, Request, Samp
 from topo_search.study.row import COLUMNS, Row, SolveEvent
 from topo_search.study.run import run
 from topo_search.study.single import Solved, solve_single
-from topo_search.study.summary import answer_of
+from topo_search.study.summary import answer_of, read_answer
 
 __all__ = [
     "COLUMNS",
@@ -46,6 +46,7 @@ __all__ = [
     "front",
     "larger_margin",
     "prove",
+    "read_answer",
     "run",
     "solve_single",
 ]

@@ -174,6 +174,16 @@ def answer_of(folder: RunFolder) -> Answer:
     return replace(answer, design=design if isinstance(design, Design) else None, audit=audit)
 
 
+def read_answer(path: str | Path) -> Answer:
+    """Return the answer that a run's folder holds so far.
+
+    Raises:
+        BadInput: it is not a run folder.
+    """
+    with RunFolder.load(Path(path)) as folder:
+        return answer_of(folder)
+
+
 def _best_unaudited(folder: RunFolder) -> Design | None:
     """Return the design of least effort of the smallest size that has any, whatever is known of its audit."""
     for level in folder.levels:

@@ -1,0 +1,104 @@
+"""Plots of an answer for notebooks and scripts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+import pandas as pd
+import plotly.graph_objects as go
+
+from topo_search.export import palette
+from topo_search.model import BadInput, Fault
+from topo_search.report import charts
+from topo_search.report.front_part import AXES, front_chart
+from topo_search.study import Answer, SolveEvent
+
+Value = TypeVar("Value")
+
+
+def plot_front(answer: Answer, goal: str | None = None) -> go.Figure:
+    """Return the front of a run with goals: J over one of them, as a Plotly figure.
+
+    Args:
+        answer: the answer of a run with goals.
+        goal: the goal's name; default: the first that the front has figures for.
+
+    Raises:
+        BadInput: the run has no goals or no design, or its front has no such figure.
+
+    Example:
+        >>> from topo_search import plot_front, search
+        >>> answer = search("goals-front", out="goals")  # doctest: +SKIP
+        >>> plot_front(answer, "clearance").show()  # doctest: +SKIP
+    """
+    names = [name for name in AXES if any(point.cells[name] is not None for point in answer.points)]
+    return charts.style(front_chart(answer.points, _choose("goal", names, goal or next(iter(names), None))))
+
+
+def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
+    """Return the best effort over the number of solves, and how the solves ended, as a Plotly figure.
+
+    Args:
+        answer: the answer of a run; of a run with goals, the level of its best design is shown.
+        modules: size to show; default: that of the best design, or the smallest.
+
+    Raises:
+        BadInput: the run has no such size.
+    """
+    bounds = {size.modules: size.lower_bound for size in answer.at_level.sizes}
+    n = _choose("modules", list(bounds), modules or (answer.best.modules if answer.best else min(bounds)))
+    solves = answer.solves
+    if answer.levels:
+        solves = solves[solves["level"] == answer.level].drop(columns="level")
+    keys = _of_size(answer, n)["key"]
+    events = [SolveEvent(*row) for row in solves[solves["key"].isin(keys)].itertuples(index=False)]
+    return charts.style(charts.progress(events, bounds[n]))
+
+
+def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "objective") -> go.Figure:
+    """Return one figure of all candidates over another, coloured by size, as a Plotly figure.
+
+    Args:
+        answer: the answer of a run; of a run with goals, the level of its best design is shown.
+        x: a column of numbers of `answer.candidates`.
+        y: another.
+
+    Raises:
+        BadInput: there is no such column of numbers.
+    """
+    numbers = list(answer.candidates.select_dtypes("number").columns)
+    for name, column in (("x", x), ("y", y)):
+        _choose(name, numbers, column)
+    figure = go.Figure()
+    for colour, size in zip(palette.SERIES, answer.at_level.sizes, strict=False):
+        rows = _of_size(answer, size.modules).dropna(subset=[x, y])
+        figure.add_scatter(
+            x=rows[x],
+            y=rows[y],
+            name=f"{size.modules} modules",
+            mode="markers",
+            marker={"color": colour, "size": 9, "symbol": ["circle" if clear else "x" for clear in _clear(rows)]},
+            text=rows["key"] + ", audit " + rows["audit"].fillna("none"),
+            hovertemplate=f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}<extra></extra>",
+        )
+    figure.update_layout(xaxis={"title": {"text": x}}, yaxis={"title": {"text": y}}, showlegend=True)
+    return charts.style(figure)
+
+
+def _clear(rows: pd.DataFrame) -> pd.Series[bool]:
+    return rows["audit"] == "clear"
+
+
+def _of_size(answer: Answer, n: int) -> pd.DataFrame:
+    frame = answer.candidates
+    chosen = frame["modules"] == n
+    return frame[chosen & (frame["level"] == answer.level)] if answer.levels else frame[chosen]
+
+
+def _choose(field: str, valid: Sequence[Value], chosen: Value | None) -> Value:
+    """Return what was chosen, if it is valid."""
+    if chosen is None or chosen not in valid:
+        names = ", ".join(map(str, valid)) or "none"
+        raise BadInput("plot", [Fault(field, f"must be one of {names}, but got {chosen}")])
+    return chosen
