@@ -5,7 +5,7 @@ STAMP := $(VENV)/.installed
 # Two variables: older versions of pip pin the build tools by the first, newer ones by the second.
 PINNED := PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
 
-.PHONY: demo notebooks test test-slow test-browser lint docs clean
+.PHONY: demo notebooks test test-slow test-browser lint figures docs clean
 
 demo: $(STAMP)  ## search all five-module topologies for the push task
 	$(BIN)/topo-search run push
@@ -20,6 +20,9 @@ test: lint  ## everything CI checks, but what needs a browser; the site shows th
 
 test-slow: lint  ## also the tests that take over ten seconds each
 	$(BIN)/pytest -n 2 --dist worksteal -m "not browser"
+
+figures: $(STAMP)  ## draw the figures of the documentation from the package's data
+	$(BIN)/python docs/figures.py
 
 docs: $(STAMP)  ## build the documentation, site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file docs/mkdocs.yml
