@@ -19,9 +19,14 @@ from verify_cases import design as solved
 from topo_search.compose import audit
 from topo_search.export.poses import poses
 from topo_search.model import Audit, Clearance, Design, Status, Topology
+from topo_search.model.files import read_json
 from topo_search.report.design_page import design_page, read_simulated
 from topo_search.report.page import render
 from topo_search.report.scene import scene
+from verify.air import case_jets
+from verify.air.jets import speeds
+from verify.kinematics import platform
+from verify.requirements import Scene
 
 pytestmark = pytest.mark.browser
 
@@ -201,6 +206,37 @@ def test_forces_that_can_be_added_are_shown_at_the_tip(opened: Open) -> None:
     assert "can be added in every direction" in page.inner_text(".told")
     page.click("[data-choice=platform]")
     assert "forces" not in parts(page)
+
+
+TIP = "[...document.querySelectorAll('.view .labels text')].find(t => t.textContent === 'tip')"
+POINTS_AT = f"(l => [l.getAttribute('x1'), l.getAttribute('y1')].map(Number))({TIP}.previousElementSibling)"
+
+
+def test_air_has_the_speeds_of_the_audit_and_the_platform_keeps_its_size(opened: Open) -> None:
+    made = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
+    at, whole = poses(made), Scene(made, platform(made))
+    points = at.end_effector + np.random.default_rng(0).normal(0.0, (0.3, 0.3, 0.6), (300, 3))
+    cases = list(case_jets(made, platform(made), whole))
+    page = opened(render(design_page(made, audit(made), "mine.json")))
+    for k, (_, blown) in enumerate(cases):
+        in_scene = whole.p_E + (points - at.end_effector) / made.task.module.arm_length
+        shown = page.evaluate(f"p => p.map(x => new Air(read('view-data'), {k}).at(x))", points.tolist())
+        np.testing.assert_allclose(shown, speeds(blown, in_scene).sum(axis=1), rtol=1e-3, atol=1e-3)
+
+    page.click("[data-choice=case][data-number='1']")
+    before = page.evaluate(POINTS_AT)
+    page.select_option("[data-air=speed]", "1")
+    page.select_option("[data-air=across]", "y")
+    assert {"air", "slice"} <= {*parts(page)}
+    assert page.evaluate(POINTS_AT) == pytest.approx(before, abs=0.5)
+    assert page.locator("output:visible").inner_text().endswith(", through the tip")
+    slider = page.locator("[data-air=at]")
+    middle = float(slider.input_value())
+    slider.press("ArrowRight")
+    plane = "new Set(document.getElementById('view').data.at(-1).y.flat())"
+    assert page.evaluate(f"[...{plane}]") == [pytest.approx(float(slider.input_value()))] != [pytest.approx(middle)]
+    page.click("[data-choice=platform]")
+    assert not {"air", "slice"} & {*parts(page)}
 
 
 def test_labels_do_not_lie_over_each_other(opened: Open, five: str) -> None:

@@ -16,7 +16,7 @@ from plotly.offline import get_plotlyjs
 from topo_search.export import palette
 from topo_search.report.charts import style
 
-SCRIPTS = ("figures.js", "labels.js", "view.js", "beside.js", "choice.js", "ranking.js", "page.js")
+SCRIPTS = ("figures.js", "labels.js", "air.js", "view.js", "beside.js", "choice.js", "ranking.js", "page.js")
 """In the order in which they run."""
 
 

@@ -16,12 +16,14 @@ from topo_search.export import palette
 from topo_search.export.poses import Poses
 from topo_search.export.solids import cone_sphere
 from topo_search.model import Assembly, Audit, Design
+from topo_search.model.layout import ROTOR_DIRECTIONS
 from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.arrows import arrows, force_polytope, metres_per_newton
 from topo_search.report.charts import style
 from topo_search.report.scene import NUMBERED, closest, drawn_mesh, meshes, scene, sides
 from topo_search.report.wording import clearance, figures, length, modules
+from verify.air.jets import DIAMETER, FADES_OVER, MERGED_AT, SHEAR, jets
 
 PLACED = ("x", "y", "z", "i", "j", "k")
 """Fields that a trace of copies lacks on the page."""
@@ -55,7 +57,8 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
         "numbered": design.topology.n <= NUMBERED,
         "marks": [["tip", at.end_effector.round(6).tolist()], ["centre of mass", at.p_com.round(6).tolist()]],
         "modules": _modules(design, at, audit),
-        "throttle": (design.inputs / u_max).round(4).tolist(),
+        "throttle": (design.inputs / u_max).round(6).tolist(),
+        "air": _air(design),
         "cases": [{**case, "traces": [json.loads(trace.to_json()) for trace in case["traces"]]} for case in cases],
         "steps": _steps(design, assembly),
         "forces": _forces(design, at, audit) if forces else None,
@@ -77,6 +80,23 @@ def shared_meshes(design: Design) -> dict[str, Any]:
         corners, faces = mesh.vertices.round(5).T.tolist(), mesh.faces.T.tolist()
         found[name] = dict(zip(PLACED, (*corners, *faces), strict=True))
     return found
+
+
+def _air(design: Design) -> dict[str, Any]:
+    """Return what speeds of air follow from beside poses and throttles [m, m/s]."""
+    module = design.task.module
+    u_max, I = module.max_input(design.task.gravity), np.eye(3)[None]
+    full = jets(module, design.task.air_density, np.zeros((1, 3)), I, I, np.array([[u_max]]))
+    return {
+        "full": float(full.induced[0, 0]),
+        "rotors": (module.arm_length * ROTOR_DIRECTIONS[:, :2]).round(6).tolist(),
+        "radius": module.body.rotor_radius,
+        "diameter": DIAMETER * module.arm_length,
+        "merged": MERGED_AT,
+        "fades": FADES_OVER,
+        "shear": SHEAR,
+        "jet": module.airflow.jet.model_dump(),
+    }
 
 
 def _forces(design: Design, at: Poses, audit: Audit | None) -> dict[str, Any] | None:

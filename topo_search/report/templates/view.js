@@ -16,6 +16,7 @@ const UNFRAMED = ["airflow", "cones", "closest"]; // fade out of a picture of th
 const POINTS = { axes: 3, joints: 4 }; // that a line of these has with the gap after it
 const THROTTLE = [[0, "#f0f0f0"], [0.5, "#f2b779"], [1, "#c8401c"]];
 const MARGIN = 0.08;
+const ROOM = { x: 1.4, y: 1.4, z: 2.4 }; // for air, over the size of what else is drawn
 const PAPER = 640; // width of a picture on paper [px]
 
 function numbers(values) {
@@ -57,12 +58,28 @@ function extent(traces) {
   return box;
 }
 
+// Frames a scene so that a box has its true proportions and one size, whatever room there is about its middle.
+// Returns the room, from which nothing above the box is kept: jets blow down.
+function frame(scene, box, times) {
+  const size = Math.cbrt(Object.values(box).reduce((volume, [low, high]) => volume * (high - low), 1));
+  const room = {};
+  Object.assign(scene, { aspectmode: "manual", aspectratio: {} });
+  for (const [axis, [low, high]] of Object.entries(box)) {
+    const aside = ((times[axis] - 1) * (high - low)) / 2;
+    scene[`${axis}axis`].range = [low - aside, high + aside];
+    scene.aspectratio[axis] = (times[axis] * (high - low)) / size;
+    room[axis] = [low - aside, axis === "z" ? high : high + aside];
+  }
+  return room;
+}
+
 class View {
   constructor(element) {
     this.element = element;
     this.plot = element.querySelector(".plot");
     this.told = element.querySelector(".told");
     this.choice = { kind: "platform", number: 0 };
+    this.air = { speed: 0, across: "", at: null }; // a surface [m/s] and a slice, at a position [m] or through the tip
     this.beside = null; // the view that shows and turns the same
     this.labels = new Labels(this.plot);
     for (const button of element.querySelectorAll("[data-choice]")) {
@@ -72,6 +89,9 @@ class View {
     list?.addEventListener("change", () => list.value && this.choose("case", Number(list.value)));
     for (const button of element.querySelectorAll("[data-step]")) {
       button.addEventListener("click", () => this.step(Number(button.dataset.step)));
+    }
+    for (const input of element.querySelectorAll("[data-air]")) {
+      input.addEventListener("change", () => this.blow(input.dataset.air, input.value));
     }
     this.plot.addEventListener("keydown", (event) => this.turn(event));
     this.load();
@@ -89,12 +109,20 @@ class View {
     return this.show();
   }
 
-  choose(kind, number) {
-    this.beside?.set(kind, number);
-    return this.set(kind, number);
+  choose(kind, number, air = this.air) {
+    this.beside?.set(kind, number, air);
+    return this.set(kind, number, air);
   }
 
-  set(kind, number) {
+  // Shows the air in the load case that is shown, or in the first.
+  blow(name, value) {
+    const at = name === "across" ? { at: null } : {};
+    const air = { ...this.air, ...at, [name]: name === "across" ? value : Number(value) };
+    return this.choose("case", this.choice.kind === "case" ? this.choice.number : 0, air);
+  }
+
+  set(kind, number, air) {
+    this.air = air;
     const last = (kind === "assembly" ? this.value.steps : this.value.cases).length - 1;
     this.choice = { kind, number: Math.max(0, Math.min(last, number)) };
     return this.show();
@@ -191,8 +219,10 @@ class View {
     const others = kind === "case" ? value.cases.flatMap((one) => one.traces) : [];
     const framed = [...all, ...others].filter((trace) => !near || !UNFRAMED.includes(trace.meta.part));
     const box = extent(framed);
+    const { speed, across } = this.air;
+    const air = kind === "case" && Boolean(speed || across);
     const layout = structuredClone(value.layout);
-    for (const axis of "xyz") layout.scene[`${axis}axis`].range = box[axis];
+    const room = frame(layout.scene, box, air ? ROOM : { x: 1, y: 1, z: 1 });
     layout.scene.uirevision = "kept"; // the camera stays where the reader turned it
     this.labels.set(this.marks(near));
     for (const button of this.element.querySelectorAll("[data-choice]")) {
@@ -201,15 +231,37 @@ class View {
     }
     const list = this.element.querySelector("[data-cases]");
     if (list) list.value = kind === "case" ? number : "";
+    for (const [name, value] of Object.entries({ speed, across })) this.element.querySelector(`[data-air=${name}]`).value = value;
+    this.element.querySelector("[data-air=at]").parentElement.hidden = !across;
+    if (air) traces.push(...this.blown(number, room));
     this.element.querySelector(".steps").hidden = kind !== "assembly";
     this.told.textContent = this.words();
     return draw(this.plot, traces, layout).then(() => this.labels.follow());
   }
 
+  // What is drawn of the air of a load case within a box.
+  blown(number, box) {
+    const { speed, across } = this.air;
+    const air = new Air(this.value, number);
+    const traces = speed ? [air.surface(speed, box)] : [];
+    if (!across) return traces;
+    const [[, tip]] = this.value.marks;
+    const at = this.air.at ?? tip["xyz".indexOf(across)];
+    const slider = this.element.querySelector("[data-air=at]");
+    [slider.min, slider.max] = box[across];
+    slider.value = at;
+    const through = this.air.at === null ? ", through the tip" : "";
+    slider.nextElementSibling.textContent = `${across} = ${(Math.round(100 * at) / 100 + 0).toFixed(2)} m${through}`;
+    return [...traces, air.slice(across, at, box)];
+  }
+
   words() {
     const { kind, number } = this.choice;
     const { cases, steps } = this.value;
-    if (kind === "case") return `${cases[number].name}: ${cases[number].told}. The rotors have the colour of their throttle.`;
+    if (kind === "case") {
+      const air = this.air.speed || this.air.across ? " Air by the jet model, cut off around the platform." : "";
+      return `${cases[number].name}: ${cases[number].told}. The rotors have the colour of their throttle.${air}`;
+    }
     if (kind === "forces") return this.value.forces.told;
     if (kind === "assembly") return `Step ${number + 1} of ${steps.length}: ${steps[number]}`;
     const pair = this.value.data.find((trace) => trace.meta.part === "closest");
