@@ -38,7 +38,7 @@ from nlp.airspeed import SpeedPoint
 from nlp.numbers.geometry import Swept, clearance
 from nlp.numbers.masses import masses
 from nlp.numbers.point import Point
-from nlp.numbers.rod import Connector, rod_path
+from nlp.numbers.rod import Connector, connectors, rod_path
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
@@ -90,9 +90,9 @@ def name_of(task: ResolvedTask, load: Load) -> str:
 
 
 def rod_of(point: Point) -> Connector | None:
-    """Return where the nearest rod that meets its limits starts; None: there is no such rod."""
+    """Return where the nearest rod that meets its limits starts, or the one that counts; None: none does."""
     (R, p), module = point.poses, point.task.module
-    free = np.array(point.topology.free_connectors)
+    free = np.array(connectors(point.task, point.topology))
     starts = p[free[:, 0]] + module.connector_distance * np.einsum(
         "iab,ib->ia", R[free[:, 0]], PORT_DIRECTIONS[free[:, 1]]
     )

@@ -17,7 +17,7 @@ from nlp.assembled import polish_with
 from nlp.corners import take_in_corners, with_some
 from nlp.joints import rod_of
 from nlp.numbers.point import Point
-from nlp.numbers.rod import Connector, rod_path, weigh_rod
+from nlp.numbers.rod import Connector, rod_path, weigh_rod, with_rod
 from nlp.start_result import StartResult
 from nlp.user_constraints import UserConstraints, correct_point
 from topo_search.model import ShorterRod
@@ -53,13 +53,24 @@ def count_rods(
 
 
 def count_rod(design: StartResult, constraints: UserConstraints, connector: Connector | None = None) -> StartResult:
-    """Solve again with the mass of the rod until design and mass agree.
+    """Solve again with the mass of the rod until design and mass agree; return the best with a rod that was tried.
 
     Args:
         design: the result of a start.
         constraints: constraints of the user.
-        connector: where the rod starts; None: at the nearest one whose rod meets its limits.
+        connector: where the rod starts; None: at the nearest one whose rod meets its limits, as long as that is
+            another one after the solves.
     """
+    if connector is not None:
+        return _count_at(connector, design, constraints)
+    tried, nearest = dict[Connector | None, StartResult](), rod_of(design.point)
+    while nearest not in tried:  # with a rod of its own each, the solves for two connectors need not agree
+        tried[nearest] = design = _count_at(nearest, design, constraints)
+        nearest = rod_of(replace(design.point, task=with_rod(design.point.task, None)))
+    return min(tried.values(), key=lambda one: one.rank)
+
+
+def _count_at(connector: Connector | None, design: StartResult, constraints: UserConstraints) -> StartResult:
     n = design.point.topology.n
     for _ in range(SOLVES):
         before, weighed = design.point.task.total_mass(n), _weigh(design, constraints, connector)

@@ -184,6 +184,18 @@ def test_a_heavy_platform_has_the_accelerations_and_reserves_that_are_asked_for(
     assert min(row.derived / row.stated for row in rows.values()) == pytest.approx(1.0, abs=1e-4)
 
 
+def test_a_rod_stays_where_it_counts_though_another_is_nearer_without_its_mass() -> None:
+    """Solved with the rod at either of two connectors, the other one is nearer: each is a design of its own."""
+    fields = {"end_effector": WALL["end_effector"], "load_cases": [{"carries_weight": True}]}
+    task = push(4, **fields, flight={"tilt_deg": 3.0})
+    design = solve_mounted(task, Topology.from_key("a3020"), starts=range(1), seed=0)
+    assert isinstance(design, Design)
+    judged = audit(design)
+    assert judged.verdict == Status.CLEAR
+    rods = {(one.module, one.port): one.length_m for one in judged.assembly.end_effector.connectors}
+    assert rods[design.mount.module, design.mount.port] > min(rods.values())
+
+
 def test_every_local_optimum_counts_its_rod() -> None:
     tree = Topology.from_key("a3020")
     found = local_optima_mounted(push(4, **HEAVY), tree, starts=range(2), seed=0, most_effort=1.2e14)

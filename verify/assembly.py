@@ -75,10 +75,15 @@ def best_available(connectors: tuple[FreeConnector, ...], scene: Scene, parts: R
 
 
 def choose_mount(design: Design) -> Mount | None:
-    """Return the connector from which a straight rod to the end-effector is best, as `best_available` says."""
+    """Return the connector from which a straight rod to the end-effector is best, as `best_available` says.
+
+    Of connectors that differ in the rod's length alone, the one whose rod the design counts stays.
+    """
     found = platform(design)
     parts = rigid_parts(design, found)
-    return best_available(free_connectors(design, parts), Scene(design, found), parts)
+    kept = design.mount and (design.mount.module, design.mount.port)
+    connectors = sorted(free_connectors(design, parts), key=lambda one: (one.module, one.port) != kept)
+    return best_available(tuple(connectors), Scene(design, found), parts)
 
 
 def rod_residuals(design: Design, parts: RigidParts, sheet: Assembly) -> Iterator[Residual]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from nlp.numbers.point import Point, fixed_end_effector
-from topo_search.model import ResolvedTask
+from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.layout import PORT_DIRECTIONS
@@ -48,14 +48,20 @@ def weigh_rod(point: Point, connector: Connector | None = None) -> Point:
     return point
 
 
+def connectors(task: ResolvedTask, topology: Topology) -> tuple[Connector, ...]:
+    """Return where a rod may start: one that counts where it does, any other at every free connector."""
+    rod = task.end_effector.counted_rod
+    return topology.free_connectors if rod is None else ((rod.module, rod.port),)
+
+
 def rod_path(point: Point, connector: Connector) -> Array:
     """Return the way of a rod from its connector to the end-effector, shape (3,) [m]."""
     (R, p), (i, port) = point.poses, connector
     return np.asarray(point.p_E - p[i] - point.task.module.connector_distance * R[i] @ PORT_DIRECTIONS[port])
 
 
-def with_rod(task: ResolvedTask, rod: CountedRod) -> ResolvedTask:
-    """Return a task with a rod that counts, and with the same corners."""
+def with_rod(task: ResolvedTask, rod: CountedRod | None) -> ResolvedTask:
+    """Return a task with a rod that counts, or None, and with the same corners."""
     weighed = task.declared.with_rod(rod)
     if not isinstance(task, CorneredTask):
         return weighed

@@ -1,8 +1,8 @@
 """The rod that carries the end-effector: from a connector that is near enough, and beside all that is solid.
 
 One free connector whose rod meets every limit is enough. As in the audit it is the nearest such connector; where no
-rod meets all limits, that of the rod which lacks least. Airflow and parts in the way of rods are for the audit to
-find, which measures the rod from each connector.
+rod meets all limits, that of the rod which lacks least. A rod that counts starts where it does. Airflow and
+parts in the way of rods are for the audit to find, which measures the rod from each connector.
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -27,6 +27,7 @@ import casadi as ca
 import numpy as np
 
 from nlp import names
+from nlp.numbers.rod import connectors
 from nlp.requirements.air import Rod
 from nlp.requirements.kinds import REACH, Kernel
 from nlp.requirements.regions import OffHull, divide, hull_of, to_formula
@@ -225,7 +226,7 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
                 margin = min(margin, (apart + rod.tip - r) / 2)  # no rod is farther than twice that from the region
     if limits:
         formulas = tuple(
-            LimitOfBestRod(l_c, topology.free_connectors, tuple(limits), k) for k in range(len(limits))
+            LimitOfBestRod(l_c, connectors(task, topology), tuple(limits), k) for k in range(len(limits))
         )
         subjects = np.arange(max(n, 2))[None]  # never fewer than i and j
         yield BestRod(7, lambda _, __, k: listed[k or 0], subjects, formulas, margin, near=NEAR)

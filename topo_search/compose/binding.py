@@ -33,7 +33,7 @@ def _mount(task: ResolvedTask, design: Design, constraints: Sequence[OwnConstrai
     if task.end_effector.rod_mass == "ignored":
         return design.model_copy(update={"mount": mount})
     if mount not in (None, design.mount):
-        # the solver counts the nearest rod within its limits; where parts or airflow block it, another is bolted on
+        # the solver counts a rod within its limits; where parts or airflow block it, another is bolted on
         design = nlp.hold_rod(design, mount, constraints)
     # to the last digit the given task with that rod, by whatever rods the solver went
     return design.model_copy(update={"task": task.with_rod(design.task.end_effector.counted_rod)})
