@@ -15,7 +15,8 @@ A ball of additions moves input i by |S_i| at most. The allocator exerts all of 
 
 Hover at a tilt t to every side e is the force W (sin t e, cos t) in the axes of the body. With (h, c) = W A^+_i for
 forces, horizontal and vertical, input i is at most |h| sin t + c cos t, which grows with t up to tan t = |h| / c,
-and at least c cos t - |h| sin t, which falls.
+and at least c cos t - |h| sin t, which falls. Where the centre of mass may be off, all of it holds at the corners
+of the box of errors: forces there act with their levers.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import casadi as ca
+import numpy as np
 
 from nlp.numbers.masses import masses
 from nlp.numbers.rotors import torque_map
@@ -33,13 +35,14 @@ from nlp.requirements.balances import WRENCH_TOLERANCE
 from nlp.symbols.inertia import of_platform
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask
-from topo_search.model.reserves import AT, PLACES, centres, centres_of
+from topo_search.model.arrays import Array
+from topo_search.model.reserves import AT, PLACES, box_corners, centres, centres_of
 from topo_search.model.tolerances import TOLERANCE
 from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
 ROUND = 1e-16
 """Squared share of an input by which a size is rounded off, so that it has a slope at zero."""
-What = Literal["tip", "com", "torque", "acceleration", "tilt"]
+What = Literal["tip", "com", "torque", "acceleration", "tilt", "nothing"]
 
 
 @dataclass(frozen=True)
@@ -50,16 +53,22 @@ class _Kept:
     what: What
     size: tuple[float, ...]
     """Size along each axis that counts [N], [N m], [rad/s^2]; of a tilt [rad]."""
+    error: float
+    """Half of the box in which the centre of mass may be [m]."""
 
     def rows(self, platform: SymbolicPlatform) -> ca.SX:
         """Return the rows, each at least zero."""
+        return ca.vertcat(*(self._rows_at(c, platform) for c in np.unique(box_corners(self.error), axis=0)))
+
+    def _rows_at(self, c: Array, platform: SymbolicPlatform) -> ca.SX:
+        """Return the rows with the centre of mass off by c, shape (3,) [m]."""
         task = platform.task
         unit = Units.of(task)
         units = ca.DM([unit.force] * 3 + [unit.torque] * 3)
         A, tip, com = _rotors(platform), self.case.at_end_effector, self.case.at_com
-        levers = ca.cross(platform.end_effector, ca.DM(tip.force))
+        levers = ca.cross(platform.end_effector, ca.DM(tip.force)) + np.cross(c, com.force)
         b = ca.vertcat(ca.DM(tip.force) + ca.DM(com.force), ca.DM(tip.torque) + ca.DM(com.torque) + levers)
-        inputs = A.T @ ca.solve(A @ A.T, ca.horzcat(b / units, self._additions(platform) / units))
+        inputs = A.T @ ca.solve(A @ A.T, ca.horzcat(b / units, self._additions(c, platform) / units))
         v, S, v_min = inputs[:, 0], inputs[:, 1:], task.module.min_input
         if self.what != "tilt":
             moved = ca.sqrt(ca.sum2(S**2) + ROUND)
@@ -69,16 +78,19 @@ class _Kept:
         largest = ca.if_else(h * cosine < c * sine, ca.sqrt(h**2 + c**2), h * sine + c * cosine)
         return ca.vertcat(1 - largest, c * cosine - h * sine - v_min)
 
-    def _additions(self, platform: SymbolicPlatform) -> ca.SX:
+    def _additions(self, c: Array, platform: SymbolicPlatform) -> ca.SX:
         """Return E [N], [N m]."""
         nothing, each = ca.SX.zeros(3, 3), ca.SX.eye(3)
+        at_com = ca.vertcat(each, ca.skew(ca.DM(c)))
         match self.what:
+            case "nothing":
+                return ca.SX.zeros(6, 1)
             case "tilt":
-                return ca.vertcat(platform.task.force_unit(platform.n) * each, nothing)
+                return platform.task.force_unit(platform.n) * at_com
             case "tip":
                 added = ca.vertcat(each, ca.skew(platform.end_effector))
             case "com":
-                added = ca.vertcat(each, nothing)
+                added = at_com
             case "torque":
                 added = ca.vertcat(nothing, each)
             case "acceleration":
@@ -113,22 +125,24 @@ def pseudo_inverse_constraints(task: ResolvedTask) -> tuple[OwnConstraint, ...]:
 
 def _requirements(task: ResolvedTask) -> Iterator[tuple[str, _Kept]]:
     """Yield the requirements with their names."""
-    flight = task.flight
+    flight, error = task.flight, task.flight.com_error
     level = flight.directions == "horizontal"
     for _, label, case in centres(task):
         force = "horizontal force" if level else "force"
         for place in PLACES[flight.at] if flight.force_reserve else ():
             size = (flight.force_reserve,) * (2 if level else 3)
-            yield f"{label}, {force} reserve{AT[place]}", _Kept(case, "com" if place else "tip", size)
+            yield f"{label}, {force} reserve{AT[place]}", _Kept(case, "com" if place else "tip", size, error)
         if flight.torque_reserve:
-            yield f"{label}, torque reserve", _Kept(case, "torque", (flight.torque_reserve,) * 3)
+            yield f"{label}, torque reserve", _Kept(case, "torque", (flight.torque_reserve,) * 3, error)
         for k, a in enumerate(flight.angular_acceleration):
             if a > 0:
                 size = tuple(a * (k == axis) for axis in range(3))
-                yield f"{label}, angular acceleration about {'xyz'[k]}", _Kept(case, "acceleration", size)
+                yield f"{label}, angular acceleration about {'xyz'[k]}", _Kept(case, "acceleration", size, error)
+        if flight.com_error:
+            yield f"{label}, error of the centre of mass", _Kept(case, "nothing", (), error)
     if flight.tilt_deg:
         (_, label, case), *_ = centres_of(task, "hover")
-        yield f"{label}, tilt", _Kept(case, "tilt", (math.radians(flight.tilt_deg),))
+        yield f"{label}, tilt", _Kept(case, "tilt", (math.radians(flight.tilt_deg),), error)
 
 
 def _rotors(platform: SymbolicPlatform) -> ca.SX:

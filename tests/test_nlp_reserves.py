@@ -76,6 +76,24 @@ def test_a_design_has_the_angular_accelerations_that_are_asked_for(allocator: st
     assert min(row.derived / row.stated for row in rows) == pytest.approx(1.0, abs=1e-4)  # more costs effort
 
 
+@pytest.mark.parametrize(
+    ("allocator", "force", "error"), [("optimal", 0.15, 0.015), ("pseudo-inverse", 0.06, 0.01)]
+)
+def test_a_design_keeps_what_is_asked_for_wherever_its_centre_of_mass_may_be(
+    allocator: str, force: float, error: float
+) -> None:
+    demand = {"force_reserve": force, "directions": "horizontal", "at": "com", "allocator": allocator}
+    exact, off = (solved(solve(asked(**demand, com_error=e), LOW, starts=range(2), seed=0)) for e in (0.0, error))
+    assert audit(off).verdict == "clear"
+    assert {row.name for row in audit(off).residuals if row.name.startswith("hover, ")} == {
+        "hover, error of the centre of mass",
+        "hover, horizontal force reserve at the centre of mass",
+    }
+    assert off.objective > 1.001 * exact.objective
+    task = {**exact.task.model_dump(mode="json"), "flight": off.task.flight.model_dump(mode="json")}
+    assert audit(changed(exact, task=task)).verdict == "violated"
+
+
 @pytest.mark.parametrize("key", ["a300", "a1300"])
 def test_a_design_keeps_by_the_pseudo_inverse_what_is_asked_of_it(key: str) -> None:
     tree, demand = Topology.from_key(key), {"at": "both", "torque_reserve": 0.02, "tilt_deg": 4.0}

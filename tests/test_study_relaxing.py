@@ -111,6 +111,9 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
             "units": "SI",
             "force_reserve": 1.0,
             "torque_reserve": 0.2,
+            "tilt_deg": 5.0,
+            "com_error": 0.01,
+            "angular_acceleration": [4.0, 0.0, 2.0],
             "joint_force": 30.0,
             "joint_moment": "rated",
         },
@@ -130,8 +133,10 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
         "end_effector.stand_off",
         "flight.force_reserve",
         "flight.torque_reserve",
+        "flight.tilt_deg",
+        "flight.com_error",
     }
-    others = {"exposure[3].box", 'search.root = "free"', "load_cases"}
+    others = {"flight.angular_acceleration", "exposure[3].box", 'search.root = "free"', "load_cases"}
     assert set(limits) == larger | smaller | others
     for field, limit in limits.items():
         changed = limit.relaxed(limit.shares[-1])
@@ -141,6 +146,7 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
         assert changed != task
     assert limits["flight.joint_moment"].value(task) == 2.0
     assert limits["flight.joint_moment"].relaxed(0.5).joint_limits == (30.0, 3.0)
+    assert limits["flight.angular_acceleration"].relaxed(0.5).flight.angular_acceleration == (2.0, 0.0, 1.0)
     assert limits["load_cases"].relaxed(0.5).load_cases[-1] == task.load_cases[-1]  # hover stays
 
 

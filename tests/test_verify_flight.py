@@ -2,7 +2,7 @@
 
 import math
 import sys
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,8 @@ def drawn(seed: int, n: int = 5, **task: Any) -> Design:
 
 ABLE = (0, 1, 4, 10, 30)
 """Seeds of platforms that can hover and push."""
+
+CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 THREE = (3, 5, 7, 14, 26, 31, 46)
 """Seeds of platforms of three modules that can hover."""
@@ -311,6 +313,68 @@ def test_tilt_and_accelerations_are_required_where_a_task_asks_for_them() -> Non
         assert [row.derived for row in told] == pytest.approx(known, rel=1e-9)
         assert [row.status for row in told] == ["violated", "violated"]
         assert not any("about x" in name for name in rows)
+
+
+@pytest.mark.parametrize("seed", ABLE[:3])
+def test_the_centre_of_mass_may_be_off_by_so_much_along_each_axis_and_no_more(seed: int) -> None:
+    given = drawn(seed)
+    for case, b in zip(flight(given).cases, asked(given), strict=True):
+        force = np.array([0.0, 0.0, given.task.force_unit(5)])  # at the centre of mass in each case
+
+        def possible(e: float, b: Array = b, force: Array = force) -> list[bool]:
+            return [producible(given, b + np.append(np.zeros(3), np.cross(e * c, force))) for c in CUBE]
+
+        assert case.com_error_m > 1e-4
+        assert all(possible(0.9999 * case.com_error_m))
+        assert not all(possible(1.0001 * case.com_error_m))
+        assert case.com_error_m <= case.com_error_at_most_m <= case.com_error_m * (1 + 1e-6)
+        assert case.com_error_m_pseudo_inverse <= case.com_error_m * (1 + 1e-6)
+
+
+def test_reserves_are_those_left_wherever_the_centre_of_mass_may_be() -> None:
+    given, rng = drawn(ABLE[1]), np.random.default_rng(0)
+    nominal = flight(given).hover
+    e = 0.8 * nominal.com_error_m_pseudo_inverse
+    task = given.task.model_dump(mode="json") | {"flight": {"units": "SI", "com_error": e}}
+    hover, (b, *_) = flight(changed(given, task=task)).hover, asked(given)
+    p_E, J = platform(given).p_e, inertia_about_com(given)
+    a = np.array(hover.angular_acceleration_rad_s2)
+    assert np.all(a < nominal.angular_acceleration_rad_s2)
+    assert hover.tilt_deg < nominal.tilt_deg
+    assert 0 < hover.tilt_deg_pseudo_inverse < nominal.tilt_deg_pseudo_inverse
+    sizes = {name: size for name, size, _ in reserves(hover)}
+    fallen = [name for name, size, _ in reserves(nominal) if sizes[name] < 0.99 * size]
+    assert {"torque", "horizontal_com"} <= {*fallen}
+    short = dict.fromkeys([*sizes, "turn"], 0)
+    for c in (*(e * CUBE), *rng.uniform(-e, e, (12, 3))):
+
+        def leaves(wrench: Array, c: Array = c) -> bool:
+            """True if a wrench about the centre of mass at c can be produced besides hover."""
+            force, torque = (b + wrench)[:3], (b + wrench)[3:]
+            return producible(given, np.append(force, torque + np.cross(c, force)))
+
+        for name, r, weakest in reserves(hover):
+            x = rng.normal(size=3) * ([1, 1, 0] if name.startswith("horizontal") else 1)
+            assert leaves(0.9999 * r * added(name, x / np.linalg.norm(x), p_E - c))
+            short[name] += not leaves(1.001 * r * added(name, np.array(weakest), p_E - c))
+        for axis, turn in zip(a, np.hstack([np.zeros((3, 3)), J.T]), strict=True):
+            short["turn"] += not all(leaves(1.001 * way * axis * turn) for way in (1, -1))
+            assert all(leaves(0.9999 * way * axis * turn) for way in (1, -1))
+    assert min(short.values()) > 0
+
+
+def test_an_error_of_the_centre_of_mass_is_required_where_a_task_asks_for_it() -> None:
+    given = drawn(ABLE[1])
+    known = flight(given).hover
+    figures = {"optimal": known.com_error_m, "pseudo-inverse": known.com_error_m_pseudo_inverse}
+    for allocator, most in figures.items():
+        for share, status in ((0.99, "clear"), (1.01, "violated")):
+            demand = {"com_error": share * most, "allocator": allocator, "torque_reserve": 1e-4}
+            task = given.task.model_dump(mode="json") | {"flight": {"units": "SI", **demand}}
+            rows = {row.name: row for row in audit(changed(given, task=task)).residuals}
+            error, torque = rows["hover, error of the centre of mass"], rows["hover, torque reserve"]
+            assert (error.status, error.unit, error.derived) == (status, "m", pytest.approx(most, rel=1e-9))
+            assert (torque.status, torque.derived > 0) == (status, status == "clear")
 
 
 def test_the_weight_does_not_grow_with_the_load() -> None:

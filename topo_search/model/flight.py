@@ -22,7 +22,10 @@ Size = Annotated[float, Field(strict=True, ge=0)]
 
 
 class CaseFlight(Value):
-    """Reserves of a load case, or of hover: around its wrench, with the torque or the force as asked."""
+    """Reserves of a load case, or of hover: around its wrench, with the torque or the force as asked.
+
+    Reserves, tilt and accelerations are those left with the centre of mass anywhere within `flight.com_error`.
+    """
 
     name: str
     """`hover` (the weight carried at the COM) or the load case's."""
@@ -49,6 +52,9 @@ class CaseFlight(Value):
     """Any torque of this size can be added [N m]."""
     torque_reserve_at_most_Nm: Size | None = None
     torque_weakest: Vector | None = None
+    com_error_m: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    """The centre of mass may be off by so much along each axis at once [m]; None where no force acts there."""
+    com_error_at_most_m: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
     tilt_deg: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
     """Hover can be held at any tilt up to this, to every side, without torque [deg]; None of load cases."""
     tilt_at_most_deg: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
@@ -73,6 +79,7 @@ class CaseFlight(Value):
         Size | None, Field(exclude_if=lambda given: given is None)
     ] = None
     torque_reserve_Nm_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    com_error_m_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
     tilt_deg_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
     angular_acceleration_rad_s2_pseudo_inverse: Annotated[
         tuple[Size, Size, Size] | None, Field(exclude_if=lambda given: given is None)

@@ -160,11 +160,24 @@ def _exposure(task: Task) -> Iterator[Relaxable]:
 
 
 def _flight(task: Task) -> Iterator[Relaxable]:
-    for name, what in (("force_reserve", "force"), ("torque_reserve", "torque")):
+    force, torque = ("N", "N m") if task.flight.units == "SI" else ("m_t g", "l_arm m_t g")
+    for name, limit, unit in (
+        ("force_reserve", "reserve of force", force),
+        ("torque_reserve", "reserve of torque", torque),
+        ("tilt_deg", "tilt held in hover", "deg"),
+        ("com_error", "error of the centre of mass", "m"),
+    ):
         if getattr(task.flight, name):
-            si, weights = ("N", "m_t g") if what == "force" else ("N m", "l_arm m_t g")
-            unit = si if task.flight.units == "SI" else weights
-            yield _scale(task, f"reserve of {what}", "flight", name, LEAST - 1, "less", unit=unit)
+            yield _scale(task, limit, "flight", name, LEAST - 1, "less", unit=unit)
+    if any(accelerations := task.flight.angular_acceleration):
+
+        def slow(x: float) -> Task:
+            return _with(
+                task, "flight", angular_acceleration=tuple(_round_to_print(a * (1 - x)) for a in accelerations)
+            )
+
+        field = "flight.angular_acceleration"
+        yield Relaxable("angular acceleration", field, "less", 1 - LEAST, slow, lambda _: None)
     for index, (name, what, unit) in enumerate((("joint_force", "force", "N"), ("joint_moment", "moment", "N m"))):
         if (most := task.joint_limits[index]) is not None:
 

@@ -7,6 +7,8 @@ r"""Capabilities required beyond the load cases: reserves around some of them, a
 A ball is no polytope. A design keeps a reserve if all corners of a polytope around the ball can be added: a
 tetrakis hexahedron, a cube with a low pyramid on each face, or of a disc an octagon. Both have every mirror of a
 cube, so that a task that has one keeps it. A tilt asks for a cap of a sphere of forces, which a frustum holds.
+Where the centre of mass may be off, forces that act there have levers, in which torques are linear: the corners of
+the box of errors decide.
 Whoever proves that something is impossible may count on points of the ball itself alone: `inner`. The audit
 measures ball and cap themselves.
 """
@@ -86,6 +88,9 @@ class AskedFlight(Value):
     """Directions of the force reserve: `all`, or `horizontal`: in the xy plane."""
     torque_reserve: NonNegative = 0.0
     """Any torque of this size can be added, with unchanged force."""
+    com_error: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0)] = 0.0
+    """The centre of mass may be off by so much along each axis of the body: hover, and the reserves, tilt and
+    accelerations required here with all rotors alive, remain possible [m]."""
     tilt_deg: Annotated[float, Field(strict=True, ge=0, le=90, exclude_if=lambda given: given == 0)] = 0.0
     """Hover can be held at any tilt up to this, to every side [deg]."""
     angular_acceleration: Annotated[
@@ -115,7 +120,8 @@ class AskedFlight(Value):
     @property
     def keeps_reserves(self) -> bool:
         """True if reserves are asked for with all rotors alive."""
-        return self.force_reserve > 0 or self.torque_reserve > 0 or any(self.angular_acceleration)
+        sizes = self.force_reserve, self.torque_reserve, self.com_error, *self.angular_acceleration
+        return any(size > 0 for size in sizes)
 
     @property
     def asks(self) -> bool:
@@ -203,7 +209,7 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
 def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
     """Return the corners around each reserve, or points of the balls themselves, as where rows have the balls.
 
-    `inner`: points of balls alone, and nothing of tilts and accelerations.
+    `inner`: points of balls alone, and nothing of tilts, accelerations and errors of the centre of mass.
     """
     flight, groups = task.flight, list[list[Corner]]()
     on_balls = inner or flight.allocator == "pseudo-inverse"
@@ -220,11 +226,19 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
                 groups.append(_corners(f"{label}, {field} reserve{AT[place]}", case, field, r * around, place))
         if not inner:
             groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
+            groups += [[Corner(label, case)]] if flight.com_error else []
     if flight.tilt_deg and not on_balls:
         (_, label, case), weight = centres_of(task, "hover")[0], task.force_unit(task.n)
         around = weight * (_cover_cap(flight.tilt_deg) - np.array([0.0, 0.0, 1.0]))
         groups.append(_corners(f"{label}, tilt", case, "force", around, "_com"))
+    if flight.com_error and not inner:
+        groups = [[off for corner in group for off in _off_centre(corner, flight.com_error)] for group in groups]
     return groups
+
+
+def box_corners(half: float) -> Array:
+    """Return the corners of a cube about zero, shape (8, 3)."""
+    return half * np.array(list(product((1.0, -1.0), repeat=3)))
 
 
 def failure_corners(task: ResolvedTask) -> list[list[Corner]]:
@@ -259,6 +273,15 @@ def _corners(words: str, case: LoadCase, field: str, around: Array, place: Place
     return corners
 
 
+def _off_centre(corner: Corner, error: float) -> Iterator[Corner]:
+    """Yield a corner with its centre of mass off to every side; errors along its force make no difference."""
+    com = corner.case.at_com
+    for number, torque in enumerate(np.unique(np.cross(box_corners(error), com.force), axis=0)):
+        x, y, z = np.add(com.torque, torque).tolist()
+        case = corner.case.model_copy(update={"com": com.model_copy(update={"torque": (x, y, z)})})
+        yield corner._replace(label=f"{corner.label}, centre of mass off {number}", case=case)
+
+
 def _acceleration_corners(label: str, case: LoadCase, sizes: Vector) -> Iterator[Corner]:
     """Yield the corners of accelerations about x, y and z, either way [rad/s^2]."""
     for axis, size, unit in zip("xyz", sizes, np.eye(3), strict=True):
@@ -273,8 +296,7 @@ def _circumscribe(*, disc: bool) -> Array:
     if disc:
         angles, out = 2 * np.pi / SIDES * np.arange(SIDES), 1 / math.cos(math.pi / SIDES)
         return out * np.stack([np.cos(angles), np.sin(angles), np.zeros(SIDES)], axis=1)
-    cube = np.array(list(product((1.0, -1.0), repeat=3))) / math.sqrt(3)
-    return np.concatenate([AXES * np.eye(3), -AXES * np.eye(3), DIAGONALS * cube])
+    return np.concatenate([AXES * np.eye(3), -AXES * np.eye(3), DIAGONALS * box_corners(1 / math.sqrt(3))])
 
 
 def _cover_cap(half_angle_deg: float) -> Array:

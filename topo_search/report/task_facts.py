@@ -265,6 +265,9 @@ def _flight(task: ResolvedTask) -> Iterator[Facts]:
         if any(asked.angular_acceleration):
             sizes = ", ".join(figures(a) for a in asked.angular_acceleration)
             rows.append(("angular acceleration", f"{sizes} rad/s² about x, y and z"))
+        if asked.com_error:
+            error = f"off by up to {figures(1e3 * asked.com_error)} mm along each axis"
+            rows.append(("centre of mass, for all of these", error))
         if asked.allocator == "pseudo-inverse":
             rows.append(("inputs for these", "by the pseudo-inverse, without desaturation"))
         if asked.rotor_out != "none":

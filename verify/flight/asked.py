@@ -33,6 +33,10 @@ def reserve_residuals(design: Design, measured: Flight | None) -> Iterator[Resid
 
         if any(asked.angular_acceleration):
             yield from _accelerations(design, case, label)
+        if asked.com_error:
+            words = f"{label}, error of the centre of mass"
+            bracket = _bracket(asked, case, "com_error{}_m")
+            yield _judge(words, "m", asked.com_error, *bracket, task.module.arm_length)
     if asked.tilt_deg:
         hover = None if measured is None else measured.hover
         words = "hover, tilt"

@@ -13,8 +13,9 @@ Each b_k is first replaced by a wrench that some v produce exactly, within the a
 the end-effector adds [f, p_E x f], so that it leaves the torque about p_E alone: with that held, the forces of A v
 less that of b_k are those that can be added. One at the COM adds [f, 0], and a torque leaves the force alone.
 To hold hover at a tilt t is to exert [f, 0] with a force f of the weight's size at the angle t from z, in the axes
-of the body. Reserves and load factors are of rotors that run between the module's least and largest input; a dead
-one stands still.
+of the body. With the centre of mass off by c torques are about it, and p_E is p_E - c. Torques are linear in c, so
+that what can be added at the corners of a box of errors can be so all over it. Reserves and load factors are of
+rotors that run between the module's least and largest input; a dead one stands still.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import math
 import sys
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -56,6 +58,11 @@ HOVER = "hover"
 AT_LIMIT = 1e-3
 """Share of its range by which an input may be off its limit and count as at it."""
 
+CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
+"""Corners of a box, shape (8, 3)."""
+KINDS = "force", "horizontal", "torque", "tilt", "angular"
+LEFT = tuple(name for name in CaseFlight.model_fields if name.startswith(KINDS))
+"""Fields of what is left with the centre of mass off."""
 CASES = 20
 """Cases whose reserves are looked for at once."""
 TOGETHER = 200
@@ -73,23 +80,31 @@ def flight(design: Design, found: Platform, sheet: Assembly, errors: Sensitivity
     """
     task, tip = design.task, sheet.end_effector
     most = task.module.max_input(task.gravity)
-    N = 4 * design.topology.n
+    N, A = 4 * design.topology.n, wrench_map(found, task.module) * most
     inputs = [None, *(design.inputs.reshape(len(task.load_cases), N) / most)]
-    measured = Measured(
-        wrench_map(found, task.module) * most,
-        found.p_e,
-        (task.force_unit(task.n), task.module.arm_length),
-        Box(np.full(N, task.module.min_input), np.ones(N)),
-        dict(zip(task.case_labels, task.load_cases, strict=True)),
-        inputs,
-        inertia(design, found),
-    )
+
+    def measured_about(c: Array) -> Measured:
+        return Measured(
+            np.vstack([A[:3], _torques_about(c, A)]),
+            found.p_e - c,
+            (task.force_unit(task.n), task.module.arm_length),
+            Box(np.full(N, task.module.min_input), np.ones(N)),
+            dict(zip(task.case_labels, task.load_cases, strict=True)),
+            inputs,
+            inertia(design, found),
+        )
+
+    measured = measured_about(np.zeros(3))
     if not measured.in_range:
         return None
+    cases = measured.cases()
+    if error := task.flight.com_error:
+        off = [measured_about(error * c).cases() for c in CUBE]
+        cases = tuple(_least(*rows) for rows in zip(cases, *off, strict=True))
     rod = None if tip is None else tip.rod
     angle = None if errors is None else errors.hinge_angle_deg
     return Flight(
-        cases=measured.cases(),
+        cases=cases,
         rotors_out_hover=measured.rotors_out(1),
         rotors_out_all=measured.rotors_out(len(measured.names)),
         rotors_out_asked=_rotors_asked(measured, design),
@@ -166,7 +181,9 @@ class Measured:
         for name, case, v, row in zip(self.names, self.asked, self.v, self.same, strict=True):
             possible = True if yes[row] else False if no[row] else None
             place = np.count_nonzero(yes[:row])
-            left = {**told[place], **self._load_factor(b[place], case)} if possible else {}
+            left = {}
+            if possible:
+                left = told[place] | self._load_factor(b[place], case) | self._com_error(b[place], case)
             if possible and name == HOVER:
                 (cap,) = largest_caps(self.A[:3], self.A[3:], b[[place], :3], b[[place], 3:], self.box)
                 left |= _ball("tilt{}_deg", "tilt_weakest", cap, math.degrees(1.0))
@@ -183,7 +200,7 @@ class Measured:
         ]
         told = [fields | self._allocation(one) for fields, one in zip(told, b, strict=True)]
         for place, about_rows, about in (
-            ("", self._about_tip(self.A), self._about_tip(b.T).T),
+            ("", _torques_about(self.p_E, self.A), _torques_about(self.p_E, b.T).T),
             ("_com", self.A[3:], b[:, 3:]),
         ):
             forces = largest_balls(self.A[:3], about_rows, b[:, :3], about, self.box)
@@ -202,23 +219,9 @@ class Measured:
         sizes = np.zeros(3) if self.J is None else np.linalg.norm(self.J, axis=0)
         if self.J is None or not sizes.all():
             return [{} for _ in b]
-        (B, _), N = b.shape, self.A.shape[1]
-        M = np.hstack([self.A, np.vstack([np.zeros((3, 3)), -self.J / sizes])])
-        most = np.abs(self.A[3:]) @ np.maximum(np.abs(self.box.low), np.abs(self.box.high))
-        ways = (
-            1.01
-            * (np.linalg.norm(most) + np.linalg.norm(b[:, 3:], axis=1).max())
-            * np.vstack([np.eye(3), -np.eye(3)])
-        )
-        box = Box(
-            np.hstack([np.tile(self.box.low, (6, 1)), np.minimum(ways, 0.0)]),
-            np.hstack([np.tile(self.box.high, (6, 1)), np.maximum(ways, 0.0)]),
-        )
-        c = np.hstack([np.zeros((6, N)), np.sign(ways)])
-        found = greatest(
-            np.tile(c, (B, 1)), M, np.repeat(b, 6, axis=0), Box(np.tile(box.low, (B, 1)), np.tile(box.high, (B, 1)))
-        )
-        lower, upper = (np.reshape(side, (B, 2, 3)).min(axis=1) / sizes for side in (found.attained, found.upper))
+        turns = np.hstack([np.zeros((3, 3)), (self.J / sizes).T])
+        found = self._greatest_steps(b, np.vstack([turns, -turns]))
+        lower, upper = (np.reshape(side, (-1, 2, 3)).min(axis=1) / sizes for side in found)
         return [
             {
                 "angular_acceleration_rad_s2": tuple(np.maximum(least, 0.0).tolist()),
@@ -226,6 +229,25 @@ class Measured:
             }
             for least, at_most in zip(lower, upper, strict=True)
         ]
+
+    def _greatest_steps(self, b: Array, ways: Array) -> tuple[Array, Array]:
+        """Return the greatest s of which A v = b + s d, at least and at most, for each b and d, shape (B, D) each.
+
+        Args:
+            b: wrenches, shape (B, 6).
+            ways: d, shape (D, 6).
+        """
+        (B, _), (D, _), N = b.shape, ways.shape, self.A.shape[1]
+        largest, each = np.argmax(np.abs(ways), axis=1), np.tile(np.eye(D), (B, 1))
+        most = np.abs(self.A) @ np.maximum(np.abs(self.box.low), np.abs(self.box.high))
+        ends = 1.01 * (most + np.abs(b))[:, largest] / np.abs(ways[np.arange(D), largest])
+        bounds = self.box.rows(B * D)
+        box = Box(
+            np.hstack([bounds.low, np.zeros_like(each)]), np.hstack([bounds.high, ends.reshape(-1, 1) * each])
+        )
+        costs = np.hstack([np.zeros((B * D, N)), each])
+        found = greatest(costs, np.hstack([self.A, -ways.T]), np.repeat(b, D, axis=0), box)
+        return found.attained.reshape(B, D), found.upper.reshape(B, D)
 
     @cached_property
     def pseudo_inverse(self) -> PseudoInverse:
@@ -280,15 +302,25 @@ class Measured:
         if np.abs(b - w).max() <= TOLERANCE:
             w[2] = 0.0
         load = b - w
-        largest = int(np.argmax(np.abs(load)))
-        if load[largest] == 0:
+        if not load.any():
             return {}
-        most = float(np.abs(self.A[largest]).sum() + w[largest])  # of s times the load, whatever v
-        c = np.append(np.zeros(self.A.shape[1]), 1.0)[None]
-        box = Box(np.append(self.box.low, 0.0), np.append(self.box.high, 1.01 * most / abs(float(load[largest]))))
-        found = greatest(c, np.column_stack([self.A, -load]), w[None], box)
-        at_most = {"load_factor_at_most": clamp(float(found.upper[0]))}
-        return at_most if np.isinf(found.attained[0]) else {"load_factor": float(found.attained[0]), **at_most}
+        lower, upper = (float(side[0, 0]) for side in self._greatest_steps(w[None], load[None]))
+        at_most = {"load_factor_at_most": clamp(upper)}
+        return at_most if math.isinf(lower) else {"load_factor": lower, **at_most}
+
+    def _com_error(self, b: Array, case: LoadCase) -> dict[str, float]:
+        """Return how far the centre of mass may be off, at the corners of a box: forces there act beside it."""
+        levers = np.cross(CUBE, case.at_com.force) / self.force
+        ways = np.hstack([np.zeros_like(levers), levers])[levers.any(axis=1)]
+        if not len(ways):
+            return {}
+        lower, upper = (float(side.min()) for side in self._greatest_steps(b[None], ways))
+        arm = self.torque / self.force
+        return {
+            "com_error_m": max(0.0, lower) * arm,
+            "com_error_at_most_m": clamp(max(0.0, upper) * arm),
+            "com_error_m_pseudo_inverse": min(self.pseudo_inverse.ball(b, d[:, None]) for d in ways) * arm,
+        }
 
     def _inputs(self, v: Array | None) -> dict[str, float]:
         """Return the extremes of some inputs, and how many are at a limit."""
@@ -315,9 +347,29 @@ class Measured:
             return None
         return clamp(float(np.mean((np.abs(self.v[0]) * thrusts.sum()) ** 1.5)))
 
-    def _about_tip(self, W: Array) -> Array:
-        """Return torques about the end-effector of wrenches about the COM, shape (6, ...)."""
-        return np.asarray(W[3:] - np.cross(self.p_E, W[:3], axisb=0, axisc=0))
+
+def _torques_about(p: Array, W: Array) -> Array:
+    """Return torques about p of wrenches about the COM, shape (6, ...)."""
+    return np.asarray(W[3:] - np.cross(p, W[:3], axisb=0, axisc=0))
+
+
+def _least(nominal: CaseFlight, *off: CaseFlight) -> CaseFlight:
+    """Return a case with the least that is left with the centre of mass off: nothing where it is impossible."""
+    least, weakest = dict[str, Any](), 0
+    for name in LEFT:
+        values = [getattr(one, name) for one in off]
+        if any(one.possible is False for one in off):
+            nothing = np.zeros_like(getattr(nominal, name), dtype=float).tolist()
+            least[name] = None if "weakest" in name else tuple(nothing) if isinstance(nothing, list) else nothing
+        elif "weakest" in name:  # of the upper bound, which is the field before
+            least[name] = values[weakest]
+        elif None in values:
+            least[name] = None
+        else:
+            weakest = int(np.argmin([np.min(value) for value in values]))
+            sides = np.min(values, axis=0).tolist()
+            least[name] = tuple(sides) if isinstance(sides, list) else sides
+    return nominal.model_copy(update=least)
 
 
 def _rotors_asked(measured: Measured, design: Design) -> RotorsOut | None:
