@@ -58,17 +58,19 @@ class _Kept:
 
     def rows(self, platform: SymbolicPlatform) -> ca.SX:
         """Return the rows, each at least zero."""
-        return ca.vertcat(*(self._rows_at(c, platform) for c in np.unique(box_corners(self.error), axis=0)))
+        return ca.vertcat(
+            *(self._rows_at(corner, platform) for corner in np.unique(box_corners(self.error), axis=0))
+        )
 
-    def _rows_at(self, c: Array, platform: SymbolicPlatform) -> ca.SX:
-        """Return the rows with the centre of mass off by c, shape (3,) [m]."""
+    def _rows_at(self, error: Array, platform: SymbolicPlatform) -> ca.SX:
+        """Return the rows with the centre of mass off by an error, shape (3,) [m]."""
         task = platform.task
         unit = Units.of(task)
         units = ca.DM([unit.force] * 3 + [unit.torque] * 3)
         A, tip, com = _rotors(platform), self.case.at_end_effector, self.case.at_com
-        levers = ca.cross(platform.end_effector, ca.DM(tip.force)) + np.cross(c, com.force)
+        levers = ca.cross(platform.end_effector, ca.DM(tip.force)) + np.cross(error, com.force)
         b = ca.vertcat(ca.DM(tip.force) + ca.DM(com.force), ca.DM(tip.torque) + ca.DM(com.torque) + levers)
-        inputs = A.T @ ca.solve(A @ A.T, ca.horzcat(b / units, self._additions(c, platform) / units))
+        inputs = A.T @ ca.solve(A @ A.T, ca.horzcat(b / units, self._additions(error, platform) / units))
         v, S, v_min = inputs[:, 0], inputs[:, 1:], task.module.min_input
         if self.what != "tilt":
             moved = ca.sqrt(ca.sum2(S**2) + ROUND)
@@ -78,10 +80,10 @@ class _Kept:
         largest = ca.if_else(h * cosine < c * sine, ca.sqrt(h**2 + c**2), h * sine + c * cosine)
         return ca.vertcat(1 - largest, c * cosine - h * sine - v_min)
 
-    def _additions(self, c: Array, platform: SymbolicPlatform) -> ca.SX:
+    def _additions(self, error: Array, platform: SymbolicPlatform) -> ca.SX:
         """Return E [N], [N m]."""
         nothing, each = ca.SX.zeros(3, 3), ca.SX.eye(3)
-        at_com = ca.vertcat(each, ca.skew(ca.DM(c)))
+        at_com = ca.vertcat(each, ca.skew(ca.DM(error)))
         match self.what:
             case "nothing":
                 return ca.SX.zeros(6, 1)

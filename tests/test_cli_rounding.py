@@ -58,6 +58,7 @@ def flight_figures(flight: dict[str, Any]) -> Iterator[Figure]:
     yield "least torque that can be added in hover:", hover["torque_reserve_Nm"], "least"
     yield "at the centre of mass in hover:", hover["force_reserve_com_N"], "least"
     yield "at any tilt up to", hover["tilt_deg"], "least"
+    yield "centre of mass off by up to", 1e3 * hover["com_error_m"], "least"
     for number, acceleration in enumerate(hover.get("angular_acceleration_rad_s2", ())):
         yield r"angular acceleration in hover, about x, y and z:" + r" \S+" * number, acceleration, "least"
     yield "alone, in hover: side force of", hover["horizontal_reserve_N_pseudo_inverse"], "least"

@@ -164,6 +164,9 @@ def flight_lines(flight: Flight) -> Iterator[str]:
         yield f"least force that can be added at the centre of mass in hover: {least}"
     if hover.tilt_deg is not None:
         yield f"hover can be held at any tilt up to {lower_text(hover.tilt_deg, 3)} degrees"
+    if hover.com_error_m is not None:
+        error = lower_text(1e3 * hover.com_error_m, 3)
+        yield f"hover can be held with the centre of mass off by up to {error} mm along each axis"
     if hover.angular_acceleration_rad_s2 is not None:
         sizes = ", ".join(lower_text(a, 3) for a in hover.angular_acceleration_rad_s2)
         yield f"angular acceleration in hover, about x, y and z: {sizes} rad/s²"

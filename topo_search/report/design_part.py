@@ -261,12 +261,13 @@ def allocators(found: Flight) -> Table | None:
             "acceleration about x, y, z": ", ".join(
                 _size(a, "") for a in getattr(case, f"angular_acceleration_rad_s2{end}") or ()
             ),
+            "centre of mass off by": _size(getattr(case, f"com_error_m{end}"), " m"),
         }
         for case in found.cases
         if case.force_reserve_com_N is not None
         for inputs, end in (("optimal", ""), ("pseudo-inverse", "_pseudo_inverse"))
     ]
-    return Table.from_rows(rows, range(2, 9)) if rows else None
+    return Table.from_rows(rows, range(2, 10)) if rows else None
 
 
 def reserves(found: Flight) -> Table:
