@@ -6,13 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from click.testing import CliRunner
 
 from topo_search.cli import main
-from topo_search.export.air_field import air_field, npz, vti
+from topo_search.export.air_field import air_field, air_surface, npz, vti
 from topo_search.model import Design
 from topo_search.model.files import read_json
 from verify import audit
+from verify.air import case_jets
+from verify.air.jets import speeds
+from verify.kinematics import platform
+from verify.requirements import Scene
 
 DESIGN = Path(__file__).parent / "designs" / "wall-push.json"
 
@@ -54,3 +59,40 @@ def test_the_command_writes_either_form(tmp_path: Path, name: str, status: int) 
     assert (tmp_path / name).exists() == (status == 0)
     if status:
         assert ".npz or .vti" in result.stderr
+
+
+def test_a_surface_has_its_speed_and_is_closed() -> None:
+    design = read_json(Design, DESIGN)
+    surface = air_surface(design, 1.5, 1, points=30_000)
+    assert surface.words == "air faster than 1.5 m/s, load case 1 (hover)"
+    assert surface.mesh.is_volume
+    placed = platform(design)
+    scene = Scene(design, placed)
+    (_, blown) = list(case_jets(design, placed, scene))[1]
+    low, high = surface.mesh.bounds
+    corners = surface.mesh.vertices[((surface.mesh.vertices > low) & (surface.mesh.vertices < high)).all(axis=1)]
+    found = speeds(blown, (corners - placed.poses.p.mean(axis=0)) / scene.l_arm).sum(axis=1)
+    assert np.median(found) == pytest.approx(1.5, rel=0.05)
+    at_tip = speeds(blown, scene.p_E[None]).sum()
+    assert surface.mesh.contains([design.end_effector_m])[0] == (at_tip > 1.5)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["a.glb", "--air-speed", "1"], ""),
+        (["a.png", "--air-speed", "2", "--load-case", "1"], ""),
+        (["a.stl", "--air-speed", "1"], "--air-speed: applies only to glb, png and svg"),
+        (["a.glb", "--load-case", "1"], "--load-case: applies only with --air-speed"),
+        (["a.glb", "--air-speed", "1", "--load-case", "2"], "must be one of the load cases 0 to 1"),
+        (["a.glb", "--air-speed", "50"], "must be less than"),
+    ],
+)
+def test_the_command_draws_air(tmp_path: Path, words: list[str], said: str) -> None:
+    name, *options = words
+    out = tmp_path / name
+    result = CliRunner().invoke(main, ["export", str(DESIGN), "--out", str(out), *options])
+    assert (result.exit_code, said in result.stderr) == (2 if said else 0, True), result.output
+    assert out.exists() == (not said)
+    if out.exists() and name.endswith("glb"):
+        assert "air" in trimesh.load_scene(out).geometry

@@ -4,22 +4,26 @@
     python tests/benchmarks/air.py limits [--speeds 8 4 2 1]
     python tests/benchmarks/air.py speed push-local push-exterior-60 [--limit 1.0] [--modules 4]
     python tests/benchmarks/air.py slipstreams push-local ... [--modules 4]
+    python tests/benchmarks/air.py front push-local [--speeds 2.6 2.4 2.2 2 1.9] [--modules 4]
 
 `certificate`: for each load case and region the largest of the sampled speeds, of the speeds the certificate found,
 and the bound. The others solve every tree once, in this process, with the default starts; effort is that of the
 best tree over the lower bound, the CPU that of all trees over those of the first row. `limits`: four modules hover,
 their tip fixed 0.6 m below the centre of mass, with a limit in a ball of 0.1 m, without geometry. `speed`: a task
 with its envelopes, with a limit beside them, and with the limit alone. `slipstreams`: a task whose envelopes
-against regions start at l_arm as between modules, and at l_arm + R.
+against regions start at l_arm as between modules, and at l_arm + R. `front`: the front of effort against the air
+speed in the regions, by `goals.speed`.
 """
 
 import argparse
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 
 from nlp import default_starts, prepare, solve
+from topo_search.compose import search
 from topo_search.model import Design, Task
 from topo_search.model.files import read_json, read_task
 from topo_search.topologies import candidates
@@ -38,17 +42,21 @@ def main() -> None:
     certified.add_argument("designs", nargs="+", type=Path)
     certified.add_argument("--points", type=int, default=1_000_000)
     parts.add_parser("limits").add_argument("--speeds", nargs="+", type=float, default=[8.0, 4.0, 2.0, 1.0])
-    for name in ("speed", "slipstreams"):
+    for name in ("speed", "slipstreams", "front"):
         searched = parts.add_parser(name)
         searched.add_argument("tasks", nargs="+")
         searched.add_argument("--modules", type=int, default=4)
         searched.add_argument("--limit", type=float, default=1.0)
+        searched.add_argument("--speeds", nargs="+", type=float, default=[2.6, 2.4, 2.2, 2.0, 1.9])
     options = parser.parse_args()
     if options.part == "certificate":
         certificate(options)
     elif options.part == "limits":
         variants = {f"{speed:g} m/s": _below(speed=speed, geometry=False) for speed in options.speeds}
         compare({"envelopes": _below(), **variants}, 4)
+    elif options.part == "front":
+        for name in options.tasks:
+            front(read_task(name, (f"modules={options.modules}", f"goals.speed={options.speeds}")))
     else:
         for name in options.tasks:
             compare(speed_variants(name, options) if options.part == "speed" else radii(name), options.modules)
@@ -83,6 +91,15 @@ def radii(name: str) -> dict[str, Task]:
         f"{name}, l_arm": read_task(name, ("module.airflow.regions=false",)),
         f"{name}, l_arm + R": read_task(name, ("module.airflow.regions.spread_angle_deg=10.0",)),
     }
+
+
+def front(task: Task) -> None:
+    """Print the front of a task with goals, the fastest air first."""
+    with tempfile.TemporaryDirectory() as folder:
+        points = search(task, out=folder, workers=1).front
+    print(f"{task.name}: air over regions [m/s], effort over the bound, tree")
+    for point in points.sort_values("speed", ascending=False).itertuples():
+        print(f"{point.speed:.3f}, {point.objective / point.lower_bound:.4f}, {point.key}")
 
 
 def compare(variants: dict[str, Task], n: int) -> None:

@@ -67,6 +67,14 @@ def _require_known(context: click.Context, parameter: click.Parameter, value: st
     help="Solids of a glb or stl; `all` includes the target regions (default: all; stl: platform).",
 )
 @click.option(
+    "--air-speed",
+    type=click.FloatRange(0, min_open=True),
+    callback=options.number,
+    metavar="M/S",
+    help="Draw all air faster than this into a glb or a picture, there instead of the airflow envelopes.",
+)
+@click.option("--load-case", type=click.IntRange(0), metavar="K", help="Load case of that air (default: 0).")
+@click.option(
     "--angle-step",
     type=click.FloatRange(0, 45, min_open=True),
     callback=options.number,
@@ -97,6 +105,8 @@ def export(
     source: str,
     kind: Any,
     parts: Any,
+    air_speed: float | None,
+    load_case: int | None,
     angle_step: float | None,
     motor_lag: float | None,
     rod_mass: bool,
@@ -145,6 +155,10 @@ def export(
             raise BadInput("--out", [Fault("", rule)])
         if parts is not None and form not in SOLIDS:
             raise BadInput("--parts", [Fault("", f"applies only to glb and stl, but got {parts}")])
+        if air_speed is not None and form not in ("glb", *PICTURES):
+            raise BadInput("--air-speed", [Fault("", f"applies only to glb, png and svg, but got --format {form}")])
+        if load_case is not None and air_speed is None:
+            raise BadInput("--load-case", [Fault("", "applies only with --air-speed")])
         if angle_step is not None and form not in KIT:
             rule = f"applies only to a kit and its parts, but got --format {form}"
             raise BadInput("--angle-step", [Fault("", rule)])
@@ -163,7 +177,9 @@ def export(
                 _write_table(source, form, out)
             else:
                 design = read_design(source)
-                _write(design, form, parts, physics, out)
+                _write(
+                    design, form, parts, physics, out, None if air_speed is None else (air_speed, load_case or 0)
+                )
                 _warn_unless_clear(audit(design))
         kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
         click.echo(f"the {kinds.get(form, 'design')} is in {out}")
@@ -187,14 +203,29 @@ def _of_packages(out: Path) -> str | None:
     return next((form.name for form in formats().values() if out.suffix.lower() in form.suffixes), None)
 
 
-def _write(design: Design, kind: Any, parts: Any, physics: Physics, out: Path) -> None:
-    """Write a design as a kind of file; ModuleNotFoundError names a library that is missing."""
+def _write(
+    design: Design, kind: Any, parts: Any, physics: Physics, out: Path, drawn: tuple[float, int] | None
+) -> None:
+    """Write a design as a kind of file, with the air of a speed in a load case if such is drawn.
+
+    ModuleNotFoundError names a library that is missing.
+    """
+    from topo_search.export.air_field import air_surface
     from topo_search.model.files import write_atomically
 
-    if kind in SOLIDS:
-        from topo_search.export.solids import glb, stl
+    surface = drawn and air_surface(design, *drawn)
+    if kind == "glb":
+        from topo_search.export.solids import glb
 
-        write_atomically(out, glb(design, parts or "all") if kind == "glb" else stl(design, parts or "platform"))
+        write_atomically(out, glb(design, parts or "all", surface))
+    elif kind == "stl":
+        from topo_search.export.solids import stl
+
+        write_atomically(out, stl(design, parts or "platform"))
+    elif kind in PICTURES:
+        from topo_search.export.picture import picture
+
+        write_atomically(out, picture(design, kind, surface))
     elif kind == "air":
         from topo_search.export.air_field import air_field, npz, vti
 

@@ -1,4 +1,4 @@
-"""Air speeds on a grid, for NumPy (.npz) and ParaView (.vti, image data of VTK)."""
+"""Air speeds on a grid, for NumPy (.npz) and ParaView (.vti, image data of VTK), and surfaces of equal speed."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from manifold3d import Manifold
 from numpy.typing import NDArray
+from trimesh import Trimesh
 
-from topo_search.model import Design
+from topo_search.model import BadInput, Design, Fault
+from topo_search.model.arrays import Array
+from topo_search.model.proven import upper_text
 from verify.air import case_jets
 from verify.air.jets import speeds
 from verify.kinematics import platform
@@ -18,6 +22,8 @@ from verify.requirements import Scene
 
 POINTS = 200_000
 """Largest number of a grid's points."""
+SURFACE_POINTS = 100_000
+"""Number of points between which a surface is drawn."""
 AROUND, BELOW = 0.5, 2.0
 """Room around modules and end-effector, and along their jets [m]."""
 
@@ -33,27 +39,77 @@ class AirField(NamedTuple):
     """Sum of the modules' speeds in every load case, shape (nx, ny, nz) [m/s]."""
 
 
+class AirSurface(NamedTuple):
+    """The surface around all air of a load case that is faster than some speed."""
+
+    words: str
+    """Speed and load case."""
+    mesh: Trimesh
+    """From the root's centre in the axes of the task, closed where its room ends [m]."""
+
+
 def air_field(design: Design, points: int = POINTS) -> AirField:
     """Return the air of a design around its modules, its end-effector and its jets, at no more than some points.
 
     The speeds are those of `verify.air.jets`: time averages in free air.
     """
-    placed = platform(design)
-    scene = Scene(design, placed)
-    W = placed.poses.p
-    middle = W.mean(axis=0)
-    ends = np.concatenate([W, W - BELOW * placed.poses.z, [middle + scene.l_arm * scene.p_E]])
-    low, high = ends.min(axis=0) - AROUND, ends.max(axis=0) + AROUND
+    air = _Air(design)
+    low, high = air.low, air.high
     step = float((np.prod(high - low) / points) ** (1 / 3))
     while np.prod(counts := np.floor((high - low) / step).astype(int) + 1) > points:
         step *= 1.01
     grid = np.stack(np.meshgrid(*(low[a] + step * np.arange(counts[a]) for a in range(3)), indexing="ij"), axis=-1)
-    x = (grid.reshape(-1, 3) - middle) / scene.l_arm
-    fields = {}
-    for name, blown in case_jets(design, placed, scene):
-        parts = np.array_split(x, max(1, len(x) * len(W) // 50_000))
-        fields[name] = np.concatenate([speeds(blown, part).sum(axis=1) for part in parts]).astype(np.float32)
+    fields = {name: air.speeds(name, grid.reshape(-1, 3)).astype(np.float32) for name in air.cases}
     return AirField(low, step, {name: field.reshape(tuple(counts)) for name, field in fields.items()})
+
+
+def air_surface(design: Design, speed: float, load_case: int = 0, points: int = SURFACE_POINTS) -> AirSurface:
+    """Return where the air of a load case has a speed [m/s], from the speeds at about so many points.
+
+    Raises:
+        BadInput: there is no such load case, or no air is so fast in it.
+    """
+    air = _Air(design)
+    if load_case >= len(air.cases):
+        rule = f"must be one of the load cases 0 to {len(air.cases) - 1}, but got {load_case}"
+        raise BadInput("--load-case", [Fault("", rule)])
+    name, box = list(air.cases)[load_case], [*air.low.tolist(), *air.high.tolist()]
+    edge = float((2 * np.prod(air.high - air.low) / points) ** (1 / 3))  # two points a cube
+    grid: list[tuple[float, ...]] = []
+
+    def note(*point: float) -> float:
+        grid.append(point)
+        return -1.0
+
+    Manifold.level_set(note, box, edge)  # says where it asks, for a call a point would take minutes
+    found = air.speeds(name, np.array(grid))
+    if found.max() <= speed:
+        rule = f"must be less than {upper_text(found.max(), 3)} m/s, the fastest air in {name}, but got {speed:g}"
+        raise BadInput("--air-speed", [Fault("", rule)])
+    over = dict(zip(grid, (found - speed).tolist(), strict=True))
+    mesh = Manifold.level_set(lambda *point: over[point], box, edge).to_mesh()
+    return AirSurface(
+        f"air faster than {speed:g} m/s, {name}", Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts)
+    )
+
+
+class _Air:
+    """The air of a design in some room."""
+
+    def __init__(self, design: Design) -> None:
+        placed = platform(design)
+        scene = Scene(design, placed)
+        W, self._l_arm = placed.poses.p, scene.l_arm
+        self._middle = W.mean(axis=0)
+        self.cases = dict(case_jets(design, placed, scene))
+        ends = np.concatenate([W, W - BELOW * placed.poses.z, [self._middle + self._l_arm * scene.p_E]])
+        self.low, self.high = ends.min(axis=0) - AROUND, ends.max(axis=0) + AROUND
+
+    def speeds(self, case: str, x: Array) -> Array:
+        """Return the sum of the modules' speeds at points from the root's centre, (m, 3) [m]."""
+        blown = self.cases[case]
+        parts = np.array_split((x - self._middle) / self._l_arm, max(1, len(x) * len(blown.centres) // 50_000))
+        return np.concatenate([speeds(blown, part).sum(axis=1) for part in parts])
 
 
 def npz(field: AirField) -> bytes:

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from topo_search.export import palette
+from topo_search.export.air_field import AirSurface
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.regions import region_words
 from topo_search.export.scene import Scene, wrenches
@@ -43,10 +44,10 @@ def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | No
         save(figure_of(design), path, format=format)
 
 
-def picture(design: Design, kind: Literal["png", "svg"]) -> bytes:
-    """Return a picture of a design as the content of a file; errors as `draw`."""
+def picture(design: Design, kind: Literal["png", "svg"], air: AirSurface | None = None) -> bytes:
+    """Return a picture of a design as a file's content, with `air` instead of envelopes; errors as `draw`."""
     with mpl.rc_context({"font.size": 8}):
-        return content(figure_of(design), kind)
+        return content(figure_of(design, air), kind)
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,16 @@ class Picture:
         return picture(self.design, "png")
 
 
-def figure_of(design: Design) -> Figure:
-    """Return the picture as a matplotlib figure."""
+def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
+    """Return the picture as a matplotlib figure; `air` is drawn instead of the envelopes."""
     figure = Figure(figsize=(10.5, 6.8))
     at = poses_to_draw(design)
     whole = Scene(figure, (0.0, 0.10, 0.58, 0.82), design, at)
     whole.exposure()
-    whole.airflow()
+    if air is None:
+        whole.airflow()
+    else:
+        whole.air(air)
     whole.platform()
     whole.finish()
     close = Scene(figure, (0.57, 0.47, 0.42, 0.45), design, at)
@@ -76,13 +80,13 @@ def figure_of(design: Design) -> Figure:
     draw_tree(figure.add_axes((0.62, 0.11, 0.35, 0.30)), design)
     key = design.topology.key
     for x, y, text in (
-        (0.29, 0.915, "airflow"),
+        (0.29, 0.915, "airflow" if air is None else air.words),
         (0.79, 0.915, "platform and load cases"),
         (0.79, 0.43, f"topology {key}" if len(key) <= 44 else f"topology {key[:40]}..."),
     ):
         figure.text(x, y, text, fontsize=9, ha="center")
     figure.suptitle(title(design), y=0.98, fontsize=11)
-    figure.legend(handles=_legend(design), loc="lower center", ncols=5, frameon=False, fontsize=9)
+    figure.legend(handles=_legend(design, air), loc="lower center", ncols=5, frameon=False, fontsize=9)
     return figure
 
 
@@ -99,7 +103,7 @@ def title(design: Design) -> str:
     return "   ".join(parts)
 
 
-def _legend(design: Design) -> list[Artist]:
+def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
     def dot(colour: str, label: str) -> Artist:
         return Line2D([], [], marker="o", linestyle="", color=colour, markeredgecolor="black", label=label)
 
@@ -112,7 +116,7 @@ def _legend(design: Design) -> list[Artist]:
         Line2D([], [], color=palette.CONNECTOR, linewidth=2, label="joint (hinge angle)"),
         Line2D([], [], marker="s", linestyle="", color=palette.FREE_PORT, label="free connector"),
         Line2D([], [], marker=".", linestyle="", color=palette.THRUST_AXIS, label="side of port $+x$"),
-        volume(palette.AIRFLOW, 0.3, "airflow envelope"),
+        volume(palette.AIRFLOW, 0.3, "airflow envelope") if air is None else volume(palette.AIR, 0.3, "air"),
         dot(palette.END_EFFECTOR, "end-effector"),
         dot(palette.CENTRE_OF_MASS, "centre of mass"),
         Line2D([], [], color=palette.OFFSET, linewidth=2.5, label="$p_E$"),

@@ -14,6 +14,7 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from topo_search.export import palette
+from topo_search.export.air_field import AirSurface
 from topo_search.export.poses import (
     ELEVATION_DEG,
     ROTOR_ANGLES,
@@ -99,6 +100,10 @@ class Scene:
         )
         rings = [circle(end, radii[1], z) for end, z in zip(ends, self.at.z, strict=True)]
         self._lines(rings, palette.AIRFLOW, 0.5)
+
+    def air(self, surface: AirSurface) -> None:
+        """Draw a surface of equal speed."""
+        self._volumes(list(surface.mesh.triangles), palette.AIR, 0.08, edge=0.0)
 
     def exposure(self) -> None:
         """Draw every region that the airflow must not reach; of a cone, the surface that encloses all airflow."""

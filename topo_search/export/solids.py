@@ -27,6 +27,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from topo_search.export import palette
+from topo_search.export.air_field import AirSurface
 from topo_search.export.poses import ROTOR_ANGLES, Poses, poses, rod_of, rotation_to
 from topo_search.export.regions import cone, cone_slant, hull, shapes
 from topo_search.model.arrays import Array
@@ -54,11 +55,14 @@ class Solid:
     opacity: float = 1.0
 
 
-def glb(design: Design, parts: Parts = "all") -> bytes:
-    """Return a design as the content of a binary glTF file."""
+def glb(design: Design, parts: Parts = "all", air: AirSurface | None = None) -> bytes:
+    """Return a design, and air of it, as the content of a binary glTF file."""
+    solids = list(_solids(design, parts))
+    if air is not None:
+        solids.append(Solid("air", air.mesh, palette.AIR, [np.eye(4)], opacity=0.3))
     scene = Scene(base_frame="world")
     scene.graph.update("platform", "world", matrix=pose_matrix(rotation(0, -math.pi / 2), np.zeros(3)))
-    for solid in _solids(design, parts):
+    for solid in solids:
         mesh = solid.mesh.copy()
         mesh.visual = _material(solid)
         scene.geometry[solid.name] = mesh
