@@ -1,4 +1,4 @@
-"""What the site takes from the product while it is built: pictures, the gallery, the task file, JSON schemas, benchmarks."""
+"""What the site takes from the product while it is built: pictures, gallery, task file, schemas, benchmarks."""
 
 from __future__ import annotations
 
