@@ -1,4 +1,4 @@
-"""What the site takes from the product while it is built: pictures, the gallery, the task file, JSON schemas."""
+"""What the site takes from the product while it is built: pictures, gallery, task file, schemas, benchmarks."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from topo_search.simulation.result import FlightResult, ScenarioResult
 
 PICTURES = Path(__file__).parents[1] / "notebooks/pictures"
 KEPT = Path(__file__).parents[1] / "notebooks/results"
+BENCHMARKS = Path(__file__).parents[1] / "tests/benchmarks/README.md"
 SCHEMAS = Path(__file__).parents[1] / "topo_search/schemas"
 
 
@@ -37,6 +38,10 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
         if f"<!-- {mark} -->" in markdown:
             markdown = markdown.replace(f"<!-- {mark} -->", generate())
     return markdown
+
+
+def _benchmarks() -> str:
+    return BENCHMARKS.read_text(encoding="utf-8").partition("\n")[2]
 
 
 def _task_file() -> str:
@@ -132,6 +137,7 @@ def _scenario(one: ScenarioResult) -> str:
 
 
 GENERATED = {
+    "benchmarks": _benchmarks,
     "task file": _task_file,
     "gallery": _gallery,
     "flight of push": partial(_flight, "push-a70010"),

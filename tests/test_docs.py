@@ -47,6 +47,22 @@ def test_the_tasks_of_the_readme_are_read():
     assert case.carries_weight
 
 
+def test_the_task_under_a_bridge_is_read():
+    (task,) = (Task.model_validate(tomllib.loads(block)) for block in blocks("toml", "how-to/bridge.md"))
+    assert task.exposure[0].solid
+    assert task.end_effector.stand_off == 0.4
+
+
+def test_the_recipe_draws_an_answer(tmp_path, monkeypatch, capsys):
+    (code,) = blocks("python", "how-to/recipes.md")
+    (tmp_path / "snippet.py").write_text(code)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(compose.places, "Workers", InProcess)
+    runpy.run_path("snippet.py", run_name="__main__")
+    assert "a300" in capsys.readouterr().out
+    assert "force_reserve_N" in (tmp_path / "plot.html").read_text()
+
+
 def test_the_task_with_sets_of_wrenches_is_read_and_its_corners_counted():
     text, reserves = blocks("toml", "how-to/load-cases.md")
     task = Task.model_validate({**tomllib.loads(text), **tomllib.loads(reserves)})

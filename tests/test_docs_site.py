@@ -4,11 +4,12 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from documented import ROOT
-from playwright.sync_api import sync_playwright
+from documented import PAGES, ROOT
+from playwright.sync_api import Browser, sync_playwright
 
 pytestmark = pytest.mark.browser
 PATIENCE_MS = 120_000
@@ -23,21 +24,43 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_the_search_works_without_a_server(site: Path) -> None:
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
     found = shutil.which("chromium") or shutil.which("google-chrome")
     assert found, "these tests need Chromium: apt-get install chromium"
-    wrong: list[str] = []
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
-        page = browser.new_page()
-        page.set_default_timeout(PATIENCE_MS)
-        page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("request", lambda request: wrong.append(request.url) if request.url.startswith("http") else None)
-        page.goto((site / "tutorials/front.html").as_uri())
-        page.locator(".md-search__input").click()
-        page.keyboard.type("untangling")
-        page.wait_for_selector(".md-search-result__item")
-        assert "Glossary" in page.locator(".md-search-result__list").inner_text()
-        browser.close()
+        started = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+CLIPPED = """() => [
+    document.documentElement.scrollWidth - innerWidth,
+    ...[...document.querySelectorAll(".md-typeset__scrollwrap, pre > code")]
+        .map(shown => shown.scrollWidth - shown.clientWidth),
+]"""
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
+def test_no_table_and_no_line_of_code_is_clipped(site: Path, browser: Browser, size: tuple[int, int]) -> None:
+    page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+    for path in sorted(PAGES.rglob("*.md")):
+        page.goto((site / path.relative_to(PAGES).with_suffix(".html")).as_uri())
+        assert max(page.evaluate(CLIPPED)) <= 1, path
+    page.close()
+
+
+def test_the_search_works_without_a_server(site: Path, browser: Browser) -> None:
+    wrong: list[str] = []
+    page = browser.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("request", lambda request: wrong.append(request.url) if request.url.startswith("http") else None)
+    page.goto((site / "tutorials/front.html").as_uri())
+    page.locator(".md-search__input").click()
+    page.keyboard.type("untangling")
+    page.wait_for_selector(".md-search-result__item")
+    assert "Glossary" in page.locator(".md-search-result__list").inner_text()
+    page.close()
     assert wrong == []
