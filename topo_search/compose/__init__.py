@@ -10,24 +10,3 @@ from topo_search.compose.designs import Rounded, audit, audits, brackets_note, r
 from topo_search.compose.pages import figure, plot_platform, write_report
 from topo_search.compose.places import available_cores
 from topo_search.compose.searching import DEFAULT_GAP, DEFAULT_TRIALS, check_proofs, prove, search
-
-__all__ = [
-    "BACKENDS",
-    "DEFAULT_GAP",
-    "DEFAULT_TRIALS",
-    "Rounded",
-    "audit",
-    "audits",
-    "available_cores",
-    "brackets_note",
-    "check_proofs",
-    "compare",
-    "figure",
-    "plot_platform",
-    "prove",
-    "read_design",
-    "round_angles",
-    "search",
-    "solve",
-    "write_report",
-]

@@ -23,34 +23,3 @@ from topo_search.engine.jobs import (
 from topo_search.engine.space import Listed, Space
 from topo_search.engine.strategy import ExhaustiveSearch, Proposal, Scored, Strategy, may_beat
 from topo_search.engine.workers import CallingProcess, Workers
-
-__all__ = [
-    "AuditDesign",
-    "Backends",
-    "CallingProcess",
-    "Certificates",
-    "DaskWorkers",
-    "Engine",
-    "ExhaustiveSearch",
-    "Failed",
-    "Job",
-    "Listed",
-    "LocalOptima",
-    "Outcome",
-    "Proposal",
-    "Scored",
-    "Space",
-    "Strategy",
-    "Workers",
-    "WorkersLost",
-    "audit_deadline",
-    "computing_versions",
-    "may_beat",
-    "merge",
-    "record_of",
-    "rounds",
-    "scaled_violation",
-    "solve_deadline",
-    "solve_job",
-    "solve_jobs",
-]

@@ -9,8 +9,6 @@ from topo_search.experiments.conducting import Experiment, conduct
 from topo_search.experiments.folder import results
 from topo_search.experiments.plan import Settings
 
-__all__ = ["Experiment", "Settings", "conduct", "experiment", "results"]
-
 
 def experiment(name: str) -> Experiment:
     """Return an experiment: `scaling`, `ablation`, `placement`, `root` or `body`."""
