@@ -55,7 +55,7 @@ def in_process(monkeypatch):
     """Commands and searches run all jobs here: each worker would load solver, audit and compiled code anew."""
     from toy_problem import InProcess
 
-    monkeypatch.setattr("topo_search.compose.places.Workers", InProcess)
+    monkeypatch.setattr("topo_search.compose.binding.Workers", InProcess)
 
 
 @pytest.fixture

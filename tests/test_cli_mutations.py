@@ -109,7 +109,7 @@ def folder(
     for path in place.iterdir():
         path.unlink()
     monkeypatch.chdir(place)
-    monkeypatch.setattr(compose.places, "Workers", toy_problem.InProcess)
+    monkeypatch.setattr(compose.binding, "Workers", toy_problem.InProcess)
     (place / "box.obj").write_bytes(OBJ)
     (place / "box.stl").write_bytes(BINARY)
     watch.seen.clear()

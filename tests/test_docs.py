@@ -105,7 +105,7 @@ def test_the_examples_of_own_code_run(tmp_path, monkeypatch, capsys, number):
         # workers import the script, and a format is registered for as long as a process lasts
         said = subprocess.run([sys.executable, "snippet.py"], capture_output=True, text=True, check=True).stdout
     else:
-        monkeypatch.setattr(compose.places, "Workers", InProcess)
+        monkeypatch.setattr(compose.binding, "Workers", InProcess)
         runpy.run_path("snippet.py", run_name="__main__")
         said = capsys.readouterr().out
     for words in SAID[number]:

@@ -105,7 +105,9 @@ def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -
     row = cases(flight).rows[0]
     assert figure == row[4] == "0.106 N"
     assert f"weakest side force at the tip {figure}" in flight.weakest_point
-    stated = Row("af0000", 5, 1, "feasible", 1, 1.0, load_factor=1.0245, hinge_tolerance_deg=0.0079366)
+    stated = Row(
+        "af0000", 5, 1, "feasible", asked=1, lower_bound=1.0, load_factor=1.0245, hinge_tolerance_deg=0.0079366
+    )
     cells = near_tie_cells(stated, stated)
     assert row[8] == cells[5] == "1.024"
     assert cells[7] == "0.00793°"

@@ -24,7 +24,7 @@ from topo_search.model.search import Goals, Level
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import FrontPoint, Row, RunFolder, answer_of, front
-from topo_search.study.front import FRONT_COLUMNS, STEPS, idle_goals
+from topo_search.study.front import FRONT_COLUMNS, REACHED, idle_goals
 
 LEVELS = (1e-4, 2e-3, 1e-2)
 GOALS = Goals(clearance=LEVELS)
@@ -115,9 +115,9 @@ def test_differences_of_less_than_a_step_are_none(drawn):
     noisy = [
         point(
             1 + 1e-6 * J,
-            STEPS["clearance"] * c,
-            STEPS["stand_off"] * s,
-            0.5 + STEPS["peak_input"] * u,
+            REACHED["clearance"].step * c,
+            REACHED["stand_off"].step * s,
+            0.5 + REACHED["peak_input"].step * u,
             number=number,
         )
         for number, (J, c, s, u) in enumerate(drawn)

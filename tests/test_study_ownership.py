@@ -191,7 +191,7 @@ def test_a_folder_that_vanishes_ends_the_run_with_what_it_had_found(
 
     backends = replace(toy_problem.BACKENDS, **{during: vanishing(getattr(toy_problem, during))})
     monkeypatch.setattr(compose.binding, "BACKENDS", backends)
-    monkeypatch.setattr(compose.places, "Workers", toy_problem.InProcess)
+    monkeypatch.setattr(compose.binding, "Workers", toy_problem.InProcess)
     result = CliRunner().invoke(main, ["run", "toy.toml", "--symmetry", "c2", "--out", "run", *options])
     assert result.exit_code == 74, result.output
     assert re.search(r"ledger\.sqlite: was removed, moved, replaced or emptied", result.stderr)

@@ -18,6 +18,7 @@ from topo_search.model.parsing import apply_settings
 from topo_search.model.relaxable import relaxable
 from topo_search.study import Silent
 from topo_search.study.relaxing import TREES, relax
+from topo_search.study.solving import Tools
 
 
 class Counting(toy_problem.InProcess):
@@ -36,7 +37,7 @@ class Counting(toy_problem.InProcess):
 def relaxed_limits(task, *keys, backends=BACKENDS, engine=None, starts=STARTS):
     trees = [Topology.from_key(key) for key in keys]
     engine = engine or Counting()
-    return relax(task, trees, starts=starts, seed=0, backends=backends, engine=engine, observer=Silent())
+    return relax(task, trees, Tools(backends, engine, Silent()), starts=starts, seed=0)
 
 
 class Failing(Counting):

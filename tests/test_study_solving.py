@@ -11,6 +11,7 @@ from topo_search.engine import Proposal, Space, Strategy
 from topo_search.model import BadInput
 from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.run import solve_proposals
+from topo_search.study.solving import Tools
 
 
 class Scripted(Strategy):
@@ -48,8 +49,8 @@ def run_strategy(path, *, until=math.inf, strategy=halving):
     scripted = Scripted(strategy, request.space(4))
     with RunFolder.open(path, request) as folder:
         folder.ledger.begin(request.contexts(4)[0], toy_problem.BOUND, None)
-        known = toy_problem.BOUND, toy_problem.BACKENDS, InProcess(1), Silent(), until
-        return solve_proposals(scripted, folder, 4, *known), scripted.told
+        tools = Tools(toy_problem.BACKENDS, InProcess(1), Silent(), until)
+        return solve_proposals(scripted, folder, 4, toy_problem.BOUND, tools), scripted.told
 
 
 def test_a_strategy_is_told_the_value_of_every_proposal(tmp_path, log):

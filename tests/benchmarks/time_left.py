@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 from topo_search.study import Phase, Plan, Row, Silent, TimeLeft
-from topo_search.study.progress import errors
 
 RECORDED = Path(__file__).parent / "recorded_runs"
 FIRST = 0.1
@@ -98,7 +97,8 @@ def estimates(events: list[list[Any]], end: float) -> Iterator[tuple[float, floa
 def replayed(path: Path) -> list[float]:
     """Return the factors of a record."""
     kept = json.loads(path.read_text())
-    return errors(estimates(kept["events"], kept["end"]), kept["end"])
+    remaining = [(left, kept["end"] - at) for at, left in estimates(kept["events"], kept["end"])]
+    return [max(left, true) / max(min(left, true), 1e-9) for left, true in remaining]
 
 
 def main() -> None:

@@ -1,29 +1,28 @@
-"""Solver, audit and bounds as the search takes them, with constraints of a user's own bound in."""
+"""Solver, audit and bounds as the search takes them, with a user's own constraints bound in, and where they run."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Unpack
 
 import nlp
 import verify
-from topo_search.engine import Backends
-from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Status, Topology
+from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Workers, computing_versions
+from topo_search.engine.jobs import Given
+from topo_search.limits import WORKERS
+from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, ResolvedTask, Status, Topology
 from topo_search.protocols import OwnConstraint
+from topo_search.study import Observer
 
 
 def solve_mounted(
-    task: ResolvedTask,
-    topology: Topology,
-    *,
-    starts: range,
-    seed: int,
-    near: Sequence[Design] = (),
-    constraints: Sequence[OwnConstraint] = (),
+    task: ResolvedTask, topology: Topology, *, constraints: Sequence[OwnConstraint] = (), **given: Unpack[Given]
 ) -> Design | Infeasible:
     """Solve one topology, and choose where the rod of a design's end-effector is bolted."""
-    outcome = nlp.solve(task, topology, starts=starts, seed=seed, near=near, constraints=constraints)
+    outcome = nlp.solve(task, topology, constraints=constraints, **given)
     return _mount(task, outcome, constraints) if isinstance(outcome, Design) else outcome
 
 
@@ -43,16 +42,12 @@ def local_optima_mounted(
     task: ResolvedTask,
     topology: Topology,
     *,
-    starts: range,
-    seed: int,
-    near: Sequence[Design] = (),
     most_effort: float,
     constraints: Sequence[OwnConstraint] = (),
+    **given: Unpack[Given],
 ) -> list[Design]:
     """Find the local optima of one topology, and choose where the rod of each is bolted."""
-    found = nlp.local_optima(
-        task, topology, starts=starts, seed=seed, near=near, constraints=constraints, most_effort=most_effort
-    )
+    found = nlp.local_optima(task, topology, constraints=constraints, most_effort=most_effort, **given)
     return [_mount(task, design, constraints) for design in found]
 
 
@@ -97,3 +92,32 @@ BACKENDS = Backends(
     prove_impossible=nlp.prove_impossible,
     local_optima=local_optima_mounted,
 )
+
+
+def open_engine(
+    workers: int | None,
+    dask: str | None,
+    certificates: Certificates | None,
+    versions: Mapping[str, str],
+    observer: Observer,
+) -> Workers | DaskWorkers:
+    """Return the workers; those of a scheduler must have the same versions of the libraries."""
+    if dask is None:
+        if certificates is not None:
+            raise BadInput("dask_tls", [Fault("", "certificates need the address of a Dask scheduler, in dask")])
+        return Workers(workers or available_cores())
+    if workers is not None:
+        raise BadInput("workers", [Fault("", "cannot be chosen with dask: all workers of the scheduler are used")])
+    same = {**computing_versions(), **versions}
+    return DaskWorkers(dask, same, note=observer.note, certificates=certificates)
+
+
+def processes(workers: int) -> Workers | CallingProcess:
+    """Return so many worker processes; 0: the calling process, which then crashes or hangs with a job."""
+    return Workers(workers) if workers else CallingProcess()
+
+
+def available_cores() -> int:
+    """Return the number of cores that this process may use, at most the largest number of workers."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, WORKERS)

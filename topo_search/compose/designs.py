@@ -9,10 +9,9 @@ from functools import partial
 from pathlib import Path
 
 import nlp
-from topo_search.compose.binding import backends
+from topo_search.compose.binding import backends, processes
 from topo_search.compose.envelopes import enclose_speed
-from topo_search.compose.places import processes
-from topo_search.engine import AuditDesign, Failed, Outcome, audit_deadline
+from topo_search.engine import Failed, Outcome, audit_deadline, audit_job
 from topo_search.limits import MODULES, STARTS
 from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
 from topo_search.model.files import read_json, read_task
@@ -212,7 +211,7 @@ def audits(
     due = 0
     with processes(workers) as engine:
         results = engine.run(
-            partial(_audit_numbered, backends(constraints).audit),
+            partial(audit_job, backends(constraints).audit),
             enumerate(designs),
             deadline=lambda job: audit_deadline(job[1].topology.n),
         )
@@ -221,8 +220,3 @@ def audits(
             while due in ended:
                 yield ended.pop(due)
                 due += 1
-
-
-def _audit_numbered(audit: AuditDesign, numbered: tuple[int, Design]) -> Audit:
-    """Audit a design that comes with its number (in a worker)."""
-    return audit(numbered[1])

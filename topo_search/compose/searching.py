@@ -12,10 +12,9 @@ from typing import TypeVar
 
 import nlp
 import verify
-from topo_search.compose.binding import backends
+from topo_search.compose.binding import backends, open_engine
 from topo_search.compose.envelopes import enclose_speed
 from topo_search.compose.pages import write_page
-from topo_search.compose.places import open_engine
 from topo_search.engine import Certificates, DaskWorkers, Workers
 from topo_search.limits import CANDIDATES, GAPS, PERCENT
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
@@ -46,9 +45,6 @@ DEFAULT_TRIALS = 512
 
 DEFAULT_GAP = 0.003
 """To which a tree is proven that cannot be excluded."""
-
-RUNS = Path("runs")
-"""Folder of runs unless another is named."""
 
 
 def search(
@@ -147,7 +143,7 @@ def search(
         resolved, topology = asked.resolve(n), next(request.space(n).candidates()).topology
         nlp.refuse_unusable(handed.constraints, resolved, topology)
         nlp.refuse_wrong_claims(handed.constraints, resolved, topology, mirror=improper_isometry(resolved))
-    path = RUNS / request.folder_name if out is None else Path(out)
+    path = Path("runs") / request.folder_name if out is None else Path(out)
     observer, until = observer or Silent(), time.monotonic() + time_limit
 
     def prepare() -> None:

@@ -12,13 +12,13 @@ from topo_search.engine.jobs import (
     Outcome,
     WorkersLost,
     audit_deadline,
+    audit_job,
     merge,
     record_of,
     rounds,
     scaled_violation,
     solve_deadline,
     solve_job,
-    solve_jobs,
 )
 from topo_search.engine.space import Listed, Space
 from topo_search.engine.strategy import ExhaustiveSearch, Proposal, Scored, Strategy, may_beat

@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 CONNECT = 60.0
 """Time limit for the scheduler to answer: it may only just be starting [s]."""
-LONGEST_GREETING = 1 << 20
-"""Longest first message of a scheduler [bytes]; it has a few hundred."""
-CLOSE = 1.0
-"""Time that it has to close the connection [s]."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +189,7 @@ class Connection:
     def close(self) -> None:
         """End the connection, if there is one."""
         if self._client is not None:
-            self._client.close(timeout=CLOSE)
+            self._client.close(timeout=1.0)
             self._client = None
 
     def loss(self) -> WorkersLost:
@@ -225,7 +221,7 @@ def _require_scheduler(address: str) -> None:
     host, port = end.rsplit(":", 1)
     with suppress(ConnectionError), socket.create_connection((host.strip("[]"), int(port)), CONNECT) as stream:
         greeting = stream.recv(8, socket.MSG_WAITALL)
-        if len(greeting) == 8 and int.from_bytes(greeting, "little") > LONGEST_GREETING:
+        if len(greeting) == 8 and int.from_bytes(greeting, "little") > 1 << 20:  # a scheduler's is far shorter
             raise ValueError("another program answers there")
 
 

@@ -18,7 +18,6 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from importlib import metadata
 from multiprocessing import current_process
-from types import TracebackType
 from typing import Any, Self
 
 from topo_search.engine.dask_connection import Certificates, Connection
@@ -58,8 +57,6 @@ LOOK = 1.0
 """Poll period of the scheduler's list of workers [s]."""
 PREPARATION = 600.0
 """Longest time for a Dask worker to compile before jobs are sent [s]."""
-LARGEST_BATCH = 50
-"""Jobs of a batch at most: they come back together."""
 
 
 @dataclass(frozen=True)
@@ -213,9 +210,7 @@ class DaskWorkers(Engine):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._connection.close()
 
     def prepare(self, function: Callable[[J, Callable[[str], None]], object], task: J) -> None:
@@ -293,7 +288,8 @@ class DaskWorkers(Engine):
                 for future in wait(running, pause, FIRST_COMPLETED).done:
                     sent, ended = running.pop(future), self._result(future)
                     if isinstance(ended, Ended) and ended.results:
-                        size = min(max(1, int(BATCH * len(ended.results) / ended.seconds)), LARGEST_BATCH)
+                        fitting = int(BATCH * len(ended.results) / ended.seconds)
+                        size = min(max(1, fitting), 50)  # no more: they come back together
                         places = {place for place, _ in ended.results}
                         left = [job for place, job in enumerate(sent) if place not in places]
                         waiting.extendleft(reversed(left))

@@ -9,16 +9,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, NotRequired, Protocol, TypedDict, TypeVar, Unpack
 
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, SolverRecord, Topology
 
 AuditDesign = Callable[[Design], Audit]
 J = TypeVar("J")
 R = TypeVar("R")
-LARGEST_TIMED_ROUND = 4
-"""Starts a round under a time limit: what runs when it comes is lost."""
+
+
+class Given(TypedDict):
+    """What a topology is solved from."""
+
+    starts: range
+    """Indices of the starts."""
+    seed: int
+    """Draws them."""
+    near: NotRequired[Sequence[Design]]
+    """Designs of other topologies that can be carried over, each as one more start before these."""
 
 
 class Solve(Protocol):
@@ -27,17 +35,13 @@ class Solve(Protocol):
     Start s is drawn from (task, topology, s, seed) alone: the best of two ranges is the best of their union.
     """
 
-    def __call__(
-        self, task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design] = ()
-    ) -> Design | Infeasible:
+    def __call__(self, task: ResolvedTask, topology: Topology, **given: Unpack[Given]) -> Design | Infeasible:
         """Return the best design over the starts, or the start that came closest.
 
         Args:
             task: the task.
             topology: the tree.
-            starts: indices of the starts.
-            seed: draws them.
-            near: designs of other topologies that can be carried over, each as one more start before these.
+            given: starts, seed and near.
         """
         ...
 
@@ -46,14 +50,7 @@ class LocalOptima(Protocol):
     """Finds all local optima of one topology that cost little enough: likewise a pure function."""
 
     def __call__(
-        self,
-        task: ResolvedTask,
-        topology: Topology,
-        *,
-        starts: range,
-        seed: int,
-        near: Sequence[Design] = (),
-        most_effort: float,
+        self, task: ResolvedTask, topology: Topology, *, most_effort: float, **given: Unpack[Given]
     ) -> list[Design]:
         """Return them, least effort first.
 
@@ -161,23 +158,14 @@ class Job:
         return solve_deadline(self.topology.n, len(self.near) + len(self.starts))
 
 
-def solve_jobs(
-    jobs: Iterable[Job | None], *, solve: Solve, engine: Engine, until: float = math.inf
-) -> Iterator[tuple[Job, Outcome]]:
-    """Yield every job with its outcome as it ends, in any order; jobs are drawn as workers become free.
-
-    Args:
-        jobs: what is to be solved; None where that depends on what becomes of those before.
-        solve: the solver.
-        engine: where it runs.
-        until: time.monotonic() at which to stop.
-    """
-    return engine.run(partial(solve_job, solve), jobs, deadline=lambda job: job.deadline, until=until)
-
-
 def solve_job(solve: Solve, job: Job) -> Design | Infeasible:
     """Solve one job (in a worker)."""
     return solve(job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near)
+
+
+def audit_job(audit: AuditDesign, labelled: tuple[object, Design]) -> Audit:
+    """Audit a design that comes with a label (in a worker)."""
+    return audit(labelled[1])
 
 
 def rounds(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:
@@ -190,7 +178,7 @@ def rounds(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:
     """
     first = 0
     while starts is None or first < starts:
-        length = min(max(1, first), LARGEST_TIMED_ROUND) if timed else size
+        length = min(max(1, first), 4) if timed else size  # what runs when the time is over is lost
         stop = first + length if starts is None else min(first + length, starts)
         yield range(first, stop)
         first = stop

@@ -25,8 +25,6 @@ from topo_search.topologies import Candidate
 
 PRUNED_AFTER = 32
 """Number of candidates proposed ahead of the results that may rule them out."""
-EVEN = 1e-5
-"""Largest share of an effort not worth a search; a bound's allowance for tolerances is mostly less."""
 
 Bound = Callable[[Candidate], float]
 """Lower bound on the objective of a candidate."""
@@ -171,8 +169,8 @@ class ExhaustiveSearch(Strategy):
 
 
 def may_beat(objective: float, bound: float) -> bool:
-    """True if an objective with this lower bound can save more than EVEN of another."""
-    return bound < objective * (1.0 - EVEN)
+    """True if an objective with this lower bound can save more of another than is worth a search."""
+    return bound < objective * (1.0 - 1e-5)  # a bound's allowance for tolerances is mostly less
 
 
 def _least(scores: Iterable[Scored]) -> float:

@@ -21,7 +21,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 from multiprocessing.spawn import get_preparation_data
 from multiprocessing.synchronize import RLock
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Generic, Self
 
 from pebble import ProcessExpired, ProcessPool
@@ -31,8 +31,6 @@ from topo_search.engine.jobs import Engine, Failed, J, R, WorkersLost
 from topo_search.limits import WORKERS
 from topo_search.supervisor import AGAIN, STOPS, is_out_of_memory
 
-ATTEMPTS = 2
-"""Attempts at a job that crashes or hangs."""
 LOOK = 1.0
 """Poll period of the pool while jobs run [s]."""
 _LAUNCH = threading.Lock()
@@ -87,9 +85,7 @@ class _OneThread(Engine):
         os.environ.update(ONE_THREAD)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         for name, value in self._environment.items():
             if value is None:
                 del os.environ[name]
@@ -147,12 +143,10 @@ class Workers(_OneThread):
             )
         return super().__enter__()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._stop()
-        super().__exit__(kind, error, trace)
-        if isinstance(error, WorkersLost):  # its message says all; where it was noticed is no help
+        super().__exit__(*raised)
+        if isinstance(error := raised[1], WorkersLost):  # its message says all; where it was noticed is no help
             raise error.with_traceback(None) from None
 
     def run(
@@ -201,7 +195,7 @@ class Workers(_OneThread):
                     result: R | Failed = (
                         pickle.loads(future.result()) if error is None else _failure(error, deadline(trial.job))
                     )
-                    if isinstance(result, Failed) and result.may_pass and trial.attempt < ATTEMPTS:
+                    if isinstance(result, Failed) and result.may_pass and trial.attempt == 1:
                         waiting.appendleft(_Try(trial.job, trial.attempt + 1))
                     else:
                         yield trial.job, result

@@ -12,37 +12,25 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import count
 
-from topo_search.engine import AuditDesign, Backends, Engine, Failed, Job, audit_deadline, solve_jobs
-from topo_search.model import Audit, Design, Topology
+from topo_search.engine import Failed, Job, audit_deadline, audit_job
+from topo_search.model import Audit, Topology
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Ledger
-from topo_search.study.ledger_file import parse
 from topo_search.study.margins import raise_margins
-from topo_search.study.progress import AUDITED, Observer, Phase, audit_phase, solving_seconds
+from topo_search.study.progress import AUDITED, Phase, audit_phase, solving_seconds
 from topo_search.study.request import Context, Request
 from topo_search.study.row import Row
-from topo_search.study.solving import record
+from topo_search.study.solving import Tools, record
 
 
-def audit_best(
-    folder: RunFolder,
-    n: int,
-    lower_bound: float,
-    backends: Backends,
-    engine: Engine,
-    observer: Observer,
-    until: float = math.inf,
-) -> None:
+def audit_best(folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> None:
     """Audit the best designs of n modules until one is clear that nothing unaudited can beat.
 
     Args:
         folder: of the run.
         n: number of modules.
         lower_bound: of this size [rad^4/s^4].
-        backends: solver and audit.
-        engine: where they run.
-        observer: is told what does not pass.
-        until: time.monotonic() after which nothing is solved again.
+        tools: what solves and audits.
     """
     ledger, request = folder.ledger, folder.request
     contexts = request.contexts(n)
@@ -51,20 +39,21 @@ def audit_best(
         context, due = contexts[step], [rows[key] for key in keys]
         if step:
             jobs = _jobs(ledger, context, due, request)
-            if jobs and time.monotonic() >= until:
+            if jobs and time.monotonic() >= tools.until:
                 return None
             ledger.begin(context, lower_bound, None)
             if jobs:
                 seconds = solving_seconds(context.task, request.starts)
-                observer.phase(Phase("polishing", n, len(jobs), request.starts, seconds))
-            for job, outcome in solve_jobs(iter(jobs), solve=backends.solve, engine=engine, until=until):
+                tools.observer.phase(Phase("polishing", n, len(jobs), request.starts, seconds))
+            for job, outcome in tools.solve(jobs):
                 record(ledger, context, job, outcome, lower_bound=lower_bound)
-                observer.settled(best)
-        _audit(ledger, context, _rows(ledger, context, due), backends.audit, engine, observer)
+                tools.observer.settled(best)
+        _audit(ledger, context, _rows(ledger, context, due), tools)
         failing = [row for row in _rows(ledger, context, due) if not row.clear and row.audit_failure is None]
         for row in failing:
-            observer.note(f"{row.key}: the audit of the design with margin {row.margin:g} m is {row.audit}")
-        return [(row.key, _verdict(ledger, context, row.key)) for row in failing]
+            tools.observer.note(f"{row.key}: the audit of the design with margin {row.margin:g} m is {row.audit}")
+        audits = ((row.key, ledger.audit(context, row.key)) for row in failing)
+        return [(key, audit) for key, audit in audits if audit is not None]
 
     for batch in _batches(ledger, contexts[0]):
         rows, best = {row.key: row for row in batch}, ledger.best_clear(n) or batch[0]
@@ -105,7 +94,8 @@ def _is_left(ledger: Ledger, contexts: Sequence[Context], key: str, starts: int)
             return []
         if not row.feasible or row.clear or row.audit_failure is not None:
             return []
-        return [(name, _verdict(ledger, context, name)) for name in keys]
+        audit = ledger.audit(context, key)
+        return [] if audit is None else [(key, audit)]
 
     raise_margins([context.task for context in contexts], [key], judge)
     return left
@@ -127,24 +117,13 @@ def _rows(ledger: Ledger, context: Context, rows: Sequence[Row]) -> list[Row]:
     return [row for row in candidates if row is not None and row.feasible]
 
 
-def _verdict(ledger: Ledger, context: Context, key: str) -> Audit:
-    return parse(ledger.path, Audit, "texts", ledger.audit(context, key) or "", strict=False)
-
-
-def _audit(
-    ledger: Ledger,
-    context: Context,
-    rows: Sequence[Row],
-    audit: AuditDesign,
-    engine: Engine,
-    observer: Observer,
-) -> None:
+def _audit(ledger: Ledger, context: Context, rows: Sequence[Row], tools: Tools) -> None:
     """Audit the designs that were not, and write their verdicts."""
     keys = [row.key for row in rows if not row.audit_ended]
     if keys:
-        observer.phase(audit_phase(context.task.n, len(keys)))
-    results = engine.run(
-        partial(_audit_named, audit),
+        tools.observer.phase(audit_phase(context.task.n, len(keys)))
+    results = tools.engine.run(
+        partial(audit_job, tools.backends.audit),
         ((key, ledger.result(context, key)) for key in keys),
         deadline=lambda _: audit_deadline(context.task.n),
     )
@@ -153,11 +132,7 @@ def _audit(
             ledger.record_audit_failure(context, key, verdict.reason)
         else:
             ledger.record_audit(context, key, verdict)
-        observer.settled(rows[0])
-
-
-def _audit_named(audit: AuditDesign, named: tuple[str, Design]) -> Audit:
-    return audit(named[1])
+        tools.observer.settled(rows[0])
 
 
 def _objective(row: Row) -> float:

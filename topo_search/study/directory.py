@@ -36,12 +36,8 @@ from topo_search.study.ledger_file import checksum
 LOCK = ".lock"
 HOLDER = re.compile(rb"(\d+ on [^\n]*\n)?")
 """The content of the lock's file: who holds it, or held it last."""
-_NO_LOCKS_ON_FOLDERS = (errno.EBADF, errno.ENOLCK, errno.EINVAL, errno.ENOTSUP, errno.EISDIR)
-"""Errors of network disks that cannot lock folders."""
 PARTIAL = ".topo-search-partial"
 """A file that is being written. There is one at a time, so that the next run removes what a killed one left."""
-BATCH = 1000
-"""Files that are recorded in one transaction."""
 CHANGED = "is not the file that this run wrote"
 """Fault of a file that somebody else changed or put there."""
 _Entry = tuple[bytes | None, bytes | None, int]
@@ -72,16 +68,26 @@ def hold_lock(folder: Path) -> Iterator[None]:
         raise ReadOnlyFolder(folder, error.strerror) from None
     with ExitStack() as stack:
         stack.callback(os.close, itself)
-        _lock(folder, itself, itself, optional=True)
-        handle = _lock_file(folder, itself)
+        handle = _open_lock(folder, itself)
         stack.callback(os.close, handle)
-        _lock(folder, itself, handle)
+        # what network disks say that cannot lock folders
+        no_locks_on_folders = (errno.EBADF, errno.ENOLCK, errno.EINVAL, errno.ENOTSUP, errno.EISDIR)
+        for each in (itself, handle):
+            try:
+                fcntl.flock(each, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                holder = os.pread(handle, 256, 0).decode(errors="replace").strip() or "unknown"
+                rule = f"another run is using this folder (process {holder})"
+                raise BadInput(str(folder), [Fault("", rule)]) from None
+            except OSError as error:
+                if each == handle or error.errno not in no_locks_on_folders:
+                    raise ReadOnlyFolder(folder, f"{error.strerror} on its disk") from None
         os.ftruncate(handle, 0)
         os.write(handle, f"{os.getpid()} on {platform.node()}\n".encode())
         yield
 
 
-def _lock_file(folder: Path, itself: int) -> int:
+def _open_lock(folder: Path, itself: int) -> int:
     """Open the lock's file, or make it; it must be one that `hold_lock` made."""
     try:
         handle = os.open(LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644, dir_fd=itself)
@@ -94,31 +100,6 @@ def _lock_file(folder: Path, itself: int) -> int:
         os.close(handle)
         raise _not_ours(folder)
     return handle
-
-
-def _lock(folder: Path, itself: int, handle: int, *, optional: bool = False) -> None:
-    """Lock a descriptor, or say who holds it."""
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        rule = f"another run is using this folder (process {_holder(itself)})"
-        raise BadInput(str(folder), [Fault("", rule)]) from None
-    except OSError as error:
-        if optional and error.errno in _NO_LOCKS_ON_FOLDERS:
-            return
-        raise ReadOnlyFolder(folder, f"{error.strerror} on its disk") from None
-
-
-def _holder(itself: int) -> str:
-    """Return what the lock's file says of who holds it."""
-    try:
-        handle = os.open(LOCK, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=itself)
-    except OSError:
-        return "unknown"
-    try:
-        return os.read(handle, 256).decode(errors="replace").strip() or "unknown"
-    finally:
-        os.close(handle)
 
 
 def _not_ours(folder: Path) -> BadInput:
@@ -141,8 +122,16 @@ class Directory:
     @classmethod
     @contextmanager
     def open(cls, path: Path) -> Iterator[Self]:
-        """Hold a folder that is there; OSError says why it cannot be held. Its own path may have links in it."""
-        handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        """Hold a folder that is there. Its own path may have links in it.
+
+        Raises:
+            BadInput: it is a file.
+            OSError: it cannot be held.
+        """
+        try:
+            handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+        except NotADirectoryError:
+            raise BadInput(str(path), [Fault("", "is a file; choose another folder with --out")]) from None
         try:
             yield cls(path, handle)
         finally:
@@ -285,7 +274,7 @@ class RunFiles:
             OSError: the disk is full, or fails.
         """
         source, foreign = iter(contents), list[str]()
-        while batch := list(islice(source, BATCH)):
+        while batch := list(islice(source, 1000)):  # recorded in one transaction
             due: list[tuple[str, bytes]] = []
             records: list[tuple[str, bytes, bytes | None]] = []
             for name, content in batch:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -43,16 +43,6 @@ PARTS = ("designs", "audits")
 Model = TypeVar("Model", bound=BaseModel)
 PROOFS = "proof"
 """The folder of the proofs, one file per candidate that was looked at."""
-
-
-@contextmanager
-def hold(path: Path) -> Iterator[Directory]:
-    """Hold a run's folder."""
-    try:
-        with Directory.open(path) as directory:
-            yield directory
-    except NotADirectoryError:
-        raise refusal(path, "is a file") from None
 
 
 def holds_run(directory: Directory) -> bool:
@@ -174,7 +164,7 @@ class RunFolder:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise refusal(path, f"cannot be made: {error.strerror}") from None
-        with hold(path) as directory:
+        with Directory.open(path) as directory:
             if holds_run(directory) and not os.access(path / LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
             with hold_lock(path):
@@ -195,26 +185,19 @@ class RunFolder:
 
     @classmethod
     @contextmanager
-    def read(cls, path: Path, request: Request) -> Iterator[Self]:
-        """Open a folder that cannot be written to; errors as of `open`."""
-        with hold(path) as directory, Ledger.open(path / LEDGER, read_only=True) as ledger:
-            require_versions(path, ledger)
-            yield cls._of_ledger(path, request, ledger, directory)
-
-    @classmethod
-    @contextmanager
-    def load(cls, path: Path, *, writes: bool = False) -> Iterator[Self]:
-        """Open the folder of any run to read it, with the request that it was last given.
+    def load(cls, path: Path, request: Request | None = None, *, writes: bool = False) -> Iterator[Self]:
+        """Open the folder of any run to read it.
 
         Args:
             path: the folder.
+            request: what it must be the folder of; None: the request that it was last given.
             writes: whether a file is to be kept there; then no other process may work in it.
 
         Raises:
             ReadOnlyFolder: it cannot be written to, but should be.
             BadInput: it is not a run folder, or another process works in it.
         """
-        with hold(path) as directory:
+        with Directory.open(path) as directory:
             if LEDGER not in directory.names():
                 raise BadInput(str(path), [Fault("", f"is not a run folder: it has no {LEDGER}")])
             if writes and not os.access(path / LEDGER, os.W_OK):
@@ -225,7 +208,11 @@ class RunFolder:
                 ledger = stack.enter_context(Ledger.open(path / LEDGER, read_only=not writes))
                 if writes:
                     directory.tidy()
-                yield cls._of_ledger(path, last_request(path, directory, ledger), ledger, directory)
+                if request is None:
+                    request = last_request(path, directory, ledger)
+                else:
+                    require_versions(path, ledger)
+                yield cls._of_ledger(path, request, ledger, directory)
 
     @classmethod
     def _of_ledger(cls, path: Path, request: Request, ledger: Ledger, directory: Directory) -> Self:
@@ -251,6 +238,14 @@ class RunFolder:
         """
         data = content if isinstance(content, bytes) else content.encode()
         self._files.keep([(self._level + name, data)])
+
+    def keep_table(self, name: str, columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
+        """Write a file of the run's own as CSV; errors as of `keep`."""
+        table = io.StringIO()
+        writer = csv.writer(table, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(map(escape_formula, row) for row in rows)
+        self.keep(name, table.getvalue())
 
     def page_mark(self) -> str:
         """Return the last line of a page that is written now: a digest of all that it shows."""
@@ -286,13 +281,7 @@ class RunFolder:
         Raises:
             BadInput: files are in the way that the run did not write; all others are written.
         """
-        table = io.StringIO()
-        writer = csv.writer(table, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for n in self.request.task.sizes:
-            for row in self.cells(n):
-                writer.writerow([escape_formula(cell) for cell in row])
-        self.keep("candidates.csv", table.getvalue())
+        self.keep_table("candidates.csv", COLUMNS, (row for n in self.request.task.sizes for row in self.cells(n)))
         self._write_best()
         for part in PARTS:
             self._directory.make(self._level + part)
@@ -321,11 +310,8 @@ class RunFolder:
     def result_of(self, row: Row) -> tuple[Design | None, Audit | None]:
         """Return the design and the audit of a candidate, as far as it has them."""
         context = self.request.contexts(row.modules)[row.step]
-        design, audit = self.ledger.design(context, row.key), self.ledger.audit(context, row.key)
-        return (
-            None if design is None else Design.model_validate_json(design),
-            None if audit is None else Audit.model_validate_json(audit),
-        )
+        result = self.ledger.result(context, row.key)
+        return result if isinstance(result, Design) else None, self.ledger.audit(context, row.key)
 
     def cells(self, n: int) -> Iterator[list[object]]:
         """Yield the row of every ranked candidate of n modules in `candidates.csv`."""
@@ -333,7 +319,7 @@ class RunFolder:
 
     def keep_proof(self, proof: Proof) -> None:
         """Write the proof of one tree, or as much of it as there is."""
-        self.keep_within(PROOFS, proof.topology_key, to_json(proof))
+        self.keep(f"{PROOFS}/{proof.topology_key}", to_json(proof))
 
     def proof_text(self, key: str) -> bytes | None:
         """Return the proof of one tree as the run wrote it; None if there is none.
@@ -379,11 +365,6 @@ class RunFolder:
                 )
                 raise BadInput(str(self._directory.path / PROOFS / name), [Fault("", rule)])
             yield proof
-
-    def keep_within(self, part: str, name: str, content: str) -> None:
-        """Write a file of the run's own into one of its folders; errors as of `keep`."""
-        self._directory.make(f"{self._level}{part}")
-        self.keep(f"{part}/{name}", content)
 
     def read_within(self, part: str, model: type[Model]) -> dict[str, Model]:
         """Return the values that the run wrote into one of its folders, by the names of their files.

@@ -17,53 +17,42 @@ All are those of the audited design, not the level that it was found at: what co
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 from topo_search.model import Audit, Design, Flight, ResolvedTask
 from topo_search.model.reserves import PLACES, Failing, centres_of
 from topo_search.model.search import FIELDS, Level
-from topo_search.model.tables import escape_formula
 from topo_search.study.folder import FRONT, RunFolder
 from topo_search.study.row import Row, proven_cell
 
-EFFORT = 1.0e-6
-"""Share of J that makes no difference: the audit's own tolerance of it."""
-STEPS = {
-    "clearance": 1.0e-5,  # a tenth of the default margin; solves of one optimum differ by less
-    "stand_off": 1.0e-4,
-    "peak_input": 1.0e-5,
-    "force_reserve": 1.0e-4,
-    "torque_reserve": 1.0e-5,
-    "rotor_out": 0.5,  # counts what is possible
-    "joint_moment": 1.0e-5,
-    "hinge_angle_deg": 1.0e-3,
-    "speed": 1.0e-3,
-    "modules": 0.5,
+
+class Reached(NamedTuple):
+    """Something that a design reaches, by the name of its field in `FrontPoint`."""
+
+    unit: str
+    step: float
+    """Difference that makes no difference, in that unit."""
+    sign: int = -1
+    """1 where smaller is better."""
+
+
+REACHED = {
+    "clearance": Reached("m", 1.0e-5),  # a tenth of the default margin; solves of one optimum differ by less
+    "stand_off": Reached("m", 1.0e-4),
+    "peak_input": Reached("u_max", 1.0e-5, 1),
+    "force_reserve": Reached("N", 1.0e-4),
+    "torque_reserve": Reached("N m", 1.0e-5),
+    "rotor_out": Reached("any one rotor dead", 0.5),  # counts what is possible
+    "joint_moment": Reached("N m", 1.0e-5, 1),
+    "hinge_angle_deg": Reached("deg", 1.0e-3),
+    "speed": Reached("m/s", 1.0e-3, 1),
 }
-"""Differences of what a design reaches that make no difference, in the units of `FrontPoint`."""
-SMALLER_IS_BETTER = ("peak_input", "joint_moment", "speed", "modules")
-SAME_EFFORT = 1.0e-4
-"""Relative difference of efforts that starts of their own may make, and no level."""
-UNITS = {
-    "clearance": "m",
-    "stand_off": "m",
-    "peak_input": "u_max",
-    "force_reserve": "N",
-    "torque_reserve": "N m",
-    "rotor_out": "any one rotor dead",
-    "joint_moment": "N m",
-    "hinge_angle_deg": "deg",
-    "speed": "m/s",
-}
-"""Units of what a design reaches."""
 FRONT_COLUMNS = (
     *("key", "modules", "objective", "lower_bound", "gap"),
-    *UNITS,
+    *REACHED,
     *("audit", "level"),
     *(f"level_{name}" for name in Level._fields),
     "design",
@@ -111,13 +100,17 @@ class FrontPoint:
         return {name: values[name] for name in FRONT_COLUMNS}
 
     def costs(self, names: Sequence[str]) -> tuple[float, ...]:
-        """Return J and the goals of these names in steps that make a difference, the smaller the better."""
-        missing = dict.fromkeys(STEPS, 0.0) | {"clearance": math.inf, "stand_off": math.inf}
+        """Return J and the goals of these names in steps that make a difference, the smaller the better.
+
+        A step of J is a share of it, the audit's own tolerance.
+        """
+        missing = dict.fromkeys(REACHED, 0.0) | {"clearance": math.inf, "stand_off": math.inf}
         values = missing | {name: value for name, value in vars(self).items() if value is not None}
         values |= {"modules": self.row.modules, "rotor_out": get_args(Failing).index(self.rotor_out)}
-        effort = math.log(self.row.objective) / EFFORT if self.row.objective else -math.inf
-        signs = {name: 1 if name in SMALLER_IS_BETTER else -1 for name in names}
-        return (effort, *(signs[name] * values[name] / STEPS[name] for name in names))
+        effort = math.log(self.row.objective) / 1.0e-6 if self.row.objective else -math.inf
+        table = REACHED | {"modules": Reached("", 0.5, 1)}
+        goals = ((table[name], values[name]) for name in names)
+        return (effort, *(goal.sign * value / goal.step for goal, value in goals))
 
 
 def front_of(folder: RunFolder) -> tuple[FrontPoint, ...]:
@@ -167,44 +160,37 @@ def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[Fr
         has = proven_cell(name, reached, 4)
         sentences.append(
             f"no level of goals.{name} binds: each gives the same least control effort, whose design reaches {has} "
-            f"({UNITS[name]}); try levels of {field} beyond that"
+            f"({REACHED[name].unit}); try levels of {field} beyond that"
         )
     return sentences
 
 
 def _are_alike(efforts: list[float | None]) -> bool:
+    """True if efforts differ by no more than starts of their own make them, so that no level binds."""
     known = [J for J in efforts if J is not None]
-    return len(known) == len(efforts) and (not known or max(known) <= min(known) * (1 + SAME_EFFORT))
+    return len(known) == len(efforts) and (not known or max(known) <= min(known) * (1 + 1.0e-4))
 
 
 def write_front(folder: RunFolder) -> None:
     """Write `front.csv`, and the design of least effort as `best.json`."""
     points = front_of(folder)
-    table = io.StringIO()
-    writer = csv.DictWriter(table, FRONT_COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: escape_formula(cell) for name, cell in point.cells.items()} for point in points)
-    folder.keep(FRONT, table.getvalue())
+    folder.keep_table(FRONT, FRONT_COLUMNS, (point.cells.values() for point in points))
     if points:
         point = points[0]
-        context = folder.request.levels[point.number].contexts(point.row.modules)[point.row.step]
-        folder.keep("best.json", folder.ledger.design(context, point.row.key) or "")
+        folder.keep("best.json", folder.levels[point.number].text(point.row) or "")
     else:
         folder.drop("best.json")
 
 
 def _clear_points(folder: RunFolder, number: int) -> Iterator[FrontPoint]:
     """Yield the designs of one level whose audit is clear."""
-    request = folder.request
-    for n in request.task.sizes:
-        contexts = request.contexts(n)
+    level = folder.request.level
+    for n in folder.request.task.sizes:
         for row in folder.ledger.ranking(n):
-            if not row.clear or request.level is None:
-                continue
-            design = folder.ledger.result(contexts[row.step], row.key)
-            audit = folder.ledger.audit(contexts[row.step], row.key)
-            if isinstance(design, Design) and audit is not None:
-                yield _measure(row, design, Audit.model_validate_json(audit), number, request.level)
+            if row.clear and level is not None:
+                design, audit = folder.result_of(row)
+                if design is not None and audit is not None:
+                    yield _measure(row, design, audit, number, level)
 
 
 def _measure(row: Row, design: Design, audit: Audit, number: int, level: Level) -> FrontPoint:

@@ -17,32 +17,22 @@ from copy import copy
 from dataclasses import astuple, fields, replace
 from itertools import starmap
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from topo_search.engine import Scored
 from topo_search.model import Audit, Design, Infeasible
 from topo_search.model.files import to_json
 from topo_search.study.directory import Directory, RunFiles, digest_of
-from topo_search.study.ledger_file import BESIDE, LedgerLost, checked_text, damage, open_database, parse, reseal
+from topo_search.study.ledger_file import BESIDE, LedgerLost, checked_text, damage, open_database, parse
 from topo_search.study.request import Context, Identity, digest, installed_versions
 from topo_search.study.row import Row, SolveEvent, flight_of, score
 
 _FIELDS = tuple(field.name for field in fields(Row))
 _SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
-_STANDING = "WHERE standing AND modules = ? AND context IN (SELECT value FROM json_each(?))"
+_RANKED = "context IN (SELECT value FROM json_each(?))"
+_STANDING = f"WHERE standing AND modules = ? AND {_RANKED}"
 _WRITTEN = (*_FIELDS, "context", "standing", "result_checksum", "checksum")
-_UPSERT = f"""
-INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * (len(_WRITTEN) - 1))}, 0)
-ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in _WRITTEN)},
-audit_checksum = CASE WHEN excluded.audit IS NULL THEN NULL ELSE audit_checksum END
-"""
-_WRITE_RESULT = """
-INSERT INTO texts (context, key, result) VALUES (?, ?, ?)
-ON CONFLICT (context, key) DO UPDATE SET result = excluded.result, audit = CASE WHEN ? THEN audit END
-"""
 _PLACE = "context = ? AND key = ?"
-_OF_A_KEY = "key = ? AND (context = ? OR context IN (SELECT value FROM json_each(?)))"
-_STEP_DOWN = "UPDATE candidates SET standing = 0 WHERE key = ? AND context IN (SELECT value FROM json_each(?))"
 
 
 class Ledger:
@@ -72,17 +62,12 @@ class Ledger:
             yield cls(database, path)
 
     @contextmanager
-    def _change(self, table: str, where: str = "true", values: Sequence[Any] = ()) -> Iterator[None]:
-        """Make a transaction of a change to rows of one table, and be sure that it is in the file.
+    def _transaction(self) -> Iterator[None]:
+        """Make a transaction, and be sure that it is in the file.
 
         Raises:
             LedgerLost: it is not: the file is gone.
         """
-        with self._transaction(), reseal(self._database, table, where, values):
-            yield
-
-    @contextmanager
-    def _transaction(self) -> Iterator[None]:
         with self._database:
             self._database.execute("BEGIN IMMEDIATE")
             yield
@@ -130,7 +115,7 @@ class Ledger:
     def ask(self, starts: int, trials: int | None) -> None:
         """Record how many starts of each candidate, and how many proposals, were asked for last."""
         if self.last_request() != (starts, trials):
-            with self._change("run"):
+            with self._transaction():
                 self._database.execute("UPDATE run SET starts = ?, trials = ?", (starts, trials))
 
     def last_request(self) -> tuple[int, int | None]:
@@ -167,7 +152,7 @@ class Ledger:
     def begin(self, context: Context, lower_bound: float, proof: Infeasible | None) -> None:
         """Record a context."""
         values = (context.name, context.task.n, context.step, context.margin, json.dumps(context.fixed_by))
-        with self._change("contexts", "context = ?", (context.name,)):
+        with self._transaction():
             self._database.execute(
                 "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?, NULL, NULL, 0)",
                 (*values, lower_bound, None if proof is None else to_json(proof)),
@@ -176,7 +161,7 @@ class Ledger:
     def end(self, context: Context, starts: int, trials: int | None) -> None:
         """Record that the strategy came to its end with so many starts and proposals."""
         query = "UPDATE contexts SET ended_starts = ?, ended_trials = ? WHERE context = ?"
-        with self._change("contexts", "context = ?", (context.name,)):
+        with self._transaction():
             self._database.execute(query, (starts, trials, context.name))
 
     def has_ended(self, context: Context, starts: int, trials: int | None) -> bool:
@@ -219,9 +204,10 @@ class Ledger:
         model: type[Design] | type[Infeasible] = Design if '"topo-search/design"' in text[:60] else Infeasible
         return parse(self.path, model, "texts", text, strict=False)
 
-    def audit(self, context: Context, key: str) -> str | None:
-        """Return the audit of a candidate's design as JSON text."""
-        return self._text("audit", context, key)
+    def audit(self, context: Context, key: str) -> Audit | None:
+        """Return the audit of a candidate's design."""
+        text = self._text("audit", context, key)
+        return None if text is None else parse(self.path, Audit, "texts", text, strict=False)
 
     def design(self, context: Context, key: str) -> str | None:
         """Return a candidate's result as JSON text."""
@@ -254,29 +240,37 @@ class Ledger:
         The last row with a design speaks for its candidate; the first one does when there is none. An audit stays
         if `row` still has its verdict. `failed`: the last solve did, whatever the row has from earlier ones.
         """
+        step_down = f"UPDATE candidates SET standing = 0 WHERE key = ? AND {_RANKED}"
+        write_row = f"""
+        INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * (len(_WRITTEN) - 1))}, 0)
+        ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in _WRITTEN)},
+        audit_checksum = CASE WHEN excluded.audit IS NULL THEN NULL ELSE audit_checksum END
+        """
+        write_result = """
+        INSERT INTO texts (context, key, result) VALUES (?, ?, ?)
+        ON CONFLICT (context, key) DO UPDATE SET result = excluded.result, audit = CASE WHEN ? THEN audit END
+        """
         with self._transaction():
             for row, result in rows:
                 standing = row.feasible or context.step == 0
                 values = [getattr(row, name) for name in _FIELDS]
                 text = None if result is None else to_json(result).encode()
-                with reseal(self._database, "candidates", _OF_A_KEY, (row.key, context.name, self._ranked)):
-                    if standing:
-                        self._database.execute(_STEP_DOWN, (row.key, self._ranked))
-                    self._database.execute(_UPSERT, (*values, context.name, standing, text and zlib.crc32(text)))
-                self._database.execute(_WRITE_RESULT, (context.name, row.key, text, row.audit is not None))
+                if standing:
+                    self._database.execute(step_down, (row.key, self._ranked))
+                self._database.execute(write_row, (*values, context.name, standing, text and zlib.crc32(text)))
+                self._database.execute(write_result, (context.name, row.key, text, row.audit is not None))
                 if row.status != "pruned":  # for another design may rule it out, or none
                     reached = score(row, context.task)
                     reached = replace(reached, status="failed") if failed else reached
                     number = self._database.execute("SELECT coalesce(max(number), 0) + 1 FROM solves").fetchone()[0]
-                    with reseal(self._database, "solves", "number = ?", (number,)):
-                        event = (number, time.time(), context.name, *astuple(reached), 0)
-                        self._database.execute(f"INSERT INTO solves VALUES ({', '.join('?' * 9)})", event)
+                    event = (number, time.time(), context.name, *astuple(reached), 0)
+                    self._database.execute(f"INSERT INTO solves VALUES ({', '.join('?' * 9)})", event)
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
         text = to_json(audit).encode()
         place = context.name, key
-        with self._change("candidates", _PLACE, place):
+        with self._transaction():
             changes = {"audit": str(audit.verdict), "audit_checksum": zlib.crc32(text), **flight_of(audit)}
             verdict = f"UPDATE candidates SET {', '.join(f'{name} = ?' for name in changes)} WHERE {_PLACE}"
             self._database.execute(verdict, (*changes.values(), *place))
@@ -291,7 +285,7 @@ class Ledger:
     def record_audit_failure(self, context: Context, key: str, reason: str | None) -> None:
         """Write why a candidate's design has no audit."""
         place = context.name, key
-        with self._change("candidates", _PLACE, place):
+        with self._transaction():
             self._database.execute(f"UPDATE candidates SET audit_failure = ? WHERE {_PLACE}", (reason, *place))
 
     def files_in(self, directory: Directory) -> RunFiles:
@@ -319,7 +313,7 @@ class Ledger:
         """Return the solves of n modules in the order in which they ended."""
         query = (
             "SELECT at, key, status, objective, margin FROM solves JOIN contexts USING (context) "
-            "WHERE modules = ? AND context IN (SELECT value FROM json_each(?)) "
+            f"WHERE modules = ? AND {_RANKED} "
             "AND status <> 'impossible' ORDER BY number"  # a proof is no solve
         )
         return starmap(SolveEvent, self._database.execute(query, (n, self._ranked)))

@@ -84,12 +84,8 @@ results and audits, in JSON; `..._checksum` of a candidate is that of its text, 
 one row per solve, in the order of their ends, with what the candidate had reached after `asked` starts; a strategy
 is replayed from them. `ended_...`: what the strategy was asked for when it last came to its end. `tallies`: of the
 tables with a `checksum`. `files`: what the run itself wrote into its folder (`directory`)."""
-CHECKED = ("sqlite_schema", "run", "contexts", "candidates", "solves", "tallies", "files")
-"""The tables whose pages are checked when the file is opened; SQLite before 3.33 checks all."""
 BESIDE = ("-wal", "-shm")
 """Ends of the names of what SQLite keeps beside a ledger in use."""
-WAL_MODE = b"\x02\x02"
-"""Bytes 18 and 19 of a file in write-ahead mode (SQLite, Database File Format, sec. 1.3.3)."""
 ADVICE = "choose another folder with --out, or move it away"
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -113,29 +109,23 @@ def checksum(values: Sequence[Any]) -> int:
     return zlib.crc32(ascii(tuple(values)).encode("ascii"))
 
 
-@contextmanager
-def reseal(database: sqlite3.Connection, table: str, where: str, values: Sequence[Any]) -> Iterator[None]:
-    """Seal the rows of a table that meet a condition again, after they were changed within the block.
-
-    Args:
-        database: the ledger, in a transaction.
-        table: one of PLACES.
-        where: the condition in SQL.
-        values: its parameters.
-    """
-    old, before = _tally(database, table, where, values)
-    yield
-    place = PLACES[table]
-    keys = place.count(",") + 1
-    changed = database.execute(f"SELECT {place}, * FROM {table} WHERE {where}", values).fetchall()
-    sealed = [(checksum(row[keys:-1]), *row[:keys]) for row in changed]  # the last column is the checksum
-    at = " AND ".join(f"{name.strip()} = ?" for name in place.split(","))
-    database.executemany(f"UPDATE {table} SET checksum = ? WHERE {at}", sealed)
-    new, after = _tally(database, table, where, values)
-    database.execute(
-        "UPDATE tallies SET rows = rows + ?, total = (total + ?) & 4294967295 WHERE name = ?",
-        (new - old, after - before, table),
-    )
+def seal_changes(database: sqlite3.Connection) -> None:
+    """Have every row that is changed sealed again, and its table's tally follow, by triggers of this connection."""
+    database.create_function("seal", -1, lambda *values: checksum(values), deterministic=True)
+    for table, place in PLACES.items():
+        *names, _ = (name for _, name, *_ in database.execute(f"PRAGMA table_info({table})"))
+        seal = f"""
+        UPDATE {table} SET checksum = seal({", ".join(f"NEW.{name}" for name in names)})
+        WHERE ({place}) = ({", ".join(f"NEW.{name.strip()}" for name in place.split(","))})"""
+        tally = f"UPDATE tallies SET rows = rows + %s, total = (total + %s) & 4294967295 WHERE name = '{table}'"
+        inserted, deleted = ("1", "NEW.checksum"), ("-1", "-OLD.checksum")
+        changed = "0", "NEW.checksum - OLD.checksum"
+        database.executescript(f"""
+        CREATE TEMP TRIGGER {table}_insert AFTER INSERT ON {table} BEGIN {tally % inserted}; {seal}; END;
+        CREATE TEMP TRIGGER {table}_update AFTER UPDATE OF {", ".join(names)} ON {table} BEGIN {seal}; END;
+        CREATE TEMP TRIGGER {table}_sealed AFTER UPDATE OF checksum ON {table} BEGIN {tally % changed}; END;
+        CREATE TEMP TRIGGER {table}_delete AFTER DELETE ON {table} BEGIN {tally % deleted}; END;
+        """)
 
 
 def fault(database: sqlite3.Connection, table: str) -> str | None:
@@ -167,13 +157,6 @@ def fault(database: sqlite3.Connection, table: str) -> str | None:
     return None
 
 
-def _tally(database: sqlite3.Connection, table: str, where: str, values: Sequence[Any]) -> tuple[int, int]:
-    """Return number and sum of the checksums of some rows."""
-    query = f"SELECT count(*), coalesce(sum(checksum), 0) FROM {table} WHERE {where}"
-    rows, total = database.execute(query, values).fetchone()
-    return rows, total
-
-
 def _kinds(database: sqlite3.Connection, table: str) -> list[set[type]]:
     """Return which types the values of each column may have."""
     return [
@@ -186,10 +169,11 @@ def blank(identity: str) -> bytes:
     """Return the content of a new ledger's file, with the identity of its run."""
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as database:
         database.executescript(SCHEMA)
-        with reseal(database, "run", "true", ()):
-            database.execute("INSERT INTO run VALUES (?, 0, NULL, 0)", (identity,))
+        seal_changes(database)
+        database.execute("INSERT INTO run VALUES (?, 0, NULL, 0)", (identity,))
         content = database.serialize()
-    return content[:18] + WAL_MODE + content[20:]
+    # bytes 18 and 19: write-ahead mode (SQLite, Database File Format, sec. 1.3.3)
+    return content[:18] + b"\x02\x02" + content[20:]
 
 
 @contextmanager
@@ -218,7 +202,7 @@ def open_database(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection
 
 
 def _make_lasting(database: sqlite3.Connection, path: Path) -> None:
-    """Make every transaction last once it has ended."""
+    """Make every transaction last once it has ended, and seal what it changes."""
     try:
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("BEGIN IMMEDIATE")
@@ -228,6 +212,7 @@ def _make_lasting(database: sqlite3.Connection, path: Path) -> None:
             raise
         raise damage(path, "its header says that it cannot be written to") from None
     database.execute("PRAGMA synchronous = FULL")
+    seal_changes(database)
 
 
 def _check_file(path: Path) -> None:
@@ -296,7 +281,8 @@ def _check(database: sqlite3.Connection, path: Path) -> None:
         raise refusal(path, f"has version {version}, but this program reads version {VERSION}")
     database.execute("BEGIN")  # all is read as of one moment, also beside a run that works
     _check_tables(database, path)
-    for table in CHECKED:
+    # all but `texts`, which have their checksums; SQLite before 3.33 checks all
+    for table in ("sqlite_schema", *PLACES, "tallies", "files"):
         if (report := database.execute(f"PRAGMA integrity_check({table})").fetchone()[0]) != "ok":
             raise damage(path, report)
     for table in (*PLACES, "files"):  # what the run wrote under a name that changed would be nobody's
@@ -307,29 +293,21 @@ def _check(database: sqlite3.Connection, path: Path) -> None:
 
 def _check_tables(database: sqlite3.Connection, path: Path) -> None:
     """Refuse a ledger that has lost a table or a column, or has anything that this program does not make."""
-    held, schema = _columns(database), "SELECT type, name, tbl_name, sql FROM sqlite_schema ORDER BY name"
-    with closing(sqlite3.connect(":memory:")) as pattern:
-        pattern.executescript(SCHEMA)
-        for table, columns in _columns(pattern).items():
-            if table not in held:
-                raise damage(path, f"it has no table {table}")
-            if lacking := columns - held[table]:
-                raise damage(path, f"its table {table} has no column {min(lacking)}")
-        made, present = pattern.execute(schema).fetchall(), database.execute(schema).fetchall()
-        if odd := set(present) ^ set(made):
-            raise damage(path, f"its {min(map(str, odd))[:200]} is not as this program makes it")
-
-
-def _columns(database: sqlite3.Connection) -> dict[str, set[str]]:
-    """Return the columns of every table."""
-    tables: dict[str, set[str]] = {}
-    query = (
+    columns = (
         "SELECT tables.name, columns.name FROM sqlite_schema AS tables, pragma_table_info(tables.name) AS columns "
         "WHERE tables.type = 'table'"
     )
-    for table, column in database.execute(query):
-        tables.setdefault(table, set()).add(column)
-    return tables
+    schema = "SELECT type, name, tbl_name, sql FROM sqlite_schema ORDER BY name"
+    with closing(sqlite3.connect(":memory:")) as pattern:
+        pattern.executescript(SCHEMA)
+        held = set(database.execute(columns))
+        for table, column in sorted(set(pattern.execute(columns)) - held):
+            lost = (
+                f"its table {table} has no column {column}" if table in dict(held) else f"it has no table {table}"
+            )
+            raise damage(path, lost)
+        if odd := set(database.execute(schema)) ^ set(pattern.execute(schema)):
+            raise damage(path, f"its {min(map(str, odd))[:200]} is not as this program makes it")
 
 
 def damage(path: Path, what: str) -> BadInput:

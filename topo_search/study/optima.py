@@ -6,22 +6,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Literal
 
-from topo_search.engine import AuditDesign, Backends, Engine, Failed, Job, LocalOptima, audit_deadline
+from topo_search.engine import AuditDesign, Failed, Job, LocalOptima, audit_deadline
 from topo_search.model import Design, Topology
 from topo_search.model.files import to_json
 from topo_search.model.proof import Text
 from topo_search.model.value import Index, Number, Value
 from topo_search.study.audits import audit_best
 from topo_search.study.folder import RunFolder
-from topo_search.study.progress import Observer, Phase, solving_seconds
+from topo_search.study.progress import Phase, solving_seconds
 from topo_search.study.request import Context
 from topo_search.study.row import Row, row_of
+from topo_search.study.solving import Tools
 
 OPTIMA = "optima"
 """The folder of the designs."""
@@ -58,25 +58,14 @@ class Optima(Value):
     """By key."""
 
 
-def keep_optima(
-    folder: RunFolder,
-    n: int,
-    percent: float,
-    backends: Backends,
-    engine: Engine,
-    observer: Observer,
-    until: float = math.inf,
-) -> None:
+def keep_optima(folder: RunFolder, n: int, percent: float, tools: Tools) -> None:
     """Keep every local optimum of n modules that costs at most so much more than the best, and is clear.
 
     Args:
         folder: of the run.
         n: number of modules.
         percent: largest effort over that of the best design.
-        backends: solver and audit.
-        engine: where they run.
-        observer: is told of the progress.
-        until: time.monotonic() after which nothing is solved.
+        tools: what solves and audits.
     """
     ledger, request = folder.ledger, folder.request
     contexts, best = request.contexts(n), ledger.best_clear(n)
@@ -95,19 +84,19 @@ def keep_optima(
         topology = Topology.from_key(row.key)
         jobs.append(Job(context.task, topology, row.orbit, range(request.starts), context.seed, near))
     seconds = solving_seconds(contexts[0].task, request.starts)
-    observer.phase(Phase("polishing", n, len(jobs), request.starts, seconds))
-    solved = engine.run(
-        partial(_solve_and_audit, backends.local_optima, backends.audit, most),
+    tools.observer.phase(Phase("polishing", n, len(jobs), request.starts, seconds))
+    solved = tools.engine.run(
+        partial(_solve_and_audit, tools.backends.local_optima, tools.backends.audit, most),
         jobs,
         deadline=lambda job: job.deadline + len(job.starts) * audit_deadline(n),
-        until=until,
+        until=tools.until,
     )
     gained = False
     for job, result in solved:
         row = rows[job.topology.key]
-        observer.settled(best)
+        tools.observer.settled(best)
         if isinstance(result, Failed):
-            observer.note(f"{row.key}: its local optima are unknown, {result.reason}")
+            tools.observer.note(f"{row.key}: its local optima are unknown, {result.reason}")
             continue
         clear = [design for design, is_clear in result if is_clear]
         gained |= _take_better(folder, row, clear)
@@ -120,10 +109,10 @@ def keep_optima(
         )
         record = _keep(folder, record, row.key, tree, clear)
     if gained:
-        audit_best(folder, n, best.lower_bound or 0.0, backends, engine, observer, until)
+        audit_best(folder, n, best.lower_bound or 0.0, tools)
     trees = [record.trees[key] for key in rows if key in record.trees]
     kept, not_clear = sum(tree.kept for tree in trees), sum(tree.not_clear for tree in trees)
-    observer.note(
+    tools.observer.note(
         f"{n} modules: {kept} local optima of {len(trees)} trees within {percent:g} % of the best are in {OPTIMA}/"
         + (f"; {not_clear} more have no clear audit" if not_clear else "")
     )
@@ -150,7 +139,7 @@ def _keep(folder: RunFolder, record: Optima, key: str, tree: TreeOptima, designs
     """Write the designs of a tree, then the record, and return it."""
     before = record.trees.get(key)
     for k, design in enumerate(designs, start=1):
-        folder.keep_within(OPTIMA, f"{key}-{k}.json", to_json(design))
+        folder.keep(f"{OPTIMA}/{key}-{k}.json", to_json(design))
     for k in range(tree.kept + 1, (before.kept if before else 0) + 1):
         folder.drop(f"{OPTIMA}/{key}-{k}.json")
     record = record.model_copy(update={"trees": {**record.trees, key: tree}})

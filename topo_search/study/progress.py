@@ -20,7 +20,6 @@ A time limit ends what is solved; audits come after it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, Protocol
@@ -40,18 +39,8 @@ WAKING = 2.5
 """Time until the first worker has loaded what it computes with [s]."""
 REDUCED_UP_TO = 20
 """Modules up to which a start is a few cheap descents, and Ipopt takes up the best ends of all."""
-REDUCED_SECONDS = 0.08, 0.012
-"""Processor time of a candidate of twelve modules at most, and of each of its starts, with three load cases [s]."""
-START_SECONDS = 0.135
-"""Processor time of one start of twelve modules and three load cases [s]."""
-AUDIT_SECONDS = 0.6
-"""Processor time of the audit of five modules [s]."""
-PROVING_SECONDS = 0.5
-"""Time for the lower bound of a size, and whether it is proven impossible [s]."""
 CHUNK_SECONDS = 0.4
 """Processor time of a chunk of a proof by branch and bound, three and five modules [s]."""
-WRITING_SECONDS = 1.5
-"""Time for all files and the page [s]."""
 TRUSTED = 2.0
 """T [s]."""
 
@@ -113,23 +102,23 @@ def solving_seconds(task: ResolvedTask, starts: int) -> float:
     """Return the expected processor time of one candidate from so many starts [s]."""
     cases = (1 + len(task.load_cases)) / 4
     if task.n <= REDUCED_UP_TO:
-        candidate, start = REDUCED_SECONDS
+        candidate, start = 0.08, 0.012  # of twelve modules at most, and three load cases
         return cases * max(1.0, task.n / 12) * (candidate + starts * start)
     growth: float = (task.n / 12) ** 2
-    return cases * starts * START_SECONDS * growth
+    return cases * starts * 0.135 * growth
 
 
 def audit_phase(n: int, designs: int) -> Phase:
     """Return the phase that audits designs of n modules."""
-    return Phase("auditing", n, designs, seconds=AUDIT_SECONDS * (n / 5) ** 1.5)
+    return Phase("auditing", n, designs, seconds=0.6 * (n / 5) ** 1.5)
 
 
 def proof_phase(n: int) -> Phase:
     """Return the phase that bounds the effort of a size, or proves it impossible."""
-    return Phase("proving", n, 1, seconds=PROVING_SECONDS, alone=True)
+    return Phase("proving", n, 1, seconds=0.5, alone=True)
 
 
-WRITING = Phase("writing", 0, 1, seconds=WRITING_SECONDS, alone=True)
+WRITING = Phase("writing", 0, 1, seconds=1.5, alone=True)
 """The phase that writes all files, and the page."""
 
 
@@ -290,8 +279,3 @@ class TimeLeft:
         taken, expected = self._seconds_spent(now)
         self._taken += taken
         self._expected += expected
-
-
-def errors(clocked: Iterable[tuple[float, float]], end: float) -> list[float]:
-    """Return by which factor each estimate (time, time left) was off; it ended at `end` [s]."""
-    return [max(left, end - at) / max(min(left, end - at), 1e-9) for at, left in clocked]

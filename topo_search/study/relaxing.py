@@ -8,21 +8,21 @@ others. A solve that fails is no attempt: the limit neither helps nor is tried i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from heapq import nsmallest
 from itertools import islice
 
-from topo_search.engine import Backends, Engine, Failed, Job, audit_deadline, scaled_violation
+from topo_search.engine import Backends, Failed, Job, audit_deadline, scaled_violation
 from topo_search.model import Audit, Infeasible, Relaxed, ResolvedTask, Task, Topology
 from topo_search.model.design import STARTS, Relaxation
 from topo_search.model.files import to_json
 from topo_search.model.relaxable import Relaxable, relaxable
 from topo_search.study.folder import RunFolder
 from topo_search.study.margins import LARGER_MARGINS, margins, raise_margins, with_margin
-from topo_search.study.progress import Observer, Phase, solving_seconds
+from topo_search.study.progress import Phase, solving_seconds
+from topo_search.study.solving import Tools
 
 TREES = 2
 """The closest trees, for which limits are relaxed."""
@@ -30,8 +30,6 @@ KEPT = 3
 """Largest number of relaxations in an answer."""
 RELAXED = "relaxed"
 """The folder of what gives the closest trees a design, one file per size without any."""
-SIZES = 2
-"""Largest number of sizes whose causes are sought, the largest first."""
 
 
 @dataclass
@@ -94,29 +92,17 @@ class _Attempt:
         )
 
 
-def relax(
-    task: Task,
-    topologies: Sequence[Topology],
-    *,
-    starts: int,
-    seed: int,
-    backends: Backends,
-    engine: Engine,
-    observer: Observer,
-    until: float = math.inf,
-) -> Relaxed | None:
+def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: int, seed: int) -> Relaxed | None:
     """Return which limits give topologies a design that have none; None if the time was over before.
 
     Args:
         task: the task as the user wrote it.
         topologies: the closest trees, all of one size; at most TREES of them are looked at.
+        tools: solver, audit, and proofs that spare both where even the relaxed task is impossible.
         starts: of the run; at most STARTS of them are used.
         seed: draws the starts.
-        backends: the solver, the audit, and proofs that spare both where even the relaxed task is impossible.
-        engine: where it runs.
-        observer: is told of the progress.
-        until: time.monotonic() at which to stop, with what is known by then.
     """
+    backends, observer = tools.backends, tools.observer
     trees, n = topologies[:TREES], topologies[0].n
     attempts = [_Attempt(task, tree, limit) for tree in trees for limit in relaxable(task, n)]
     resolved, few = task.resolve(n), range(min(starts, STARTS))
@@ -131,7 +117,7 @@ def relax(
         observer.phase(Phase("relaxing", n, len(due), len(few), solving_seconds(resolved, len(few))))
         jobs = [(k, place, Job(attempts[k].task_at(place), attempts[k].topology, 1, few, seed)) for k, place in due]
         over = True
-        ended = engine.run(partial(_leads_to_a_design, backends), jobs, deadline=deadline, until=until)
+        ended = tools.engine.run(partial(_leads_to_a_design, backends), jobs, deadline=deadline, until=tools.until)
         for count, ((k, place, _), outcome) in enumerate(ended, 1):
             attempts[k].take(place, outcome)
             observer.settled(None)
@@ -197,24 +183,21 @@ def _leads_to_a_design(backends: Backends, numbered: tuple[int, int, Job]) -> bo
     return clear
 
 
-def find_causes(folder: RunFolder, backends: Backends, engine: Engine, observer: Observer, until: float) -> None:
+def find_causes(folder: RunFolder, tools: Tools) -> None:
     """Keep what gives the closest trees a design, of sizes that were searched to the end, if no size has any.
 
     Where every candidate failed nothing is known to bind. Limits that could not be tried are tried again.
 
     Args:
         folder: of a run without goals, or of its loosest level.
-        backends: solver and proofs.
-        engine: where it runs.
-        observer: is told of the progress.
-        until: time.monotonic() at which to stop.
+        tools: solver, audit and proofs.
     """
     request, ledger = folder.request, folder.ledger
     sizes = list(request.task.sizes)
     if any(row.feasible for n in sizes for row in ledger.ranking(n)):
         folder.drop_within(RELAXED)
         return
-    for n in sizes[-SIZES:]:
+    for n in sizes[-2:]:  # the largest alone
         context, kept = request.contexts(n)[0], causes(folder, n)
         bound = ledger.bound(context)
         proven = bound is not None and bound[1] is not None
@@ -222,18 +205,9 @@ def find_causes(folder: RunFolder, backends: Backends, engine: Engine, observer:
         tried = kept is not None and kept.starts >= request.starts and not kept.untried
         if not ended or tried or not (trees := _closest(folder, n, proven=proven)):
             continue
-        relaxed = relax(
-            request.task,
-            trees,
-            starts=request.starts,
-            seed=request.seed,
-            backends=backends,
-            engine=engine,
-            observer=observer,
-            until=until,
-        )
+        relaxed = relax(request.task, trees, tools, starts=request.starts, seed=request.seed)
         if relaxed is not None:
-            folder.keep_within(RELAXED, _name(n), to_json(relaxed))
+            folder.keep(f"{RELAXED}/{_name(n)}", to_json(relaxed))
 
 
 def causes(folder: RunFolder, n: int) -> Relaxed | None:

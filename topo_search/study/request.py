@@ -21,8 +21,6 @@ from topo_search.protocols import SamplerFactory
 from topo_search.study.margins import margins, with_margin
 from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 
-LIBRARIES = ("topo-search", "casadi", "numpy", "python-fcl", "scipy")
-"""Distributions whose versions can change a result."""
 StrategyName = Literal["exhaustive", "optuna"]
 Sampler = Literal["moves", "tpe", "nsga2", "random"]
 DEFAULT_ROUND = 8
@@ -68,8 +66,9 @@ NOTHING = Own()
 
 
 def installed_versions() -> dict[str, str]:
-    """Return the versions of these libraries that are installed now."""
-    return {name: metadata.version(name) for name in LIBRARIES}
+    """Return the installed versions of the distributions that can change a result."""
+    libraries = ("topo-search", "casadi", "numpy", "python-fcl", "scipy")
+    return {name: metadata.version(name) for name in libraries}
 
 
 def digest(value: Any) -> str:

@@ -2,49 +2,29 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 
 from topo_search.engine import Failed, Outcome, Scored, record_of, scaled_violation
-from topo_search.model import Audit, Design, Infeasible, ResolvedTask
+from topo_search.model import Audit, Design, Flight, Infeasible, ResolvedTask
 from topo_search.model.proven import lower_text, upper_text
 
-FLIGHT = (
-    "force_reserve_N",
-    "torque_reserve_Nm",
-    "rotors_out_hover",
-    "load_factor",
-    "joint_moment_Nm",
-    "hinge_tolerance_deg",
-    "rod_length_m",
-)
+FLIGHT: dict[str, Callable[[Flight], float | int | None]] = {
+    "force_reserve_N": lambda flight: flight.hover.force_reserve_N,
+    "torque_reserve_Nm": lambda flight: flight.hover.torque_reserve_Nm,
+    "rotors_out_hover": lambda flight: flight.rotors_out_hover.survive,
+    "load_factor": lambda flight: flight.load_factor,
+    "joint_moment_Nm": lambda flight: flight.joint_moment_Nm,
+    "hinge_tolerance_deg": lambda flight: flight.hinge_tolerance_deg,
+    "rod_length_m": lambda flight: flight.rod_length_m,
+}
 """Columns of an audited design: what its audit reports beyond the task."""
 AUDITED = ("power_W", "air_tip_m_s", "air_region_m_s", "force_reserve_com_N", "tilt_deg")
 """Columns of an audited design that are read from its audit, not from its row in the ledger."""
 PROVEN = ("proven_bound", "proven_gap", "proof", "proven_problem")
 """Columns that branch and bound fills: read from the candidate's proof, not from its row in the ledger."""
-COLUMNS = (
-    "key",
-    "modules",
-    "orbit",
-    "status",
-    "objective",
-    "lower_bound",
-    "gap",
-    "worst_constraint",
-    "violation",
-    "unit",
-    "starts",
-    "starts_feasible",
-    "seconds",
-    "audit",
-    "starts_at_best",
-    *FLIGHT,
-    *AUDITED,
-    *PROVEN,
-)
-"""The columns of `candidates.csv`."""
-
 AT_MOST = (
     "air_tip_m_s",
     "air_region_m_s",
@@ -67,12 +47,10 @@ class Row:
     """Number of classes of the exact quotient that the candidate stands for."""
     status: str
     """feasible, infeasible, impossible, pruned or failed."""
-    asked: int
-    """Number of starts that need no more solving: tried, replaced by a design carried over, or given up."""
-    lower_bound: float | None
-    """[rad^4/s^4]"""
     objective: float | None = None
     """J [rad^4/s^4]."""
+    lower_bound: float | None = None
+    """[rad^4/s^4]"""
     gap: float | None = None
     worst_constraint: str | None = None
     """The constraint that was missed; for `failed` the reason."""
@@ -80,11 +58,13 @@ class Row:
     unit: str | None = None
     starts: int = 0
     starts_feasible: int = 0
-    starts_at_best: int = 0
-    """Number of starts that reached the same optimum as the best."""
     seconds: float = 0.0
     audit: str | None = None
     """The verdict, once there is one."""
+    starts_at_best: int = 0
+    """Number of starts that reached the same optimum as the best."""
+    asked: int = 0
+    """Number of starts that need no more solving: tried, replaced by a design carried over, or given up."""
     audit_failure: str | None = None
     """Why there is no verdict though an audit was tried."""
     margin: float = 0.0
@@ -119,6 +99,11 @@ class Row:
     def audit_ended(self) -> bool:
         """True if an audit need not be tried (again)."""
         return self.audit is not None or self.audit_failure is not None
+
+
+_SOLVED = itertools.takewhile(lambda name: name != "asked", (field.name for field in fields(Row)))
+COLUMNS = (*_SOLVED, *FLIGHT, *AUDITED, *PROVEN)
+"""The columns of `candidates.csv`: the fields of a row before `asked`, then what audits and proofs say."""
 
 
 @dataclass(frozen=True)
@@ -175,17 +160,7 @@ def proven_cell(name: str, value: object, digits: int = 6) -> object:
 def flight_of(audit: Audit) -> dict[str, float | int | None]:
     """Return what a row says of its audit's figures of flight, by the names of FLIGHT."""
     flight = audit.flight
-    if flight is None:
-        return dict.fromkeys(FLIGHT)
-    return {
-        "force_reserve_N": flight.hover.force_reserve_N,
-        "torque_reserve_Nm": flight.hover.torque_reserve_Nm,
-        "rotors_out_hover": flight.rotors_out_hover.survive,
-        "load_factor": flight.load_factor,
-        "joint_moment_Nm": flight.joint_moment_Nm,
-        "hinge_tolerance_deg": flight.hinge_tolerance_deg,
-        "rod_length_m": flight.rod_length_m,
-    }
+    return {name: None if flight is None else read(flight) for name, read in FLIGHT.items()}
 
 
 def figures_of(audit: Audit) -> dict[str, float | None]:

@@ -12,10 +12,10 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import closing
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 
-from topo_search.engine import Backends, Engine, Strategy, WorkersLost, solve_job
+from topo_search.engine import Backends, Engine, Strategy, WorkersLost
 from topo_search.study.answer import Answer, quotient_remark
 from topo_search.study.audits import audit_best
 from topo_search.study.directory import ReadOnlyFolder
@@ -26,7 +26,7 @@ from topo_search.study.optima import keep_optima
 from topo_search.study.progress import WRITING, Observer, proof_phase, remaining_plan
 from topo_search.study.relaxing import find_causes
 from topo_search.study.request import Request
-from topo_search.study.solving import Candidates, record_proof, record_pruned, strategy_of
+from topo_search.study.solving import Candidates, Tools, record_proof, record_pruned, strategy_of
 from topo_search.study.summary import answer_of, finished_answer, refuse_lost
 
 
@@ -72,18 +72,18 @@ def run(
                 plan = remaining_plan(folder, workers, time_limit)
                 if plan.solves or keep_within is not None:
                     prepare()
-                until = time.monotonic() + time_limit
+                tools = Tools(backends, engine, observer, time.monotonic() + time_limit)
                 observer.plan(plan)
                 for number, level in enumerate(folder.levels):  # one, unless the task has goals
                     if level.request.level is not None:
                         observer.note(f"level {number} of {len(folder.levels)}: {level.request.level.words}")
-                    sizes, level_until = level.request.task.sizes, share_time(until, len(folder.levels) - number)
+                    sizes, of_level = level.request.task.sizes, share_time(tools, len(folder.levels) - number)
                     for index, n in enumerate(sizes):
-                        size_until = share_time(level_until, len(sizes) - index)
-                        search_size(level, n, backends, engine, observer, size_until)
+                        of_size = share_time(of_level, len(sizes) - index)
+                        search_size(level, n, of_size)
                         if keep_within is not None:
-                            keep_optima(level, n, keep_within, backends, engine, observer, size_until)
-                find_causes(folder.levels[0], backends, engine, observer, until)
+                            keep_optima(level, n, keep_within, of_size)
+                find_causes(folder.levels[0], tools)
             except (KeyboardInterrupt, WorkersLost) as stop:
                 write_files(folder)
                 folder.ledger.require()
@@ -101,65 +101,53 @@ def run(
     return prove() if prove is not None and answer.best is not None and answer.complete else answer
 
 
-def search_size(
-    folder: RunFolder, n: int, backends: Backends, engine: Engine, observer: Observer, until: float
-) -> None:
+def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
     """Solve the candidates of n modules that are not in the ledger yet, and audit the best."""
     ledger, request = folder.ledger, folder.request
     contexts, quotient = request.contexts(n), request.quotient(n)
-    context, search = contexts[0], (backends, engine, observer, until)
-    bound = ledger.bound(context)
+    context, bound = contexts[0], ledger.bound(contexts[0])
     if bound is None:
-        observer.phase(proof_phase(n))
-        bound = backends.lower_bound(context.task), backends.prove_impossible(context.task)
+        tools.observer.phase(proof_phase(n))
+        bound = tools.backends.lower_bound(context.task), tools.backends.prove_impossible(context.task)
         ledger.begin(context, *bound)
     lower_bound, impossible = bound
     if not quotient.exact:
-        observer.note(quotient_remark(quotient))
+        tools.observer.note(quotient_remark(quotient))
     if impossible is not None:
         record_proof(folder, n, impossible, lower_bound)
         return
     for each in contexts:
         ledger.forget_audit_failures(each)
     if ledger.has_ended(context, request.starts, request.trials) and not ledger.has_failures(context):
-        audit_best(folder, n, lower_bound, *search)
+        audit_best(folder, n, lower_bound, tools)
         return
-    timed = math.isfinite(until)
+    timed = math.isfinite(tools.until)
     strategy = strategy_of(folder, n, bound=lower_bound if request.prune else None, timed=timed)
-    ended = solve_proposals(strategy, folder, n, lower_bound, *search)
-    audit_best(folder, n, lower_bound, *search)
+    ended = solve_proposals(strategy, folder, n, lower_bound, tools)
+    audit_best(folder, n, lower_bound, tools)
     if ended and request.prune and not record_pruned(folder, n, lower_bound):
         strategy = strategy_of(folder, n, bound=None, timed=timed)  # the design that ruled others out is not clear
-        ended = solve_proposals(strategy, folder, n, lower_bound, *search)
-        audit_best(folder, n, lower_bound, *search)
+        ended = solve_proposals(strategy, folder, n, lower_bound, tools)
+        audit_best(folder, n, lower_bound, tools)
     if ended:
         ledger.end(context, request.starts, request.trials)
 
 
-def solve_proposals(
-    strategy: Strategy,
-    folder: RunFolder,
-    n: int,
-    lower_bound: float,
-    backends: Backends,
-    engine: Engine,
-    observer: Observer,
-    until: float,
-) -> bool:
+def solve_proposals(strategy: Strategy, folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> bool:
     """Solve and record what a strategy proposes; return whether it came to its end in time."""
-    candidates = Candidates(strategy, folder, n, lower_bound, observer)
-    solve, jobs = partial(solve_job, backends.solve), candidates.jobs()
-    with closing(engine.run(solve, jobs, deadline=lambda job: job.deadline, until=until)) as outcomes:
+    candidates = Candidates(strategy, folder, n, lower_bound, tools.observer)
+    jobs = candidates.jobs()
+    with closing(tools.solve(jobs)) as outcomes:
         for job, outcome in outcomes:
             candidates.record(job, outcome)
     next(jobs, None)  # what is known may be all, also where no time was left to look
     return strategy.over
 
 
-def share_time(until: float, parts: int) -> float:
-    """Return when the first of so many equal parts of the time that is left is over."""
+def share_time(tools: Tools, parts: int) -> Tools:
+    """Return the same tools for the first of so many equal parts of the time that is left."""
     now = time.monotonic()
-    return until if parts == 1 else now + (until - now) / parts
+    return tools if parts == 1 else replace(tools, until=now + (tools.until - now) / parts)
 
 
 def write_files(folder: RunFolder) -> None:

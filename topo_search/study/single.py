@@ -17,16 +17,14 @@ from topo_search.engine import (
     merge,
     rounds,
     scaled_violation,
-    solve_jobs,
 )
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.tables import paragraph
 from topo_search.study.margins import margins, raise_margins, with_margin
 from topo_search.study.progress import Silent
 from topo_search.study.relaxing import relax
+from topo_search.study.solving import Tools
 
-PATIENCE = 3
-"""Rounds of starts in a row without a gain after which more starts do not pay."""
 GAIN = 1.0e-4
 """Relative decrease of the objective (or of the violation) that counts as one."""
 
@@ -100,7 +98,7 @@ def solve_single(
         base_task: the task, as the user wrote it.
         topology: the tree.
         backends: solver, audit and bounds.
-        starts: number of starts; None: until PATIENCE rounds in a row did not pay, or the time is over.
+        starts: number of starts; None: until three rounds in a row did not pay, or the time is over.
         round_size: starts of a round without a time limit.
         seed: draws the starts.
         time_limit: seconds after which no more is solved.
@@ -109,22 +107,14 @@ def solve_single(
         near: designs to start from, besides the first round's starts.
     """
     until = math.inf if time_limit is None else time.monotonic() + time_limit
+    tools = Tools(backends, engine, Silent(), until)
     task = base_task.resolve(topology.n)
     tasks = [with_margin(task, margin) for margin in margins(task)]
     notes: list[str] = []
     results: list[tuple[Outcome, Audit | Failed | None]] = []
 
     def explain(outcome: Infeasible) -> Infeasible:
-        relaxed = relax(
-            base_task,
-            [topology],
-            starts=round_size if starts is None else starts,
-            seed=seed,
-            backends=backends,
-            engine=engine,
-            observer=Silent(),
-            until=until,
-        )
+        relaxed = relax(base_task, [topology], tools, starts=round_size if starts is None else starts, seed=seed)
         return outcome.model_copy(update={"relaxed": relaxed})
 
     def best_of(task: ResolvedTask) -> Outcome:
@@ -133,8 +123,7 @@ def solve_single(
         idle = 0
         for part in rounds(starts, starts or round_size, timed=time_limit is not None):
             job = Job(task, topology, 1, part, seed, () if part.start else tuple(near))
-            solves = solve_jobs(iter([job]), solve=backends.solve, engine=engine, until=until)
-            outcome = next((outcome for _, outcome in solves), None)
+            outcome = next((outcome for _, outcome in tools.solve([job])), None)
             if outcome is None:  # the time limit
                 return best
             if isinstance(outcome, Failed):
@@ -142,7 +131,7 @@ def solve_single(
             before, best = best, outcome if isinstance(best, Failed) else merge(best, outcome, task)
             progress(best)
             idle = 0 if _pays(before, best, task) else idle + 1
-            if idle == PATIENCE and until == math.inf:
+            if idle == 3 and until == math.inf:
                 return best
         return best
 

@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections import defaultdict, deque
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 
-from topo_search.engine import ExhaustiveSearch, Failed, Job, Outcome, Proposal, Scored, Strategy, may_beat, merge
+from topo_search.engine import (
+    Backends,
+    Engine,
+    ExhaustiveSearch,
+    Failed,
+    Job,
+    Outcome,
+    Proposal,
+    Scored,
+    Strategy,
+    may_beat,
+    merge,
+    solve_job,
+)
 from topo_search.model import Design, Infeasible
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Ledger
@@ -16,8 +31,21 @@ from topo_search.study.progress import Observer, Phase, PhaseName, solving_secon
 from topo_search.study.request import Context
 from topo_search.study.row import FLIGHT, Row, row_of, score
 
-MOST_ROWS_OF_A_PROOF = 100_000
-"""A proof holds for every candidate; beyond this number they are not written one by one."""
+
+@dataclass(frozen=True)
+class Tools:
+    """What a run computes with: solver and audit, where they run, who is told of it, and until when."""
+
+    backends: Backends
+    engine: Engine
+    observer: Observer
+    until: float = math.inf
+    """time.monotonic() after which nothing more is solved; designs are audited all the same."""
+
+    def solve(self, jobs: Iterable[Job | None]) -> Generator[tuple[Job, Outcome], None, None]:
+        """Yield every job with its outcome as it ends, in any order; jobs are drawn as workers become free."""
+        solve = partial(solve_job, self.backends.solve)
+        return self.engine.run(solve, jobs, deadline=lambda job: job.deadline, until=self.until)
 
 
 def strategy_of(folder: RunFolder, n: int, *, bound: float | None, timed: bool) -> Strategy:
@@ -176,7 +204,7 @@ def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lowe
 def record_proof(folder: RunFolder, n: int, proof: Infeasible, lower_bound: float) -> None:
     """Write a row for every candidate that a proof of impossibility rules out."""
     request, space = folder.request, folder.request.space(n)
-    if space.count() > MOST_ROWS_OF_A_PROOF:
+    if space.count() > 100_000:  # the proof holds for every candidate all the same
         return
     candidates = space.candidates()
     while batch := list(islice(candidates, 1000)):

@@ -23,7 +23,7 @@ from itertools import count
 from pathlib import Path
 
 from topo_search.engine import Space, scaled_violation
-from topo_search.model import Audit, BadInput, Design, Topology
+from topo_search.model import BadInput, Design, Topology
 from topo_search.study.answer import (
     NEAR,
     SHOWN,
@@ -40,17 +40,11 @@ from topo_search.study.audits import audits_left
 from topo_search.study.folder import LEDGER, RunFolder
 from topo_search.study.front import front_of
 from topo_search.study.ledger import Ledger
-from topo_search.study.ledger_file import LedgerLost, damage, parse
+from topo_search.study.ledger_file import LedgerLost, damage
 from topo_search.study.proofs import ProofSummary, subject_of, summarize
 from topo_search.study.relaxing import causes
 from topo_search.study.request import Context, Request
 from topo_search.study.row import Row, flight_of
-
-BELOW_BOUND = 3.0e-6
-"""Share of the bound by which J may lie below it: rounding, and what earlier ledgers leave to the audit."""
-SAME = 1.0e-6
-"""Relative difference of J and what the inputs cost: the audit's tolerance."""
-STATUSES = ("feasible", "infeasible", "impossible", "pruned", "failed")
 
 
 def check_rows(rows: Iterable[Row], space: Space, lower_bound: float, path: Path) -> Iterator[Row]:
@@ -60,15 +54,17 @@ def check_rows(rows: Iterable[Row], space: Space, lower_bound: float, path: Path
         BadInput: one does; names the candidate.
     """
     last, number, orbits, classes = -math.inf, 0, 0, space.classes
+    statuses = ("feasible", "infeasible", "impossible", "pruned", "failed")
     for row in rows:
         number, orbits = number + 1, orbits + row.orbit
-        if row.status not in STATUSES or row.orbit < 1 or orbits > classes:
+        if row.status not in statuses or row.orbit < 1 or orbits > classes:
             raise damage(path, f"{row.key} is {row.status!r} with {row.orbit} of {classes} symmetric copies")
         if row.feasible != (row.objective is not None):
             raise damage(path, f"{row.key} is {row.status} with the objective {row.objective}")
         if row.objective is not None:
             least = max(lower_bound, row.lower_bound or 0.0)
-            if not (math.isfinite(row.objective) and row.objective >= least * (1 - BELOW_BOUND)):
+            below = 3.0e-6  # share by which J may lie below: rounding, and what earlier ledgers leave to the audit
+            if not (math.isfinite(row.objective) and row.objective >= least * (1 - below)):
                 raise damage(path, f"{row.key} has the objective {row.objective!r}, under the bound of {least!r}")
             if row.objective < last:
                 raise damage(path, f"{row.key} is not where its objective ranks it")
@@ -94,7 +90,7 @@ def _differences(ledger: Ledger, contexts: list[Context], space: Space, row: Row
     if not 0 <= row.step < len(contexts):
         yield f"margin has place {row.step} of {len(contexts)}"
     context = contexts[row.step]
-    design, audit_text = ledger.result(context, row.key), ledger.audit(context, row.key)
+    design = ledger.result(context, row.key)
     if not isinstance(design, Design):
         yield "design is none"
         return
@@ -119,12 +115,12 @@ def _differences(ledger: Ledger, contexts: list[Context], space: Space, row: Row
         case.weight * sum(u * u for u in inputs)
         for case, inputs in zip(design.task.load_cases, design.rotor_speeds_squared, strict=True)
     )
-    if abs(cost - design.objective) > SAME * abs(design.objective):
+    if abs(cost - design.objective) > 1.0e-6 * abs(design.objective):  # the audit's tolerance
         yield f"objective is {design.objective!r}, but its inputs cost {cost!r}"
-    if (audit_text is None) != (row.audit is None):
+    audit = ledger.audit(context, row.key)
+    if (audit is None) != (row.audit is None):
         yield "audit is gone"
-    if audit_text is not None:
-        audit = parse(ledger.path, Audit, "texts", audit_text, strict=False)
+    if audit is not None:
         efforts = [one.stated for one in audit.residuals if one.name == "objective"]
         if audit.verdict != row.audit or any(J not in (None, row.objective) for J in efforts):
             yield "audit is not that of its design"
@@ -152,7 +148,7 @@ def finished_answer(path: Path, request: Request) -> Answer | None:
     """Return the answer of a run that has nothing left to do, from a folder that cannot be written to."""
     if not os.access(path / LEDGER, os.R_OK):
         return None
-    with RunFolder.read(path, request) as folder:
+    with RunFolder.load(path, request) as folder:
         answer = answer_of(folder)
     return answer if answer.complete else None
 
@@ -167,11 +163,8 @@ def answer_of(folder: RunFolder) -> Answer:
         answer = replace(answer, levels=levels, points=front_of(folder))
     if answer.best is None:
         return answer
-    request = folder.levels[answer.level].request
-    context, ledger = request.contexts(answer.best.modules)[answer.best.step], folder.ledger
-    design, text = ledger.result(context, answer.best.key), ledger.audit(context, answer.best.key)
-    audit = None if text is None else parse(ledger.path, Audit, "texts", text, strict=False)
-    return replace(answer, design=design if isinstance(design, Design) else None, audit=audit)
+    design, audit = folder.levels[answer.level].result_of(answer.best)
+    return replace(answer, design=design, audit=audit)
 
 
 def read_answer(path: str | Path) -> Answer:
@@ -189,9 +182,8 @@ def _best_unaudited(folder: RunFolder) -> Design | None:
     for level in folder.levels:
         for n in level.request.task.sizes:
             row = next(level.ledger.ranking(n), None)
-            result = row and level.ledger.result(level.request.contexts(n)[row.step], row.key)
-            if isinstance(result, Design):
-                return result
+            if row is not None and (design := level.result_of(row)[0]) is not None:
+                return design
     return None
 
 
