@@ -303,7 +303,8 @@ def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
     drawer, moves, effort = np.zeros((3, size))
     drawer[list(y.values())] = 1.0
     for (d, e), place in z.items():
-        moves[place] = sum(_moves(designs[d], designs[e], len(shared_part(designs[d], designs[e]))))
+        before, after = designs[d], designs[e]
+        moves[place] = before.topology.n + after.topology.n - 2 * len(shared_part(before, after))
     effort[: len(designs)] = [1 + _excess(design, each) for each in choices for design in each]
     for cost in (drawer, moves, effort):
         entries = [(r, c, value) for r, (row, _, _) in enumerate(rows) for c, value in row.items()]
@@ -380,11 +381,6 @@ def growing_steps(design: Design, piece: Iterable[int]) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def _moves(one: Design, other: Design, stay: int) -> tuple[int, int]:
-    """Return the number of joints to undo and to bolt, given the size of the shared part."""
-    return one.topology.n - stay, other.topology.n - stay
-
-
 def _excess(design: Design, choices: Sequence[Design]) -> float:
     """Return the effort of a design over the least of its task, less one."""
     least = min(each.objective for each in choices)
@@ -434,13 +430,12 @@ def _describe(choices: Sequence[Choices], chosen: Sequence[Design], within: floa
     changes = []
     for one, other in pairwise(chosen):
         part = shared_part(one, other)
-        undo, bolt = _moves(one, other, len(part))
         changes.append(
             Change(
                 before=one.task.name,
                 after=other.task.name,
-                undo=undo,
-                bolt=bolt,
+                undo=one.topology.n - len(part),
+                bolt=other.topology.n - len(part),
                 undo_steps=growing_steps(one, part)[::-1],
                 bolt_steps=growing_steps(other, part.values()),
                 stay=tuple(sorted(part.items())),
