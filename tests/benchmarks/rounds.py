@@ -23,7 +23,7 @@ from typing import NamedTuple
 import nlp
 from topo_search.engine import Proposal, Scored, Space, scaled_violation
 from topo_search.engine.proposals import OptunaSearch
-from topo_search.engine.proposals.moves import AT_ONCE, MANY
+from topo_search.engine.proposals.moves import BREEDING
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import read_task
 
@@ -70,7 +70,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     kept: dict[int, list[Job]] = {}
     for size in arguments.rounds:
-        few = AT_ONCE if size >= MANY else 1
+        few = BREEDING.at_once if size >= BREEDING.many else 1
         if few not in kept:
             kept[few] = measured(space, task, arguments.jobs, few)
         jobs, seconds = kept[few], [job.seconds for job in kept[few]]

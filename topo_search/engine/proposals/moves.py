@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
 from functools import lru_cache
 from heapq import merge
 from itertools import groupby, islice
@@ -22,38 +23,49 @@ from topo_search.model import Topology
 from topo_search.model.arrays import Array
 from topo_search.topologies.tree_moves import draw_move, graft
 
-PARENTS = 8
-"""The best of a population have children; the others are replaced."""
-CHILDREN = 32
-"""Trees made by moves of which, with the random candidates, the most promising is proposed."""
-RANDOM_CANDIDATES = 16
-"""Trees drawn uniformly beside them: the best tree need not look like others that are good."""
-STALE = 160
-"""A population is given up when so many trials made in sight of its best, of new trees or not, are no better."""
 RELUCTANCE = {"feasible": 1.0, "infeasible": 0.0}
 """Lead over a new tree that another chance must promise, in standard deviations of the known results.
 
 It is one more for every time that the tree had more starts. One start without a design says little.
 """
-REPEATS = 1 / 4
-"""Largest share of the open proposals that repeat a candidate."""
-RELATIVES = 32
-"""Moves from a tree by which solved ones are looked for to start from; of large trees they find few."""
-KEPT = 1 << 14
-"""Moves whose candidates are kept: the same ones are drawn again and again."""
-MANY, AT_ONCE = 64, 4
-"""Proposals unsolved at a time from which workers wait for proposals, and the first starts that a tree then has.
 
-With twelve modules and ten wrenches a proposal takes 4 ms, a tree 0.2 s from one start and 0.5 s from four, the
-deep retry of trees without a design included (`tests/benchmarks/rounds.py`).
-"""
-MORE = 1 / 8
-"""Share of these draws that is made again for each further proposal that learns from the same results.
 
-What was drawn for those before still stands. To draw all anew takes more than twice as long.
-"""
-BATCHES = 2
-"""Attempts to draw an unseen tree before giving up."""
+@dataclass(frozen=True)
+class Breeding:
+    """Settings of the search by moves."""
+
+    parents: int = 8
+    """The best of a population have children; the others are replaced."""
+    children: int = 32
+    """Trees made by moves of which, with the random candidates, the most promising is proposed."""
+    random_candidates: int = 16
+    """Trees drawn uniformly beside them: the best tree need not look like others that are good."""
+    stale: int = 160
+    """Trials in sight of a population's best, of new trees or not, after which it is given up if none is better."""
+    repeats: float = 1 / 4
+    """Largest share of the open proposals that repeat a candidate."""
+    relatives: int = 32
+    """Moves from a tree by which solved ones are looked for to start from; of large trees they find few."""
+    kept: int = 1 << 14
+    """Moves whose candidates are kept: the same ones are drawn again and again."""
+    many: int = 64
+    """Proposals unsolved at a time from which workers wait for proposals."""
+    at_once: int = 4
+    """First starts that a tree then has.
+
+    With twelve modules and ten wrenches a proposal takes 4 ms, a tree 0.2 s from one start and 0.5 s from four, the
+    deep retry of trees without a design included (`tests/benchmarks/rounds.py`).
+    """
+    more: float = 1 / 8
+    """Share of these draws that is made again for each further proposal that learns from the same results.
+
+    What was drawn for those before still stands. To draw all anew takes more than twice as long.
+    """
+    batches: int = 2
+    """Attempts to draw an unseen tree before giving up."""
+
+
+BREEDING = Breeding()
 
 
 class _Chance(NamedTuple):
@@ -103,9 +115,9 @@ class Moves(TreeSampler):
             round_size: most proposals whose results are not known.
         """
         super().__init__(space, seed)
-        self.few = AT_ONCE if round_size >= MANY else 1
+        self.few = BREEDING.at_once if round_size >= BREEDING.many else 1
         self._steps = [*steps(starts, self.few)]
-        self._repeats = max(1, int(REPEATS * round_size))
+        self._repeats = max(1, int(BREEDING.repeats * round_size))
         """Largest number of open proposals that repeat a candidate."""
         self._first = 0
         """The first trial of the present population."""
@@ -117,7 +129,7 @@ class Moves(TreeSampler):
         """Trials made from the population before, as long as nothing was known of the present one."""
         self._described: dict[str, Array] = {}
         """Descriptors of candidates, by key."""
-        self._led_to = lru_cache(KEPT)(lambda tree, move: space.key_of(graft(tree, *move)))
+        self._led_to = lru_cache(BREEDING.kept)(lambda tree, move: space.key_of(graft(tree, *move)))
         """Returns the key of the candidate that a move leads to."""
         self._twins: dict[str, str] = {}
         """Key of the candidate that differs in the sense of all rotors alone, by key."""
@@ -156,8 +168,8 @@ class Moves(TreeSampler):
                 yield Idea(self._twin(key), (key,))
         repeats = running & trials.starts.keys()
         kept = carried_over | trials.failed
-        for _ in range(BATCHES):
-            self._draw(known.surrogate, 1 if self._pool.keys() <= self._settled else MORE)
+        for _ in range(BREEDING.batches):
+            self._draw(known.surrogate, 1 if self._pool.keys() <= self._settled else BREEDING.more)
             new = [chance for key, (chance, _) in self._pool.items() if key not in self._settled]
             again = (one for one in known.again if new and len(repeats) < self._repeats and one.key not in kept)
             twins = (one for one in known.twins if one.key not in trials.proposed)
@@ -169,7 +181,7 @@ class Moves(TreeSampler):
     def _breed(self, number: int, known: _Known, over: int) -> None:
         """Choose the parents for a trial, when all before trial `over` are over; begin a population in time."""
         of_own = (one for one in known.solved if one.number >= self._first and one.number not in self._strays)
-        own = [*islice(of_own, PARENTS)]
+        own = [*islice(of_own, BREEDING.parents)]
         if not own:
             if number >= self._first + FRESH:
                 self._strays.add(number)
@@ -177,7 +189,7 @@ class Moves(TreeSampler):
         self._parents = own
         if own[0].number != self._best[0]:
             self._best = own[0].number, number
-        if over - self._best[1] > STALE:
+        if over - self._best[1] > BREEDING.stale:
             self._first, self._strays, self._pool = number, set(), {}
 
     def _draw(self, surrogate: Surrogate, share: float) -> None:
@@ -185,10 +197,10 @@ class Moves(TreeSampler):
         keys = [parent.key for parent in self._parents]
         trees = [Topology.from_key(key) for key in keys]
         drawn: dict[str, str | None] = {}
-        for _ in range(int(CHILDREN * share)):
+        for _ in range(int(BREEDING.children * share)):
             place = min(self.random.choices(range(len(keys)), k=2))
             drawn.setdefault(self._move(trees[place]), keys[place])
-        for _ in range(int(RANDOM_CANDIDATES * share)):
+        for _ in range(int(BREEDING.random_candidates * share)):
             drawn.setdefault(self.uniform().key, None)
         new = [key for key in drawn if key not in self._pool]
         bounds = surrogate.lower_confidence_bounds(self._descriptors(new)).tolist() if new else []
@@ -235,7 +247,7 @@ class Moves(TreeSampler):
         if parent is not None and parent in designs and parent not in without:
             return (parent,)
         tree = Topology.from_key(key)
-        relatives = {self._move(tree) for _ in range(RELATIVES)} & designs.keys() - without - {key}
+        relatives = {self._move(tree) for _ in range(BREEDING.relatives)} & designs.keys() - without - {key}
         return tuple(sorted(relatives, key=designs.__getitem__)[:1])
 
     def _twin(self, key: str) -> str:

@@ -33,7 +33,7 @@ from topo_search.engine.proposals.samplers import sampler_of
 from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
 from topo_search.engine.proposals.trials import (
     CERTAIN,
-    NOT_PROMISING,
+    IMPOSSIBLE,
     Idea,
     Rank,
     decode,
@@ -114,7 +114,7 @@ class OptunaSearch(Strategy):
     def proposals(self) -> Iterator[Proposal | None]:
         """Yield what the sampler draws, then the best again."""
         yield from self._draws()
-        best = sorted((reached, key) for key, reached in self._ranks.items() if reached[0] < NOT_PROMISING)
+        best = sorted((reached, key) for key, reached in self._ranks.items() if reached[0] < IMPOSSIBLE)
         most = CERTAIN if self._trials < self._space.count() else None
         for stop in self._stops:
             short = [key for _, key in best[:most] if self._had[key] < stop]

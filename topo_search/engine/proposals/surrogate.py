@@ -52,16 +52,13 @@ from scipy.special import ndtri
 
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
+from topo_search.model.layout import PORT_DIRECTIONS
 
 Indices = NDArray[np.int_]
 
-DIRECTIONS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-"""Directions of the ports of a module that is not turned."""
-LONGEST = 4
-"""Joints of the longest paths whose patterns are counted."""
 PATTERNS = tuple(
     pattern
-    for length in range(1, LONGEST)
+    for length in range(1, 4)  # paths of two to four joints
     for pattern in product((0, 1), repeat=length)
     if pattern <= pattern[::-1]  # the same path the other way
 )
@@ -128,12 +125,12 @@ def _lay_flat(topologies: Sequence[Topology]) -> Flat:
     joints = np.array([topology.joints for topology in topologies])
     k, n, _ = joints.shape
     parent, a, b = joints[:, 1:].transpose(2, 0, 1)
-    each = np.arange(k)
+    each, directions = np.arange(k), PORT_DIRECTIONS[:, :2].astype(int)
     cells, quarters = np.zeros((k, n, 2), dtype=int), np.zeros((k, n), dtype=int)
     axis = np.zeros((k, n - 1), dtype=int)
     for joint, h in enumerate(parent.T):
         towards = (a[:, joint] + quarters[each, h]) % 4
-        cells[:, joint + 1] = cells[each, h] + DIRECTIONS[towards]
+        cells[:, joint + 1] = cells[each, h] + directions[towards]
         quarters[:, joint + 1] = quarters[each, h] + (a[:, joint] + 2 - b[:, joint]) % 4
         axis[:, joint] = towards % 2
     return Flat(parent, cells, quarters, axis)

@@ -32,12 +32,10 @@ SHARE = 4
 """Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all, if its sampler promotes."""
 CERTAIN = 5
 """So many of the best are given all starts in the end; all are if every candidate was proposed."""
-NOT_PROMISING = 2
-"""First number of the rank of candidates that are given no more starts."""
-Rank = tuple[int, float]
-"""Orders candidates: those with a design by objective, then those without by violation, then all others."""
 IMPOSSIBLE = 1.0e6
-"""Violation of a candidate that is proven impossible, behind all for which no design was found."""
+"""Violation of a candidate that is proven impossible or failed, behind all for which no design was found."""
+Rank = tuple[float, float]
+"""Orders candidates by violation, 0 with a design, then by objective."""
 
 
 def ranges(n: int, connectors: Connectors) -> dict[str, int]:
@@ -84,11 +82,7 @@ def _spin(k: int) -> str:
 
 def rank(score: Scored) -> Rank:
     """Return how a candidate stands."""
-    if score.objective is not None:
-        return 0, score.objective
-    if score.status == "infeasible" and score.violation is not None:
-        return 1, score.violation
-    return NOT_PROMISING, 0.0
+    return violation(score), value(score)
 
 
 def steps(starts: int, few: int) -> Iterator[int]:
@@ -109,7 +103,7 @@ def goes_on(score: Scored, others: Sequence[Rank], step: int) -> bool:
         step: 1 after the first step.
     """
     own = rank(score)
-    return own[0] < NOT_PROMISING and bisect_left(others, own) < len(others) // SHARE**step
+    return own[0] < IMPOSSIBLE and bisect_left(others, own) < len(others) // SHARE**step
 
 
 class Idea(NamedTuple):
@@ -177,7 +171,7 @@ class Trials:
             return
         self.completed += 1
         self.starts[score.key] = score.starts
-        merit = Merit(violation(score), value(score), number, score.key, score.status)
+        merit = Merit(*rank(score), number, score.key, score.status)
         known = self._best.get(score.key)
         if known is None or merit < known:
             if known is not None:
