@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import astuple, fields, replace
+from dataclasses import astuple, replace
 from itertools import starmap
 from pathlib import Path
 from typing import Self
@@ -25,13 +25,12 @@ from topo_search.model.files import to_json
 from topo_search.study.directory import Directory, RunFiles, digest_of
 from topo_search.study.ledger_file import BESIDE, LedgerLost, checked_text, damage, open_database, parse
 from topo_search.study.request import Context, Identity, digest, installed_versions
-from topo_search.study.row import Row, SolveEvent, flight_of, score
+from topo_search.study.row import ROW_FIELDS, Row, SolveEvent, flight_of, score
 
-_FIELDS = tuple(field.name for field in fields(Row))
-_SELECT = f"SELECT {', '.join(_FIELDS)} FROM candidates"
+_SELECT = f"SELECT {', '.join(ROW_FIELDS)} FROM candidates"
 _RANKED = "context IN (SELECT value FROM json_each(?))"
 _STANDING = f"WHERE standing AND modules = ? AND {_RANKED}"
-_WRITTEN = (*_FIELDS, "context", "standing", "result_checksum", "checksum")
+_WRITTEN = (*ROW_FIELDS, "context", "standing", "result_checksum", "checksum")
 _PLACE = "context = ? AND key = ?"
 
 
@@ -253,7 +252,7 @@ class Ledger:
         with self._transaction():
             for row, result in rows:
                 standing = row.feasible or context.step == 0
-                values = [getattr(row, name) for name in _FIELDS]
+                values = [getattr(row, name) for name in ROW_FIELDS]
                 text = None if result is None else to_json(result).encode()
                 if standing:
                     self._database.execute(step_down, (row.key, self._ranked))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -101,8 +100,8 @@ class Row:
         return self.audit is not None or self.audit_failure is not None
 
 
-_SOLVED = itertools.takewhile(lambda name: name != "asked", (field.name for field in fields(Row)))
-COLUMNS = (*_SOLVED, *FLIGHT, *AUDITED, *PROVEN)
+ROW_FIELDS = tuple(field.name for field in fields(Row))
+COLUMNS = (*ROW_FIELDS[: ROW_FIELDS.index("asked")], *FLIGHT, *AUDITED, *PROVEN)
 """The columns of `candidates.csv`: the fields of a row before `asked`, then what audits and proofs say."""
 
 
