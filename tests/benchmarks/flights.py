@@ -108,7 +108,8 @@ def main() -> None:
                     row += [design.topology.key, f"{design.objective:.4g}", *certified(design)]
                     row += [cell for rule in RULES.values() for cell in held(design, rule, given.seeds)]
                 else:
-                    row.append("no design")
+                    cut_off = "failed" in {*answer.candidates["status"]}
+                    row.append("unknown: candidates failed" if cut_off else "no design")
                 print(f"| {' | '.join(row)} |", flush=True)
 
 
