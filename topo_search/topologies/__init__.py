@@ -16,24 +16,3 @@ from topo_search.topologies.candidates import (
 from topo_search.topologies.quotient import Quotient
 from topo_search.topologies.symmetry import Connectors, Root, Symmetry
 from topo_search.topologies.task_symmetry import Resolution, improper_isometry, resolve_symmetry
-
-__all__ = [
-    "Candidate",
-    "Connectors",
-    "OwnTopology",
-    "Quotient",
-    "Resolution",
-    "Root",
-    "Symmetry",
-    "candidate_key",
-    "candidate_of",
-    "candidates",
-    "count",
-    "draws",
-    "improper_isometry",
-    "own_candidates",
-    "own_topology",
-    "quotient_of",
-    "resolve_symmetry",
-    "sample",
-]
